@@ -15,7 +15,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from operator_app.commands.table import APP, COMMANDS, complete, module, words_to_complete
+from operator_app.commands.table import APP, COMMANDS, complete, declare, module, words_to_complete
 from operator_app.package_names import ForeignPackageError, require_own_names
 from operator_app.safe_output import harmless, say, silence, stand_in_for_closed
 from operator_app.signals import (
@@ -99,7 +99,7 @@ def _dispatch(argv: Sequence[str]) -> int:
     words = argv if completing is None else completing
     wanted = next((word for word in words if word in COMMANDS), APP)
     if wanted == APP:
-        module(APP).add_arguments(parser)
+        declare(APP, parser)
     chosen = None
     subparsers = parser.add_subparsers(
         dest="command", metavar="COMMAND", title="commands", parser_class=_CommandParser
@@ -109,7 +109,7 @@ def _dispatch(argv: Sequence[str]) -> int:
             name, help=summary, description=summary[0].upper() + summary[1:] + "."
         )
         if name == wanted:
-            module(name).add_arguments(sub)
+            declare(name, sub)
             chosen = sub
     if completing is not None:
         complete(parser, chosen)

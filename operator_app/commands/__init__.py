@@ -1,1 +1,1 @@
-"""One module for each command: its options and its work."""
+"""The commands: their arguments and options, and a module with the work of each."""

@@ -11,14 +11,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, NoReturn
 
 from operator_app.commands.help_topic import manual
-from operator_app.commands.options import (
-    arm_bus_options,
-    choices_from,
-    option,
-    options,
-    pose_count,
-    recording,
-)
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import say
 
@@ -27,28 +19,6 @@ if TYPE_CHECKING:
 
     from operator_app.session.ui.sessions import Sessions
     from operator_app.session.workflow.opening import Opening, Rig
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    group = parser.add_argument_group("terminal app")
-    option(
-        group, "--procedure PROCEDURE", "procedure file or built-in name (hinge)", default="hinge"
-    )
-    option(group, "--poses N", "how many poses to capture", type=pose_count)
-    option(group, "--resume SESSION", "go on with a session: folder, name or latest")
-    option(group, "--ascii", "only ASCII characters")
-    option(group, "--plain", "numbered prompts instead of a full screen")
-    option(group, "--light", "begin with the light theme")
-    option(
-        group,
-        "--speed N",
-        "let the embedded virtual arm run N times faster than real time (default 1)",
-        type=float,
-        default=1.0,
-    )
-    options(parser, "--tracker PORT, --sessions DIR, --record")
-    arm_bus_options(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -65,6 +35,7 @@ def execute(args: argparse.Namespace) -> int:
 
     def make_source() -> Sessions:
         from hardware.timing import Pace
+        from operator_app.commands.choices import choices_from, recording
         from operator_app.composition import open_arm
         from operator_app.config.user_settings import settings_if_right
         from operator_app.session.ui.sessions import Sessions

@@ -7,60 +7,22 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
-from operator_app.commands.options import (
-    arm_bus_options,
-    arm_options,
-    opening_from,
-    option,
-    options,
-)
+from hardware.arm import PowerReporting
+from hardware.commissioning.bench_check import Bench, check
+from hardware.commissioning.stages import CheckFinding, Stage
+from operator_app.commands.choices import opening_from
+from operator_app.composition import describe, open_arm
 from operator_app.errors import NotLetGoError
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, harmless, say
+from operator_app.signals import ending_signals_wait, press_ctrl_c
 
-if TYPE_CHECKING:
-    from hardware.commissioning.stages import CheckFinding
-
-STAGES = ("look", "hold", "move", "free", "leave", "silence")
-"""Names of `hardware.commissioning.stages.Stage`; copied, so that --help does not load the bus."""
 RESULT_MARKS = {True: "ok", False: "FAILED", None: "-"}
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    arm_options(parser)
-    option(
-        parser,
-        "--through",
-        "the last stage: look (nothing is enabled), hold (drives on, refusals, STOP), move (each "
-        "joint a little; halted, interrupted and stopped on its way), free (each joint in free mode), leave (released "
-        "and connected again), silence (as if this program died); default silence. Every stage after look asks "
-        "first, joint by joint",
-        choices=STAGES,
-        default=STAGES[-1],
-    )
-    option(
-        parser,
-        "--step DEG",
-        "how far each joint is turned (default 1 deg; the tool must be free to move)",
-        type=float,
-        default=1.0,
-    )
-    option(parser, "--speed DEG_PER_S", "how fast (default 1 deg/s)", type=float, default=1.0)
-    options(parser, "--record FILE, --json")
-    arm_bus_options(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
     """Run the tests and report each finding; exit 3 if one failed."""
-    from hardware.arm import PowerReporting
-    from hardware.commissioning.bench_check import Bench, check
-    from hardware.commissioning.stages import Stage
-    from operator_app.composition import describe, open_arm
-    from operator_app.signals import ending_signals_wait, press_ctrl_c
-
     if not 0.05 <= args.step <= 10.0:
         raise UsageError("--step: between 0.05 and 10 deg")
     if not 0.05 <= args.speed <= 10.0:

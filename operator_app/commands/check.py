@@ -3,37 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
 
-from operator_app.commands.options import option, options
+from operator_app.config.any_file import AnyKind, look_through, read_any
+from operator_app.config.errors import ConfigError, Problem
+from operator_app.config.resources import Kind, Resource, builtin_names, expanded, resolve
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.planning.inspection import chains_of
+from operator_app.report.results.check import check_text, found_json, problems_text
 from operator_app.safe_output import as_json, say
-
-if TYPE_CHECKING:
-    from operator_app.config.any_file import AnyKind
-    from operator_app.config.resources import Resource
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    option(
-        parser,
-        "files* FILE",
-        "arm, fixture, procedure, bus profile, parameters (YAML) and poses (CSV), in any order: recognised "
-        "by their contents",
-    )
-    for kind in ("arm", "fixture", "procedure"):
-        option(parser, f"--{kind} NAME", f"built-in name or file of the {kind}")
-    options(parser, "--json")
 
 
 def execute(args: argparse.Namespace) -> int:
     """Check the files and report on stdout."""
-    from operator_app.config.any_file import look_through
-    from operator_app.config.errors import ConfigError, Problem
-    from operator_app.planning.inspection import chains_of
-    from operator_app.report.results.check import check_text, found_json, problems_text
-
     missing: list[Problem] = []
     sources: list[Resource] = []
     known: dict[str, AnyKind] = {}
@@ -72,9 +53,6 @@ def _asked(args: argparse.Namespace) -> list[tuple[AnyKind | None, str]]:
 
 def _read(kind: AnyKind | None, name: str) -> Resource:
     """Read a file; refuse a built-in name given without its kind."""
-    from operator_app.config.any_file import read_any
-    from operator_app.config.resources import Kind, builtin_names, expanded, resolve
-
     if kind in ("arm", "fixture", "procedure"):
         return resolve(kind, name)
     kinds: tuple[Kind, ...] = ("arm", "fixture", "procedure")

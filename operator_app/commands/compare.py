@@ -4,37 +4,15 @@ from __future__ import annotations
 
 import argparse
 
-from operator_app.commands.options import option, options
+from operator_app.calibration.comparison import IncomparableError, compare
+from operator_app.documents import parameters_at
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.report.results.comparison import comparison_json, comparison_text
 from operator_app.safe_output import as_json, say
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    for name, words in (("a", "earlier"), ("b", "later")):
-        what = f"{words} parameters file, session folder, session name or latest"
-        option(parser, f"{name} {name.upper()}", what)
-    option(
-        parser,
-        "--level P",
-        "probability of a false alarm over all parameters together (default 0.01)",
-        type=float,
-        default=0.01,
-    )
-    option(
-        parser,
-        "--remounted",
-        "the fixture was taken off in between: compare the arm's own parameters only",
-    )
-    options(parser, "--sessions DIR, --json")
 
 
 def execute(args: argparse.Namespace) -> int:
     """Compare and report on stdout."""
-    from operator_app.calibration.comparison import IncomparableError, compare
-    from operator_app.documents import parameters_at
-    from operator_app.report.results.comparison import comparison_json, comparison_text
-
     if not 0.0 < args.level < 1.0:
         raise UsageError(f"--level {args.level:g}: a probability is between 0 and 1, e.g. 0.01")
     before = parameters_at(args.a, args.sessions)

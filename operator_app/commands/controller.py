@@ -8,115 +8,36 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from can import CanError
+
+from hardware.buses.python_can import BusSettings, bus_settings
+from hardware.buses.shared_bus import record_bus
 from hardware.canopen.objects import (
-    ADVISED_OPERATOR_TIMEOUT_S,
     HEARTBEAT_TIMEOUT_S,
-    MAX_OPERATOR_TIMEOUT_S,
 )
+from hardware.errors import BusError
+from hardware.timing import real_time_priority
 from hardware.virtual.fault_messages import FAULTS
-from operator_app.commands.options import (
-    a_path,
-    bus_options,
-    choices_from,
-    option,
-    options,
-    placement_count,
-    scenario_options,
-)
+from hardware.virtual.faults import ScriptedFault, scripted
+from hardware.virtual.tracker import HOST, TRACKER_PORT, SimulatedTracker, serve_tracker
+from operator_app.commands.bus_arguments import FAULT_HELP
+from operator_app.commands.choices import choices_from
+from operator_app.config.arm_file import load_arm
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.procedure_file import load_procedure
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import say
+from operator_app.virtual_arms import run_controller, virtual_arm
 
-if TYPE_CHECKING:
-    from hardware.buses.python_can import BusSettings
-    from hardware.virtual.faults import ScriptedFault
-    from hardware.virtual.tracker import SimulatedTracker
-
-_HELP = "help"
-_AT_CONNECT = tuple(kind for kind, words in FAULTS.items() if words.at_connect)
 _AT_SYNC = 1000
 _LOOK_S = 0.2
 """Interval of checks that the controller is running."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    option(parser, "--arm ARM", "arm file or built-in name (default sarcos_dextrous)")
-    option(parser, "--fixture FIXTURE", "fixture file or built-in name (default hinge)")
-    option(
-        parser,
-        "--procedure P",
-        "arm and fixture of this procedure, instead of --arm and --fixture; the arm starts at its home_deg",
-    )
-    option(
-        parser,
-        "--placement K",
-        "number of the placement (default 1): from 2 on the fixture is elsewhere within its file's "
-        "tolerance, for a session with `run --placements`",
-        type=placement_count,
-        default=1,
-    )
-    option(
-        parser,
-        "--state DIR",
-        "folder that keeps uploaded parameters over a restart (default: in memory)",
-        type=a_path,
-    )
-    option(
-        parser,
-        "--tracker-port N",
-        "where the simulated tracker of an open arm (a fixture of kind measured, such as tracker) "
-        "listens on this machine; default 7327, 0 takes any that is free",
-        type=int,
-    )
-    option(
-        parser,
-        "--heartbeat-timeout S",
-        "time in s without the operator's heartbeat after which the drives trip (1016h): default "
-        f"{HEARTBEAT_TIMEOUT_S:g}, at most {MAX_OPERATOR_TIMEOUT_S:g}; for a machine that both programs share with "
-        f"others. `sarcal arm-check` passes no more than {ADVISED_OPERATOR_TIMEOUT_S:g}",
-        type=_patience_s,
-    )
-    faults = parser.add_argument_group("injected faults, to see how they appear to an operator")
-    faults.add_argument(
-        "--fault",
-        action="append",
-        default=[],
-        choices=(*FAULTS, _HELP),
-        metavar="KIND",
-        help="inject a fault; may be repeated. `--fault help` lists for each what fails, what the operator "
-        f"sees and what to do. One of: {', '.join(FAULTS)}",
-    )
-    option(
-        faults,
-        "--fault-joint J",
-        "joint of a fault that concerns one joint (default 3)",
-        type=int,
-        default=3,
-    )
-    option(
-        faults,
-        "--fault-sync N",
-        "SYNC at which the fault occurs, counted from the start; 0: before the connection (default 0 for "
-        f"{', '.join(_AT_CONNECT)}, which appear at the connection; 1000 for others: after 10 s in real time)",
-        type=int,
-    )
-    bus_options(parser, profile=False)
-    options(parser, "--record FILE")
-    scenario_options(parser)
-
-
 def execute(args: argparse.Namespace) -> int:
     """Run until interrupted."""
-    from hardware.buses.python_can import bus_settings
-    from hardware.timing import real_time_priority
-    from operator_app.config.arm_file import load_arm
-    from operator_app.config.fixture_file import load_fixture
-    from operator_app.config.procedure_file import load_procedure
-    from operator_app.virtual_arms import run_controller, virtual_arm
-
-    if _HELP in args.fault:
+    if FAULT_HELP in args.fault:
         say(fault_table())
         return ExitCode.ACCEPTED
     choices = choices_from(args, journal=False)
@@ -171,27 +92,13 @@ def execute(args: argparse.Namespace) -> int:
     raise _controller_error(controller.failure)
 
 
-def _patience_s(text: str) -> float:
-    try:
-        found = float(text)
-    except ValueError:
-        found = 0.0
-    if not 0.1 <= found <= MAX_OPERATOR_TIMEOUT_S:
-        raise argparse.ArgumentTypeError(
-            f"{text} is not a time from 0.1 to {MAX_OPERATOR_TIMEOUT_S:g} s"
-        )
-    return found
-
-
 def script_of(args: argparse.Namespace, joints: int) -> list[ScriptedFault]:
     """Return the faults named in the options, in order; raises UsageError for an invalid joint or SYNC."""
-    from hardware.virtual.faults import scripted
-
     if not 1 <= args.fault_joint <= joints:
         raise UsageError(f"--fault-joint: joints are 1 to {joints}")
     if args.fault_sync is not None and args.fault_sync < 0:
         raise UsageError("--fault-sync: SYNCs count from 1; 0 is before the connection")
-    usual = {kind: 0 if kind in _AT_CONNECT else _AT_SYNC for kind in args.fault}
+    usual = {kind: 0 if FAULTS[kind].at_connect else _AT_SYNC for kind in args.fault}
     return [
         scripted(
             kind,
@@ -204,10 +111,6 @@ def script_of(args: argparse.Namespace, joints: int) -> list[ScriptedFault]:
 
 def _controller_error(failure: Exception) -> Exception:
     """Return the exception to raise if the controller has ended by itself."""
-    from can import CanError
-
-    from hardware.errors import BusError
-
     if isinstance(failure, (CanError, OSError)):
         return BusError(
             f"The bus can no longer be used: {failure}. Check adapter and interface, and start again."
@@ -218,8 +121,6 @@ def _controller_error(failure: Exception) -> Exception:
 @contextmanager
 def _recorded(settings: BusSettings, path: Path | None) -> Iterator[None]:
     """Record the bus, if `path` is given: from the first boot-up to the last frame."""
-    from hardware.buses.shared_bus import record_bus
-
     if path is None:
         yield
         return
@@ -239,8 +140,6 @@ def _recorded(settings: BusSettings, path: Path | None) -> Iterator[None]:
 @contextmanager
 def _tracker(tracker: SimulatedTracker | None, port: int | None) -> Iterator[str]:
     """Serve the tracker of an open arm; yields the option for the command that connects to it."""
-    from hardware.virtual.tracker import HOST, TRACKER_PORT, serve_tracker
-
     if tracker is None:
         if port is not None:
             raise UsageError("--tracker-port: this fixture has no tracker; use --fixture tracker")

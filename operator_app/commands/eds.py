@@ -3,29 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from operator_app.commands.options import a_path, option
+from hardware.eds import EDS_FILES
+from operator_app.config.atomic import write_atomically
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import say
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    option(
-        parser,
-        "-o --output DIR",
-        "folder to write joint.eds and supervisor.eds into (default: this one)",
-        type=a_path,
-        default=Path(),
-    )
-
-
 def execute(args: argparse.Namespace) -> int:
     """Write the files; a different file of the same name is never overwritten."""
-    from hardware.eds import EDS_FILES
-    from operator_app.config.atomic import write_atomically
-
     sheets = {args.output / sheet.name: sheet.read_bytes() for sheet in EDS_FILES.values()}
     for target, data in sheets.items():
         if target.exists() and (not target.is_file() or target.read_bytes() != data):

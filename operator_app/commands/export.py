@@ -5,70 +5,25 @@ from __future__ import annotations
 import argparse
 import sys
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
-from operator_app.commands.options import (
-    a_path,
-    arm_bus_options,
-    choices_from,
-    option,
-    options,
-    recording,
-)
+from operator_app.commands.bus_arguments import FORMATS
+from operator_app.commands.choices import choices_from, recording
+from operator_app.config.atomic import write_atomically
+from operator_app.config.parameters_file import format_parameters
+from operator_app.config.resources import DESCRIPTION_LIMIT_BYTES, expanded, read_limited
+from operator_app.effective_procedure import effective_procedure
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.report.exports import EXPORT_FILES, Calibration, in_format, into_description
 from operator_app.safe_output import as_json, say
-
-if TYPE_CHECKING:
-    from operator_app.report.exports import Calibration
-
-FORMATS = ("yaml", "json", "csv", "urdf", "mat")
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    options(parser, "session SESSION")
-    option(
-        parser,
-        "--format",
-        "yaml: the parameters file, for the controller; json: everything; csv: one row per parameter; "
-        "urdf: the arm's own side, for simulators and planners; mat: for MATLAB (default: by the ending of -o, "
-        "else yaml)",
-        choices=FORMATS,
-    )
-    option(
-        parser,
-        "-o --output FILE",
-        "file to write (default: in the session folder, parameters.yaml, result.json, parameters.csv, "
-        "arm.urdf or result.mat; - is stdout)",
-        type=a_path,
-    )
-    option(
-        parser,
-        "--into FILE",
-        "your own URDF, xacro with literal numbers or UR default_kinematics.yaml, to be copied with only the "
-        "joint origins changed (default -o: FILE_calibrated in the session folder)",
-        type=a_path,
-    )
-    option(parser, "--upload", "upload them to the controller and read them back")
-    options(
-        parser,
-        "--force REASON, --json, --estimator, --unsensed JOINTS, --sessions DIR, --record",
-    )
-    arm_bus_options(parser)
+from operator_app.session.store.folders import PARAMETERS_NAME, read_session
+from operator_app.session.store.journal import utc_now
+from operator_app.session.store.parameters_document import parameters_document
+from operator_app.session.store.stored_calibration import session_calibration
+from operator_app.session.workflow.opening import resume
 
 
 def execute(args: argparse.Namespace) -> int:
     """Read the session's calibration, write the document, and upload it with --upload."""
-    from operator_app.config.atomic import write_atomically
-    from operator_app.config.parameters_file import format_parameters
-    from operator_app.effective_procedure import effective_procedure
-    from operator_app.report.exports import Calibration
-    from operator_app.session.store.folders import PARAMETERS_NAME, read_session
-    from operator_app.session.store.journal import utc_now
-    from operator_app.session.store.parameters_document import parameters_document
-    from operator_app.session.store.stored_calibration import session_calibration
-    from operator_app.session.workflow.opening import resume
-
     kind = _format(args)
     if args.upload and kind != "yaml":
         raise UsageError(f"--upload: a controller takes the parameters file, not {kind}")
@@ -150,9 +105,6 @@ def execute(args: argparse.Namespace) -> int:
 
 def _converted(args: argparse.Namespace, what: Calibration, kind: str) -> tuple[str, bytes]:
     """Return file name and contents for another tool."""
-    from operator_app.config.resources import DESCRIPTION_LIMIT_BYTES, expanded, read_limited
-    from operator_app.report.exports import EXPORT_FILES, in_format, into_description
-
     if args.into is None:
         return EXPORT_FILES[kind], in_format(what, kind)
     data = read_limited(expanded(args.into), str(args.into), limit=DESCRIPTION_LIMIT_BYTES)

@@ -9,10 +9,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from operator_app.commands.options import a_path, option
 from operator_app.commands.table import APP, COMMANDS, parser_of
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.manual.pages import SECTIONS, Manual, reference, table
+from operator_app.manual.pages import SECTIONS, Manual, NoSuchTopicError, reference, table
 from operator_app.safe_output import say
 
 WIDEST = 100
@@ -21,22 +20,8 @@ WIDEST = 100
 APP_SUMMARY = "open the terminal app"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    option(parser, "topic? TOPIC", "page or command; without it, all topics")
-    option(parser, "--markdown", "print the page as Markdown")
-    option(
-        parser,
-        "--files FOLDER",
-        "write the files of the page into a folder; never over existing files",
-        type=a_path,
-    )
-
-
 def execute(args: argparse.Namespace) -> int:
     """Print a page, the options of a command, or the list of topics."""
-    from operator_app.commands.help_topic import command_section
-    from operator_app.manual.pages import NoSuchTopicError
     from operator_app.manual.shown import as_text
 
     found = manual()
@@ -63,7 +48,6 @@ def execute(args: argparse.Namespace) -> int:
 def _write_files(found: Manual, topic: str | None, folder: Path) -> int:
     """Write the files that a page contains."""
     from operator_app.config.atomic import write_atomically
-    from operator_app.manual.pages import NoSuchTopicError
 
     with_files = [t for t in found.topics if not found.made_by_code(t) and found.page(t).files]
     if topic is None:
@@ -93,8 +77,6 @@ def manual() -> Manual:
     """Return the manual of this program."""
 
     def commands() -> str:
-        from operator_app.commands.help_topic import commands_page
-
         return commands_page({APP: APP_SUMMARY} | COMMANDS, parser_of)
 
     return Manual({**reference(), "commands": commands})

@@ -4,45 +4,23 @@ from __future__ import annotations
 
 import argparse
 import math
+from datetime import timedelta
 from pathlib import Path
 
-from operator_app.commands.options import a_path, option, options
+from operator_app.config.atomic import write_atomically
+from operator_app.documents import arm_history
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.report.html.page import history_html
+from operator_app.report.results.history import history_json, history_text
 from operator_app.safe_output import as_json, say
+from operator_app.session.store.folders import list_sessions
+from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER
 
 LONGEST_DAYS = 36500.0
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    option(
-        parser,
-        "serial? SERIAL",
-        "serial number of the arm, e.g. SDA-0001; optional if all sessions are from one arm",
-    )
-    option(
-        parser,
-        "--kept-mounted",
-        "the fixture stays mounted between sessions: compare its placement too; without this option each session "
-        "has a new placement",
-    )
-    option(
-        parser,
-        "--every DAYS",
-        "interval between calibrations in days (default: the median so far)",
-        type=float,
-    )
-    option(
-        parser, "-o --output FILE", "write an HTML page with charts to this file too", type=a_path
-    )
-    options(parser, "--sessions DIR, --json")
-
-
 def _only_serial(root: Path) -> str:
     """Return the arm's serial number if all sessions are of the same arm."""
-    from operator_app.session.store.folders import list_sessions
-    from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER
-
     states = [entry.state for entry in list_sessions(root)]
     serials = sorted(
         {s.serial_number for s in states if s is not None} - {"", UNKNOWN_SERIAL_NUMBER}
@@ -60,14 +38,6 @@ def _only_serial(root: Path) -> str:
 
 def execute(args: argparse.Namespace) -> int:
     """Read the sessions and report."""
-    from datetime import timedelta
-
-    from operator_app.config.atomic import write_atomically
-    from operator_app.documents import arm_history
-    from operator_app.report.html.page import history_html
-    from operator_app.report.results.history import history_json, history_text
-    from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER
-
     if args.every is not None and not 0.0 < args.every <= LONGEST_DAYS:
         raise UsageError(f"--every {args.every:g}: days, more than 0 and at most {LONGEST_DAYS:g}")
     if args.serial == UNKNOWN_SERIAL_NUMBER:

@@ -4,87 +4,43 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from operator_app.commands.options import (
-    arm_and_fixture_options,
-    option,
-    options,
-    parse_joints,
-    print_warnings,
-    require_joints,
-    tolerance_m,
+import numpy as np
+
+from operator_app.commands.choices import print_warnings
+from operator_app.commands.options import parse_joints, require_joints, tolerance_m
+from operator_app.config.arm_file import parse_arm
+from operator_app.config.dwells import (
+    DWELL_S,
+    DWELL_SPREAD_RAD,
+    find_dwells,
+    poses_of,
+    quietest_rad,
 )
+from operator_app.config.joint_log import Unit, load_joint_log
+from operator_app.config.poses_file import save_poses
+from operator_app.config.recording import is_bag, load_bag, load_timed_log, utc_text
+from operator_app.config.resources import resolve
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.report.facts import facts_of
+from operator_app.report.results.recording import recording_json, recording_text
+from operator_app.report.results.session import session_json, session_text, unidentifiable_json
+from operator_app.report.text import facts_text, unidentifiable_text
 from operator_app.safe_output import as_json, say
-
-if TYPE_CHECKING:
-    from operator_app.config.joint_log import Unit
-    from solver.chain.poses import PoseSet
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    option(
-        parser,
-        "poses+ POSES.csv",
-        "a poses file; a log with a row of joint angles for each pose; or a recording: a ROS 2 bag "
-        "(.mcap, .db3, its folder) or, with --time, a log over time; of several files each is a placement "
-        "of the fixture, in this order",
-    )
-    arm_and_fixture_options(parser)
-    unit = parser.add_mutually_exclusive_group()
-    option(unit, "--rad", "the angles are radians")
-    option(unit, "--deg", "the angles are degrees, however small they are")
-    option(
-        parser,
-        "--columns LIST",
-        "columns of joints 1, 2, ...: numbers from 1 (2-8) or names of the header (q1,q2,...); "
-        "of a bag: names of its joints",
-    )
-    recorded = parser.add_argument_group("recordings: one pose for each time at rest")
-    option(
-        recorded,
-        "--time COLUMN",
-        "column of the times (s, or ISO 8601) by number or name, which makes the log a recording",
-    )
-    option(
-        recorded, "--topic TOPIC", "of a bag's sensor_msgs/msg/JointState (default /joint_states)"
-    )
-    option(recorded, "--dwell-s S", "shortest time at rest, s (default 1)", type=float)
-    option(
-        recorded,
-        "--spread-deg DEG",
-        "largest minus smallest reading of each joint at rest, deg (default 0.05)",
-        type=float,
-    )
-    option(
-        parser,
-        "--placement COLUMN",
-        "column of a log, by number or name, with the fixture's placement for each pose",
-    )
-    option(parser, "--serial TEXT", "serial number of the arm, for compare")
-    option(parser, "--name NAME", "name of the session (default: that of the file)")
-    options(parser, "--estimator, --unsensed JOINTS, --length-tolerance MM, --sessions DIR, --json")
+from operator_app.session.store.folders import POSES_NAME
+from operator_app.session.workflow.importing import (
+    UNKNOWN_SERIAL_NUMBER,
+    CalibrationOptions,
+    ImportedSession,
+)
+from solver.chain.poses import PoseSet
+from solver.diagnostics.range_checks import ReadingsOutOfRangeError
+from solver.errors import UnidentifiableError
 
 
 def execute(args: argparse.Namespace) -> int:
     """Create the session, calibrate, report on stdout."""
-    from operator_app.config.arm_file import parse_arm
-    from operator_app.config.poses_file import save_poses
-    from operator_app.config.resources import resolve
-    from operator_app.report.facts import facts_of
-    from operator_app.report.results.session import session_json, session_text, unidentifiable_json
-    from operator_app.report.text import facts_text, unidentifiable_text
-    from operator_app.session.store.folders import POSES_NAME
-    from operator_app.session.workflow.importing import (
-        UNKNOWN_SERIAL_NUMBER,
-        CalibrationOptions,
-        ImportedSession,
-    )
-    from solver.diagnostics.range_checks import ReadingsOutOfRangeError
-    from solver.errors import UnidentifiableError
-
     arm = resolve("arm", args.arm)
     model = parse_arm(arm.data, arm.file)
     unsensed = parse_joints(args.unsensed)
@@ -139,12 +95,6 @@ def _poses(
     args: argparse.Namespace, joints: tuple[str, ...]
 ) -> tuple[PoseSet, dict[str, list[dict[str, Any]]]]:
     """Return the poses of all files (if several, one placement each), and the JSON data of recordings."""
-    import numpy as np
-
-    from operator_app.config.joint_log import load_joint_log
-    from operator_app.config.recording import is_bag
-    from solver.chain.poses import PoseSet
-
     unit: Unit | None = "rad" if args.rad else "deg" if args.deg else None
     found, recordings = [], []
     of_recordings = (args.dwell_s, args.spread_deg, args.topic) != (None, None, None)
@@ -202,18 +152,6 @@ def _recorded(
     args: argparse.Namespace, file: str, joints: tuple[str, ...], unit: Unit | None
 ) -> tuple[PoseSet, dict[str, Any]]:
     """Return the poses of a recording, one per dwell, and its JSON data."""
-    import numpy as np
-
-    from operator_app.config.dwells import (
-        DWELL_S,
-        DWELL_SPREAD_RAD,
-        find_dwells,
-        poses_of,
-        quietest_rad,
-    )
-    from operator_app.config.recording import is_bag, load_bag, load_timed_log, utc_text
-    from operator_app.report.results.recording import recording_json, recording_text
-
     dwell_s = DWELL_S if args.dwell_s is None else args.dwell_s
     spread_deg = (
         round(float(np.rad2deg(DWELL_SPREAD_RAD)), 9)

@@ -8,28 +8,20 @@ import time
 from collections.abc import Iterable
 from datetime import UTC, datetime
 
-from operator_app.commands.options import bus_of_others, bus_options, option, options
+from hardware.buses.python_can import open_bus
+from hardware.buses.shared_bus import SharedBus
+from hardware.commissioning.bus_monitor import BusMonitor
+from operator_app.commands.choices import bus_of_others
+from operator_app.config.procedure import DEFAULT_PROFILE
+from operator_app.config.profile_file import load_profile
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
 
 BUS_POLL_S = 0.1
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    option(parser, "--seconds S", "how long to watch (default: until Ctrl-C)", type=float)
-    bus_options(parser)
-    options(parser, "--record FILE, --json")
-
-
 def execute(args: argparse.Namespace) -> int:
     """Watch the bus, print events and, at the end, a summary."""
-    from hardware.buses.python_can import open_bus
-    from hardware.buses.shared_bus import SharedBus
-    from hardware.commissioning.bus_monitor import BusMonitor
-    from operator_app.config.procedure import DEFAULT_PROFILE
-    from operator_app.config.profile_file import load_profile
-
     if args.seconds is not None and not 0.0 < args.seconds <= 1e7:
         raise UsageError("--seconds: more than 0 and at most 1e7")
     settings = bus_of_others(args)

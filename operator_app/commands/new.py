@@ -7,23 +7,39 @@ import math
 import os
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fixtures.ball import Ball
 from fixtures.base import Tolerance
-from operator_app.commands.options import a_path, option
+from fixtures.hinge import Hinge
+from operator_app.commands.file_arguments import OF_WHAT
+from operator_app.config.any_file import FileKind, save_with_schema, schema_line
+from operator_app.config.arm_file import load_arm, parse_arm
+from operator_app.config.atomic import dump_strict
+from operator_app.config.fixture_file import load_fixture, parse_fixture
+from operator_app.config.new_files import copied, fixture_file, procedure_file
+from operator_app.config.procedure_file import parse_procedure
+from operator_app.config.quantities import short_degrees
+from operator_app.config.resources import (
+    DESCRIPTION_LIMIT_BYTES,
+    Resource,
+    builtin_names,
+    expanded,
+    read_limited,
+    resolve,
+)
+from operator_app.config.urdf_reading import COUNTS_PER_REV, arm_file_of, parse_urdf
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.planning.outlook import from_home_rad
+from operator_app.planning.proposals import ball_between, bent_home, hinge_between
+from operator_app.planning.task import entries_to_fix
 from operator_app.safe_output import say
 from operator_app.units import ANGLE, DEVIATION, LENGTH, Figure
+from solver.arrays import FloatArray
 from solver.loops.endpoint_geometry import Line
-
-if TYPE_CHECKING:
-    from fixtures.ball import Ball
-    from fixtures.hinge import Hinge
-    from operator_app.config.any_file import FileKind
-    from solver.arrays import FloatArray
 
 URDF_COMMENT = """\
 {line}
@@ -43,58 +59,6 @@ HOMES = {
     False: "the middle of the ranges.",
     True: "bent so that every joint moves in a hinge; in the middle of the ranges the arm is stretched out.",
 }
-
-OF_WHAT = {
-    "arm": ("urdf", "base", "tip"),
-    "fixture": (
-        "arm",
-        "kind",
-        "hand_point",
-        "hand_direction",
-        "base_point",
-        "base_direction",
-        "tolerance_mm",
-        "tolerance_deg",
-    ),
-    "procedure": ("arm", "fixture"),
-}
-"""Options of each kind of file; all others are common."""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    option(parser, "what", "what to make", choices=tuple(OF_WHAT))
-    option(
-        parser,
-        "--from NAME",
-        "copy this packaged file with its comments, to change its numbers",
-        dest="packaged",
-    )
-    option(parser, "--name NAME", "name of the new arm, fixture or procedure")
-    option(parser, "-o --output FILE", "file to write (default: NAME.yaml)", type=a_path)
-    urdf = parser.add_argument_group("arm")
-    option(urdf, "--urdf FILE", "the arm's URDF (not xacro)")
-    option(urdf, "--base LINK", "link that the chain starts at (default: the root)")
-    option(urdf, "--tip LINK", "link that the chain ends at, e.g. the flange")
-    fixture = parser.add_argument_group(
-        "fixture, measured in the base (frame 0) and on the tool (frame n)"
-    )
-    option(fixture, "--arm ARM", "arm file or built-in name, for a fixture or a procedure")
-    option(fixture, "--kind", "what constrains the tool", choices=("hinge", "ball"))
-    for side, where in (
-        ("hand", "in the last frame of the arm's D-H table"),
-        ("base", "in its frame 0; default: its position at the arm's home_deg"),
-    ):
-        option(
-            fixture,
-            f"--{side}-point X,Y,Z",
-            f"a point of the hinge axis, the same one on tool and base, or the ball's centre, {where}, mm",
-        )
-        option(fixture, f"--{side}-direction X,Y,Z", f"along the hinge axis, {where}")
-    option(fixture, "--tolerance-mm MM", "standard deviation of positions", type=float)
-    option(fixture, "--tolerance-deg DEG", "standard deviation of directions", type=float)
-    procedure = parser.add_argument_group("procedure")
-    option(procedure, "--fixture FIXTURE", "fixture file or built-in name")
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -117,13 +81,6 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _arm(args: argparse.Namespace) -> int:
-    from operator_app.config.any_file import schema_line
-    from operator_app.config.arm_file import parse_arm
-    from operator_app.config.atomic import dump_strict
-    from operator_app.config.quantities import short_degrees
-    from operator_app.config.resources import DESCRIPTION_LIMIT_BYTES, expanded, read_limited
-    from operator_app.config.urdf_reading import COUNTS_PER_REV, arm_file_of, parse_urdf
-    from operator_app.planning.proposals import bent_home
 
     if bool(args.urdf) == bool(args.packaged):
         raise UsageError("new arm: give --urdf FILE or --from NAME")
@@ -166,13 +123,6 @@ def _arm(args: argparse.Namespace) -> int:
 
 
 def _fixture(args: argparse.Namespace) -> int:
-    from dataclasses import replace
-
-    from operator_app.config.arm_file import load_arm
-    from operator_app.config.fixture_file import load_fixture, parse_fixture
-    from operator_app.config.new_files import fixture_file
-    from operator_app.planning.outlook import from_home_rad
-    from operator_app.planning.proposals import ball_between, hinge_between
 
     if args.packaged:
         for given in OF_WHAT["fixture"]:
@@ -225,12 +175,6 @@ def _fixture(args: argparse.Namespace) -> int:
 
 
 def _procedure(args: argparse.Namespace) -> int:
-    from operator_app.config.arm_file import parse_arm
-    from operator_app.config.fixture_file import parse_fixture
-    from operator_app.config.new_files import procedure_file
-    from operator_app.config.procedure_file import parse_procedure
-    from operator_app.config.resources import Resource, resolve
-    from operator_app.planning.task import entries_to_fix
 
     def read(data: bytes, file: str) -> object:
         return parse_procedure(Resource(file=file, folder=Path(file).parent, data=data))
@@ -264,8 +208,6 @@ def _copy(
     args: argparse.Namespace, parse: Callable[[bytes, str], object], *, refers: Sequence[str] = ()
 ) -> int:
     """Copy a packaged file under another name; `refers` are options whose values replace references in it."""
-    from operator_app.config.new_files import copied
-
     name = _named(args.name or f"my_{args.packaged}")
     instead = {k: _reference(args, name, v) for k in refers if (v := getattr(args, k))}
     content = copied(args.what, args.packaged, name=name, **instead)
@@ -298,8 +240,6 @@ def _save(
     parse: Callable[[bytes, str], object],
 ) -> Path:
     """Check a file by parsing it, then write it with its schema; an existing file is never overwritten."""
-    from operator_app.config.any_file import save_with_schema
-
     target = _target(args, name)
     if target.exists():
         raise UsageError(f"{target} exists already; name another file with -o")
@@ -310,8 +250,6 @@ def _save(
 
 def _reference(args: argparse.Namespace, name: str, file: str) -> str:
     """Return how a procedure file refers to another file: by name if packaged, otherwise by a path from its folder."""
-    from operator_app.config.resources import builtin_names, expanded
-
     if file in (*builtin_names("arm"), *builtin_names("fixture")):
         return file
     path = expanded(file)

@@ -6,17 +6,10 @@ import argparse
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hardware.virtual import DEFAULT_SCENARIO, SCENARIOS
 from operator_app.exit_codes import UsageError
-from operator_app.safe_output import say
-
-if TYPE_CHECKING:
-    from hardware.buses.python_can import BusSettings
-    from operator_app.config.poses_file import LoadedPoses
-    from operator_app.session.workflow.opening import Choices, Opening
-
 
 MOST_POSES = 100_000
 """Limit of poses files and procedures."""
@@ -104,16 +97,6 @@ def options(parser: argparse.ArgumentParser, usages: str) -> None:
         option(parser, usage, SHARED[usage], **ARGUMENTS.get(usage, {}))
 
 
-def tolerance_m(args: argparse.Namespace) -> float | None:
-    """Return ``--length-tolerance`` in metres; UsageError if it is out of range."""
-    found: float | None = args.length_tolerance
-    if found is None:
-        return None
-    if not 0.0 < found <= 100.0:
-        raise UsageError("--length-tolerance: millimetres, more than 0 and at most 100")
-    return found / 1e3
-
-
 def bus_options(parser: argparse.ArgumentParser, *, profile: bool = True) -> None:
     """Declare ``-i -c -b`` as in python-can, and ``--profile``."""
     group = parser.add_argument_group("bus (python-can's names; also CAN_INTERFACE and can.conf)")
@@ -131,19 +114,6 @@ def bus_options(parser: argparse.ArgumentParser, *, profile: bool = True) -> Non
             "set-up of the arm's nodes: bus profile file or built-in name (default sarcos, or "
             "that of the procedure); sarcal probe --draft writes one",
         )
-
-
-def bus_of_others(args: argparse.Namespace) -> BusSettings:
-    """Return the bus of ``-i -c -b``; raises UsageError for a bus that no other process can use."""
-    from hardware.buses.python_can import bus_settings
-    from operator_app.config.user_settings import usual_bus
-
-    settings = bus_settings(
-        args.interface, args.channel, args.bitrate, otherwise=usual_bus(args.interface)
-    )
-    if settings.interface == "virtual":
-        raise UsageError("a virtual bus has no other process; name a bus with -i and -c")
-    return settings
 
 
 def scenario_options(parser: argparse.ArgumentParser) -> None:
@@ -201,60 +171,14 @@ def arm_options(parser: argparse.ArgumentParser) -> None:
     options(parser, "--sessions DIR")
 
 
-def opening_from(args: argparse.Namespace) -> Opening:
-    """Return the `Opening` for the arm of a session, or for the arm given by the options."""
-    from dataclasses import replace
-
-    from operator_app.config.arm_file import load_arm
-    from operator_app.config.procedure import DEFAULT_PROFILE
-    from operator_app.config.profile_file import load_profile
-    from operator_app.session.workflow.opening import begin, resume
-
-    # Such a command writes no journal: it does not need the user settings.
-    choices = choices_from(args, journal=False)
-    if args.session is not None:
-        return resume(args.session, choices, root=args.sessions)
-    arm = load_arm(args.arm)
-    profile = load_profile(args.profile or DEFAULT_PROFILE, joints=arm.joint_count)
-    opening = begin("hinge", replace(choices, profile=None), root=args.sessions)
-    return replace(opening, procedure=replace(opening.procedure, arm=arm, profile=profile))
-
-
-def recording(args: argparse.Namespace, opening: Opening) -> Path | None:
-    """Return the file of ``--record`` in a session folder."""
-    return opening.folder / "bus.blf" if args.record else None
-
-
-def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:
-    """Return the choices made by these options, with the operator's name from the user settings if `journal`."""
-    from operator_app.session.workflow.opening import Choices
-
-    if args.seed is not None and args.seed < 0:
-        raise UsageError("--seed: must be a whole number of at least 0")
-    if args.channel is not None and not (args.channel.isprintable() and len(args.channel) <= 255):
-        raise UsageError("--channel: a bus name has at most 255 printable characters, e.g. can0")
-    as_typed = ("poses", "plan", "estimator", "profile", "tracker", "placements")
-    return Choices(
-        unsensed_joints=given_joints(getattr(args, "unsensed", None)),
-        length_tolerance_m=tolerance_m(args) if hasattr(args, "length_tolerance") else None,
-        upload=False if getattr(args, "no_upload", False) else None,
-        interface=args.interface,
-        channel=args.channel,
-        bitrate=args.bitrate,
-        scenario=args.scenario,
-        seed=args.seed,
-        operator=_operator_name() if journal else None,
-        **{name: getattr(args, name, None) for name in as_typed},
-    )
-
-
-def _operator_name() -> str | None:
-    from operator_app.config.user_settings import settings_if_right
-
-    settings, wrong = settings_if_right()
-    if wrong:
-        say(f"sarcal: {wrong}.", err=True)
-    return settings.operator
+def tolerance_m(args: argparse.Namespace) -> float | None:
+    """Return ``--length-tolerance`` in metres; UsageError if it is out of range."""
+    found: float | None = args.length_tolerance
+    if found is None:
+        return None
+    if not 0.0 < found <= 100.0:
+        raise UsageError("--length-tolerance: millimetres, more than 0 and at most 100")
+    return found / 1e3
 
 
 def parse_joints(text: str | None) -> tuple[int, ...]:
@@ -281,9 +205,3 @@ def require_joints(joints: tuple[int, ...], joint_count: int) -> None:
     wrong = [j for j in joints if j > joint_count]
     if wrong:
         raise UsageError(f"--unsensed: there is no joint {wrong[0]}; the arm has {joint_count}")
-
-
-def print_warnings(file: str, found: LoadedPoses) -> None:
-    """Print the warnings about a poses file."""
-    for warning in found.warnings:
-        say(f"sarcal: {file}: {warning.text}", err=True)

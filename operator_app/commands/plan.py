@@ -5,71 +5,36 @@ from __future__ import annotations
 import argparse
 import sys
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
-from operator_app.commands.options import (
-    given_joints,
-    option,
-    options,
-    parse_joints,
-    pose_count,
-    require_joints,
-)
+from fixtures.base import Severity
+from operator_app.commands.file_arguments import PLANNED_POSES
+from operator_app.commands.options import given_joints, parse_joints, require_joints
+from operator_app.config.arm_file import parse_arm
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.procedure import Procedure
+from operator_app.config.procedure_file import load_procedure
+from operator_app.config.resources import resolve
+from operator_app.effective_procedure import effective_procedure
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.planning.advice import PlacementReport, advise
+from operator_app.planning.preview import Preview, preview
+from operator_app.planning.task import fixed_parameter_checks
+from operator_app.report.results.plan import advice_json, advice_text, plan_json, plan_text
 from operator_app.safe_output import as_json, say
-
-if TYPE_CHECKING:
-    from operator_app.config.procedure import Procedure
-    from operator_app.planning.advice import PlacementReport
-    from operator_app.planning.preview import Preview
-    from solver.arrays import FloatArray
-
-DEFAULT_POSES = 12
-"""Poses of a plan if the procedure is for explored ones."""
-TRIES = 24
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    option(parser, "procedure?", "procedure file or built-in name (default hinge)")
-    option(parser, "--arm ARM", "arm file or built-in name, in place of the procedure's")
-    option(
-        parser, "--fixture FIXTURE", "fixture file or built-in name, in place of the procedure's"
-    )
-    option(
-        parser, "--poses N", f"how many poses to plan (default {DEFAULT_POSES})", type=pose_count
-    )
-    option(parser, "--unsensed JOINTS", "joints whose readings are not used, e.g. 6,7")
-    option(
-        parser,
-        "--session SESSION",
-        "plan from the poses and estimate of a session: folder, name or latest",
-    )
-    option(parser, "--advise", "also search for better hinge placements")
-    option(
-        parser,
-        "--tries N",
-        f"placements to try with --advise (default {TRIES}, half a second each)",
-        type=int,
-        default=TRIES,
-    )
-    option(parser, "--ascii", "only ASCII characters")
-    options(parser, "--sessions DIR, --json")
+from operator_app.session.store.folders import read_session
+from operator_app.session.workflow.opening import Choices, resume
+from solver.arrays import FloatArray
 
 
 def execute(args: argparse.Namespace) -> int:
     """Plan and report on stdout."""
-    from operator_app.planning.preview import preview
-    from operator_app.planning.task import fixed_parameter_checks
-    from operator_app.report.results.plan import advice_json, advice_text, plan_json, plan_text
-
     if args.poses is not None and args.poses < 1:
         raise UsageError("--poses: must be at least 1")
     if args.tries < 1:
         raise UsageError("--tries: must be at least 1")
     procedure, known_rad, basis = _of_session(args) if args.session else _of_files(args)
     capture = procedure.capture
-    poses = args.poses or (capture.poses if capture.strategy == "planned" else DEFAULT_POSES)
+    poses = args.poses or (capture.poses if capture.strategy == "planned" else PLANNED_POSES)
     shown = preview(
         procedure.arm,
         procedure.fixture.fixture,
@@ -104,8 +69,6 @@ def execute(args: argparse.Namespace) -> int:
 
 def _code(shown: Preview) -> ExitCode:
     """Return the exit code; if a fixture check refuses, the one that `sarcal run` would return."""
-    from fixtures.base import Severity
-
     refused = any(c.severity is Severity.REFUSED for c in shown.checks)
     return ExitCode.NOT_IDENTIFIABLE if refused else ExitCode.ACCEPTED
 
@@ -116,11 +79,6 @@ def _of_files(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, s
     The drive joints of the procedure apply to its own arm; for another arm, or another kind of fixture in the default
     procedure, they are ranked.
     """
-    from operator_app.config.arm_file import parse_arm
-    from operator_app.config.fixture_file import load_fixture
-    from operator_app.config.procedure_file import load_procedure
-    from operator_app.config.resources import resolve
-
     procedure = load_procedure(args.procedure or "hinge")
     if args.arm:
         found = resolve("arm", args.arm)
@@ -146,10 +104,6 @@ def _of_files(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, s
 
 def _of_session(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, str]:
     """Return the session's procedure and captured poses."""
-    from operator_app.effective_procedure import effective_procedure
-    from operator_app.session.store.folders import read_session
-    from operator_app.session.workflow.opening import Choices, resume
-
     if args.procedure or args.arm or args.fixture:
         raise UsageError(
             "--session: a session states procedure, arm and fixture; leave those options out"
@@ -172,8 +126,6 @@ def _advice(
     args: argparse.Namespace, procedure: Procedure, shown: Preview, poses: int
 ) -> tuple[PlacementReport, ...]:
     """Search for better hinge placements around the nominal or estimated one."""
-    from operator_app.planning.advice import advise
-
     values: dict[str, float] = {}
     if shown.estimate is not None:
         values = {p.name: float(v) for p, v in zip(shown.parameters, shown.estimate.x, strict=True)}

@@ -6,15 +6,17 @@ import argparse
 import re
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from operator_app.commands.options import a_path, bus_of_others, bus_options, option, options
+from hardware.canopen.bus_profile import BusProfile
+from hardware.commissioning.probe import Probe, probe
+from hardware.commissioning.profile_draft import DraftRefused, draft
+from operator_app.commands.choices import bus_of_others
+from operator_app.config.any_file import save_with_schema, schema_line
+from operator_app.config.procedure import DEFAULT_PROFILE
+from operator_app.config.profile_file import format_profile, load_profile
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.report.text import aligned
 from operator_app.safe_output import as_json, say
-
-if TYPE_CHECKING:
-    from hardware.canopen.bus_profile import BusProfile
-    from hardware.commissioning.probe import Probe
 
 CHECK = """\
 Made by `sarcal probe`; nothing was moved. Check what a drive cannot report before anything is enabled:
@@ -34,31 +36,8 @@ MAPS = {
 """By --configure."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    option(
-        parser,
-        "--draft FILE",
-        "write a bus profile of the drives that are found, for --profile",
-        type=a_path,
-    )
-    option(
-        parser,
-        "--configure",
-        "with --draft: a profile that has PDOs written into the drives at every connection "
-        "(pdo_maps: configured), for drives whose present PDOs do not suffice; probe itself writes nothing",
-    )
-    bus_options(parser)
-    options(parser, "--record FILE, --json")
-
-
 def execute(args: argparse.Namespace) -> int:
     """Probe and report; exit 3 if no node answers or something differs."""
-    from hardware.commissioning.probe import probe
-    from operator_app.config.procedure import DEFAULT_PROFILE
-    from operator_app.config.profile_file import load_profile
-    from operator_app.report.text import aligned
-
     if args.configure and args.draft is None:
         raise UsageError("--configure needs --draft FILE")
     settings = bus_of_others(args)
@@ -110,9 +89,6 @@ def _report_no_nodes(found: Probe, bus: str) -> bool:
 
 
 def _draft(args: argparse.Namespace, found: Probe) -> int:
-    from hardware.commissioning.profile_draft import DraftRefused, draft
-    from operator_app.config.any_file import save_with_schema, schema_line
-    from operator_app.config.profile_file import format_profile
 
     if _report_no_nodes(found, "this bus"):
         return ExitCode.ARM_FAULT

@@ -5,49 +5,27 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from operator_app.commands.options import a_path, given_joints, option, options
+from operator_app.commands.options import given_joints, require_joints
+from operator_app.config.atomic import write_atomically
+from operator_app.effective_procedure import effective_procedure
 from operator_app.exit_codes import ExitCode
+from operator_app.report.html.page import REPORT_NAME, report_html
+from operator_app.report.plots.figure_files import save_figures
+from operator_app.report.results.session import session_json, session_text, unidentifiable_json
+from operator_app.report.subject import Subject, subject_of_session
+from operator_app.report.text import facts_text, unidentifiable_text
 from operator_app.safe_output import as_json, say
-
-if TYPE_CHECKING:
-    from operator_app.report.subject import Subject
-    from operator_app.session.store.state import SessionState
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    options(parser, "session SESSION")
-    option(
-        parser,
-        "-o --output FILE",
-        "file to write (default: report.html in the session folder; - is stdout)",
-        type=a_path,
-    )
-    shown = parser.add_mutually_exclusive_group()
-    option(shown, "--text", "print what sarcal run printed, and write no page")
-    option(shown, "--json", "print the object of sarcal run --json instead")
-    option(
-        shown,
-        "--plots FOLDER",
-        "write figures for a paper into this folder instead, as SVG, and as PDF with the extra [plots]",
-        type=a_path,
-    )
-    options(parser, "--estimator, --unsensed JOINTS, --sessions DIR")
+from operator_app.session.store.journal import read_journal
+from operator_app.session.store.replay import session_state
+from operator_app.session.store.state import SessionState
+from operator_app.session.store.stored_calibration import session_calibration, with_checks
+from operator_app.session.workflow.opening import Choices, resume
+from solver.errors import UnidentifiableError
 
 
 def execute(args: argparse.Namespace) -> int:
     """Read the session's calibration and show it."""
-    from operator_app.commands.options import require_joints
-    from operator_app.effective_procedure import effective_procedure
-    from operator_app.report.subject import subject_of_session
-    from operator_app.session.store.journal import read_journal
-    from operator_app.session.store.replay import session_state
-    from operator_app.session.store.stored_calibration import session_calibration, with_checks
-    from operator_app.session.workflow.opening import Choices, resume
-    from solver.errors import UnidentifiableError
-
     unsensed = given_joints(args.unsensed)
     opening = resume(args.session, Choices(), root=args.sessions)
     procedure = effective_procedure(opening)
@@ -79,8 +57,6 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _print(args: argparse.Namespace, subject: Subject, folder: Path, state: SessionState) -> None:
-    from operator_app.report.results.session import session_json, session_text, unidentifiable_json
-    from operator_app.report.text import facts_text, unidentifiable_text
 
     blind, solution, facts = subject.unidentifiable, subject.solution, subject.facts
     if blind is not None:
@@ -105,8 +81,6 @@ def _print(args: argparse.Namespace, subject: Subject, folder: Path, state: Sess
 
 
 def _draw(folder: Path, subject: Subject) -> None:
-    from operator_app.report.plots.figure_files import save_figures
-    from operator_app.report.text import unidentifiable_text
 
     if subject.unidentifiable is not None:
         say(unidentifiable_text(subject.unidentifiable))
@@ -116,8 +90,6 @@ def _draw(folder: Path, subject: Subject) -> None:
 
 
 def _write(args: argparse.Namespace, subject: Subject, folder: Path) -> None:
-    from operator_app.config.atomic import write_atomically
-    from operator_app.report.html.page import REPORT_NAME, report_html
 
     page = report_html(subject)
     if str(args.output) == "-":

@@ -4,24 +4,16 @@ from __future__ import annotations
 
 import argparse
 
-from operator_app.commands.options import option, options, pose_count
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.planning.reproduction import published
+from operator_app.report.results.reproduction import published_json, published_text
 from operator_app.safe_output import as_json, say
 
 FEWEST_POSES, LARGEST_POSES = 8, 120
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    option(parser, "--poses N", "how many (default 40)", type=pose_count, default=40)
-    options(parser, "--json")
-
-
 def execute(args: argparse.Namespace) -> int:
     """Reproduce and print."""
-    from operator_app.planning.reproduction import published
-    from operator_app.report.results.reproduction import published_json, published_text
-
     if not FEWEST_POSES <= args.poses <= LARGEST_POSES:
         raise UsageError(f"--poses: between {FEWEST_POSES} and {LARGEST_POSES}")
     say("Capturing six sets of poses and calibrating ten times: about 30 s.", err=True)

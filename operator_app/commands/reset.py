@@ -4,32 +4,19 @@ from __future__ import annotations
 
 import argparse
 
-from operator_app.commands.options import (
-    arm_bus_options,
-    arm_options,
-    opening_from,
-    options,
-)
+from hardware.arm import DriveState
+from hardware.canopen.cia402 import POWERED_STATES
+from hardware.control.canopen_arm import CanopenArm
+from hardware.errors import DriveFault
+from operator_app.commands.choices import opening_from
+from operator_app.composition import open_arm
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.messages.errors import drive_words, unwatching_words
 from operator_app.safe_output import as_json, say
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    arm_options(parser)
-    options(parser, "--record FILE, --json")
-    arm_bus_options(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
     """Connect, list the drive faults, reset them, list what remains."""
-    from hardware.arm import DriveState
-    from hardware.canopen.cia402 import POWERED_STATES
-    from hardware.control.canopen_arm import CanopenArm
-    from hardware.errors import DriveFault
-    from operator_app.composition import open_arm
-    from operator_app.messages.errors import drive_words, unwatching_words
-
     with open_arm(opening_from(args), record_to=args.record) as rig:
         if rig.simulated:
             raise UsageError(

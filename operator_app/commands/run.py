@@ -5,57 +5,31 @@ from __future__ import annotations
 import argparse
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
-from operator_app.commands.options import (
-    arm_bus_options,
-    choices_from,
-    option,
-    options,
-    placement_count,
-    pose_count,
-    recording,
-)
+from operator_app.commands.choices import choices_from, recording
+from operator_app.composition import unattended
+from operator_app.errors import NotLetGoError
 from operator_app.exit_codes import ExitCode
+from operator_app.headless.console import ConsoleListener
+from operator_app.headless.procedure_run import RunResult, next_placement, require_mounted, run
+from operator_app.report.facts import facts_of
+from operator_app.report.results.session import (
+    capture_json,
+    capture_text,
+    session_json,
+    session_text,
+    unidentifiable_json,
+)
+from operator_app.report.text import facts_text, unidentifiable_text
 from operator_app.safe_output import as_json, say
-
-if TYPE_CHECKING:
-    from operator_app.headless.procedure_run import RunResult
-    from operator_app.session.store.solver_process import Solver
-    from operator_app.session.workflow.session import Session
-    from solver.errors import UnidentifiableError
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    option(parser, "procedure?", "procedure file or built-in name (hinge)", default="hinge")
-    option(parser, "--poses N", "how many poses to capture", type=pose_count)
-    option(
-        parser,
-        "--placements N",
-        "mount the fixture N times and capture --poses in each placement: the arm's offsets are shared, the "
-        "fixture parameters differ. Between two placements the program asks you to remount it",
-        type=placement_count,
-    )
-    option(parser, "--resume SESSION", "go on with a session: its folder, its name or latest")
-    option(parser, "--no-upload", "write the parameters but do not upload them")
-    options(
-        parser,
-        "--record, --force REASON, --go-home, --plan, --estimator, --unsensed JOINTS, "
-        "--length-tolerance MM, --tracker PORT, --sessions DIR, --json",
-    )
-    arm_bus_options(parser)
+from operator_app.session.store.solver_process import Solver, SolvingProcess, solve_here
+from operator_app.session.workflow.opening import begin, resume
+from operator_app.session.workflow.session import Session
+from solver.errors import UnidentifiableError
 
 
 def execute(args: argparse.Namespace) -> int:
     """Run and report; at the end the arm holds its position."""
-    from operator_app.composition import unattended
-    from operator_app.errors import NotLetGoError
-    from operator_app.headless.console import ConsoleListener
-    from operator_app.headless.procedure_run import next_placement, require_mounted, run
-    from operator_app.session.workflow.opening import begin, resume
-    from solver.errors import UnidentifiableError
-
     choices = choices_from(args)
     opening = (
         resume(args.resume, choices, root=args.sessions)
@@ -104,22 +78,12 @@ def execute(args: argparse.Namespace) -> int:
 
 def _solver_for(session: Session) -> AbstractContextManager[Solver]:
     """Return the solver: a separate process if the arm runs in real time, so that SYNC is not delayed."""
-    from operator_app.session.store.solver_process import SolvingProcess, solve_here
-
     if session.state.settings["interface"] == "virtual":
         return nullcontext(solve_here)
     return SolvingProcess()
 
 
 def _report(args: argparse.Namespace, session: Session, result: RunResult) -> None:
-    from operator_app.report.facts import facts_of
-    from operator_app.report.results.session import (
-        capture_json,
-        capture_text,
-        session_json,
-        session_text,
-    )
-    from operator_app.report.text import facts_text
 
     folder, state, solution = session.journal.path.parent, session.state, result.solution
     facts = facts_of(
@@ -143,8 +107,6 @@ def _report(args: argparse.Namespace, session: Session, result: RunResult) -> No
 def _report_unidentifiable(
     args: argparse.Namespace, session: Session, error: UnidentifiableError
 ) -> None:
-    from operator_app.report.results.session import unidentifiable_json
-    from operator_app.report.text import unidentifiable_text
 
     if not args.json:
         say(unidentifiable_text(error))

@@ -3,42 +3,26 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from operator_app.commands.options import option, options
 from operator_app.config.errors import ConfigError
+from operator_app.errors import JournalError
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.report.results.session import repair_json, repair_text, session_table_text
+from operator_app.report.text import aligned
 from operator_app.safe_output import as_json, say
-
-if TYPE_CHECKING:
-    from operator_app.session.store.state import SessionState
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    option(
-        parser,
-        "action?",
-        "list all (the default); show one; or repair a damaged journal: lines with a matching checksum are "
-        "kept, the others are reported, the damaged file is kept beside it",
-        choices=("list", "show", "repair"),
-        default="list",
-    )
-    option(parser, "name?", "folder, name or latest (the default, but not to repair)")
-    options(parser, "--sessions DIR, --json")
+from operator_app.session.store.folders import (
+    SessionEntry,
+    find_session,
+    list_sessions,
+    read_session,
+)
+from operator_app.session.store.journal_repair import repair_journal
+from operator_app.session.store.state import SessionState
 
 
 def execute(args: argparse.Namespace) -> int:
     """Report on stdout."""
-    from operator_app.errors import JournalError
-    from operator_app.report.results.session import session_table_text
-    from operator_app.report.text import aligned
-    from operator_app.session.store.folders import (
-        SessionEntry,
-        find_session,
-        list_sessions,
-        read_session,
-    )
 
     def facts(entry: SessionEntry) -> dict[str, Any]:
         state = entry.state
@@ -113,9 +97,6 @@ def _procedure_of(state: SessionState) -> str:
 
 
 def _repair(args: argparse.Namespace) -> int:
-    from operator_app.report.results.session import repair_json, repair_text
-    from operator_app.session.store.folders import find_session
-    from operator_app.session.store.journal_repair import repair_journal
 
     if args.name is None:
         raise UsageError("session repair: name the session; `sarcal session list` shows them")

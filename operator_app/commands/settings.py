@@ -4,39 +4,20 @@ from __future__ import annotations
 
 import argparse
 
-from operator_app.commands.options import option, options
+from operator_app.commands.file_arguments import SETTINGS_MEANING
+from operator_app.config.user_settings import (
+    KEYS,
+    changed,
+    load_settings,
+    save_settings,
+    settings_path,
+)
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
-
-SETTINGS_MEANING = {
-    "interface": "the bus, as -i",
-    "channel": "as -c, with that interface",
-    "bitrate": "as -b, with that interface",
-    "theme": "of the terminal app: dark, light, none",
-    "operator": "recorded in the journal of every session",
-}
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    option(
-        parser,
-        "settings* KEY=VALUE",
-        "set it; KEY= removes it. Keys: " + ", ".join(SETTINGS_MEANING),
-    )
-    options(parser, "--json")
 
 
 def execute(args: argparse.Namespace) -> int:
     """Change the named settings, then show all."""
-    from operator_app.config.user_settings import (
-        KEYS,
-        changed,
-        load_settings,
-        save_settings,
-        settings_path,
-    )
-
     words: dict[str, str] = {}
     for text in args.settings:
         key, equals, value = text.partition("=")

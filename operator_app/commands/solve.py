@@ -3,72 +3,42 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
 
-from operator_app.commands.options import (
-    arm_and_fixture_options,
-    option,
-    options,
-    parse_joints,
-    parse_numbers,
-    require_joints,
-    tolerance_m,
+from fixtures.base import EndpointConstraint
+from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.closed_loops import pick_placements
+from operator_app.calibration.cross_validation import check
+from operator_app.calibration.experiment import Experiment
+from operator_app.calibration.prediction import MadeFrom
+from operator_app.calibration.rvdt import ReadingTable, corrected_poses
+from operator_app.calibration.verification import (
+    NoTestError,
+    may_be_elsewhere,
+    require_new,
+    verify_poses,
 )
+from operator_app.commands.options import parse_joints, parse_numbers, require_joints, tolerance_m
+from operator_app.config.arm_file import load_arm
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.parameters_file import load_parameters
+from operator_app.config.poses_file import load_poses
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.messages.finding import Finding, FindingKind
+from operator_app.report.facts import facts_of
+from operator_app.report.json_schema import unidentifiable_data
+from operator_app.report.results.verification import verification_json, verification_text
+from operator_app.report.text import facts_text, unidentifiable_text
 from operator_app.safe_output import as_json, say
-
-if TYPE_CHECKING:
-    from fixtures.base import EndpointConstraint
-    from operator_app.calibration.rvdt import ReadingTable
-    from solver.chain.arm_model import ArmModel
-    from solver.chain.poses import PoseSet
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    option(parser, "poses POSES.csv", "captured poses, angles in deg")
-    arm_and_fixture_options(parser)
-    option(parser, "--placements NUMBERS", "use these placements only, e.g. 1,2")
-    option(parser, "--global-start", "search globally instead of starting from the nominal values")
-    option(
-        parser,
-        "--checks",
-        "add the pose-wise jackknife and hold-out (5 folds, and a block far from the rest)",
-    )
-    option(
-        parser,
-        "--test FILE",
-        "test the result with other poses, of the same placement or, with a ball that stays on the tool, of "
-        "others too; exit 4 if it fails",
-    )
-    option(
-        parser,
-        "--rvdt-table FILE",
-        "correct the readings of RVDTs by the tables of this parameters file (an earlier calibration's)",
-    )
-    options(parser, "--estimator, --unsensed JOINTS, --length-tolerance MM, --json")
+from operator_app.units import ANGLE, Figure
+from solver.chain.arm_model import ArmModel
+from solver.chain.poses import PoseSet
+from solver.chain.sensors import Rvdt
+from solver.diagnostics.range_checks import ReadingsOutOfRangeError
+from solver.errors import UnidentifiableError
 
 
 def execute(args: argparse.Namespace) -> int:
     """Solve and report on stdout."""
-    from operator_app.calibration.calibrate import calibrate
-    from operator_app.calibration.closed_loops import pick_placements
-    from operator_app.calibration.cross_validation import check
-    from operator_app.calibration.experiment import Experiment
-    from operator_app.calibration.prediction import MadeFrom
-    from operator_app.calibration.rvdt import corrected_poses
-    from operator_app.calibration.verification import may_be_elsewhere, verify_poses
-    from operator_app.config.arm_file import load_arm
-    from operator_app.config.fixture_file import load_fixture
-    from operator_app.config.poses_file import load_poses
-    from operator_app.messages.finding import Finding, FindingKind
-    from operator_app.report.facts import facts_of
-    from operator_app.report.json_schema import unidentifiable_data
-    from operator_app.report.results.verification import verification_json, verification_text
-    from operator_app.report.text import facts_text, unidentifiable_text
-    from solver.diagnostics.range_checks import ReadingsOutOfRangeError
-    from solver.errors import UnidentifiableError
-
     arm = load_arm(args.arm)
     fixture = load_fixture(args.fixture).fixture
     unsensed = parse_joints(args.unsensed)
@@ -139,10 +109,6 @@ def execute(args: argparse.Namespace) -> int:
 
 def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: PoseSet) -> PoseSet:
     """Return the poses of ``--test``; raises UsageError if they are not independent of the calibration's poses."""
-    from operator_app.calibration.closed_loops import pick_placements
-    from operator_app.calibration.verification import NoTestError, may_be_elsewhere, require_new
-    from operator_app.config.poses_file import load_poses
-
     new = load_poses(args.test, joint_count=poses.q_rad.shape[1]).poses
     elsewhere = may_be_elsewhere(fixture)
     if not elsewhere and (len(new.placements) > 1 or len(poses.placements) > 1):
@@ -160,10 +126,6 @@ def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: Po
 
 def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[str, tuple[ReadingTable, ...]]:
     """Return the digest of the poses behind ``--rvdt-table``, and its corrections; "" and () without that option."""
-    from operator_app.calibration.rvdt import ReadingTable
-    from operator_app.config.parameters_file import load_parameters
-    from solver.chain.sensors import Rvdt
-
     if not args.rvdt_table:
         return "", ()
     document, given = load_parameters(args.rvdt_table), f"--rvdt-table {args.rvdt_table}"
@@ -181,8 +143,6 @@ def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[str, tuple[Reading
 
 
 def _say_corrected(poses: PoseSet, corrected: PoseSet, tables: tuple[ReadingTable, ...]) -> None:
-    from operator_app.units import ANGLE, Figure
-
     for table in tables:
         read, now = (p.q_rad[:, table.joint - 1] for p in (poses, corrected))
         largest = Figure(float(abs(now - read).max()), ANGLE, places=3).with_unit

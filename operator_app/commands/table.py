@@ -38,17 +38,31 @@ APP = "app"
 """Without a command: the terminal app, whose options belong to `sarcal` itself."""
 
 
+ON_A_BUS = ("arm-check", "controller", "export", "monitor", "probe", "reset", "run", "verify", APP)
+"""Commands that open a bus."""
+
+
 def module(command: str) -> Any:
-    """Import and return the module of a command."""
+    """Import and return the module of a command, which does its work."""
+    return importlib.import_module(f"operator_app.commands.{_module_name(command)}")
+
+
+def _module_name(command: str) -> str:
     # `import` is a Python keyword, `help` a builtin.
-    name = {"import": "import_poses", "help": "help_topic"}.get(command, command.replace("-", "_"))
-    return importlib.import_module(f"operator_app.commands.{name}")
+    return {"import": "import_poses", "help": "help_topic"}.get(command, command.replace("-", "_"))
+
+
+def declare(command: str, parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments and options of a command, without loading what it works with."""
+    kind = "bus" if command in ON_A_BUS else "file"
+    arguments = importlib.import_module(f"operator_app.commands.{kind}_arguments")
+    getattr(arguments, _module_name(command))(parser)
 
 
 def parser_of(command: str) -> argparse.ArgumentParser:
     """Return the parser of one command (`app` stands for `sarcal` itself) as its help page shows it."""
     made = argparse.ArgumentParser(prog="sarcal" if command == APP else f"sarcal {command}")
-    module(command).add_arguments(made)
+    declare(command, made)
     return made
 
 

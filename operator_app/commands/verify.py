@@ -5,79 +5,42 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from operator_app.commands.options import (
-    arm_bus_options,
-    choices_from,
-    option,
-    options,
-    pose_count,
-    print_warnings,
-    recording,
-)
+import numpy as np
+
+from fixtures.measured import Measured
+from operator_app.calibration.open_loop import check_open_loop
+from operator_app.calibration.result import Solution
+from operator_app.calibration.verification import NoTestError, VerificationResult, verify_new_poses
+from operator_app.commands.bus_arguments import NEW_POSES
+from operator_app.commands.choices import choices_from, print_warnings, recording
+from operator_app.composition import unattended
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.poses_file import load_poses
+from operator_app.effective_procedure import effective_procedure
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.headless.console import ConsoleListener
+from operator_app.report.results.verification import (
+    open_loop_json,
+    open_loop_text,
+    verification_json,
+    verification_text,
+)
 from operator_app.safe_output import as_json, say
-
-if TYPE_CHECKING:
-    from fixtures.measured import Measured
-    from operator_app.calibration.result import Solution
-    from operator_app.calibration.verification import VerificationResult
-    from operator_app.session.workflow.opening import Opening
-    from solver.chain.poses import PoseSet
-
-NEW_POSES = 12
-"""Number of poses without a file."""
+from operator_app.session.store.folders import read_session
+from operator_app.session.store.stored_calibration import session_calibration
+from operator_app.session.workflow.capture import connect, go_home_if_outside, take_poses, verify
+from operator_app.session.workflow.drive_selection import drives_of
+from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.opening import Opening, begin, resume
+from solver.chain.poses import PoseSet
 
 OPEN_POSES = 24
 """Number of poses of the open arm, for a separate calibration."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    options(parser, "session SESSION")
-    option(
-        parser,
-        "csv? POSES.csv",
-        "new poses; without it the arm captures new ones at other positions",
-    )
-    option(
-        parser,
-        "--open-loop",
-        "with endpoints of the open arm measured by an instrument: shows which offsets and lengths "
-        "disagree. From POSES.csv (x_m,y_m,z_m[,rx_deg,ry_deg,rz_deg]); without it the arm, out of its "
-        "fixture, captures the poses of --procedure, in a session of their own",
-    )
-    option(
-        parser,
-        "--procedure P",
-        "with --open-loop: procedure of the open arm (default open_loop)",
-        default="open_loop",
-    )
-    options(parser, "--tracker PORT")
-    option(
-        parser,
-        "--instrument FIXTURE",
-        "uncertainty of the instrument of POSES.csv: a fixture file of kind measured (default tracker: "
-        "0.05 mm, 0.02 deg)",
-        default="tracker",
-    )
-    option(
-        parser, "--poses N", f"how many new poses to capture (default {NEW_POSES})", type=pose_count
-    )
-    options(parser, "--go-home, --sessions DIR, --record, --json")
-    arm_bus_options(parser)
-
-
 def execute(args: argparse.Namespace) -> int:
     """Verify and report."""
-    from operator_app.calibration.verification import NoTestError, verify_new_poses
-    from operator_app.effective_procedure import effective_procedure
-    from operator_app.report.results.verification import verification_json, verification_text
-    from operator_app.session.store.folders import read_session
-    from operator_app.session.store.stored_calibration import session_calibration
-    from operator_app.session.workflow.opening import resume
-
     wanted, args.poses = args.poses, None
     opening = resume(args.session, choices_from(args), root=args.sessions)
     state = read_session(opening.folder).state
@@ -116,8 +79,6 @@ def execute(args: argparse.Namespace) -> int:
 
 def _from_file(file: str, joint_count: int) -> PoseSet:
     """Read poses and print warnings about them."""
-    from operator_app.config.poses_file import load_poses
-
     read = load_poses(file, joint_count=joint_count)
     print_warnings(file, read)
     return read.poses
@@ -127,12 +88,6 @@ def _open_loop(
     args: argparse.Namespace, opening: Opening, solution: Solution, wanted: int | None
 ) -> ExitCode:
     """Verify the session with measured endpoints, from a file or on the arm."""
-    from fixtures.measured import Measured
-    from operator_app.calibration.open_loop import check_open_loop
-    from operator_app.config.fixture_file import load_fixture
-    from operator_app.effective_procedure import effective_procedure
-    from operator_app.report.results.verification import open_loop_json, open_loop_text
-
     if solution.model.dh_table(solution.estimate.x) is None:
         raise UsageError(
             "--open-loop verifies a calibration of one placement of a hinge or rigid fixture; "
@@ -157,16 +112,6 @@ def _open_arm(
     args: argparse.Namespace, judged: Opening, wanted: int | None
 ) -> tuple[Measured, PoseSet]:
     """Capture poses of the open arm in a session of their own, on the bus of the calibration's session."""
-    import numpy as np
-
-    from fixtures.measured import Measured
-    from operator_app.composition import unattended
-    from operator_app.headless.console import ConsoleListener
-    from operator_app.session.store.folders import read_session
-    from operator_app.session.workflow.capture import connect, take_poses
-    from operator_app.session.workflow.drive_selection import drives_of
-    from operator_app.session.workflow.opening import begin
-
     choices = replace(
         judged.choices,
         poses=OPEN_POSES if wanted is None else wanted,
@@ -211,12 +156,6 @@ def _on_the_arm(
     opening: Opening, solution: Solution, count: int, *, homing: bool, record_to: Path | None
 ) -> tuple[VerificationResult, PoseSet]:
     """Capture `count` poses in the session, at other positions."""
-    from operator_app.composition import unattended
-    from operator_app.headless.console import ConsoleListener
-    from operator_app.session.workflow.capture import connect, go_home_if_outside, verify
-    from operator_app.session.workflow.drive_selection import drives_of
-    from operator_app.session.workflow.listener import Listener
-
     if count < 1:
         raise UsageError("--poses: must be at least 1")
     with unattended(opening, record_to=record_to) as session:

@@ -8,7 +8,7 @@ import pytest
 
 from hardware.buses.python_can import BusSettings, bus_settings
 from operator_app.cli import main
-from operator_app.commands.options import choices_from, opening_from
+from operator_app.commands.choices import choices_from, opening_from
 from operator_app.commands.table import parser_of
 from operator_app.composition import unattended
 from operator_app.config.user_settings import load_settings, usual_bus

@@ -1,0 +1,84 @@
+"""What the shared options choose: the bus, the session, its recording."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from operator_app.commands.options import given_joints, tolerance_m
+from operator_app.config.arm_file import load_arm
+from operator_app.config.poses_file import LoadedPoses
+from operator_app.config.procedure import DEFAULT_PROFILE
+from operator_app.config.profile_file import load_profile
+from operator_app.config.user_settings import settings_if_right, usual_bus
+from operator_app.exit_codes import UsageError
+from operator_app.safe_output import say
+from operator_app.session.workflow.opening import Choices, Opening, begin, resume
+
+if TYPE_CHECKING:
+    from hardware.buses.python_can import BusSettings
+
+
+def bus_of_others(args: argparse.Namespace) -> BusSettings:
+    """Return the bus of ``-i -c -b``; raises UsageError for a bus that no other process can use."""
+    from hardware.buses.python_can import bus_settings
+
+    settings = bus_settings(
+        args.interface, args.channel, args.bitrate, otherwise=usual_bus(args.interface)
+    )
+    if settings.interface == "virtual":
+        raise UsageError("a virtual bus has no other process; name a bus with -i and -c")
+    return settings
+
+
+def opening_from(args: argparse.Namespace) -> Opening:
+    """Return the `Opening` for the arm of a session, or for the arm given by the options."""
+    # Such a command writes no journal: it does not need the user settings.
+    choices = choices_from(args, journal=False)
+    if args.session is not None:
+        return resume(args.session, choices, root=args.sessions)
+    arm = load_arm(args.arm)
+    profile = load_profile(args.profile or DEFAULT_PROFILE, joints=arm.joint_count)
+    opening = begin("hinge", replace(choices, profile=None), root=args.sessions)
+    return replace(opening, procedure=replace(opening.procedure, arm=arm, profile=profile))
+
+
+def recording(args: argparse.Namespace, opening: Opening) -> Path | None:
+    """Return the file of ``--record`` in a session folder."""
+    return opening.folder / "bus.blf" if args.record else None
+
+
+def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:
+    """Return the choices made by these options, with the operator's name from the user settings if `journal`."""
+    if args.seed is not None and args.seed < 0:
+        raise UsageError("--seed: must be a whole number of at least 0")
+    if args.channel is not None and not (args.channel.isprintable() and len(args.channel) <= 255):
+        raise UsageError("--channel: a bus name has at most 255 printable characters, e.g. can0")
+    as_typed = ("poses", "plan", "estimator", "profile", "tracker", "placements")
+    return Choices(
+        unsensed_joints=given_joints(getattr(args, "unsensed", None)),
+        length_tolerance_m=tolerance_m(args) if hasattr(args, "length_tolerance") else None,
+        upload=False if getattr(args, "no_upload", False) else None,
+        interface=args.interface,
+        channel=args.channel,
+        bitrate=args.bitrate,
+        scenario=args.scenario,
+        seed=args.seed,
+        operator=_operator_name() if journal else None,
+        **{name: getattr(args, name, None) for name in as_typed},
+    )
+
+
+def _operator_name() -> str | None:
+    settings, wrong = settings_if_right()
+    if wrong:
+        say(f"sarcal: {wrong}.", err=True)
+    return settings.operator
+
+
+def print_warnings(file: str, found: LoadedPoses) -> None:
+    """Print the warnings about a poses file."""
+    for warning in found.warnings:
+        say(f"sarcal: {file}: {warning.text}", err=True)

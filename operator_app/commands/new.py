@@ -81,7 +81,6 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _arm(args: argparse.Namespace) -> int:
-
     if bool(args.urdf) == bool(args.packaged):
         raise UsageError("new arm: give --urdf FILE or --from NAME")
     if args.packaged:
@@ -123,7 +122,6 @@ def _arm(args: argparse.Namespace) -> int:
 
 
 def _fixture(args: argparse.Namespace) -> int:
-
     if args.packaged:
         for given in OF_WHAT["fixture"]:
             if getattr(args, given):
@@ -175,7 +173,6 @@ def _fixture(args: argparse.Namespace) -> int:
 
 
 def _procedure(args: argparse.Namespace) -> int:
-
     def read(data: bytes, file: str) -> object:
         return parse_procedure(Resource(file=file, folder=Path(file).parent, data=data))
 

@@ -89,7 +89,6 @@ def _report_no_nodes(found: Probe, bus: str) -> bool:
 
 
 def _draft(args: argparse.Namespace, found: Probe) -> int:
-
     if _report_no_nodes(found, "this bus"):
         return ExitCode.ARM_FAULT
     unsure = [p for node in found.nodes for p in node.problems if "two devices" in p]

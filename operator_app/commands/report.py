@@ -57,7 +57,6 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _print(args: argparse.Namespace, subject: Subject, folder: Path, state: SessionState) -> None:
-
     blind, solution, facts = subject.unidentifiable, subject.solution, subject.facts
     if blind is not None:
         if args.text:
@@ -81,7 +80,6 @@ def _print(args: argparse.Namespace, subject: Subject, folder: Path, state: Sess
 
 
 def _draw(folder: Path, subject: Subject) -> None:
-
     if subject.unidentifiable is not None:
         say(unidentifiable_text(subject.unidentifiable))
         return
@@ -90,7 +88,6 @@ def _draw(folder: Path, subject: Subject) -> None:
 
 
 def _write(args: argparse.Namespace, subject: Subject, folder: Path) -> None:
-
     page = report_html(subject)
     if str(args.output) == "-":
         sys.stdout.buffer.write(page)

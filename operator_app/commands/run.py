@@ -84,7 +84,6 @@ def _solver_for(session: Session) -> AbstractContextManager[Solver]:
 
 
 def _report(args: argparse.Namespace, session: Session, result: RunResult) -> None:
-
     folder, state, solution = session.journal.path.parent, session.state, result.solution
     facts = facts_of(
         solution,
@@ -107,7 +106,6 @@ def _report(args: argparse.Namespace, session: Session, result: RunResult) -> No
 def _report_unidentifiable(
     args: argparse.Namespace, session: Session, error: UnidentifiableError
 ) -> None:
-
     if not args.json:
         say(unidentifiable_text(error))
         return

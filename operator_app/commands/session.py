@@ -97,7 +97,6 @@ def _procedure_of(state: SessionState) -> str:
 
 
 def _repair(args: argparse.Namespace) -> int:
-
     if args.name is None:
         raise UsageError("session repair: name the session; `sarcal session list` shows them")
     found = repair_journal(find_session(args.sessions, args.name))

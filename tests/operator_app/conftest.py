@@ -4,16 +4,17 @@ import shutil
 
 import pytest
 
-from operator_app.cli import main
 from operator_app.config.procedure import Procedure
 from operator_app.session.workflow.session import Session
-from tests.oracles.answers import Answer
+from tests.oracles.answers import ends_with
 from tests.oracles.journalled_sessions import journalled_sessions
 from tests.oracles.live_source import FakeSource
 from tests.oracles.opened import opened
 from tests.oracles.plant_arm import SERIAL, PlantArm
 from tests.oracles.recorded import recorded_folder
 from tests.oracles.ticking import Ticking
+
+__all__ = ["ends_with"]
 
 
 @pytest.fixture
@@ -48,23 +49,6 @@ def source(tmp_path):
     made = FakeSource(tmp_path / "sessions")
     yield made
     made.close("end of the test")
-
-
-@pytest.fixture
-def ends_with(capsys):
-    """Run a command, which must end with this exit code: ``ends_with(2, "solve", file).err``."""
-
-    def run(code: int, *words: object) -> Answer:
-        capsys.readouterr()
-        try:
-            ended = main([str(word) for word in words])
-        except SystemExit as usage:
-            ended = usage.code
-        said = capsys.readouterr()
-        assert ended == code, said.err
-        return Answer(out=said.out, err=said.err)
-
-    return run
 
 
 @pytest.fixture(scope="session")

@@ -1,9 +1,12 @@
 """What a command answers that is run in this process."""
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
+
+import pytest
+
+from operator_app.cli import main
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,5 +26,18 @@ class Answer:
         return " ".join((self.out + self.err).split())
 
 
-EndsWith = Callable[..., Answer]
-"""How a test runs a command, by the fixture `ends_with`: exit code, then the words that are typed."""
+@pytest.fixture
+def ends_with(capsys):
+    """Run a command, which must end with this exit code: ``ends_with(2, "solve", file).err``."""
+
+    def run(code: int, *words: object) -> Answer:
+        capsys.readouterr()
+        try:
+            ended = main([str(word) for word in words])
+        except SystemExit as usage:
+            ended = usage.code
+        said = capsys.readouterr()
+        assert ended == code, said.err
+        return Answer(out=said.out, err=said.err)
+
+    return run

@@ -13,7 +13,6 @@ import can
 import pytest
 
 from hardware.buses.python_can import BusSettings, open_bus
-from operator_app.cli import main
 from operator_app.session.store.journal import read_journal
 from tests.oracles.own_process import controller, start, wait_for_poses
 
@@ -155,12 +154,11 @@ def test_a_controller_that_died_holds_no_arm(tmp_path, bus):
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("existing", [False, True])
-def test_a_failed_connection_leaves_the_folders_that_were_there(tmp_path, capsys, bus, existing):
+def test_a_failed_connection_leaves_the_folders_that_were_there(tmp_path, ends_with, bus, existing):
     sessions = tmp_path / "new" / "s"
     if existing:
         sessions.mkdir(parents=True)
-    assert main(["run", "hinge", *bus, "--sessions", str(sessions)]) == 3
-    said = capsys.readouterr().err
+    said = ends_with(3, "run", "hinge", *bus, "--sessions", sessions).err
     assert "no answer from nodes 1, 2, 3, 4, 5, 6, 7, 16" in said
     assert "held" not in said
     left = [sessions.parent, sessions] if existing else []
@@ -168,9 +166,8 @@ def test_a_failed_connection_leaves_the_folders_that_were_there(tmp_path, capsys
 
 
 @pytest.mark.campaign
-def test_arm_check_says_nothing_is_held_where_nothing_was_connected(capsys, bus):
-    assert main(["arm-check", *bus]) == 3
-    told = capsys.readouterr().out
+def test_arm_check_says_nothing_is_held_where_nothing_was_connected(ends_with, bus):
+    told = ends_with(3, "arm-check", *bus).out
     assert "no answer from nodes" in told
     assert "held" not in told
     assert "Nothing was enabled: there is no connection to the arm." in told
@@ -205,9 +202,8 @@ def test_a_drive_that_was_switched_off_at_the_drive_stays_off_until_somebody_goe
     assert json.loads(out)["poses"] == 6
 
 
-def test_nothing_to_reset_on_the_arm_inside_this_program(tmp_path, capsys):
-    assert main(["reset", "--sessions", str(tmp_path)]) == 2
-    assert "nothing to reset" in capsys.readouterr().err
+def test_nothing_to_reset_on_the_arm_inside_this_program(tmp_path, ends_with):
+    assert "nothing to reset" in ends_with(2, "reset", "--sessions", tmp_path).err
     assert not list(tmp_path.iterdir())
 
 

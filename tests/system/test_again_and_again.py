@@ -1,12 +1,10 @@
 """Session after session on one controller: the arm stands wherever the last one left it, and the next works."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from operator_app.cli import main
 from operator_app.errors import GuardError
 from operator_app.headless.procedure_run import run
 from operator_app.session.workflow.capture import take_poses
@@ -37,25 +35,19 @@ def calibrated(bench: Bench) -> Path:
     return result.exported.folder
 
 
-def compared(a: Path, b: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, list[str]]:
-    capsys.readouterr()
-    code = main(["compare", str(a), str(b), "--json"])
-    found = json.loads(capsys.readouterr().out)
-    return code, found["drifted"]
-
-
 @pytest.mark.campaign
-def test_ten_runs_and_verifications_on_one_controller_are_accepted_and_agree(bench, capsys):
+def test_ten_runs_and_verifications_on_one_controller_are_accepted_and_agree(bench, ends_with):
     folders = []
     for _ in range(10):
         folders.append(calibrated(bench))
         assert bench.verified(folders[-1]).holds
-    assert compared(folders[0], folders[-1], capsys) == (0, [])
+    ends_with(0, "compare", folders[0], folders[-1])
 
     # Somebody remounts the encoder of joint 3: 2000 counts are 1.8 deg.
     bench.controller.faults.lose_counts(3, -2000)
     after = calibrated(bench)
-    assert compared(folders[-1], after, capsys) == (4, ["theta_off_3"])
+    found = ends_with(4, "compare", folders[-1], after, "--json").json
+    assert found["drifted"] == ["theta_off_3"]
 
 
 def taken_to(session: Session, joint: int, deg: float) -> None:

@@ -11,7 +11,6 @@ from threading import Thread
 import pytest
 from sarcal import arms
 
-from operator_app.cli import main
 from operator_app.composition import describe
 from operator_app.config.arm_file import load_arm
 from operator_app.session.store.journal import read_journal
@@ -35,13 +34,12 @@ def desk(folder, tmp_path, monkeypatch):
 
 
 @pytest.mark.campaign
-def test_it_is_calibrated_by_name(desk, folder, capsys, monkeypatch):
+def test_it_is_calibrated_by_name(desk, folder, ends_with, monkeypatch):
     with toy(folder) as arm:
         bus = ["-i", "moving_line_arm", "-c", arm.channel]
-        assert main(["run", "quick.yaml", *bus, "--json"]) == 0
-        told = capsys.readouterr()
+        told = ends_with(0, "run", "quick.yaml", *bus, "--json")
         assert "Connected to sarcos_dextrous, serial TOY-0001: 7 simulated JSON nodes." in told.err
-        found = json.loads(told.out)
+        found = told.json
         assert found["verdict"].startswith("accepted")
         assert "truth" not in found  # simulated or not: it is behind a wire
         # Oracle: the truth of seed 0, as test_run has it from the design.
@@ -54,13 +52,13 @@ def test_it_is_calibrated_by_name(desk, folder, capsys, monkeypatch):
         assert (folder_of_it / "parameters.yaml").is_file()
         assert found["session"]["uploaded"] is False
         # The journal knows the arm by name, no option is needed; nothing is solved twice.
-        assert main(["run", "--resume", "latest", "--json"]) == 0
-        assert "serial TOY-0001" in capsys.readouterr().err
+        assert "serial TOY-0001" in ends_with(0, "run", "--resume", "latest", "--json").err
     # A report needs no arm, nor the package it came from.
     monkeypatch.setattr("sys.path", [p for p in sys.path if not p.endswith("-installed")])
-    assert main(["report", "latest"]) == 0
-    assert main(["run", "--resume", "latest"]) == 2
-    assert 'Unknown interface type "moving_line_arm"' in capsys.readouterr().err
+    ends_with(0, "report", "latest")
+    assert (
+        'Unknown interface type "moving_line_arm"' in ends_with(2, "run", "--resume", "latest").err
+    )
 
 
 @pytest.mark.parametrize(
@@ -72,17 +70,17 @@ def test_it_is_calibrated_by_name(desk, folder, capsys, monkeypatch):
         (["-i", "line_arm", "-c", "here:1", "--record"], 2),
     ],
 )
-def test_what_is_wrong_is_one_error(desk, capsys, options, code, approve):
-    assert main(["run", "quick.yaml", *options]) == code
-    told = capsys.readouterr().err
+def test_what_is_wrong_is_one_error(desk, ends_with, options, code, approve):
+    told = ends_with(code, "run", "quick.yaml", *options).err
     approve(told)
     assert "Traceback" not in told
     assert not list(desk.glob("sessions/*")), "nothing was begun"
 
 
-def test_a_can_command_says_that_it_is_no_bus(desk, capsys):
-    assert main(["monitor", "-i", "line_arm", "-c", "here:1", "--seconds", "1"]) == 3
-    assert "line_arm is an arm of an installed package" in capsys.readouterr().err
+def test_a_can_command_says_that_it_is_no_bus(desk, ends_with):
+    words = ["monitor", "-i", "line_arm", "-c", "here:1", "--seconds", "1"]
+    said = ends_with(3, *words).err
+    assert "line_arm is an arm of an installed package" in said
 
 
 def made(name: str, channel: str) -> arms.Arm:
@@ -164,11 +162,12 @@ OFFER = ArmOffer(make=lambda order: Broken(load_procedure("hinge"), "exact"), sa
     [("nothing", "import no_such_library\n"), ("text", "OFFER = 'an arm'\n"), ("broken", BROKEN)],
     ids=["nothing", "text", "broken"],
 )
-def test_a_package_that_is_wrong_is_named(desk, tmp_path, monkeypatch, capsys, name, code, approve):
+def test_a_package_that_is_wrong_is_named(
+    desk, tmp_path, monkeypatch, ends_with, name, code, approve
+):
     offered(tmp_path / "site", name, code)
     monkeypatch.syspath_prepend(tmp_path / "site")
-    assert main(["run", "quick.yaml", "-i", name]) == 3
-    told = capsys.readouterr().err
+    told = ends_with(3, "run", "quick.yaml", "-i", name).err
     approve(told)
     assert name in told
 
@@ -191,9 +190,10 @@ def test_two_packages_of_one_name_are_named(desk, tmp_path, monkeypatch):
         offer("line_arm")
 
 
-def test_the_files_of_a_page_go_over_no_other_file(desk, folder, capsys):
-    assert main(["help", "outside-arm", "--files", str(folder)]) == 2
-    assert "pyproject.toml exists already" in capsys.readouterr().err
-    assert main(["help", "sign", "--files", str(folder)]) == 2
-    assert "these do: " in capsys.readouterr().err
+def test_the_files_of_a_page_go_over_no_other_file(desk, folder, ends_with):
+    assert (
+        "pyproject.toml exists already"
+        in ends_with(2, "help", "outside-arm", "--files", folder).err
+    )
+    assert "these do: " in ends_with(2, "help", "sign", "--files", folder).err
     assert len((folder / "line_arm.py").read_text().splitlines()) <= 150

@@ -1,14 +1,11 @@
 """An arm and a fixture of one's own: new, check, plan, run, verify, without changing anything but numbers."""
 
-import json
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
-from operator_app.cli import main
 from operator_app.config.arm_file import load_arm
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.workflow.opening import Choices
@@ -25,25 +22,20 @@ def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-@dataclass(frozen=True)
-class Said:
-    code: int
-    out: str
-    err: str
+@pytest.fixture
+def accepted(ends_with):
+    """Type a command that ends with exit code 0."""
+    return lambda typed: ends_with(0, *typed.split())
 
 
-def sarcal(capsys: pytest.CaptureFixture[str], typed: str) -> Said:
-    code = main(typed.split())
-    return Said(code, *capsys.readouterr())
-
-
-def made(capsys: pytest.CaptureFixture[str], arm: str) -> None:
-    """The arm's file as `arm.yaml`."""
+@pytest.fixture
+def made(accepted, arm):
+    """The file `arm.yaml` of this arm."""
     if arm == "panda":
-        assert sarcal(capsys, "new arm --from franka_panda -o arm.yaml").code == 0
-        return
-    Path("iiwa.urdf").write_text(lbr_iiwa.urdf())
-    assert sarcal(capsys, "new arm --urdf iiwa.urdf --name iiwa14 -o arm.yaml").code == 0
+        accepted("new arm --from franka_panda -o arm.yaml")
+    else:
+        Path("iiwa.urdf").write_text(lbr_iiwa.urdf())
+        accepted("new arm --urdf iiwa.urdf --name iiwa14 -o arm.yaml")
 
 
 POINT = "--hand-point 60,-30,80"
@@ -53,19 +45,17 @@ FIXTURES = {
 }
 
 
-def brought_together(capsys: pytest.CaptureFixture[str], arm: str, kind: str) -> dict:
+@pytest.fixture
+def chain(made, accepted, kind):
     """Files of arm, fixture and procedure, and what `check` makes of them."""
-    made(capsys, arm)
-    assert sarcal(capsys, f"new fixture --arm arm.yaml -o it.yaml {FIXTURES[kind]}").code == 0
-    assert sarcal(capsys, "new procedure --arm arm.yaml --fixture it.yaml --name go").code == 0
-    checked = sarcal(capsys, "check go.yaml arm.yaml it.yaml --json")
-    assert checked.code == 0, checked
-    (chain,) = json.loads(checked.out)["chains"]
-    return chain
+    accepted(f"new fixture --arm arm.yaml -o it.yaml {FIXTURES[kind]}")
+    accepted("new procedure --arm arm.yaml --fixture it.yaml --name go")
+    (found,) = accepted("check go.yaml arm.yaml it.yaml --json").json["chains"]
+    return found
 
 
-def test_the_iiwa_of_its_description_is_the_one_of_its_data_sheet(capsys):
-    made(capsys, "iiwa")
+@pytest.mark.parametrize("arm", ["iiwa"])
+def test_the_iiwa_of_its_description_is_the_one_of_its_data_sheet(made):
     rows = yaml.safe_load(Path("arm.yaml").read_text())["dh"]
     assert [row["s_m"] for row in rows] == pytest.approx(lbr_iiwa.D_M, abs=1e-12)
     assert [row["a_m"] for row in rows] == pytest.approx([0.0] * 7, abs=1e-12)
@@ -80,8 +70,7 @@ def test_the_iiwa_of_its_description_is_the_one_of_its_data_sheet(capsys):
 
 
 @pytest.mark.parametrize("arm", ["iiwa", "panda"])
-def test_geometry_is_pinocchios(capsys, arm):
-    made(capsys, arm)
+def test_geometry_is_pinocchios(made, arm):
     model = load_arm("arm.yaml")
     q = np.random.default_rng(1).uniform(model.lower_rad, model.upper_rad, (200, 7))
     theta_off, *lengths_and_twists = model.table.stacked()
@@ -94,8 +83,7 @@ def test_geometry_is_pinocchios(capsys, arm):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("arm", "kind"), [("iiwa", "hinge"), ("panda", "ball")])
-def test_new_files_check_without_another_key(capsys, arm, kind):
-    chain = brought_together(capsys, arm, kind)
+def test_new_files_check_without_another_key(chain, kind):
     # Seven joints and the fixture's own freedoms, less six.
     assert chain["mobility"] == {"hinge": 2, "ball": 4}[kind]
     assert len(chain["drives"]["joints"]) == chain["mobility"]
@@ -113,14 +101,11 @@ def planted() -> dict[str, float]:
 @pytest.mark.campaign
 @pytest.mark.parametrize("kind", FIXTURES)
 @pytest.mark.parametrize("arm", ["iiwa", "panda"])
-def test_it_is_planned_calibrated_and_verified(capsys, arm, kind):
-    chain = brought_together(capsys, arm, kind)
-    plan = sarcal(capsys, "plan go.yaml --poses 2 --json")
-    assert plan.code == 0, plan.err
-    assert json.loads(plan.out)["drives"]["joints"] == chain["drives"]["joints"]
-    run = sarcal(capsys, f"run go.yaml --poses 6 --scenario datasheet --seed {SEED} --json")
-    assert run.code == 0, run
-    found, true = json.loads(run.out), planted()
+def test_it_is_planned_calibrated_and_verified(accepted, chain):
+    plan = accepted("plan go.yaml --poses 2 --json").json
+    assert plan["drives"]["joints"] == chain["drives"]["joints"]
+    run = f"run go.yaml --poses 6 --scenario datasheet --seed {SEED} --json"
+    found, true = accepted(run).json, planted()
     for name, value in found["parameters"].items():
         off = abs(value - true[name])
         if "theta_off" in name or "alpha" in name:
@@ -128,5 +113,4 @@ def test_it_is_planned_calibrated_and_verified(capsys, arm, kind):
         assert off < 4.0 * found["sigma"][name], (name, value, true[name], found["sigma"][name])
     nominal = chain["parameters"]
     assert set(nominal) == set(found["parameters"])
-    verified = sarcal(capsys, f"verify {Path(found['session']['poses']).parent} --poses 3")
-    assert verified.code == 0, verified
+    accepted(f"verify {Path(found['session']['poses']).parent} --poses 3")

@@ -4,14 +4,12 @@ The virtual arm's truth in every placement is asked of the controller's side.
 """
 
 import csv
-import json
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from operator_app.cli import main
 from operator_app.config.parameters_file import load_parameters
 from operator_app.session.store.folders import read_session
 from operator_app.session.store.journal import read_journal
@@ -38,16 +36,14 @@ def truth(placement: int) -> dict[str, float]:
 
 
 @pytest.mark.campaign
-def test_two_placements_are_one_calibration_though_killed_in_either(tmp_path, capsys):
+def test_two_placements_are_one_calibration_though_killed_in_either(tmp_path, ends_with):
     sessions = ["--sessions", str(tmp_path / "sessions")]
     new = ["run", "hinge", "--placements", "2", "--poses", str(POSES)]
     killed_after(tmp_path, 4, *new)
     killed_after(tmp_path, POSES + 4, "run", "--resume", "latest")
     (folder,) = (tmp_path / "sessions").iterdir()
     before = [e.data for e in read_journal(folder).events if e.name == "pose"]
-    capsys.readouterr()
-    assert main(["run", "--resume", "latest", *sessions, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = ends_with(0, "run", "--resume", "latest", *sessions, "--json").json
     assert found["verdict"] in ("accepted", "accepted_with_warnings")
     assert found["poses"] == 2 * POSES
 
@@ -78,8 +74,8 @@ def test_two_placements_are_one_calibration_though_killed_in_either(tmp_path, ca
     assert "PLACEMENTS" in {w.code for w in document.warnings}
 
     # And so do new poses: on the arm in the second placement, and as a file of the first.
-    assert main(["verify", "latest", "--poses", "3", *sessions, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["verdict"] == "holds"
+    verified = ends_with(0, "verify", "latest", "--poses", "3", *sessions, "--json").json
+    assert verified["verdict"] == "holds"
     state = read_session(folder).state
     assert state is not None
     assert [r.placement for r in state.readings if r.kind == "verification"] == [2, 2, 2]
@@ -93,4 +89,4 @@ def test_two_placements_are_one_calibration_though_killed_in_either(tmp_path, ca
                 for k, r in enumerate(rows[:5])
             )
         )
-        assert main(["verify", "latest", str(few), *sessions]) == code
+        ends_with(code, "verify", "latest", few, *sessions)

@@ -19,12 +19,6 @@ HINGE = {"theta_off_1": 9.9, "theta_off_5": 27.1, "a_0": 0.202, "alpha_7": 99.8}
 """Some of Table 2, deg and m."""
 
 
-def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    code = main(list(arguments))
-    found = capsys.readouterr()
-    return code, found.out, found.err
-
-
 def planned_procedure(folder: Path, **capture: object) -> Path:
     """The packaged planned procedure with another capture section."""
     document = yaml.safe_load(resolve("procedure", "hinge_planned").data)
@@ -70,13 +64,11 @@ def test_a_few_planned_poses_beat_the_packaged_forty_in_condition(datasheet):
 
 
 @pytest.mark.campaign
-def test_plan_on_the_estimate_of_a_session(datasheet, capsys):
+def test_plan_on_the_estimate_of_a_session(datasheet, ends_with):
     sessions, done = datasheet
     taken = json.loads(done.stdout)["poses"]
     options = ["--session", "latest", "--sessions", str(sessions), "--poses", "2", "--json"]
-    code, out, _ = said(capsys, "plan", *options)
-    found = json.loads(out)
-    assert code == 0
+    found = ends_with(0, "plan", *options).json
     assert found["captured"] == taken
     assert f"estimate of {taken} poses" in found["basis"]
     assert len(found["poses"]) == 2
@@ -88,12 +80,9 @@ def test_plan_on_the_estimate_of_a_session(datasheet, capsys):
 
 
 @pytest.mark.campaign
-def test_what_no_pose_brings_to_the_request_is_named_with_advice(tmp_path, capsys):
+def test_what_no_pose_brings_to_the_request_is_named_with_advice(tmp_path, ends_with):
     path = planned_procedure(tmp_path, poses=2, requested_sigma={"alpha_0_deg": 1e-9})
-    code, out, _ = said(
-        capsys, "run", str(path), "--scenario", "exact", "--sessions", str(tmp_path / "s")
-    )
-    assert code == 0
+    out = ends_with(0, "run", path, "--scenario", "exact", "--sessions", tmp_path / "s").out
     plan = out[out.index("Plan        ") : out.index("Session     ")]
     words = " ".join(plan.split())
     assert "alpha_0" in words
@@ -141,12 +130,9 @@ def test_plain_ascii_on_request(plan_output):
 
 
 @pytest.mark.campaign
-def test_plan_as_json_with_advice(capsys):
-    code, out, _ = said(
-        capsys, "plan", "hinge_planned", "--poses", "4", "--advise", "--tries", "1", "--json"
-    )
-    found = json.loads(out)
-    assert code == 0
+def test_plan_as_json_with_advice(ends_with):
+    few = ["--poses", "4", "--tries", "1"]
+    found = ends_with(0, "plan", "hinge_planned", *few, "--advise", "--json").json
     assert found["basis"] == "nominal geometry"
     assert found["mobility"] == 2
     assert found["drives"]["joints"] == [1, 5]
@@ -165,23 +151,21 @@ def test_plan_as_json_with_advice(capsys):
     assert [p["gain"] for p in found["advice"]] == sorted(p["gain"] for p in found["advice"])
 
 
-def test_joints_that_are_not_used_drop_out_of_the_plan(capsys):
-    code, out, _ = said(capsys, "plan", "hinge", "--poses", "4", "--unsensed", "6,7", "--json")
-    assert code == 0
-    assert set(json.loads(out)["sigma"]).isdisjoint({"theta_off_6", "theta_off_7"})
+def test_joints_that_are_not_used_drop_out_of_the_plan(ends_with):
+    words = ["plan", "hinge", "--poses", "4", "--unsensed", "6,7", "--json"]
+    assert set(ends_with(0, *words).json["sigma"]).isdisjoint({"theta_off_6", "theta_off_7"})
 
 
 @pytest.mark.campaign
-def test_rigid_is_planned_with_its_elbow_held_and_says_why(capsys):
-    code, out, _ = said(capsys, "plan", "rigid", "--poses", "4")
-    assert code == 0
-    assert "theta_off_4 is fixed at" in " ".join(out.split())
-    assert "1 mm of length would pass for an offset" in " ".join(out.split())
+def test_rigid_is_planned_with_its_elbow_held_and_says_why(ends_with):
+    said = ends_with(0, "plan", "rigid", "--poses", "4").words
+    assert "theta_off_4 is fixed at" in said
+    assert "1 mm of length would pass for an offset" in said
 
 
 @pytest.mark.campaign
 def test_the_drives_of_a_foreign_arm_are_ranked_and_not_those_of_another(
-    capsys, tmp_path, monkeypatch
+    ends_with, tmp_path, monkeypatch
 ):
     """Joints 1 and 5 are the packaged arm's in its hinge; here one of another arm drives."""
     monkeypatch.chdir(tmp_path)
@@ -191,8 +175,6 @@ def test_the_drives_of_a_foreign_arm_are_ranked_and_not_those_of_another(
     Path("mine.yaml").write_text(yaml.safe_dump(arm, sort_keys=False))
     for procedure in ([], ["hinge"]):
         options = ["--arm", "mine.yaml", "--fixture", "rigid", "--poses", "2", "--json"]
-        code, out, err = said(capsys, "plan", *procedure, *options)
-        assert code == 0, err
-        drives = json.loads(out)["drives"]
+        drives = ends_with(0, "plan", *procedure, *options).json["drives"]
         assert drives["joints"] == [2]
         assert drives["reasons"][0].startswith("reaches ")

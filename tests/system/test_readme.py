@@ -21,11 +21,11 @@ def words(line: str) -> str:
 
 
 @pytest.mark.campaign
-def test_the_transcript_is_true(tmp_path, capsys):
+def test_the_transcript_is_true(tmp_path, ends_with):
     block = README.read_text().split("```text\n")[1].split("```")[0]
     written = [line for line in block.splitlines() if line.strip()]
-    assert main(["run", "hinge", "--sessions", str(tmp_path)]) == 0
-    printed = [line for line in capsys.readouterr().out.splitlines() if line.strip()]
+    said = ends_with(0, "run", "hinge", "--sessions", tmp_path).out
+    printed = [line for line in said.splitlines() if line.strip()]
     *parts, end = (list(g) for gap, g in groupby(written, LEFT_OUT.__eq__) if not gap)
     at = 0
     for part in parts:
@@ -46,10 +46,9 @@ def test_the_transcript_is_true(tmp_path, capsys):
 
 
 @pytest.mark.campaign
-def test_figures_of_the_paper_are_what_reproduce_prints(capsys):
+def test_figures_of_the_paper_are_what_reproduce_prints(ends_with):
     """To the last digit, in README and manual."""
-    assert main(["reproduce"]) == 0
-    found = capsys.readouterr().out
+    found = ends_with(0, "reproduce").out
     together = next(line for line in found.splitlines() if "all together" in line)
     pos, ori, condition = together.split()[-3:]
     assert f"| {pos} mm, {ori} mrad, {condition} |" in README.read_text()

@@ -10,22 +10,11 @@ import yaml
 
 from hardware.arm import DriveState
 from hardware.virtual.drive import Drive
-from operator_app.cli import main
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.config.resources import resolve
 from operator_app.session.store.journal import read_journal
 from tests.oracles.own_process import start, wait_for_poses
-
-TRUTH = {
-    "theta_off_1": 9.9, "theta_off_2": -122.8, "theta_off_3": -21.1, "theta_off_4": -9.2,
-    "theta_off_5": 27.1, "theta_off_6": 116.3, "theta_off_7": 89.3, "a_0": 0.202, "s_0": 0.014,
-    "alpha_0": -38.5, "s_1": 0.273, "a_7": -0.101, "s_7": 0.038, "alpha_7": 99.8,
-}  # fmt: skip
-
-
-def run_json(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict]:
-    code = main(["run", *arguments, "--json"])
-    return code, json.loads(capsys.readouterr().out)
+from tests.oracles.parameter_documents import VALUES as TRUTH
 
 
 def far_off_procedure(folder: Path) -> Path:
@@ -46,14 +35,10 @@ def far_off_procedure(folder: Path) -> Path:
     return folder / "procedure.yaml"
 
 
-def test_exact_recovers_all_14_parameters_from_10_deg_and_30_mm_off(tmp_path, capsys):
+def test_exact_recovers_all_14_parameters_from_10_deg_and_30_mm_off(tmp_path, ends_with):
     procedure = far_off_procedure(tmp_path)
-    sessions = tmp_path / "sessions"
-    code, found = run_json(
-        capsys,
-        *(str(procedure), "--scenario", "exact", "--poses", "24", "--sessions", str(sessions)),
-    )
-    assert code == 0
+    options = ["--scenario", "exact", "--poses", "24", "--sessions", tmp_path / "sessions"]
+    found = ends_with(0, "run", procedure, *options, "--json").json
     assert set(found["parameters"]) == set(TRUTH)
     for name, value in TRUTH.items():
         # The only error is the rounding of 400,000-count encoders. It is uniform, count^2/12, and
@@ -81,18 +66,17 @@ def test_exact_recovers_all_14_parameters_from_10_deg_and_30_mm_off(tmp_path, ca
     # RVDT where this arm carries encoders, and weights would differ.
     files = ["--arm", str(tmp_path / "arm.yaml"), "--fixture", str(tmp_path / "fixture.yaml")]
     csv = str(folder / "poses.csv")
-    assert main(["solve", csv, *files, "--estimator", "paper", "--json"]) == 0
-    again = json.loads(capsys.readouterr().out)
+    again = ends_with(0, "solve", csv, *files, "--estimator", "paper", "--json").json
     assert again["parameters"] == found["paper"]["parameters"]
     # A file of poses knows no truth; the journal keeps what was known.
     assert "truth" not in again
-    assert main(["report", str(folder), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["truth"] == found["truth"]
+    assert ends_with(0, "report", folder, "--json").json["truth"] == found["truth"]
 
 
 @pytest.mark.campaign
-def test_as_reported_lands_where_the_paper_did(tmp_path, capsys):
-    _, found = run_json(capsys, "hinge", "--scenario", "as_reported", "--sessions", str(tmp_path))
+def test_as_reported_lands_where_the_paper_did(tmp_path, ends_with):
+    options = ["--scenario", "as_reported", "--sessions", tmp_path]
+    found = ends_with(4, "run", "hinge", *options, "--json").json
     paper = found["paper"]
     assert paper["sigma_pos_mm"]["rms"] == pytest.approx(2.7, rel=0.3)
     assert paper["sigma_ori_mrad"]["rms"] == pytest.approx(6.6, rel=0.3)
@@ -102,15 +86,16 @@ def test_as_reported_lands_where_the_paper_did(tmp_path, capsys):
 
 
 @pytest.mark.campaign
-def test_a_run_is_the_same_for_a_seed(tmp_path, capsys):
-    options = ("hinge", "--poses", "4", "--seed", "3", "--sessions", str(tmp_path))
-    _, one = run_json(capsys, *options)
-    code, two = run_json(capsys, *options)
+def test_a_run_is_the_same_for_a_seed(tmp_path, ends_with):
+    def run(seed: int) -> dict:
+        options = ["--poses", "4", "--seed", seed, "--sessions", tmp_path, "--json"]
+        return ends_with(4, "run", "hinge", *options).json
+
+    one, two, other = run(3), run(3), run(4)
     # What it printed is what its journal says to whoever asks later.
-    assert main(["report", two["session"]["folder"], "--json"]) == code
-    assert json.loads(capsys.readouterr().out) == {k: two[k] for k in two if k != "capture"}
+    reported = ends_with(4, "report", two["session"]["folder"], "--json").json
+    assert reported == {k: two[k] for k in two if k != "capture"}
     assert one["parameters"] == two["parameters"]
-    _, other = run_json(capsys, *options[:-3], "4", "--sessions", str(tmp_path))
     assert other["parameters"] != one["parameters"]
 
 
@@ -136,27 +121,25 @@ def test_a_run_is_the_same_for_a_seed(tmp_path, capsys):
         "plan hinge --session latest",
     ],
 )
-def test_bad_input_says_what_to_do_and_writes_nothing(tmp_path, capsys, typed, approve):
-    assert main([*typed.split(), "--sessions", str(tmp_path / "s")]) == 2
-    said = capsys.readouterr()
+def test_bad_input_says_what_to_do_and_writes_nothing(tmp_path, ends_with, typed, approve):
+    said = ends_with(2, *typed.split(), "--sessions", tmp_path / "s")
     assert said.out == ""
     approve(said.err)
     assert not (tmp_path / "s").exists()
 
 
 @pytest.mark.parametrize("command", [["run"], ["plan", "--poses", "4"]], ids=["run", "plan"])
-def test_rigid_with_every_offset_free_is_refused_by_naming_joint_4(tmp_path, capsys, command):
+def test_rigid_with_every_offset_free_is_refused_by_naming_joint_4(tmp_path, ends_with, command):
     procedure = yaml.safe_load(resolve("procedure", "rigid").data)
     del procedure["held"]
     mine = tmp_path / "rigid_all_free.yaml"
     mine.write_text(yaml.safe_dump(procedure, sort_keys=False))
-    assert main([*command, str(mine), "--sessions", str(tmp_path)]) == 5
-    assert "joint 4 does not move" in "".join(capsys.readouterr())
+    assert "joint 4 does not move" in ends_with(5, *command, mine, "--sessions", tmp_path).words
 
 
 @pytest.mark.parametrize("placements", ["1", pytest.param("2", marks=pytest.mark.campaign)])
 def test_an_arm_with_a_drive_that_stays_powered_is_not_called_held(
-    tmp_path, capsys, monkeypatch, placements
+    tmp_path, ends_with, monkeypatch, placements
 ):
     """Between two placements somebody would reach into it."""
     obey = Drive.obey_controlword
@@ -168,15 +151,14 @@ def test_an_arm_with_a_drive_that_stays_powered_is_not_called_held(
 
     monkeypatch.setattr(Drive, "obey_controlword", stay_on)
     asked = ["run", "hinge", "--poses", "4", "--placements", placements, "--json"]
-    assert main([*asked, "--sessions", str(tmp_path)]) == 3
-    said = capsys.readouterr()
+    said = ends_with(3, *asked, "--sessions", tmp_path)
     assert "the drive of joint 1 is still powered" in said.err
     assert "Keep clear" in said.err
     assert "hardware stop" in said.err
     assert "arm is held" not in said.err
     assert "Placement 2 of 2" not in said.err
     if placements == "1":
-        assert json.loads(said.out)["poses"] == 4, "what was found is said all the same"
+        assert said.json["poses"] == 4, "what was found is said all the same"
     (folder,) = tmp_path.iterdir()
     assert read_journal(folder).events[-1].name == "closed"
 

@@ -8,7 +8,6 @@ from importlib.metadata import version
 import pytest
 import yaml
 
-from operator_app.cli import main
 from operator_app.session.store.journal import read_journal
 
 OTHER_MACHINES = (
@@ -37,14 +36,13 @@ def test_threads_and_processors_change_no_printed_character(reference_data):
     assert "theta_off_7" in said.pop()
 
 
-def test_journal_and_parameters_say_what_they_were_made_with(reference_data, tmp_path, capsys):
+def test_journal_and_parameters_say_what_they_were_made_with(reference_data, tmp_path, ends_with):
     csv = reference_data / "hinge" / "hinge_exact.csv"
-    assert main(["import", str(csv), "--sessions", str(tmp_path)]) == 0
+    ends_with(0, "import", csv, "--sessions", tmp_path)
     (folder,) = tmp_path.iterdir()
     (solved,) = (e.data for e in read_journal(folder).events if e.name == "solved")
     assert solved["made_with"]["numpy"] == version("numpy")
     assert solved["made_with"]["scipy"] == version("scipy")
-    assert main(["export", str(folder), "--sessions", str(tmp_path)]) == 0
-    capsys.readouterr()
+    ends_with(0, "export", folder, "--sessions", tmp_path)
     written = yaml.safe_load((folder / "parameters.yaml").read_text())["software_version"]
     assert written.startswith(f"{version('sarcal')} (numpy {version('numpy')}, scipy ")

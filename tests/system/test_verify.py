@@ -1,7 +1,6 @@
 """`sarcal verify`: a sound calibration holds on poses it has not seen, a spoilt one does not."""
 
 import csv
-import json
 import shutil
 from pathlib import Path
 
@@ -25,11 +24,10 @@ def hinge_session(folder: Path) -> None:
     assert main(["run", "hinge", "--poses", "15", "--sessions", str(folder)]) == 0
 
 
-def test_new_poses_on_the_arm_confirm_the_calibration(sessions, capsys):
+def test_new_poses_on_the_arm_confirm_the_calibration(sessions, ends_with):
     options = ["--sessions", str(sessions), "--poses", "6", "--json"]
     (session,) = sessions.iterdir()
-    assert main(["verify", session.name, *options]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = ends_with(0, "verify", session.name, *options).json
     assert found["verdict"] == "holds"
     assert found["poses"] == 6
     assert found["odd_poses"] == []
@@ -48,7 +46,7 @@ def test_new_poses_on_the_arm_confirm_the_calibration(sessions, capsys):
 
 
 @pytest.mark.campaign
-def test_a_joint_that_slipped_since_is_noticed_and_the_poses_named(sessions, tmp_path, capsys):
+def test_a_joint_that_slipped_since_is_noticed_and_the_poses_named(sessions, tmp_path, ends_with):
     (session,) = sessions.iterdir()
     with (session / "poses.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -65,21 +63,18 @@ def test_a_joint_that_slipped_since_is_noticed_and_the_poses_named(sessions, tmp
 
     write()
     options = ["--sessions", str(sessions), "--json"]
-    assert main(["verify", session.name, str(changed), *options]) == 4
-    found = json.loads(capsys.readouterr().out)
+    found = ends_with(4, "verify", session.name, changed, *options).json
     assert found["verdict"] == "does not hold"
     assert sorted(found["odd_poses"]) == ["1", "2"]
-    assert main(["verify", session.name, str(changed), "--sessions", str(sessions)]) == 4
-    said = capsys.readouterr()
+    said = ends_with(4, "verify", session.name, changed, "--sessions", sessions)
     assert "check pose" in said.out
     assert said.err == ""
     for row in rows:
         row |= {f"theta{j}_deg": repr(float(row[f"theta{j}_deg"]) / 57.29578) for j in range(1, 8)}
     write()
-    assert main(["verify", session.name, str(changed), "--sessions", str(sessions)]) == 4
-    assert f"sarcal: {changed}: no joint angle" in capsys.readouterr().err
+    said = ends_with(4, "verify", session.name, changed, "--sessions", sessions).err
+    assert f"sarcal: {changed}: no joint angle" in said
 
 
-def test_a_session_without_poses_has_nothing_to_verify(tmp_path, capsys):
-    assert main(["verify", "latest", "--sessions", str(tmp_path)]) == 2
-    assert "no session" in capsys.readouterr().err
+def test_a_session_without_poses_has_nothing_to_verify(tmp_path, ends_with):
+    assert "no session" in ends_with(2, "verify", "latest", "--sessions", tmp_path).err

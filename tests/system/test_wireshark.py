@@ -1,6 +1,5 @@
 """What a session records, read by Wireshark: every frame well formed, in order of time, none missing."""
 
-import json
 from collections import Counter
 from itertools import pairwise
 from pathlib import Path
@@ -8,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from hardware.timing import Pace
-from operator_app.cli import main
 from operator_app.composition import open_arm
 from operator_app.session.workflow.opening import Choices, begin
 from tests.oracles.wireshark import dissected
@@ -44,10 +42,9 @@ def read(file: Path) -> list[tuple[float, int, bytes, int | None]]:
 
 
 @pytest.mark.campaign
-def test_what_a_run_recorded_is_all_of_it(tmp_path, capsys):
-    options = ["--poses", "3", "--sessions", str(tmp_path), "--record", "--json"]
-    main(["run", "hinge", *options])
-    folder = Path(json.loads(capsys.readouterr().out)["session"]["folder"])
+def test_what_a_run_recorded_is_all_of_it(tmp_path, ends_with):
+    options = ["--poses", "3", "--sessions", tmp_path, "--record", "--json"]
+    folder = Path(ends_with(4, "run", "hinge", *options).json["session"]["folder"])
     frames = read(folder / "bus.blf")
     count = Counter(identifier for _, identifier, _, _ in frames)
     syncs = count[0x080]

@@ -6,13 +6,9 @@ from importlib.resources import files
 import pytest
 
 from operator_app.config.resources import resolve
+from tests.oracles.parameter_documents import VALUES as TRUTH
 from tests.oracles.shop_floor import session
 
-TRUTH = {
-    "theta_off_1": 9.9, "theta_off_2": -122.8, "theta_off_3": -21.1, "theta_off_4": -9.2,
-    "theta_off_5": 27.1, "theta_off_6": 116.3, "theta_off_7": 89.3, "a_0": 0.202, "s_0": 0.014,
-    "alpha_0": -38.5, "s_1": 0.273, "a_7": -0.101, "s_7": 0.038, "alpha_7": 99.8,
-}  # fmt: skip
 CONTRACT = {
     "parameters", "sigma", "rank", "unidentifiable", "scaled_condition_number", "sigma_pos_mm",
     "sigma_ori_mrad", "chi2_per_dof", "variance_components", "poses", "iterations", "verdict",

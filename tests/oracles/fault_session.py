@@ -32,6 +32,7 @@ from operator_app.session.workflow.capture import connect, take_poses
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import run_controller
+from tests.oracles.hearing import Hearing
 from tests.oracles.loop_oracle import paper_truth, product
 from tests.oracles.opened import opened
 from tests.oracles.profiles import sarcos
@@ -67,17 +68,6 @@ class Outcome:
     then: tuple[tuple[DriveState, JointMode | None], ...]
     ended: tuple[JointMode | None, ...]
     told: tuple[str, ...]
-
-
-class Hearing(Listener):
-    """Keeps what it is told."""
-
-    def __init__(self) -> None:
-        self.heard: list[str] = []
-
-    def report(self, text: str) -> None:
-        """Keep it."""
-        self.heard.append(text)
 
 
 def loop_error(q_rad: np.ndarray) -> float:
@@ -213,5 +203,5 @@ def session_with(
         moved_deg=moved_deg,
         then=then,
         ended=ended,
-        told=tuple(hearing.heard),
+        told=tuple(hearing.said),
     )

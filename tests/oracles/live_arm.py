@@ -7,6 +7,7 @@ a capture every step is taken at once, or after `pace_s` where a test needs time
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 
 from hardware.arm import (
@@ -17,13 +18,12 @@ from hardware.arm import (
     Fault,
     JointMode,
     MoveResult,
-    NodeIdentity,
     UploadReceipt,
     Watch,
 )
 from hardware.errors import BusError, DriveDiverged, HardwareError, StopLatched
 from operator_app.config.procedure import Procedure
-from tests.oracles.plant_arm import PERIOD_S, SERIAL, PlantArm
+from tests.oracles.plant_arm import PERIOD_S, SERIAL, PlantArm, node
 
 TOKEN = 127
 
@@ -49,7 +49,7 @@ class LiveArm(PlantArm):
         self.stops: list[float] = []
         self.other_operator = False
         self._stop_latch = threading.Event()
-        self._astray: DriveDiverged | None = None
+        self._diverged: DriveDiverged | None = None
         self._end = threading.Event()
         self._silent_since: float | None = None
         self._stamp = time.monotonic()
@@ -72,7 +72,7 @@ class LiveArm(PlantArm):
         """Take one step of a task; STOP ends the task."""
         if self.pace_s:
             self._stop_latch.wait(self.pace_s)
-        for error in (self.work_error, self._astray):
+        for error in (self.work_error, self._diverged):
             if error is not None:
                 raise error
         if self._stop_latch.is_set():
@@ -115,7 +115,7 @@ class LiveArm(PlantArm):
 
     def diverge(self, joint: int, counts: int = 1300) -> None:
         """One joint is not where it was told to be: the arm stops by itself."""
-        self._astray = DriveDiverged(joint, counts, self._syncs)
+        self._diverged = DriveDiverged(joint, counts, self._syncs)
         self._stop_latch.set()
         self._drives = DriveState.QUICK_STOP_ACTIVE
 
@@ -129,25 +129,17 @@ class LiveArm(PlantArm):
             self._end.clear()
             self._ticker = threading.Thread(target=self._tick, name="live-arm", daemon=True)
             self._ticker.start()
-        joints = [
-            NodeIdentity(node=j, role=f"joint {j}", device_name="sarcal virtual joint drive",
-                         vendor_id=0, product_code=1, revision=0x10000, serial_number=100 + j)
-            for j in range(1, self.model.joint_count + 1)
-        ]  # fmt: skip
-        supervisor = NodeIdentity(
-            node=16, role="supervisor", device_name="sarcal virtual supervisor", vendor_id=0,
-            product_code=2, revision=0x10000, serial_number=1,
-        )  # fmt: skip
-        return ArmIdentity(
-            model=self.model.name, serial_number=self._serial, nodes=(*joints, supervisor)
-        )
+        drive = "sarcal virtual joint drive"
+        joints = [node(j, 100 + j, drive) for j in range(1, self.model.joint_count + 1)]
+        supervisor = node(16, 1, "sarcal virtual supervisor", role="supervisor")
+        return replace(super().connect(), nodes=(*joints, supervisor))
 
     @property
     def connected(self) -> bool:
         return self._ticker is not None
 
     def snapshot(self) -> ArmSnapshot:
-        with self.lock if not self._moving else _nothing():
+        with self.lock if not self._moving else nullcontext():
             found = super().snapshot()
         # One that speaks has just spoken: that its ticker waits for a processor is not its silence.
         age = 0.0 if self._silent_since is None else time.monotonic() - self._stamp
@@ -165,7 +157,7 @@ class LiveArm(PlantArm):
             token=TOKEN,
             faults=self._faults,
             stopped=self._stop_latch.is_set(),
-            stopped_for="" if self._astray is None else str(self._astray),
+            stopped_for="" if self._diverged is None else str(self._diverged),
             moving=self._moving,
             lateness=self.lateness,
         )
@@ -220,7 +212,7 @@ class LiveArm(PlantArm):
 
     def reset_stop(self) -> None:
         self._stop_latch.clear()
-        self._astray = None
+        self._diverged = None
         self._faults = ()
         self._drives, self._modes = DriveState.SWITCH_ON_DISABLED, [None] * self.model.joint_count
 
@@ -235,11 +227,5 @@ class LiveArm(PlantArm):
             self._ticker.join()
             self._ticker = None
         # What is known of a connection goes with it.
-        self._astray = self.work_error = None
+        self._diverged = self.work_error = None
         return True
-
-
-class _nothing:  # noqa: N801 - a context that does nothing
-    def __enter__(self) -> None: ...
-
-    def __exit__(self, *_: object) -> None: ...

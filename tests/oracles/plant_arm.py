@@ -28,6 +28,14 @@ PERIOD_S = 0.01
 SERIAL = "SDA-0001"
 
 
+def node(number: int, serial: int, device_name: str, *, role: str = "") -> NodeIdentity:
+    """Identity of a node, by default of the drive of the joint with its number."""
+    return NodeIdentity(
+        node=number, role=role or f"joint {number}", device_name=device_name, vendor_id=0,
+        product_code=1, revision=0x10000, serial_number=serial,
+    )  # fmt: skip
+
+
 class PlantArm:
     """An `ArmInterface` whose every SYNC is a plant step. Counts what it was asked.
 
@@ -83,11 +91,8 @@ class PlantArm:
         self._targets = self._positions()
 
     def connect(self) -> ArmIdentity:
-        node = NodeIdentity(
-            node=1, role="joint 1", device_name="fake", vendor_id=0, product_code=0, revision=0,
-            serial_number=1,
-        )  # fmt: skip
-        return ArmIdentity(model=self.model.name, serial_number=self._serial, nodes=(node,))
+        nodes = (node(1, 1, "fake"),)
+        return ArmIdentity(model=self.model.name, serial_number=self._serial, nodes=nodes)
 
     def snapshot(self) -> ArmSnapshot:
         read = self._read(self._positions())

@@ -184,7 +184,7 @@ def stopped(s: SessionSnapshot) -> SessionSnapshot:
     return replace(s, arm=replace(s.arm, joints=joints, stopped=True), stop=report, task=None)
 
 
-def astray(s: SessionSnapshot, joint: int = 5) -> SessionSnapshot:
+def diverged(s: SessionSnapshot, joint: int = 5) -> SessionSnapshot:
     """The arm was stopped by itself, and nothing else was done since."""
     found = stopped(s)
     assert found.arm is not None

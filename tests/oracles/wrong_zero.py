@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from hardware.arm import ArmIdentity, NodeIdentity, Reading
+from hardware.arm import ArmIdentity, Reading
 from hardware.virtual.scenarios import Scenario, scenario
 from operator_app.config.procedure import Procedure
-from tests.oracles.plant_arm import PlantArm
+from tests.oracles.plant_arm import PlantArm, node
 
 
 class WrongZero(PlantArm):
@@ -22,13 +22,7 @@ class WrongZero(PlantArm):
         self.off_rad[joint - 1] = -self._positions()[joint - 1]
 
     def connect(self) -> ArmIdentity:
-        nodes = tuple(
-            NodeIdentity(
-                node=j, role=f"joint {j}", device_name="drive", vendor_id=0, product_code=1, revision=1,
-                serial_number=serial,
-            )
-            for j, serial in self.serials.items()
-        )  # fmt: skip
+        nodes = tuple(node(j, serial, "drive") for j, serial in self.serials.items())
         return replace(super().connect(), nodes=nodes)
 
     def take_control(self) -> None:

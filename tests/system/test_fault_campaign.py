@@ -37,7 +37,7 @@ BEFORE, FIRST_SYNCS, IN_CAPTURE = 0, 30, (450, 640, 700)
 """When it happens: before anybody connects, as the drives are enabled, and among the poses."""
 
 JOINT = {"stray": 5, "sagging-drive": 5, "deaf-drive": 5}
-"""Whose fault it is, where it is not joint 4's: only a joint that is led can go astray."""
+"""Whose fault it is, where it is not joint 4's: only a joint that is commanded can diverge."""
 
 AT_CONNECT = {kind for kind, words in FAULTS.items() if words.at_connect}
 """What is read as the arm is connected, and has to be told then."""

@@ -2,9 +2,10 @@
 
 import pytest
 
-from hardware.arm import ArmIdentity, NodeIdentity
+from hardware.arm import ArmIdentity
 from operator_app.headless.console import ConsoleListener
 from operator_app.session.store.state import SessionState
+from tests.oracles.plant_arm import node
 
 
 @pytest.mark.parametrize(
@@ -16,13 +17,7 @@ from operator_app.session.store.state import SessionState
 )
 def test_a_simulated_arm_is_said_to_be_one(names, nodes, capsys):
     """Who named no bus must not take it for the arm beside the desk."""
-    found = tuple(
-        NodeIdentity(
-            node=k, role=f"joint {k}", device_name=name, vendor_id=0, product_code=0, revision=0,
-            serial_number=k,
-        )
-        for k, name in enumerate(names, 1)
-    )  # fmt: skip
+    found = tuple(node(k, k, name) for k, name in enumerate(names, 1))
     listener = ConsoleListener()
     listener.connected(ArmIdentity(model="an_arm", serial_number="A-1", nodes=found))
     assert capsys.readouterr().err == f"Connected to an_arm, serial A-1: {nodes}\n"

@@ -7,7 +7,7 @@ from operator_app.session.ui.steps import Step
 from operator_app.tui.app import SarcalApp
 from operator_app.tui.theme import DARK, LIGHT, NO_COLOUR
 from tests.oracles.still_runner import StillSource
-from tests.oracles.story import astray, busy, lost, stale, stopped, story
+from tests.oracles.story import busy, diverged, lost, stale, stopped, story
 
 SIZES = [(120, 36), (80, 24)]
 SCREENS = {
@@ -62,12 +62,12 @@ def test_ascii(compare):
 
 @pytest.mark.sample(5)
 @pytest.mark.parametrize("size", SIZES, ids=["120x36", "80x24"])
-@pytest.mark.parametrize("what", ["stopped", "astray", "stale", "lost", "moving"])
+@pytest.mark.parametrize("what", ["stopped", "diverged", "stale", "lost", "moving"])
 def test_what_can_happen(compare, what, size):
     told = story()["capturing"]
     picture = {
         "stopped": stopped(told),
-        "astray": astray(told),
+        "diverged": diverged(told),
         "stale": stale(told),
         "lost": lost(told),
         "moving": busy(told, TaskKind.AUTOMATIC, moves=True),

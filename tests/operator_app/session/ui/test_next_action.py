@@ -13,7 +13,7 @@ from operator_app.session.ui.action_handlers import apply_prompt
 from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.snapshot import TaskKind
 from operator_app.session.ui.steps import Step
-from tests.oracles.story import astray, busy, lost, real, stale, stopped, story, tripped
+from tests.oracles.story import busy, diverged, lost, real, stale, stopped, story, tripped
 
 
 @cache
@@ -24,7 +24,7 @@ def pictures():
         **{
             f"{name}, {how.__name__}": how(picture)
             for name, picture in told.items()
-            for how in (real, *((stopped, stale, lost, astray, tripped) if picture.arm else ()))
+            for how in (real, *((stopped, stale, lost, diverged, tripped) if picture.arm else ()))
         },
         "moving": busy(told["capturing"], TaskKind.AUTOMATIC, moves=True),
     }

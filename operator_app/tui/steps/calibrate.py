@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from textual.app import ComposeResult
-
 from operator_app.report.plots.calibration_plots import costs, misses
 from operator_app.report.spans import Line, entry, line, wrapped
 from operator_app.report.subject import facts_on, subject_on
@@ -100,8 +98,4 @@ class CalibrateView(StepView):
     """View of step 5: settings and a plot."""
 
     STEP = Step.CALIBRATE
-
-    def compose(self) -> ComposeResult:
-        """Two panels in a column."""
-        yield SettingsPanel(id="settings", classes="panel")
-        yield CalibratePlot(id="calibrate-plot", classes="panel")
+    PANELS = ({"settings": SettingsPanel, "calibrate-plot": CalibratePlot},)

@@ -7,8 +7,6 @@ from itertools import pairwise
 from statistics import median
 
 import numpy as np
-from textual.app import ComposeResult
-from textual.containers import Horizontal, Vertical
 
 from operator_app.report.spans import Line, Span, clip, line, short_entry
 from operator_app.session.ui.snapshot import SessionSnapshot, TaskKind
@@ -253,24 +251,21 @@ class CaptureView(StepView):
     """Joints, target, poses; drawing, quality."""
 
     STEP = Step.CAPTURE
+    PANELS = (
+        {
+            "capture-joints": JointTable,
+            "still": StillPanel,
+            "poses": PosesPanel,
+            "progress": ProgressPanel,
+        },
+        {"capture-arm": ArmView, "quality": QualityPanel},
+    )
     MAIN = "poses"
     VIEWS = (
         ("capture-joints", "still", "poses", "progress"),
         ("quality",),
         ("capture-arm",),
     )
-
-    def compose(self) -> ComposeResult:
-        """Left: joints and poses. Right: drawing and quality."""
-        with Horizontal():
-            with Vertical(classes="left"):
-                yield JointTable(id="capture-joints")
-                yield StillPanel(id="still", classes="panel")
-                yield PosesPanel(id="poses")
-                yield ProgressPanel(id="progress", classes="panel")
-            with Vertical(classes="right"):
-                yield ArmView(id="capture-arm")
-                yield QualityPanel(id="quality", classes="panel")
 
     def marked_pose(self, s: SessionSnapshot) -> int | None:
         """Number of the marked pose."""

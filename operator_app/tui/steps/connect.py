@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from textual.app import ComposeResult
-
 from hardware.arm import NodeIdentity
 from operator_app.messages.errors import drive_words
 from operator_app.report.spans import Line, line, short_entry, wrapped
@@ -120,9 +118,4 @@ class ConnectView(StepView):
     """View of step 1: bus, nodes, check."""
 
     STEP = Step.CONNECT
-
-    def compose(self) -> ComposeResult:
-        """Three panels in a column."""
-        yield BusPanel(id="bus", classes="panel")
-        yield NodesPanel(id="nodes", classes="panel")
-        yield CheckPanel(id="connect-check", classes="panel")
+    PANELS = ({"bus": BusPanel, "nodes": NodesPanel, "connect-check": CheckPanel},)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from textual.app import ComposeResult
-
 from operator_app.report.parameter_tables import precision
 from operator_app.report.results.verification import verified_words
 from operator_app.report.spans import Line, clip, entry, line, wrapped
@@ -113,13 +111,8 @@ class ExportView(StepView):
     """View of step 7: file, difference, record."""
 
     STEP = Step.EXPORT
+    PANELS = ({"file": FilePanel, "diff": DiffPanel, "record": RecordPanel},)
     MAIN = "diff"
-
-    def compose(self) -> ComposeResult:
-        """Three panels in a column."""
-        yield FilePanel(id="file", classes="panel")
-        yield DiffPanel(id="diff")
-        yield RecordPanel(id="record", classes="panel")
 
 
 def difference_table(solution: Solution, rows: tuple[DiffRow, ...]) -> FactTable:

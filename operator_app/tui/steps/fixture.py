@@ -5,9 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from textual.app import ComposeResult
-from textual.containers import Horizontal, Vertical
-
 from fixtures.base import Severity
 from operator_app.messages.errors import REACHES_NOTHING
 from operator_app.report.spans import Line, entry, line, wrapped
@@ -152,18 +149,12 @@ class FixtureView(StepView):
     """View of step 2: placement, checks, check list, drawing."""
 
     STEP = Step.FIXTURE
+    PANELS = (
+        {"placement": PlacementPanel, "checks": ChecksPanel, "checklist": ChecklistPanel},
+        {"fixture-arm": ArmView},
+    )
     MAIN = "checklist"
     VIEWS = (("placement", "checklist"), ("checks",), ("fixture-arm",))
-
-    def compose(self) -> ComposeResult:
-        """Lay out text at the left, the drawing at the right."""
-        with Horizontal():
-            with Vertical(classes="left"):
-                yield PlacementPanel(id="placement", classes="panel")
-                yield ChecksPanel(id="checks", classes="panel")
-                yield ChecklistPanel(id="checklist")
-            with Vertical(classes="right"):
-                yield ArmView(id="fixture-arm")
 
     @property
     def cursor(self) -> int:

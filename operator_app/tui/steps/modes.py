@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-
-from textual.app import ComposeResult
-from textual.containers import Horizontal, Vertical
+from functools import partial
 
 from operator_app.report.spans import Line, line, short_entry, wrapped
 from operator_app.session.ui.guards import modes_problem
@@ -91,17 +89,12 @@ class ModesView(StepView):
     """View of step 3: table, plan, drawing."""
 
     STEP = Step.MODES
+    PANELS = (
+        {"modes-joints": partial(JointTable, show_wanted=True), "modes-plan": PlanPanel},
+        {"modes-arm": ArmView},
+    )
     MAIN = "modes-joints"
     VIEWS = (("modes-joints", "modes-plan"), ("modes-arm",))
-
-    def compose(self) -> ComposeResult:
-        """Lay out table and plan at the left, the drawing at the right."""
-        with Horizontal():
-            with Vertical(classes="left"):
-                yield JointTable(id="modes-joints", show_wanted=True)
-                yield PlanPanel(id="modes-plan", classes="panel")
-            with Vertical(classes="right"):
-                yield ArmView(id="modes-arm")
 
     @property
     def cursor(self) -> int:

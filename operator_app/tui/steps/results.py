@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from textual.app import ComposeResult
-from textual.containers import Horizontal, Vertical
 
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.result import Solution
@@ -198,17 +197,14 @@ class ResultsView(StepView):
     """Verdict on top, parameters and plots below."""
 
     STEP = Step.RESULTS
+    PANELS = ({"parameters": ParametersPanel}, {"results-plot": ResultsPlot})
     MAIN = "parameters"
     VIEWS = (("verdict", "parameters"), ("results-plot",))
 
     def compose(self) -> ComposeResult:
         """Lay out the verdict over the whole width, parameters and plots below."""
         yield VerdictPanel(id="verdict", classes="panel")
-        with Horizontal():
-            with Vertical(classes="left"):
-                yield ParametersPanel(id="parameters")
-            with Vertical(classes="right"):
-                yield ResultsPlot(id="results-plot", classes="panel")
+        yield from super().compose()
 
     def set_compact(self, compact: bool) -> None:  # noqa: FBT001 - one meaning only
         """Use the layout of a small or a large terminal."""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
 from typing import ClassVar
 
-from textual.containers import Container
+from textual.app import ComposeResult
+from textual.containers import Container, Horizontal, Vertical
 
 from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.session.ui.steps import Step
@@ -15,11 +17,12 @@ from operator_app.tui.widgets.list_panel import ListPanel
 class StepView(Container):
     """Panels of one step.
 
-    `VIEWS` lists the panels that a small terminal shows together; `v` shows the next view. `MAIN` is the
-    panel whose rows the arrow keys mark.
+    `PANELS` are the panels of one column, or of a left and a right one, by name. `VIEWS` lists those that a small
+    terminal shows together; `v` shows the next view. `MAIN` is the panel whose rows the arrow keys mark.
     """
 
     STEP: ClassVar[Step]
+    PANELS: ClassVar[tuple[Mapping[str, Callable[..., Lines]], ...]]
     VIEWS: ClassVar[tuple[tuple[str, ...], ...]] = ()
     MAIN: ClassVar[str] = ""
 
@@ -27,6 +30,16 @@ class StepView(Container):
         super().__init__(id=f"step-{int(self.STEP)}", classes="step")
         self.view = 0
         self.compact = False
+
+    def compose(self) -> ComposeResult:
+        """Lay out the panels."""
+        if len(self.PANELS) == 1:
+            yield from _made(self.PANELS[0])
+            return
+        with Horizontal():
+            for side, column in zip(("left", "right"), self.PANELS, strict=True):
+                with Vertical(classes=side):
+                    yield from _made(column)
 
     def show(self, s: SessionSnapshot) -> None:
         """Show a snapshot in every panel that is visible."""
@@ -63,3 +76,8 @@ class StepView(Container):
                 panel.display = panel.id in visible
         for column in self.query(".left, .right"):
             column.display = any(panel.display for panel in column.query(Lines))
+
+
+def _made(panels: Mapping[str, Callable[..., Lines]]) -> Iterator[Lines]:
+    for name, make in panels.items():
+        yield make(id=name).add_class("panel")

@@ -24,7 +24,7 @@ class ListPanel(Lines):
     MARKS = True
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
-        super().__init__(id=id, classes="panel")
+        super().__init__(id=id)
         self.cursor = 0
         self._last = 0
 

@@ -137,7 +137,7 @@ class ArmView(Lines):
     )
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
-        super().__init__(id=id, classes="panel")
+        super().__init__(id=id)
         self._box: FloatArray | None = None
         self._box_of: object = None
         self._figures: tuple[object, ...] = ()

@@ -25,22 +25,27 @@ def task(
     return lambda context: context.submit(kind, text, work)
 
 
+def _ask(
+    context: ActionContext, question: YesNo | Typed, then: Callable[[ActionContext], None]
+) -> None:
+    """Do `then` once the question is answered, whatever the answer's text."""
+    context.ask(question, lambda again, _: then(again))
+
+
 def connect(context: ActionContext) -> None:
     """Connect; in a later placement that has no pose yet, only after the mounting is confirmed."""
-    state, text = context.s.state, "connecting"
+    state, kind, text = context.s.state, TaskKind.CONNECT, "connecting"
     if not state.unconfirmed_placement:
-        context.submit(TaskKind.CONNECT, text, lambda o: o.connect())
+        context.submit(kind, text, lambda o: o.connect())
     elif context.s.simulated:
-        context.submit(TaskKind.CONNECT, text, lambda o: o.connect_mounted())
+        context.submit(kind, text, lambda o: o.connect_mounted())
     else:
         said = (
             f"Placement {state.placement} has no pose yet. Is the {context.s.procedure.fixture.name} mounted, the "
             "loop closed, and nobody within reach of the arm?"
         )
-        context.ask(
-            YesNo(title="Is the fixture mounted?", text=said, yes="Mounted"),
-            lambda again, _: again.submit(TaskKind.CONNECT, text, lambda o: o.connect_mounted()),
-        )
+        question = YesNo(title="Is the fixture mounted?", text=said, yes="Mounted")
+        _ask(context, question, task(kind, text, lambda o: o.connect_mounted()))
 
 
 def manual(context: ActionContext) -> None:
@@ -58,25 +63,21 @@ def history(context: ActionContext) -> None:
 def apply_modes(context: ActionContext) -> None:
     """Set the selected modes, after a question."""
     joints = context.s.wanted_joints
-    count = context.s.procedure.arm.joint_count
-    driven = names(f"J{j}" for j in joints)
     text = f"The drives are enabled; {_modes_text(context.s)}. Nothing moves yet. Stand clear of the arm."
-    context.ask(
-        YesNo(title="Apply the modes?", text=text, yes="Apply"),
-        lambda again, _: again.submit(
-            TaskKind.MODES,
-            f"setting {driven} to position mode{and_the_others(len(joints), count)}",
-            lambda o: o.set_modes(joints),
-        ),
-    )
+    question = YesNo(title="Apply the modes?", text=text, yes="Apply")
+    doing = f"setting {_wanted(context.s, 'to')}"
+    _ask(context, question, task(TaskKind.MODES, doing, lambda o: o.set_modes(joints)))
 
 
 def _modes_text(s: SessionSnapshot) -> str:
     """Return text on which joints get position mode, with the warning about free joints."""
-    joints, count = s.wanted_joints, s.procedure.arm.joint_count
-    free = "" if len(joints) == count else " (they yield when pushed)"
-    driven = names(f"J{j}" for j in joints)
-    return f"{driven} in position mode{and_the_others(len(joints), count)}{free}"
+    free = len(s.wanted_joints) < s.procedure.arm.joint_count
+    return _wanted(s, "in") + (" (they yield when pushed)" if free else "")
+
+
+def _wanted(s: SessionSnapshot, word: str) -> str:
+    others = and_the_others(len(s.wanted_joints), s.procedure.arm.joint_count)
+    return f"{names(f'J{j}' for j in s.wanted_joints)} {word} position mode{others}"
 
 
 def standing_alarms(s: SessionSnapshot) -> dict[int, str]:
@@ -93,20 +94,13 @@ def acknowledge(context: ActionContext) -> None:
     if shown.whole:
         context.runner.acknowledge(alarm.number)
     else:
-        context.ask(
-            YesNo(title=f"Alarm of {alarm.time}", text=alarm.text, yes="Acknowledge"),
-            lambda again, _: again.runner.acknowledge(alarm.number),
-        )
+        question = YesNo(title=f"Alarm of {alarm.time}", text=alarm.text, yes="Acknowledge")
+        _ask(context, question, lambda again: again.runner.acknowledge(alarm.number))
 
 
 def automatic(context: ActionContext) -> None:
     """Capture the missing poses; on a real arm with drives, after a question."""
-
-    def begin(again: ActionContext) -> None:
-        again.submit(
-            TaskKind.AUTOMATIC, "moving and capturing automatically", lambda o: o.automatic()
-        )
-
+    begin = task(TaskKind.AUTOMATIC, "moving and capturing automatically", lambda o: o.automatic())
     if not guards.moves_real_arm(context.s):
         begin(context)
         return
@@ -114,9 +108,8 @@ def automatic(context: ActionContext) -> None:
         "The arm moves by itself from pose to pose until all are captured. Nobody may be within its reach; "
         "a person keeps a hand on the hardware stop. Any key stops the arm."
     )
-    context.ask(
-        YesNo(title="Capture automatically?", text=text, yes="Move"), lambda again, _: begin(again)
-    )
+    question = YesNo(title="Capture automatically?", text=text, yes="Move")
+    _ask(context, question, begin)
 
 
 def go(context: ActionContext, waypoint: int | None) -> None:
@@ -138,10 +131,8 @@ def home(context: ActionContext) -> None:
         + ", ".join(f"J{j} by {MOVED(float(way)).with_unit}" for j, way in ways)
         + ". Check that the path is clear, and stand clear of the arm. Any key stops it."
     )
-    context.ask(
-        YesNo(title="Go home?", text=text, yes="Move"),
-        lambda again, _: again.submit(TaskKind.HOME, "going home", lambda o: o.go_home()),
-    )
+    question = YesNo(title="Go home?", text=text, yes="Move")
+    _ask(context, question, task(TaskKind.HOME, "going home", lambda o: o.go_home()))
 
 
 def capture(context: ActionContext) -> None:
@@ -191,12 +182,9 @@ def upload(context: ActionContext, forced: str = "") -> None:
         f"{first}, the files are written, and the controller of {serial} takes the new "
         f"parameters. Type the arm's serial number, {serial}, to confirm."
     )
-    context.ask(
-        Typed(title="Upload to the controller?", text=text, expected=serial),
-        lambda again, _: again.submit(
-            TaskKind.UPLOAD, "uploading", lambda o: o.results.upload(forced)
-        ),
-    )
+    question = Typed(title="Upload to the controller?", text=text, expected=serial)
+    work = task(TaskKind.UPLOAD, "uploading", lambda o: o.results.upload(forced))
+    _ask(context, question, work)
 
 
 def force(context: ActionContext) -> None:
@@ -222,14 +210,10 @@ def verify(context: ActionContext) -> None:
     text = f"The arm moves to {VERIFY_POSES} new poses by itself. Stand clear. Any key stops it."
     if joints:
         text = f"The drives are enabled again, {_modes_text(context.s)}. {text}"
-    context.ask(
-        YesNo(title="Verify with new poses?", text=text, yes="Move"),
-        lambda again, _: again.submit(
-            TaskKind.VERIFY,
-            f"moving to {VERIFY_POSES} new poses",
-            lambda o: o.verify(VERIFY_POSES, joints),
-        ),
-    )
+    question = YesNo(title="Verify with new poses?", text=text, yes="Move")
+    doing = f"moving to {VERIFY_POSES} new poses"
+    work = task(TaskKind.VERIFY, doing, lambda o: o.verify(VERIFY_POSES, joints))
+    _ask(context, question, work)
 
 
 def report(context: ActionContext) -> None:
@@ -295,10 +279,8 @@ def new_session(context: ActionContext) -> None:
     """Start another session, after a question."""
     interface = context.interface
     text = "This session is closed and kept, the arm is held, and a new session starts at step 1."
-    interface.ask(
-        YesNo(title="New session?", text=text, yes="Start"),
-        lambda _: interface.open(interface.sessions.new),
-    )
+    question = YesNo(title="New session?", text=text, yes="Start")
+    interface.ask(question, lambda _: interface.open(interface.sessions.new))
 
 
 def remount(context: ActionContext) -> None:
@@ -310,7 +292,5 @@ def remount(context: ActionContext) -> None:
         "The drives are still on. Releasing the arm switches them off, and nothing commands the arm then. Leave "
         f"its controller on, so that no counter is reset. {steps} 5. Only then connect."
     )
-    interface.ask(
-        YesNo(title="Remount the fixture?", text=text, yes="Release the arm"),
-        lambda _: interface.open(interface.sessions.remounted),
-    )
+    question = YesNo(title="Remount the fixture?", text=text, yes="Release the arm")
+    interface.ask(question, lambda _: interface.open(interface.sessions.remounted))

@@ -246,6 +246,14 @@ SETTINGS = object_with(
 NODE = object_with(node=integer(0, 127), serial_number=integer(0), device_name_0=text)
 RECEIPT = object_with(slot=text, length=integer(0), sha256=text)
 WEAK = object_with(name=text, sigma=nullable(number(0.0)), requested=number(0.0))
+MEASURED: Mapping[str, Check] = {
+    "number": COUNT,
+    "mean_rad": ANGLES,
+    "sd_rad": DEVIATIONS,
+    "samples": COUNT,
+    "placement?": COUNT,
+    "endpoint?": endpoint,
+}
 
 PER_JOINT = ("start_rad", "mean_rad", "sd_rad", "modes", "at_rad", "q_rad")
 
@@ -275,28 +283,14 @@ EVENTS: Mapping[str, Mapping[str, Check]] = {
     "went_home": {"joints": JOINTS, "q_rad": ANGLES, "stopped?": text},
     "waypoint_skipped": {"waypoint": integer(0), "reason?": text},
     "pose": {
-        "number": COUNT,
+        **MEASURED,
         "waypoint": integer(-1),
-        "mean_rad": ANGLES,
-        "sd_rad": DEVIATIONS,
-        "samples": COUNT,
         "note?": text,
         "planned?": boolean,
         "first_sync?": integer(0),
-        "placement?": COUNT,
-        "endpoint?": endpoint,
         "taken_utc?": text,
     },
-    "reading": {
-        "number": COUNT,
-        "kind": text,
-        "mean_rad": ANGLES,
-        "sd_rad": DEVIATIONS,
-        "samples": COUNT,
-        "of?": integer(0),
-        "placement?": COUNT,
-        "endpoint?": endpoint,
-    },
+    "reading": {**MEASURED, "kind": text, "of?": integer(0)},
     "pose_undone": {"number": COUNT},
     "pose_restored": {"number": COUNT},
     "pose_excluded": {"number": COUNT, "text": text},

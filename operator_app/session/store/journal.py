@@ -27,7 +27,6 @@ from operator_app.session.store.journal_format import (
     JOURNAL_NAME,
     JournalContents,
     JournalEvent,
-    Parsed,
     create_file,
     format_line,
     fsync_folder,
@@ -59,15 +58,15 @@ class Journal:
         self,
         path: Path,
         descriptor: int,
-        parsed: Parsed,
+        contents: JournalContents,
         raw: bytes,
         created_folders: tuple[Path, ...] = (),
     ) -> None:
         self.path, self.created_folders = path, created_folders
-        self.contents = parsed.contents
+        self.contents = contents
         self._descriptor = descriptor
-        self._seq = len(parsed.contents.events)
-        self._chain = parsed.chain
+        self._seq = len(contents.events)
+        self._chain = contents.chain
         # All lines, to write them elsewhere if the file is lost.
         self._lines = raw.splitlines(keepends=True)
         self._size = len(raw)
@@ -103,14 +102,8 @@ class Journal:
             ) from error
         lock(descriptor, path)
         fsync_folder(folder)
-        contents = JournalContents(events=(), torn="", file=str(path))
-        return cls(
-            path,
-            descriptor,
-            Parsed(contents=contents, chain="", whole_bytes=0),
-            b"",
-            created_folders,
-        )
+        contents = JournalContents(events=(), file=str(path))
+        return cls(path, descriptor, contents, b"", created_folders)
 
     @classmethod
     def resume(cls, folder: Path) -> Journal:
@@ -136,10 +129,10 @@ class Journal:
                     f"name that session, {path.resolve().parent}",
                 )
             raw = read_bytes(path)
-            parsed = parse_journal(raw, path)
-            if parsed.contents.torn:
-                write_new_file(timestamped_path(path, "torn"), raw[parsed.whole_bytes :])
-                os.ftruncate(descriptor, parsed.whole_bytes)
+            contents = parse_journal(raw, path)
+            if contents.torn:
+                write_new_file(timestamped_path(path, "torn"), raw[contents.whole_bytes :])
+                os.ftruncate(descriptor, contents.whole_bytes)
                 os.fsync(descriptor)
         except OSError as error:
             os.close(descriptor)
@@ -149,7 +142,7 @@ class Journal:
         except JournalError:
             os.close(descriptor)
             raise
-        return cls(path, descriptor, parsed, raw[: parsed.whole_bytes])
+        return cls(path, descriptor, contents, raw[: contents.whole_bytes])
 
     def append(self, name: str, data: Mapping[str, Any], *, clock: Clock = utc_now) -> JournalEvent:
         """Write one event and return once it is on disk. A failed write leaves the file as it was.
@@ -318,7 +311,7 @@ class Journal:
 def read_journal(folder: Path) -> JournalContents:
     """Read a journal without locking or changing it."""
     path = folder / JOURNAL_NAME
-    return parse_journal(read_bytes(path), path).contents
+    return parse_journal(read_bytes(path), path)
 
 
 def lock(descriptor: int, path: Path) -> None:

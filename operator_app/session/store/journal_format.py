@@ -51,21 +51,14 @@ class JournalEvent:
 class JournalContents:
     """Events of a journal. `torn` is the message about an incomplete last line ("": none).
 
-    `file` is its name in messages.
+    `file` is its name in messages, `chain` the last checksum, and `whole_bytes` the number of bytes in complete lines.
     """
 
     events: tuple[JournalEvent, ...]
-    torn: str
+    torn: str = ""
     file: str = JOURNAL_NAME
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Parsed:
-    """A journal read from bytes: contents, last checksum, and number of bytes in complete lines."""
-
-    contents: JournalContents
-    chain: str
-    whole_bytes: int
+    chain: str = ""
+    whole_bytes: int = 0
 
 
 class BadLineError(Exception):
@@ -169,7 +162,7 @@ def parse_line(line: bytes, number: int, *, any_number: bool = False) -> Journal
     return JournalEvent(seq=seq, utc=utc, name=name, data=data)
 
 
-def parse_journal(raw: bytes, path: Path) -> Parsed:
+def parse_journal(raw: bytes, path: Path) -> JournalContents:
     """Read the bytes of a journal.
 
     Raises
@@ -197,8 +190,9 @@ def parse_journal(raw: bytes, path: Path) -> Parsed:
     torn = ""
     if rest:
         torn = f"line {len(complete) + 1} of {path} is incomplete and was left out"
-    contents = JournalContents(events=tuple(events), torn=torn, file=str(path))
-    return Parsed(contents=contents, chain=chain, whole_bytes=position)
+    return JournalContents(
+        events=tuple(events), torn=torn, file=str(path), chain=chain, whole_bytes=position
+    )
 
 
 def read_bytes(path: Path) -> bytes:

@@ -76,17 +76,11 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
             )
         case "pose":
             pose = CapturedPose(
-                number=data["number"],
-                waypoint=data["waypoint"],
-                mean_rad=frozen(data["mean_rad"]),
-                sd_rad=frozen(data["sd_rad"]),
-                samples=data["samples"],
                 # Poses from a file: the time of capture is not the time of the import.
-                utc=data.get("taken_utc", utc),
+                **_measured(data, data.get("taken_utc", utc)),
+                waypoint=data["waypoint"],
                 note=data.get("note", ""),
                 planned=bool(data.get("planned")),
-                placement=data.get("placement", 1),
-                endpoint=tuple(data.get("endpoint", ())),
             )
             log = state.campaign
             return replace(
@@ -107,6 +101,18 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
             return replace(state, poses=_edit(state, data["number"], note=data["text"]))
         case _:
             return _apply_planning(state, name, data, utc)
+
+
+def _measured(data: Mapping[str, Any], utc: str) -> dict[str, Any]:
+    return {
+        "number": data["number"],
+        "mean_rad": frozen(data["mean_rad"]),
+        "sd_rad": frozen(data["sd_rad"]),
+        "samples": data["samples"],
+        "utc": utc,
+        "placement": data.get("placement", 1),
+        "endpoint": tuple(data.get("endpoint", ())),
+    }
 
 
 def _undone(state: SessionState, number: int, *, back: bool) -> SessionState:
@@ -164,16 +170,10 @@ def _apply_results(
             return replace(state, late=late)
         case "reading":
             reading = CheckReading(
+                **_measured(data, utc),
                 kind=data["kind"],
-                number=data["number"],
-                mean_rad=frozen(data["mean_rad"]),
-                sd_rad=frozen(data["sd_rad"]),
-                samples=data["samples"],
-                utc=utc,
                 of=data.get("of", 0),
                 after=state.captured,
-                placement=data.get("placement", 1),
-                endpoint=tuple(data.get("endpoint", ())),
             )
             back = reading.kind == "return"
             return replace(

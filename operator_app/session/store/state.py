@@ -18,47 +18,46 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CapturedPose:
-    """One captured pose.
+class MeasuredPose:
+    """What is known of every measured pose.
 
-    `number` counts captures from 1 and is never reused; `waypoint` is the pose's index in the plan, -1 for none;
-    `mean_rad` and `sd_rad` (n,) are in sensor coordinates. `placement` numbers the mountings of the fixture
-    from 1; `endpoint` is the measurement of an instrument (m and rad), or empty; `planned`: whether a plan chose the
-    pose.
+    `mean_rad` and `sd_rad` (n,) are in sensor coordinates. `placement` numbers the mountings of the fixture from 1;
+    `endpoint` is the measurement of an instrument (m and rad), or empty.
     """
 
     number: int
-    waypoint: int
     mean_rad: FloatArray
     sd_rad: FloatArray
     samples: int
     utc: str
     note: str = ""
-    excluded: str = ""
-    planned: bool = False
     placement: int = 1
     endpoint: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CheckReading:
-    """A pose measured to check the calibration, not part of it.
+class CapturedPose(MeasuredPose):
+    """One captured pose.
+
+    `number` counts captures from 1 and is never reused; `waypoint` is the pose's index in the plan, -1 for none;
+    `planned`: whether a plan chose the pose.
+    """
+
+    waypoint: int
+    excluded: str = ""
+    planned: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckReading(MeasuredPose):
+    """A pose measured to check the calibration, not part of it; `number` counts them from 1.
 
     `kind` is ``verification``, or ``return`` if pose number `of` was measured again after `after` captures.
-    `number` counts check readings from 1; `mean_rad` and `sd_rad` (n,) are in sensor coordinates.
     """
 
     kind: str
-    number: int
-    mean_rad: FloatArray
-    sd_rad: FloatArray
-    samples: int
-    utc: str
-    note: str = ""
     of: int = 0
     after: int = 0
-    placement: int = 1
-    endpoint: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -264,7 +263,7 @@ class SessionState:
         return replace(pose_set_of(used), placement=placement)
 
 
-def pose_set_of(poses: Sequence[CapturedPose | CheckReading]) -> PoseSet:
+def pose_set_of(poses: Sequence[MeasuredPose]) -> PoseSet:
     """Return these poses for the estimators."""
     joints = len(poses[0].mean_rad) if poses else 1
     measured = {len(p.endpoint) for p in poses} in ({3}, {6})

@@ -15,14 +15,11 @@ from scipy.spatial.transform import Rotation
 
 from fixtures.measured import Measured
 from hardware.buses.python_can import BusSettings
-from hardware.control.canopen_arm import CanopenArm
-from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import attended_openers
 from hardware.virtual.true_loop import BallTruth, OpenTruth
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import VerificationResult
-from operator_app.composition import describe
 from operator_app.effective_procedure import effective_procedure
 from operator_app.headless.procedure_run import RunResult, run
 from operator_app.session.store.stored_calibration import session_calibration
@@ -35,6 +32,7 @@ from operator_app.virtual_arms import run_controller, virtual_arm, virtual_instr
 from solver.chain.parameters import DhEntry
 from solver.loops.closure import ClosureModel
 from solver.loops.open_arm import MeasuredClosure
+from tests.oracles.fast_arm import fast_arm
 
 PATIENCE_S = 10.0
 _channels = itertools.count()
@@ -54,21 +52,17 @@ class Bench:
     def session(self, earlier: Path | None = None, **chosen: object) -> Iterator[Session]:
         self._count += 1
         if earlier is None:
-            procedure = str(self._chosen["procedure"])
-            opening = begin(procedure, _choices(**{**self._chosen, **chosen}), root=self.root)
+            name, choices = str(self._chosen["procedure"]), _choices(**{**self._chosen, **chosen})
+            opening = begin(name, choices, root=self.root)
             opening = replace(opening, folder=self.root / f"session-{self._count}")
         else:
             opening = resume(str(earlier), Choices(), root=self.root)
         opening = replace(opening, procedure=effective_procedure(opening))
-        arm = CanopenArm(
-            describe(opening.procedure.arm),
-            self.settings,
-            opening.procedure.profile,
-            pace=Pace.FAST_FORWARD,
-            timing=Timing(heartbeat_timeout_s=PATIENCE_S, lost_after_s=PATIENCE_S),
-            openers=attended_openers(self.controller),
+        procedure, openers = opening.procedure, attended_openers(self.controller)
+        arm = fast_arm(
+            procedure.arm, self.settings, procedure.profile, patience_s=PATIENCE_S, openers=openers
         )
-        fixture = opening.procedure.fixture.fixture
+        fixture = procedure.fixture.fixture
         session = open_session(
             Rig(
                 arm=arm,

@@ -18,13 +18,10 @@ import numpy as np
 
 from hardware.arm import DriveState, JointMode
 from hardware.buses.python_can import BusSettings
-from hardware.control.canopen_arm import CanopenArm
-from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import attended_openers
 from hardware.virtual.faults import FAULT_KINDS, ScriptedFault, scripted
 from hardware.virtual.plant import Plant
-from operator_app.composition import describe
 from operator_app.messages.errors import EXPECTED
 from operator_app.session.store.journal import Clock, utc_now
 from operator_app.session.store.state import CapturedPose
@@ -32,10 +29,10 @@ from operator_app.session.workflow.capture import connect, take_poses
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import run_controller
+from tests.oracles.fast_arm import fast_arm
 from tests.oracles.hearing import Hearing
 from tests.oracles.loop_oracle import paper_truth, product
 from tests.oracles.opened import opened
-from tests.oracles.profiles import sarcos
 from tests.oracles.short_procedure import short_procedure
 
 CLOSES = 3e-4
@@ -161,18 +158,14 @@ def session_with(
         script=script,
         attended=True,
     ) as controller:
-        arm = CanopenArm(
-            describe(procedure.arm),
+        openers = attended_openers(controller)
+        arm = fast_arm(
+            procedure.arm,
             settings,
-            sarcos(),
-            pace=Pace.FAST_FORWARD,
-            timing=Timing(
-                heartbeat_timeout_s=PATIENCE_S,
-                lost_after_s=PATIENCE_S,
-                answer_timeouts_s=dict.fromkeys(Pace, 0.05),
-                sdo_timeout_s=PATIENCE_S,
-            ),
-            openers=attended_openers(controller),
+            patience_s=PATIENCE_S,
+            answers_s=0.05,
+            sdo_timeout_s=PATIENCE_S,
+            openers=openers,
         )
         if kind and not at_sync:
             begin()

@@ -22,13 +22,11 @@ from hardware.arm import JointMode
 from hardware.buses.python_can import BusOpeners, BusSettings, open_bus
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import HardwareError
-from hardware.timing import Pace, Timing
 from hardware.virtual.scenarios import scenario
-from operator_app.composition import describe
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import run_controller
-from tests.oracles.profiles import sarcos
+from tests.oracles.fast_arm import fast_arm
 
 NODES = (*range(1, 8), 16)
 BASES = (0x000, 0x080, 0x180, 0x200, 0x280, 0x580, 0x600, 0x700, 0x7E4)
@@ -191,19 +189,8 @@ class Target:
             handles.append(handle)
             return handle
 
-        arm = CanopenArm(
-            describe(arm_file),
-            settings,
-            sarcos(),
-            pace=Pace.FAST_FORWARD,
-            timing=Timing(
-                heartbeat_timeout_s=5.0,
-                lost_after_s=0.2,
-                answer_timeouts_s=dict.fromkeys(Pace, 0.05),
-                sdo_timeout_s=0.05,
-            ),
-            openers=BusOpeners(main=main),
-        )
+        waits = {"patience_s": 5.0, "lost_after_s": 0.2, "answers_s": 0.05, "sdo_timeout_s": 0.05}
+        arm = fast_arm(arm_file, settings, openers=BusOpeners(main=main), **waits)
         self._stack.callback(arm.close)
         self.arm, self.meddler = arm, handles
         return arm

@@ -18,20 +18,18 @@ from hardware.arm import DriveState, JointMode
 from hardware.buses.python_can import BusSettings
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import HardwareError
-from hardware.timing import Pace, Timing
 from hardware.virtual.fault_messages import FAULTS, ArmReaction
 from hardware.virtual.faults import FAULT_KINDS
 from hardware.virtual.scenarios import scenario
-from operator_app.composition import describe
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.replay import replay
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import run_controller
+from tests.oracles.fast_arm import fast_arm
 from tests.oracles.fault_session import CLOSES, PATIENCE_S, Outcome, loop_error, session_with
 from tests.oracles.parameter_documents import VALUES, make_document
-from tests.oracles.profiles import sarcos
 
 BEFORE, FIRST_SYNCS, IN_CAPTURE = 0, 30, (450, 640, 700)
 """When it happens: before anybody connects, as the drives are enabled, and among the poses."""
@@ -239,15 +237,7 @@ def uploading(kind: str, joint: int = 4) -> Iterator[tuple[CanopenArm, bytes]]:
     with run_controller(
         arm_file, Choices(scenario="exact"), settings, heartbeat_timeout_s=PATIENCE_S
     ) as controller:
-        arm = CanopenArm(
-            describe(arm_file),
-            settings,
-            sarcos(),
-            pace=Pace.FAST_FORWARD,
-            timing=Timing(
-                heartbeat_timeout_s=PATIENCE_S, lost_after_s=PATIENCE_S, sdo_timeout_s=5.0
-            ),
-        )
+        arm = fast_arm(arm_file, settings, patience_s=PATIENCE_S, sdo_timeout_s=5.0)
         arm.connect()
         arm.take_control()
         whole = document()

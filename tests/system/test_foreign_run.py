@@ -9,17 +9,15 @@ import pytest
 
 from hardware.arm import JointMode
 from hardware.buses.python_can import BusSettings, open_bus
-from hardware.control.canopen_arm import CanopenArm
-from hardware.timing import Pace, Timing
 from hardware.virtual.axis import JointCommand, arm_axes
 from hardware.virtual.scenarios import scenario
-from operator_app.composition import describe
 from operator_app.config.arm_file import load_arm
 from operator_app.effective_procedure import effective_procedure
 from operator_app.headless.procedure_run import RunResult, run
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices, Rig, begin, open_session
 from operator_app.session.workflow.session import Session
+from tests.oracles.fast_arm import fast_arm
 from tests.oracles.foreign_arm import Axis, Physics, foreign_arm
 from tests.oracles.parameter_documents import VALUES
 
@@ -107,18 +105,8 @@ def calibrate(settings: BusSettings) -> tuple[RunResult, Session]:
     )
     opening = begin("hinge", choices, root=Path("sessions"))
     procedure = replace(effective_procedure(opening), upload=False)
-    arm = CanopenArm(
-        describe(procedure.arm),
-        settings,
-        procedure.profile,
-        pace=Pace.FAST_FORWARD,
-        timing=Timing(
-            heartbeat_timeout_s=10.0,
-            lost_after_s=10.0,
-            sdo_timeout_s=5.0,
-            answer_timeouts_s=dict.fromkeys(Pace, 5.0),
-        ),
-    )
+    waits = {"patience_s": 10.0, "answers_s": 5.0, "sdo_timeout_s": 5.0}
+    arm = fast_arm(procedure.arm, settings, procedure.profile, **waits)
     rig = Rig(arm=arm, opening=replace(opening, procedure=procedure), simulated=False)
     session = open_session(rig)
     try:

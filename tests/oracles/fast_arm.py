@@ -1,0 +1,31 @@
+"""An arm on a bus with its SYNCs as fast as its nodes answer."""
+
+from typing import Any
+
+from hardware.buses.python_can import BusOpeners, BusSettings
+from hardware.canopen.bus_profile import BusProfile
+from hardware.control.canopen_arm import CanopenArm
+from hardware.timing import Pace, Timing
+from operator_app.composition import describe
+from solver.chain.arm_model import ArmModel
+from tests.oracles.profiles import sarcos
+
+
+def fast_arm(
+    arm: ArmModel,
+    settings: BusSettings,
+    profile: BusProfile | None = None,
+    *,
+    patience_s: float,
+    answers_s: float | None = None,
+    openers: BusOpeners | None = None,
+    **waits: Any,
+) -> CanopenArm:
+    """The arm, not connected: silent, and lost, after `patience_s`; `answers_s` is for each SYNC."""
+    waits = {"heartbeat_timeout_s": patience_s, "lost_after_s": patience_s, **waits}
+    if answers_s is not None:
+        waits["answer_timeouts_s"] = dict.fromkeys(Pace, answers_s)
+    options: dict[str, Any] = {"timing": Timing(**waits), "openers": openers}
+    return CanopenArm(
+        describe(arm), settings, profile or sarcos(), pace=Pace.FAST_FORWARD, **options
+    )

@@ -114,9 +114,7 @@ def open_arm(
         kept = procedure.upload and outside.keeps_parameters
         opening = replace(opening, procedure=replace(procedure, upload=kept), choices=choices)
         with _outside_arm(outside, opening, bus, record_to) as theirs:
-            instrument = None
-            if not procedure.fixture.fixture.holds_hand:
-                instrument = _instrument(procedure, choices, None)
+            instrument = _instrument(procedure, choices, None)
             yield Rig(arm=theirs, opening=opening, simulated=False, instrument=instrument)
         return
     if procedure.profile.supervisor is None:
@@ -155,15 +153,12 @@ def open_arm(
         recording_ended = partial(_recording_problem, arm)
         stack.callback(_print_problem, recording_ended)
         stack.callback(arm.close)
-        instrument = None
-        if not procedure.fixture.fixture.holds_hand:
-            instrument = _instrument(procedure, opening.choices, controller)
         choices = _completed(opening.choices, bus, embedded=embedded)
         yield Rig(
             arm=arm,
             opening=replace(opening, procedure=procedure, choices=choices),
             simulated=embedded,
-            instrument=instrument,
+            instrument=_instrument(procedure, opening.choices, controller),
             truths=partial(true_values, procedure.arm, procedure.fixture, opening.choices)
             if embedded
             else None,

@@ -31,6 +31,7 @@ from operator_app.session.workflow.opening import Choices, resume
 
 if TYPE_CHECKING:
     from operator_app.config.parameters import ParametersDocument
+    from operator_app.session.store.state import SessionState
 
 
 def parameters_at(reference: str, root: Path) -> ParametersDocument:
@@ -109,12 +110,10 @@ def arm_history(
             continue
         several = len({pose.placement for pose in state.used_poses}) > 1
         mounting += several or not kept_mounted
-        procedure = effective_procedure(resume(str(entry.folder), Choices(), root=root))
-        solved = datetime.fromisoformat(state.solved_utc)
         calibrations.append(
             PastCalibration(
                 session=name,
-                document=parameters_document(found.solution, state, procedure, utc=solved),
+                document=_document(entry.folder, state, found),
                 within=found.solution.within,
                 mounting=mounting,
             )
@@ -146,6 +145,10 @@ def _document_in_journal(folder: Path) -> ParametersDocument | None:
     found = None if state is None else journal_calibration(state)
     if state is None or not isinstance(found, StoredCalibration):
         return None
+    return _document(folder, state, found)
+
+
+def _document(folder: Path, state: SessionState, found: StoredCalibration) -> ParametersDocument:
     procedure = effective_procedure(resume(str(folder), Choices(), root=folder.parent))
     solved = datetime.fromisoformat(state.solved_utc)
     return parameters_document(found.solution, state, procedure, utc=solved)

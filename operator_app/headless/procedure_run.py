@@ -24,7 +24,7 @@ from operator_app.session.workflow.export import Exported, export
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Opening, resume
 from operator_app.session.workflow.planned_capture import CampaignEnd
-from operator_app.session.workflow.remounting import record_remounted, remounting_steps
+from operator_app.session.workflow.remounting import record_in, remounting_steps
 from operator_app.session.workflow.session import Session
 
 
@@ -136,7 +136,7 @@ def next_placement(
             for line in words(opening, drives_off=drives_off):
                 listener.say(line)
             _confirmed(opening, number)
-    record_remounted(opening.folder, number)
+    record_in(opening.folder, "remounted", number)
     return resume(str(opening.folder), opening.choices, root=root)
 
 
@@ -157,7 +157,7 @@ def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
                 "mounted and nobody is within reach: the arm will move."
             )
             _confirmed(opening, opening.placement)
-    record_remounted(opening.folder, opening.placement)
+    record_in(opening.folder, "remounted", opening.placement)
 
 
 @contextmanager

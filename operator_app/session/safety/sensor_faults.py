@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import takewhile
 
 import numpy as np
 
@@ -127,14 +128,12 @@ def require_no_stuck_sensor(state: SessionState, procedure: Procedure, reading: 
 
 def poses_with_same_reading(state: SessionState, arm: ArmModel, joint: int) -> tuple[int, ...]:
     """Numbers of the latest poses in which a joint has the same count as in the last one."""
-    near = _resolution_rad(arm, joint)
-    here = state.poses_here
-    indistinguishable_placements = []
-    for pose in reversed(here):
-        if abs(pose.mean_rad[joint - 1] - here[-1].mean_rad[joint - 1]) > near:
-            break
-        indistinguishable_placements.append(pose.number)
-    return tuple(indistinguishable_placements)
+    near, here = _resolution_rad(arm, joint), state.poses_here
+    alike = takewhile(
+        lambda pose: abs(pose.mean_rad[joint - 1] - here[-1].mean_rad[joint - 1]) <= near,
+        reversed(here),
+    )
+    return tuple(pose.number for pose in alike)
 
 
 def _stands_still(arm: ArmModel, joint: int, moved: FloatArray, reading: Reading) -> bool:

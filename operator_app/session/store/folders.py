@@ -70,13 +70,11 @@ def find_session(root: Path, reference: str) -> Path:
         # Sessions that only verify another one do not count. Sessions with poses come first.
         found = [
             entry
-            for entry in list_sessions(root)
+            for entry in reversed(list_sessions(root))
             if entry.state is None or not entry.state.settings.get("verifies")
         ]
-        readable = [entry for entry in found if entry.state is not None]
-        with_poses = [entry for entry in readable if entry.state and entry.state.captured]
         if found:
-            return (with_poses or readable or found)[-1].folder
+            return max(found, key=lambda e: e.state.captured > 0 if e.state else -1).folder
         raise SessionError(f"there is no session in {root}", "run `sarcal run hinge` first")
     for candidate in (expanded(reference), root / reference):
         if os.path.lexists(candidate / JOURNAL_NAME):

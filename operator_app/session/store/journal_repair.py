@@ -13,7 +13,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -100,7 +100,7 @@ def repair_journal(folder: Path) -> RepairResult:
             aside = timestamped_path(path, "damaged")
             kept.append(_repaired_event(lines, aside))
             _replace_journal(path, aside, kept)
-        state = session_state(JournalContents(events=_numbered(kept), torn="", file=str(path)))
+        state = session_state(JournalContents(events=_numbered(kept), file=str(path)))
     except OSError as error:
         raise JournalError(
             f"cannot repair {path}: {error.strerror}",
@@ -256,10 +256,7 @@ def _repaired_event(lines: Sequence[RepairedLine], aside: Path) -> JournalEvent:
 
 
 def _numbered(events: Sequence[JournalEvent]) -> tuple[JournalEvent, ...]:
-    return tuple(
-        JournalEvent(seq=number, utc=e.utc, name=e.name, data=e.data)
-        for number, e in enumerate(events, 1)
-    )
+    return tuple(replace(event, seq=number) for number, event in enumerate(events, 1))
 
 
 def _replace_journal(path: Path, aside: Path, events: Sequence[JournalEvent]) -> None:

@@ -233,6 +233,11 @@ class SessionState:
         )
 
     @property
+    def repeated_since_capture(self) -> bool:
+        """Whether a pose was measured again since the last capture."""
+        return any(r.again.after == self.captured for r in self.repeats)
+
+    @property
     def rereads(self) -> tuple[Reread, ...]:
         """Repeated poses for the diagnosis of a calibration."""
         return tuple(

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import platform
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
@@ -68,24 +67,18 @@ def session_calibration(
         raise SessionError("no pose of this session is in use", "capture poses first")
     read = journal_calibration(state)
     if isinstance(read, StoredCalibration):
-        then = read.solution.estimate.estimator, read.solution.model.unsensed_joints
+        by, without = read.solution.estimate.estimator, read.solution.model.unsensed_joints
         unsensed = {*(unsensed_joints or ()), *procedure.arm.unsensed_joints}
-        asked = (
-            estimator or then[0],
-            then[1] if unsensed_joints is None else tuple(sorted(unsensed)),
-        )
-        if asked == then:
+        if (estimator or by) == by and (unsensed_joints is None or unsensed == {*without}):
             return read
-        why = f"the session was solved by {then[0]} with joints {list(then[1])} unsensed"
+        why = f"the session was solved by {by} with joints {list(without)} unsensed"
     else:
         why = read
-    before = _with_recorded_options(state, procedure)
-    solution = solve(
-        state,
-        procedure,
-        estimator=estimator or before.estimator,
-        unsensed_joints=before.unsensed_joints if unsensed_joints is None else unsensed_joints,
-    )
+    then = state.solved
+    if unsensed_joints is None:
+        unsensed_joints = tuple(then.get("unsensed_joints", procedure.unsensed_joints))
+    estimator = estimator or then.get("estimator", procedure.estimator)
+    solution = solve(state, procedure, estimator=estimator, unsensed_joints=unsensed_joints)
     return StoredCalibration(solution=solution, checks=None, recalculated_because=why)
 
 
@@ -179,18 +172,6 @@ def _is_consistent(estimate: Estimate | None, poses: int) -> bool:
         and all(found is None or found.shape[:1] == (poses,) for found in of_poses)
         and estimate.dof > 0
     )
-
-
-def _with_recorded_options(state: SessionState, procedure: Procedure) -> Procedure:
-    """Return the procedure with the options of the journal's calibration, as far as these are recorded."""
-    solved: Mapping[str, object] = state.solved
-    match solved.get("estimator"):
-        case "paper" | "implicit" as estimator:
-            procedure = replace(procedure, estimator=estimator)
-    unsensed = solved.get("unsensed_joints")
-    if isinstance(unsensed, list | tuple):
-        procedure = replace(procedure, unsensed_joints=tuple(unsensed))
-    return procedure
 
 
 NO_WAY_BACK = "no way back to it is planned from here"

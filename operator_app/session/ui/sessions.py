@@ -22,7 +22,7 @@ from operator_app.session.workflow.opening import (
     remove_if_empty,
     resume,
 )
-from operator_app.session.workflow.remounting import record_remounting
+from operator_app.session.workflow.remounting import record_in
 
 
 class Sessions:
@@ -98,7 +98,7 @@ class Sessions:
         folder, number = session.journal.path.parent, session.state.placement + 1
         self.close("the fixture is remounted")
         session.require_let_go()
-        record_remounting(folder, number)
+        record_in(folder, "remounting", number)
         runner = self.resumed(str(folder))
         runner.say(
             Level.WARNING,

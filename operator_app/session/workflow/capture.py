@@ -25,7 +25,7 @@ from operator_app.messages.errors import configured_words, unwatching_words
 from operator_app.planning.live import is_path_clear
 from operator_app.session.safety.resume_checks import SHIFT_RAD
 from operator_app.session.safety.return_check import check_repeat, repeat_text
-from operator_app.session.store.state import CapturedPose, SessionState, pose_set_of
+from operator_app.session.store.state import CapturedPose, pose_set_of
 from operator_app.session.workflow.drive_selection import (
     HOMING_SPEED_RAD_PER_S,
     explore,
@@ -120,13 +120,13 @@ def take_poses(
             _repeat_first_pose_and_come_back(session, listener, planned)
     end = None
     if planned is None:
-        if not _first_pose_repeated(session.state):
+        if not session.state.repeated_since_capture:
             # The last pose may have been captured by hand, without this check.
             _check_last_pose(session, listener, None)
         explore(session, listener, lambda: _check_last_pose(session, listener, None))
     else:
         end = planned.run(lambda: _check_last_pose(session, listener, planned))
-    if session.state.poses_here and not _first_pose_repeated(session.state):
+    if session.state.poses_here and not session.state.repeated_since_capture:
         _repeat_first_pose(session, listener, planned)
     return end
 
@@ -170,11 +170,6 @@ def _poses_are_missing(session: Session, planned: PlannedCapture | None) -> bool
     if planned is not None:
         return not planned.complete
     return len(session.state.poses_here) < session.procedure.capture.poses
-
-
-def _first_pose_repeated(state: SessionState) -> bool:
-    """Whether a pose was repeated since the last capture."""
-    return any(r.again.after == state.captured for r in state.repeats)
 
 
 def outlier_warning(session: Session) -> str:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from hardware.arm import Recordable
 from operator_app.config.procedure_file import parse_procedure
@@ -48,14 +48,14 @@ PLANNED_POSES = 12
 class Choices:
     """The operator's options, which override the procedure file; None: as in the file.
 
-    `plan` is ``explore`` or ``planned``; `interface`, `channel` and `bitrate` are the bus, `profile` its bus
-    profile; `scenario` and `seed` the virtual arm; `tracker` the port of the instrument; `placements` the number of
-    mountings of the fixture; `operator` the name of the operator.
+    `interface`, `channel` and `bitrate` are the bus, `profile` its bus profile; `scenario` and `seed` the virtual arm;
+    `tracker` the port of the instrument; `placements` the number of mountings of the fixture; `operator` the name of
+    the operator.
     """
 
     poses: int | None = None
-    plan: str | None = None
-    estimator: str | None = None
+    plan: Literal["explore", "planned"] | None = None
+    estimator: Literal["paper", "implicit"] | None = None
     unsensed_joints: tuple[int, ...] | None = None
     length_tolerance_m: float | None = None
     upload: bool | None = None
@@ -287,16 +287,8 @@ def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
                 f"more than {MOST_POSES} poses were requested", f"request at most {MOST_POSES}"
             )
         procedure = replace(procedure, capture=replace(procedure.capture, poses=choices.poses))
-    match choices.estimator:
-        case None:
-            pass
-        case "paper" | "implicit" as estimator:
-            procedure = replace(procedure, estimator=estimator)
-        case other:
-            raise SessionError(f"there is no estimator {other!r}", "use implicit or paper")
-    own = {
-        name: getattr(choices, name) for name in ("unsensed_joints", "length_tolerance_m", "upload")
-    }
+    names = ("estimator", "unsensed_joints", "length_tolerance_m", "upload")
+    own: dict[str, Any] = {name: getattr(choices, name) for name in names}
     procedure = replace(procedure, **{k: v for k, v in own.items() if v is not None})
     if choices.placements is not None:
         procedure = replace(procedure, placements=require_mountable(procedure, choices.placements))
@@ -304,18 +296,14 @@ def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
     return procedure
 
 
-def _planned_or_not(capture: CapturePlan, plan: str | None) -> CapturePlan:
+def _planned_or_not(
+    capture: CapturePlan, plan: Literal["explore", "planned"] | None
+) -> CapturePlan:
     """Return the capture plan, with the strategy changed if requested."""
-    match plan:
-        case None:
-            return capture
-        case "planned" if capture.strategy == "explore":
-            # A plan needs fewer poses than an exploration.
-            return replace(capture, strategy="planned", poses=min(capture.poses, PLANNED_POSES))
-        case "planned" | "explore" as strategy:
-            return replace(capture, strategy=strategy)
-        case other:
-            raise SessionError(f"there is no plan {other!r}", "use explore or planned")
+    if plan == "planned" and capture.strategy == "explore":
+        # A plan needs fewer poses than an exploration.
+        capture = replace(capture, poses=min(capture.poses, PLANNED_POSES))
+    return replace(capture, strategy=plan or capture.strategy)
 
 
 def _require_solvable(procedure: Procedure) -> None:

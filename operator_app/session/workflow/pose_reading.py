@@ -42,10 +42,9 @@ SOURCES = "tcp:HOST:PORT, file:PATH (a growing CSV file) or stdin"
 
 
 class TargetLostError(SessionError):
-    """The instrument does not see the target at this pose; `why` is its message."""
+    """The instrument does not see the target at this pose, for the reason `why` that it gives."""
 
     def __init__(self, why: str) -> None:
-        self.why = why
         super().__init__(
             f"the tracker does not see its target at this pose: {why}",
             "go on with another pose, or turn the target towards the tracker and start a new session",

@@ -7,6 +7,7 @@ confirmed that the fixture is mounted. In between no program connects to the arm
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 from operator_app.config.procedure import MOST_PLACEMENTS, Procedure
 from operator_app.errors import GuardError, SessionError
@@ -19,7 +20,7 @@ def next_due(state: SessionState, procedure: Procedure) -> bool:
     return (
         state.placement < procedure.placements
         and len(state.poses_here) >= procedure.capture.poses
-        and any(r.again.after == state.captured for r in state.repeats)
+        and state.repeated_since_capture
     )
 
 
@@ -32,20 +33,11 @@ def require_mounted(state: SessionState) -> None:
         )
 
 
-def record_remounting(folder: Path, placement: int) -> None:
-    """Record that the fixture is being taken off, to be mounted in this next placement."""
-    _keep(folder, "remounting", placement)
-
-
-def record_remounted(folder: Path, placement: int) -> None:
-    """Record the confirmation that the fixture is mounted in this placement; no arm is connected."""
-    _keep(folder, "remounted", placement)
-
-
-def _keep(folder: Path, name: str, placement: int) -> None:
+def record_in(folder: Path, event: Literal["remounting", "remounted"], placement: int) -> None:
+    """Record an event of this placement while no arm is connected."""
     journal = Journal.resume(folder)
     try:
-        journal.append(name, {"placement": placement})
+        journal.append(event, {"placement": placement})
     finally:
         journal.close()
 

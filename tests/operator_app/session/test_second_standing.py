@@ -17,7 +17,7 @@ from operator_app.session.store.journal import read_journal
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices
-from operator_app.session.workflow.remounting import record_remounted, record_remounting
+from operator_app.session.workflow.remounting import record_in
 from operator_app.virtual_arms import virtual_arm
 from tests.oracles.hearing import take_until
 from tests.oracles.opened import opened
@@ -43,8 +43,8 @@ def first_done(tmp_path_factory):
     session.connect()
     take_poses(session, Listener(), (1, 5))
     session.close("mounted anew")
-    record_remounting(folder, 2)
-    record_remounted(folder, 2)
+    record_in(folder, "remounting", 2)
+    record_in(folder, "remounted", 2)
     return folder, procedure
 
 

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from tests.oracles.answers import Answer
+
 ROOT = Path(__file__).resolve().parents[2]
 SARCAL = [sys.executable, "-m", "operator_app.cli"]
 
@@ -26,6 +28,17 @@ def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
         stderr=subprocess.PIPE,
         text=True,
     )
+
+
+def finished(process: subprocess.Popen[str], *codes: int, patience_s: float = 240.0) -> Answer:
+    """Wait for a command, which must end with one of these exit codes, and return what it said."""
+    try:
+        out, err = process.communicate(timeout=patience_s)
+    finally:
+        process.kill()
+    assert process.returncode in codes, err
+    assert "Traceback" not in err
+    return Answer(out=out, err=err)
 
 
 @contextmanager

@@ -1,6 +1,5 @@
 """After a kill, a trip or a dead controller: what the commands say is true, and what they advise works."""
 
-import json
 import os
 import signal
 import subprocess
@@ -14,7 +13,7 @@ import pytest
 
 from hardware.buses.python_can import BusSettings, open_bus
 from operator_app.session.store.journal import read_journal
-from tests.oracles.own_process import controller, start, wait_for_poses
+from tests.oracles.own_process import controller, finished, start, wait_for_poses
 
 pytestmark = pytest.mark.real_time
 
@@ -30,12 +29,6 @@ def bus(request):
 
 PATIENT = ("--heartbeat-timeout", "5")
 """Where nobody's death is the subject: a busy machine's lateness then trips no drive."""
-
-
-def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
-    out, said = process.communicate(timeout=PATIENCE_S)
-    assert "Traceback" not in said
-    return process.returncode, out, said
 
 
 def poses_of(folder: Path) -> list[int]:
@@ -57,15 +50,13 @@ def test_after_a_freeze_the_same_command_goes_on(tmp_path, bus):
                 break
         run.send_signal(signal.SIGCONT)
         listener.shutdown()
-        code, _, said = finish(run)
-        assert code == 3, said
+        said = finished(run, 3).err
         assert "heartbeat lost (8130h)" in said
         assert f"sarcal run --resume {Path('sessions') / folder.name}" in said
         before = poses_of(folder)
-        code, out, said = finish(start(tmp_path, "run", "--resume", str(folder), "--json"))
-    assert code in (0, 4), said
-    assert "reset. Nothing has moved." in said
-    assert json.loads(out)["poses"] == 5
+        done = finished(start(tmp_path, "run", "--resume", str(folder), "--json"), 0, 4)
+    assert "reset. Nothing has moved." in done.err
+    assert done.json["poses"] == 5
     assert poses_of(folder)[: len(before)] == before
 
 
@@ -84,10 +75,9 @@ def test_a_freeze_of_0_3_s_costs_nothing(tmp_path, bus):
                 pass
         run.send_signal(signal.SIGCONT)
         listener.shutdown()
-        code, out, said = finish(run)
-    assert code in (0, 4), said
-    assert "heartbeat lost" not in said
-    assert json.loads(out)["poses"] == 5
+        done = finished(run, 0, 4)
+    assert "heartbeat lost" not in done.err
+    assert done.json["poses"] == 5
     assert poses_of(folder) == [1, 2, 3, 4, 5]
 
 
@@ -95,41 +85,35 @@ def test_a_freeze_of_0_3_s_costs_nothing(tmp_path, bus):
 def test_after_a_trip_what_is_advised_works(tmp_path, bus):
     fault = ("--fault", "collision", "--fault-joint", "4", "--fault-sync", "1500")
     with controller(tmp_path, *bus, *PATIENT, *fault):
-        code, _, said = finish(start(tmp_path, "run", "hinge", *bus, "--poses", "40"))
+        said = finished(start(tmp_path, "run", "hinge", *bus, "--poses", "40"), 3).err
         (folder,) = (tmp_path / "sessions").iterdir()
         taken = len(poses_of(folder))
-        assert code == 3, said
         assert "joint 4 tripped: excess torque (8311h)" in said
         assert "the arm is held" in said
         assert taken > 0
         assert f"clear its trip with: sarcal reset {Path('sessions') / folder.name}" in said
         # Without it nothing goes on, and the same is said.
-        code, _, said = finish(start(tmp_path, "run", "--resume", str(folder)))
-        assert code == 3, said
+        said = finished(start(tmp_path, "run", "--resume", str(folder)), 3).err
         assert "sarcal reset" in said
 
-        code, out, said = finish(start(tmp_path, "reset", str(folder)))
-        assert code == 0, said
+        out = finished(start(tmp_path, "reset", str(folder)), 0).out
         assert "Joint 4  excess torque (8311h): reset" in out
         assert "Nothing has moved" in out
         wanted = str(taken + 1)
-        code, _, said = finish(start(tmp_path, "run", "--resume", str(folder), "--poses", wanted))
-        assert code in (0, 2, 4), said
+        finished(start(tmp_path, "run", "--resume", str(folder), "--poses", wanted), 0, 2, 4)
         assert len(poses_of(folder)) == taken + 1
-        code, out, _ = finish(start(tmp_path, "reset", *bus, "--json"))
-        assert (code, json.loads(out)) == (0, {"cleared": [], "left": []})
+        done = finished(start(tmp_path, "reset", *bus, "--json"), 0)
+        assert done.json == {"cleared": [], "left": []}
 
 
 @pytest.mark.campaign
 def test_a_stop_that_is_still_pressed_stays_and_is_said(tmp_path, bus):
     fault = ("--fault", "external-stop", "--fault-sync", "300")
     with controller(tmp_path, *bus, *PATIENT, *fault):
-        code, _, said = finish(start(tmp_path, "run", "hinge", *bus, "--poses", "40"))
-        assert code == 3, said
+        said = finished(start(tmp_path, "run", "hinge", *bus, "--poses", "40"), 3).err
         assert "Release the external stop when it is safe" in said
         assert "Find out what joint" not in said
-        code, _, said = finish(start(tmp_path, "reset", *bus))
-        assert code == 3
+        said = finished(start(tmp_path, "reset", *bus), 3).err
         assert said.count("still has a fault") == 1
         assert "the arm still has a fault: external stop" in said
         assert "release the external stop" in said
@@ -141,13 +125,11 @@ def test_a_controller_that_died_holds_no_arm(tmp_path, bus):
         run = start(tmp_path, "run", "hinge", *bus, "--poses", "40")
         wait_for_poses(tmp_path / "sessions", 1, run)
         arm.kill()
-        code, _, said = finish(run)
-    assert code == 3, said
+        said = finished(run, 3).err
     assert "the arm is held" not in said
     assert "did not answer the hold command" in said
     # It is still dead: nobody is there to hold, whatever an earlier run had connected to.
-    code, _, said = finish(start(tmp_path, "run", "--resume", "latest"))
-    assert code == 3, said
+    said = finished(start(tmp_path, "run", "--resume", "latest"), 3).err
     assert "no answer from nodes" in said
     assert "held" not in said
 
@@ -177,8 +159,7 @@ def test_arm_check_says_nothing_is_held_where_nothing_was_connected(ends_with, b
 def test_an_arm_that_was_stopped_by_itself_says_why_before_anything_else(tmp_path, bus):
     fault = ("--fault", "stray", "--fault-joint", "5", "--fault-sync", "500")
     with controller(tmp_path, *bus, *fault):
-        code, _, said = finish(start(tmp_path, "run", "hinge", *bus, "--poses", "9"))
-    assert code == 3
+        said = finished(start(tmp_path, "run", "hinge", *bus, "--poses", "9"), 3).err
     assert said.index("oint 5 is +") < said.index("the arm has been stopped")
     assert "STOP is latched" not in said
     (folder,) = (tmp_path / "sessions").iterdir()
@@ -191,15 +172,13 @@ def test_an_arm_that_was_stopped_by_itself_says_why_before_anything_else(tmp_pat
 def test_a_drive_that_was_switched_off_at_the_drive_stays_off_until_somebody_goes_on(tmp_path, bus):
     fault = ("--fault", "lost-enable", "--fault-joint", "3", "--fault-sync", "700")
     with controller(tmp_path, *bus, *fault):
-        code, _, said = finish(start(tmp_path, "run", "hinge", *bus, "--poses", "6"))
-        assert code == 3
+        said = finished(start(tmp_path, "run", "hinge", *bus, "--poses", "6"), 3).err
         assert "joint 3: the drive is in state switched on; it was enabled" in said
         assert "Find out why the drive of joint 3 left its state." in said
         (folder,) = (tmp_path / "sessions").iterdir()
         assert f"Go on with: sarcal run --resume {Path('sessions') / folder.name}" in said
-        code, out, said = finish(start(tmp_path, "run", "--resume", str(folder), "--json"))
-    assert code in (0, 4), said
-    assert json.loads(out)["poses"] == 6
+        done = finished(start(tmp_path, "run", "--resume", str(folder), "--json"), 0, 4)
+    assert done.json["poses"] == 6
 
 
 def test_nothing_to_reset_on_the_arm_inside_this_program(tmp_path, ends_with):
@@ -209,13 +188,10 @@ def test_nothing_to_reset_on_the_arm_inside_this_program(tmp_path, ends_with):
 
 @pytest.mark.campaign
 def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path, bus):
-    code, _, said = finish(start(tmp_path, "probe", *bus))
-    assert code == 3
+    said = finished(start(tmp_path, "probe", *bus), 3).err
     assert "no node answers" in said
     with controller(tmp_path, *bus, *PATIENT):
-        code, out, said = finish(start(tmp_path, "probe", *bus, "--json"))
-        found = json.loads(out)
-        assert code == 0, (out, said)
+        found = finished(start(tmp_path, "probe", *bus, "--json"), 0).json
         assert [node["node"] for node in found["nodes"]] == [1, 2, 3, 4, 5, 6, 7, 16]
         assert not any(node["problems"] for node in found["nodes"])
 
@@ -223,23 +199,20 @@ def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path, bus):
         run = start(tmp_path, "run", "hinge", *bus, "--poses", "40")
         folder = wait_for_poses(tmp_path / "sessions", 1, run)
         run.send_signal(signal.SIGINT)
-        code, _, said = finish(run)
-        assert code == 130, said
+        said = finished(run, 130).err
         assert "the arm is held" in said
         assert f"sarcal run --resume {Path('sessions') / folder.name}" in said
         own = open_bus(BusSettings(interface="loopback", channel=bus[-1]))
         beat = can.Message(arbitration_id=0x77F, data=b"\x05", is_extended_id=False)
         beating = own.send_periodic(beat, 0.05)
-        code, _, said = finish(start(tmp_path, "probe", *bus))
+        said = finished(start(tmp_path, "probe", *bus), 3).err
         beating.stop()
         own.shutdown()
-        assert code == 3
         assert "another program uses this bus: " in said
         assert "the heartbeat of an operator, node 127 (77Fh)" in said
         assert "No node was probed" in said
         watcher.send_signal(signal.SIGINT)
-        code, out, _ = finish(watcher)
-    assert code == 0
+        out = finished(watcher, 0).out
     for words in (
         "joint 3: has booted",
         "the operator (node 127): operational",
@@ -255,9 +228,7 @@ def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path, bus):
 def test_arm_check_looks_at_an_arm_and_enables_nothing_unasked(tmp_path, bus):
     with controller(tmp_path, *bus, "--record", "all.log") as (arm, _):
         look = ("arm-check", *bus, "--through", "look", "--json", "--record", "look.log")
-        code, out, said = finish(start(tmp_path, *look))
-        assert code == 0, (out, said)
-        found = json.loads(out)
+        found = finished(start(tmp_path, *look), 0).json
         assert found["held"]
         assert {f["stage"] for f in found["findings"]} == {"look"}
         assert list(found["findings"][0]) == ["stage", "name", "passed", "text", "joint"]
@@ -267,10 +238,9 @@ def test_arm_check_looks_at_an_arm_and_enables_nothing_unasked(tmp_path, bus):
         with can.LogReader(tmp_path / "look.log") as recorded:
             assert {0x080, 0x187, 0x601} <= {frame.arbitration_id for frame in recorded}
         # Nobody answers: nothing is enabled.
-        code, out, said = finish(start(tmp_path, "arm-check", *bus))
-        assert code == 0, (out, said)
-        assert "Enable them? [y/N]" in said
-        assert "not tried: declined" in out
+        done = finished(start(tmp_path, "arm-check", *bus), 0)
+        assert "Enable them? [y/N]" in done.err
+        assert "not tried: declined" in done.out
         # What the controller records is all that both sides said, in the order of time.
         arm.send_signal(signal.SIGINT)
         arm.wait(PATIENCE_S)

@@ -1,9 +1,7 @@
 """The packaged procedures as programs of their own in real time, each twice in a row on one controller, verified."""
 
-import json
 import os
 import signal
-import subprocess
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -11,19 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.oracles.own_process import controller, start
+from tests.oracles.own_process import controller, finished, start
 
 POSES = {"hinge": 15, "hinge_planned": 4, "rigid": 24, "ball": 24, "open_loop": 12}
 """As few as are accepted."""
 ACCEPTED = {"accepted", "accepted_with_warnings", "holds", "agrees"}
 PATIENCE_S = 900.0
-
-
-def finish(process: subprocess.Popen[str]) -> tuple[str, str]:
-    try:
-        return process.communicate(timeout=PATIENCE_S)
-    finally:
-        process.kill()
 
 
 @contextmanager
@@ -35,18 +26,13 @@ def controller_on(folder: Path, procedure: str, channel: str, *more: str) -> Ite
         tracker = told.index("--tracker") if "--tracker" in told else len(told)
         yield [*bus, *told[tracker : tracker + 2]]
         process.send_signal(signal.SIGINT)
-        _, said = finish(process)
-    assert process.returncode == 130, said
-    assert "Traceback" not in said
+        finished(process, 130)
 
 
 def accepted(folder: Path, *arguments: str) -> None:
     """Run a command; it is accepted by exit code and by verdict."""
-    process = start(folder, *arguments, "--json")
-    out, said = finish(process)
-    assert process.returncode == 0, (arguments, said)
-    assert json.loads(out)["verdict"] in ACCEPTED
-    assert "Traceback" not in said
+    done = finished(start(folder, *arguments, "--json"), 0, patience_s=PATIENCE_S)
+    assert done.json["verdict"] in ACCEPTED
 
 
 def of(procedure: str, folder: Path) -> None:

@@ -2,8 +2,6 @@
 
 import contextlib
 import io
-import json
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -12,7 +10,7 @@ import yaml
 from operator_app.cli import main
 from operator_app.config.resources import resolve
 from operator_app.session.store.journal import read_journal
-from tests.oracles.own_process import SARCAL, environment
+from tests.oracles.own_process import finished, start
 from tests.oracles.recorded import recorded
 
 HINGE = {"theta_off_1": 9.9, "theta_off_5": 27.1, "a_0": 0.202, "alpha_7": 99.8}
@@ -32,22 +30,14 @@ def planned_procedure(folder: Path, **capture: object) -> Path:
 def datasheet(tmp_path_factory):
     """A planned session on the data sheet's arm, in a process of its own."""
     folder = tmp_path_factory.mktemp("datasheet")
-    done = subprocess.run(
-        [*SARCAL, "run", "hinge_planned", "--poses", "6", "--json"],
-        cwd=folder,
-        env=environment(),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = finished(start(folder, "run", "hinge_planned", "--poses", "6", "--json"), 0)
     return folder / "sessions", done
 
 
 @pytest.mark.campaign
 def test_a_few_planned_poses_beat_the_packaged_forty_in_condition(datasheet):
     sessions, done = datasheet
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
+    found = done.json
     assert found["capture"]["complete"]
     assert found["capture"]["planned"] == 6
     assert found["poses"] == found["capture"]["explored"] + 6 < 20
@@ -55,9 +45,9 @@ def test_a_few_planned_poses_beat_the_packaged_forty_in_condition(datasheet):
     for name, value in HINGE.items():
         assert abs(found["parameters"][name] - value) < 6.0 * found["sigma"][name], name
     # Every decision is said while it is made.
-    assert "Drive joints: 1 and 5 (reach" in done.stderr
-    assert "Explored" in done.stderr
-    assert "Capture complete: all 6 planned poses are taken." in done.stderr
+    assert "Drive joints: 1 and 5 (reach" in done.err
+    assert "Explored" in done.err
+    assert "Capture complete: all 6 planned poses are taken." in done.err
     (folder,) = (p for p in sessions.iterdir() if not p.name.endswith("verify"))
     names = [e.name for e in read_journal(folder).events]
     assert {"drives_chosen", "campaign", "campaign_move", "campaign_ended"} <= set(names)
@@ -66,7 +56,7 @@ def test_a_few_planned_poses_beat_the_packaged_forty_in_condition(datasheet):
 @pytest.mark.campaign
 def test_plan_on_the_estimate_of_a_session(datasheet, ends_with):
     sessions, done = datasheet
-    taken = json.loads(done.stdout)["poses"]
+    taken = done.json["poses"]
     options = ["--session", "latest", "--sessions", str(sessions), "--poses", "2", "--json"]
     found = ends_with(0, "plan", *options).json
     assert found["captured"] == taken
@@ -75,7 +65,7 @@ def test_plan_on_the_estimate_of_a_session(datasheet, ends_with):
     # All poses together count, so that two more are not judged alone.
     assert found["scaled_condition_number"] < 25
     # Errors of stated size; the calibration found smaller ones.
-    ratio = found["sigma"]["theta_off_1"] / json.loads(done.stdout)["sigma"]["theta_off_1"]
+    ratio = found["sigma"]["theta_off_1"] / done.json["sigma"]["theta_off_1"]
     assert 1.0 < ratio < 1.7
 
 

@@ -193,9 +193,9 @@ class Supervisor:
 
     def recording_problem(self) -> str:
         """Return why a recording of the bus ended early; "" if it did not, or was reported already."""
-        words, add_message = self._recording_ended(), self._recording_reported
+        words, before = self._recording_ended(), self._recording_reported
         self._recording_reported = words
-        return "" if words == add_message else words[:1].upper() + words[1:]
+        return "" if words == before else words[:1].upper() + words[1:]
 
     def _end_unwatched_motion(self, now: SessionSnapshot, unseen_s: float) -> None:
         """End a motion if no screen polls, since no key could stop it."""

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections.abc import Callable
 
 import pytest
 
@@ -42,6 +43,26 @@ class InHand:
         self.go_on.wait(PATIENCE_S)
 
 
+class UntilCancelled:
+    """Work that lasts until it is cancelled; `begun` and `ended` are set as it begins and ends."""
+
+    def __init__(self, cancelled: Callable[[], bool]) -> None:
+        self.cancelled = cancelled
+        self.begun, self.ended = threading.Event(), threading.Event()
+
+    def __call__(self) -> None:
+        self.begun.set()
+        until(self.cancelled)
+        self.ended.set()
+
+
+def until(holds: Callable[[], bool]) -> None:
+    end = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < end
+        threading.Event().wait(0.001)
+
+
 def texts(runner: Runner) -> list[str]:
     return [m.text for m in runner.snapshot().messages]
 
@@ -51,10 +72,7 @@ def finish(runner: Runner) -> None:
     done = threading.Event()
     runner.submit(TaskKind.NOTE, "the last", done.set)
     assert done.wait(PATIENCE_S)
-    for _ in range(10_000):
-        if not runner.pending:
-            return
-        threading.Event().wait(0.001)
+    until(lambda: not runner.pending)
 
 
 def test_work_that_is_over_at_once_is_not_shown_for_ever(make_session):
@@ -120,9 +138,7 @@ def test_what_waits_behind_ended_work_never_begins_but_a_connection_after_lost_d
 
 def test_that_this_computer_was_late_is_said_once(runner, arm):
     arm.lateness = HostLatency(times=1, last_s=0.4, longest_s=0.4)
-    end = time.monotonic() + PATIENCE_S
-    while not any("late" in text for text in texts(runner)) and time.monotonic() < end:
-        threading.Event().wait(WATCH_PERIOD_S)
+    until(lambda: any("late" in text for text in texts(runner)))
     threading.Event().wait(3 * WATCH_PERIOD_S)
     (said,) = (m for m in runner.snapshot().messages if "late" in m.text)
     assert said.level is Level.WARNING
@@ -153,19 +169,13 @@ def test_a_stop_pressed_as_the_one_before_is_reset_is_not_said_to_be_reset(runne
 @pytest.mark.campaign
 def test_a_motion_that_nobody_looks_at_is_ended(runner):
     """A screen on a terminal that is not read any more takes no key that stops."""
-    ended = threading.Event()
-
-    def work() -> None:
-        while not runner.cancelled():
-            threading.Event().wait(0.01)
-        ended.set()
-
+    work = UntilCancelled(runner.cancelled)
     runner.submit(TaskKind.MOVE, "moving", work)
     # Looked at, it goes on.
     for _ in range(int(2 * UNWATCHED_S / 0.05)):
         runner.snapshot()
-        assert not ended.wait(0.05)
-    assert ended.wait(PATIENCE_S)
+        assert not work.ended.wait(0.05)
+    assert work.ended.wait(PATIENCE_S)
     assert any("the screen did not respond" in text for text in texts(runner))
 
 
@@ -175,10 +185,7 @@ def test_a_thread_that_dies_stops_the_arm_and_is_told(source):
 
     session = source.new().session
     runner = Runner(session, simulated=True, bus="none", recording_ended=broken)
-    for _ in range(1000):
-        if runner.defect is not None:
-            break
-        threading.Event().wait(0.01)
+    until(lambda: runner.defect is not None)
     assert isinstance(runner.defect, ZeroDivisionError)
     assert source.arm is not None
     assert source.arm.stops
@@ -234,24 +241,16 @@ def kept_faults(runner: Runner) -> list[object]:
 @pytest.fixture
 def stopped_by_itself(source, runner):
     """With a pose, a calibration in hand that ends only when it is cancelled, and why it was stopped handed in."""
-    work, begun = runner.operations, threading.Event()
+    work, calibrating = runner.operations, UntilCancelled(runner.cancelled)
     work.connect()
     work.set_modes((1, 5))
     work.capture(0)
-
-    def calibrating() -> None:
-        begun.set()
-        while not runner.cancelled():
-            threading.Event().wait(0.01)
-
     runner.submit(TaskKind.CALIBRATE, "calibrating", calibrating)
-    assert begun.wait(PATIENCE_S)
+    assert calibrating.begun.wait(PATIENCE_S)
     assert source.arm is not None
     source.arm.diverge(5)
-    end = time.monotonic() + PATIENCE_S
-    while runner.pending < 2 or not any("oint 5" in a.text for a in runner.snapshot().alarms):
-        assert time.monotonic() < end
-        threading.Event().wait(WATCH_PERIOD_S)
+    until(lambda: runner.pending > 1)
+    until(lambda: any("oint 5" in a.text for a in runner.snapshot().alarms))
     return runner
 
 
@@ -275,7 +274,7 @@ def test_why_the_arm_was_stopped_is_kept_though_the_session_is_closed_meanwhile(
 
 def test_two_who_hand_in_work_at_once_have_it_done_in_their_order_and_it_can_be_ended(make_session):
     """The screen and the watchman: a job that no key could end would be the wrong one's."""
-    second, begun, ended = threading.Event(), threading.Event(), threading.Event()
+    second = threading.Event()
 
     def clock() -> float:
         """Hold up whoever hands in the first job, in the middle of it."""
@@ -283,21 +282,15 @@ def test_two_who_hand_in_work_at_once_have_it_done_in_their_order_and_it_can_be_
             second.wait(0.5)
         return time.monotonic()
 
-    def work() -> None:
-        begun.set()
-        while not runner.cancelled():
-            threading.Event().wait(0.01)
-        ended.set()
-
     first = threading.Thread(target=lambda: runner.submit(TaskKind.MOVE, "the first", work))
     runner = Runner(make_session(short_procedure(3)), simulated=True, bus="none", monotonic=clock)
+    work = UntilCancelled(runner.cancelled)
     first.start()
-    while not runner.pending:
-        threading.Event().wait(0.001)
+    until(lambda: runner.pending > 0)
     runner.submit(TaskKind.NOTE, "the second", second.set)
     first.join()
-    assert begun.wait(PATIENCE_S)
+    assert work.begun.wait(PATIENCE_S)
     assert not second.is_set()
     runner.cancel()
-    assert ended.wait(5.0)
+    assert work.ended.wait(5.0)
     runner.close("end of the test")

@@ -134,18 +134,19 @@ def _poses(
         placement=np.repeat(np.arange(1, len(found) + 1), [len(p) for p in found]),
         label=tuple(label for p in found for label in p.label),
         q_rad=np.concatenate([p.q_rad for p in found]),
-        samples=None
-        if any(p.samples is None for p in found)
-        else np.concatenate([p.samples for p in found if p.samples is not None]),
-        sd_rad=None
-        if any(p.sd_rad is None for p in found)
-        else np.concatenate([p.sd_rad for p in found if p.sd_rad is not None]),
+        samples=_joined([p.samples for p in found]),
+        sd_rad=_joined([p.sd_rad for p in found]),
         utc=None
         if any(p.utc is None for p in found)
         else tuple(utc for p in found for utc in p.utc or ()),
         notes=tuple(note for p in found for note in p.notes or ("",) * len(p)),
     )
     return together, said_of
+
+
+def _joined(parts: list[Any]) -> Any:
+    """Return the arrays as one; None if one is missing."""
+    return None if any(part is None for part in parts) else np.concatenate(parts)
 
 
 def _recorded(

@@ -23,65 +23,57 @@ from operator_app.session.store.state import SessionState
 
 def execute(args: argparse.Namespace) -> int:
     """Report on stdout."""
-
-    def facts(entry: SessionEntry) -> dict[str, Any]:
-        state = entry.state
-        if state is None:
-            return {"folder": str(entry.folder), "problem": entry.problem}
-        return {
-            "folder": str(entry.folder),
-            "opened_utc": state.opened_utc,
-            "serial_number": state.serial_number,
-            "modes": list(state.modes),
-            "poses": len(state.used_poses),
-            "excluded": [p.number for p in state.poses if p.excluded],
-            "solved": dict(state.solved),
-            "exported": dict(state.exported),
-            "torn": entry.torn,
-        }
-
     if args.action == "list":
-        found = [facts(entry) for entry in list_sessions(args.sessions)]
+        found = list_sessions(args.sessions)
         if args.json:
-            say(as_json(found))
+            say(as_json([_facts(entry) for entry in found]))
         elif not found:
             say(f"No sessions in {args.sessions}. `sarcal run hinge` makes one.")
         else:
-            rows = [["session", "begun (UTC)", "arm", "poses", "state"]]
-            for fact in found:
-                if "problem" in fact:
-                    # The folder is in the first column already.
-                    problem = fact["problem"].replace(f"{fact['folder']}/", "")
-                    rows.append([fact["folder"], "", "", "", problem])
-                    continue
-                stage = "captured" if fact["poses"] else "begun"
-                if fact["solved"]:
-                    stage = "accepted" if fact["solved"]["accepted"] else "not accepted"
-                if fact["exported"]:
-                    stage = "exported"
-                rows.append(
-                    [
-                        fact["folder"],
-                        fact["opened_utc"][:19].replace("T", " "),
-                        fact["serial_number"] or "-",
-                        str(fact["poses"]),
-                        stage,
-                    ]
-                )
-            say(aligned(rows))
+            say(aligned([["session", "begun (UTC)", "arm", "poses", "state"], *map(_row, found)]))
         return ExitCode.ACCEPTED
     if args.action == "repair":
         return _repair(args)
     entry = read_session(find_session(args.sessions, args.name or "latest"))
     if entry.problem:
         raise JournalError(entry.problem, entry.remedy)
-    fact = facts(entry)
     if args.json:
-        say(as_json(fact))
+        say(as_json(_facts(entry)))
     elif entry.state is not None:
         title = _procedure_of(entry.state)
         say(session_table_text(entry.folder, entry.state, procedure=title, torn=entry.torn))
     return ExitCode.ACCEPTED
+
+
+def _facts(entry: SessionEntry) -> dict[str, Any]:
+    state = entry.state
+    if state is None:
+        return {"folder": str(entry.folder), "problem": entry.problem}
+    return {
+        "folder": str(entry.folder),
+        "opened_utc": state.opened_utc,
+        "serial_number": state.serial_number,
+        "modes": list(state.modes),
+        "poses": len(state.used_poses),
+        "excluded": [p.number for p in state.poses if p.excluded],
+        "solved": dict(state.solved),
+        "exported": dict(state.exported),
+        "torn": entry.torn,
+    }
+
+
+def _row(entry: SessionEntry) -> list[str]:
+    folder, state = str(entry.folder), entry.state
+    if state is None:
+        # The folder is in the first column already.
+        return [folder, "", "", "", entry.problem.replace(f"{folder}/", "")]
+    stage = "captured" if state.used_poses else "begun"
+    if state.solved:
+        stage = "accepted" if state.solved["accepted"] else "not accepted"
+    if state.exported:
+        stage = "exported"
+    begun = state.opened_utc[:19].replace("T", " ")
+    return [folder, begun, state.serial_number or "-", str(len(state.used_poses)), stage]
 
 
 def _procedure_of(state: SessionState) -> str:

@@ -29,6 +29,7 @@ from operator_app.report.json_schema import unidentifiable_data
 from operator_app.report.results.verification import verification_json, verification_text
 from operator_app.report.text import facts_text, unidentifiable_text
 from operator_app.safe_output import as_json, say
+from operator_app.session.store.stored_calibration import require_estimator_for
 from operator_app.units import ANGLE, Figure
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
@@ -54,11 +55,7 @@ def execute(args: argparse.Namespace) -> int:
     as_read, poses = poses, corrected_poses(poses, tables)
     _say_corrected(as_read, poses, tables)
     estimator = args.estimator or "implicit"
-    if estimator == "paper" and unsensed:
-        raise UsageError(
-            "the paper's estimator eliminates the hinge angle only (eqs. 10-13); "
-            "use --estimator implicit with --unsensed"
-        )
+    require_estimator_for(unsensed, estimator)
     try:
         solution = calibrate(
             arm,

@@ -82,6 +82,15 @@ def session_calibration(
     return StoredCalibration(solution=solution, checks=None, recalculated_because=why)
 
 
+def require_estimator_for(unsensed_joints: tuple[int, ...], estimator: str) -> None:
+    """Raise SessionError for the paper's estimator with unsensed joints."""
+    if unsensed_joints and estimator == "paper":
+        raise SessionError(
+            "the paper's estimator eliminates the hinge angle only (eqs. 10-13)",
+            "use --estimator implicit with --unsensed",
+        )
+
+
 def solve(
     state: SessionState,
     procedure: Procedure,
@@ -90,11 +99,7 @@ def solve(
     unsensed_joints: tuple[int, ...],
 ) -> Solution:
     """Calibrate from the used poses with the limits and tolerances of the procedure."""
-    if unsensed_joints and estimator == "paper":
-        raise SessionError(
-            "the paper's estimator eliminates the hinge angle only (eqs. 10-13)",
-            "use --estimator implicit with --unsensed",
-        )
+    require_estimator_for(unsensed_joints, estimator)
     solution = calibrate(
         procedure.arm,
         procedure.fixture.fixture,

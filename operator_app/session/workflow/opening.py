@@ -22,6 +22,7 @@ from operator_app.session.store.folders import find_session, new_folder, next_or
 from operator_app.session.store.journal import Clock, Journal, read_journal, utc_now
 from operator_app.session.store.journal_format import JOURNAL_NAME
 from operator_app.session.store.replay import session_state
+from operator_app.session.store.stored_calibration import require_estimator_for
 from operator_app.session.workflow.remounting import next_due, require_mountable
 from solver.estimators.estimate import require_enough_poses
 
@@ -312,11 +313,7 @@ def _require_solvable(procedure: Procedure) -> None:
     wrong = [j for j in procedure.unsensed_joints if j > n]
     if wrong:
         raise SessionError(f"there is no joint {wrong[0]}", f"joints are 1 to {n}")
-    if procedure.unsensed_joints and procedure.estimator == "paper":
-        raise SessionError(
-            "the paper's estimator eliminates the hinge angle only (eqs. 10-13)",
-            "use --estimator implicit with --unsensed",
-        )
+    require_estimator_for(procedure.unsensed_joints, procedure.estimator)
     model = procedure.fixture.fixture.model(
         procedure.arm, unsensed_joints=procedure.unsensed_joints
     )

@@ -13,6 +13,7 @@ from datetime import datetime
 from typing import Any
 
 from hardware.virtual import SCENARIOS
+from operator_app.session.store.journal_format import JournalEvent
 
 Check = Callable[[Any, int | None], str]
 """Check: from a value and the number of joints (None: not known yet) to the problem of the value ("" for none)."""
@@ -25,18 +26,23 @@ MOST_JOINTS_RECORDED = 100
 UTC = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,9})?Z")
 
 
-def event_problem(
-    name: str, data: Mapping[str, Any], utc: str, joints: int | None
-) -> tuple[str, str]:
-    """Return the first invalid key of an event, and its problem; two empty strings for a valid event."""
-    if not _is_time(utc):
-        return "utc", f"{_quoted(utc)} is not a time such as 2026-01-31T12:00:00.000Z"
-    return _first_problem(EVENTS.get(name, {}), data, joints)
+def event_problem(event: JournalEvent, joints: int | None, captured: int = 0) -> tuple[str, str]:
+    """Return the first invalid key of an event, and its problem; two empty strings for a valid event.
+
+    `captured`: number of the last pose before it.
+    """
+    if not _is_time(event.utc):
+        return "utc", f"{_quoted(event.utc)} is not a time such as 2026-01-31T12:00:00.000Z"
+    key, problem = _first_problem(EVENTS.get(event.name, {}), event.data, joints)
+    if not problem and event.name == "pose" and event.data["number"] <= captured:
+        return "number", f"pose {event.data['number']} comes after pose {captured}"
+    return key, problem
 
 
-def joint_count_in(name: str, data: Mapping[str, Any]) -> int | None:
+def joint_count_in(event: JournalEvent) -> int | None:
     """Return the number of joints in a valid event; None if it has no list with a value for each joint."""
-    return next((len(data[k]) for k in EVENTS.get(name, {}) if k in PER_JOINT and k in data), None)
+    keys = EVENTS.get(event.name, {})
+    return next((len(event.data[k]) for k in keys if k in PER_JOINT and k in event.data), None)
 
 
 def _first_problem(
@@ -170,9 +176,8 @@ def mapping_of(key: Check, item: Check) -> Check:
     return check
 
 
-def object_with(**checks: Check) -> Check:
-    """Accept an object with these keys and any others; a name that ends in ``_0`` is optional."""
-    checks = {f"{k.removesuffix('_0')}{'?' * k.endswith('_0')}": v for k, v in checks.items()}
+def object_with(checks: Mapping[str, Check]) -> Check:
+    """Accept an object with these keys and any others."""
 
     def check(value: Any, joints: int | None) -> str:
         if not isinstance(value, dict):
@@ -225,27 +230,29 @@ A_DURATION = number(0.0)
 OBJECT = mapping_of(text, anything)
 
 SETTINGS = object_with(
-    poses_0=nullable(COUNT),
-    plan_0=nullable(one_of("explore", "planned")),
-    estimator_0=nullable(one_of("implicit", "paper")),
-    unsensed_joints_0=nullable(JOINTS),
-    length_tolerance_m_0=nullable(number(0.0, 10.0)),
-    upload_0=nullable(boolean),
-    interface_0=nullable(text),
-    channel_0=nullable(text),
-    bitrate_0=nullable(COUNT),
-    profile_0=nullable(text),
-    scenario_0=nullable(one_of(*SCENARIOS)),
-    seed_0=nullable(integer(0)),
-    tracker_0=nullable(text),
-    operator_0=nullable(text),
-    placements_0=nullable(COUNT),
-    verifies_0=text,
-    drop_unidentifiable_0=nullable(boolean),
+    {
+        "poses?": nullable(COUNT),
+        "plan?": nullable(one_of("explore", "planned")),
+        "estimator?": nullable(one_of("implicit", "paper")),
+        "unsensed_joints?": nullable(JOINTS),
+        "length_tolerance_m?": nullable(number(0.0, 10.0)),
+        "upload?": nullable(boolean),
+        "interface?": nullable(text),
+        "channel?": nullable(text),
+        "bitrate?": nullable(COUNT),
+        "profile?": nullable(text),
+        "scenario?": nullable(one_of(*SCENARIOS)),
+        "seed?": nullable(integer(0)),
+        "tracker?": nullable(text),
+        "operator?": nullable(text),
+        "placements?": nullable(COUNT),
+        "verifies?": text,
+        "drop_unidentifiable?": nullable(boolean),
+    }
 )
-NODE = object_with(node=integer(0, 127), serial_number=integer(0), device_name_0=text)
-RECEIPT = object_with(slot=text, length=integer(0), sha256=text)
-WEAK = object_with(name=text, sigma=nullable(number(0.0)), requested=number(0.0))
+NODE = object_with({"node": integer(0, 127), "serial_number": integer(0), "device_name?": text})
+RECEIPT = object_with({"slot": text, "length": integer(0), "sha256": text})
+WEAK = object_with({"name": text, "sigma": nullable(number(0.0)), "requested": number(0.0)})
 MEASURED: Mapping[str, Check] = {
     "number": COUNT,
     "mean_rad": ANGLES,

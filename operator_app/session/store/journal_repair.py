@@ -222,19 +222,17 @@ def _without_invalid(lines: list[RepairedLine]) -> tuple[RepairedLine, ...]:
         joints
         for line in lines
         if line.event is not None
-        and not event_problem(line.event.name, line.event.data, line.event.utc, None)[1]
-        and (joints := joint_count_in(line.event.name, line.event.data)) is not None
+        and not event_problem(line.event, None)[1]
+        and (joints := joint_count_in(line.event)) is not None
     )
     joints = counted.most_common(1)[0][0] if counted else None
     found, captured = [], 0
     for line in lines:
         event = line.event
         if event is not None:
-            key, problem = event_problem(event.name, event.data, event.utc, joints)
+            key, problem = event_problem(event, joints, captured)
             if not problem and event.name == "pose":
-                number = event.data["number"]
-                problem = "" if number > captured else f"comes after pose {captured}"
-                key, captured = "number", max(captured, number)
+                captured = event.data["number"]
             if problem:
                 words = f"the data are invalid: {event.name}.{key} {problem}"
                 line = RepairedLine(number=line.number, event=None, words=words)  # noqa: PLW2901

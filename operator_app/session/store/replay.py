@@ -245,12 +245,7 @@ def session_state(contents: JournalContents, *, joint_count: int | None = None) 
     """
     state, joints = SessionState(), joint_count
     for event in contents.events:
-        key, problem = event_problem(event.name, event.data, event.utc, joints)
-        if not problem and event.name == "pose" and event.data["number"] <= state.captured:
-            key, problem = (
-                "number",
-                f"pose {event.data['number']} comes after pose {state.captured}",
-            )
+        key, problem = event_problem(event, joints, state.captured)
         if problem:
             where = f"{event.name}.{key}" if key != "utc" else key
             raise JournalDamagedError(
@@ -260,7 +255,7 @@ def session_state(contents: JournalContents, *, joint_count: int | None = None) 
                 events=event.seq - 1,
                 key=key,
             )
-        joints = joints or joint_count_in(event.name, event.data)
+        joints = joints or joint_count_in(event)
         state = apply(state, event.name, event.data, event.utc)
     return state
 

@@ -157,7 +157,7 @@ def subject_of_session(
     return Subject(
         name=name,
         procedure=procedure,
-        state=replay((e.name, e.data, e.utc) for e in events),
+        state=replay(events),
         solution=None if found is None else found.solution,
         checks=None if found is None else found.checks,
         unidentifiable=unidentifiable,

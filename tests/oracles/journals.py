@@ -8,12 +8,18 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+from operator_app.session.store.journal_format import JournalEvent
+
 Named = tuple[str, dict[str, Any]]
 
 POSE = {
     "waypoint": 0, "sd_rad": [1e-5] * 7, "samples": 8, "first_sync": 12, "note": "",
 }  # fmt: skip
 WORDS = ("procedure", "arm", "fixture")
+
+
+def an_event(name: str, data: dict[str, Any]) -> JournalEvent:
+    return JournalEvent(seq=1, utc="2026-11-22T10:00:00Z", name=name, data=data)
 
 
 def sources() -> dict[str, str]:

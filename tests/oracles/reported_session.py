@@ -15,7 +15,7 @@ HOSTILE = '<script>alert("1")</script></td></table>\u202e & \x07\ud800'
 
 def subject_of(events: Sequence[JournalEvent], **options: Any) -> Subject:
     """As `sarcal report` reads a journal."""
-    state = replay((e.name, e.data, e.utc) for e in events)
+    state = replay(events)
     try:
         found = session_calibration(state, short_procedure(16, "datasheet"), **options)
     except UnidentifiableError as error:

@@ -88,7 +88,7 @@ def judge(kind: str, at_sync: int, folder: Path) -> Outcome:
     closes = CLOSES + (SLIP_M if kind == "slipped-fixture" else 0.0)
     assert all(error < closes for error in errors), (found.said, errors)
     judge_arm(found, words.arm, connected=at_sync != BEFORE)
-    kept = replay((e.name, e.data, e.utc) for e in read_journal(folder).events).used_poses
+    kept = replay(read_journal(folder).events).used_poses
     assert [pose.number for pose in kept] == [pose.number for pose in found.poses]
     assert all(
         np.array_equal(a.mean_rad, b.mean_rad) for a, b in zip(kept, found.poses, strict=True)
@@ -189,7 +189,7 @@ def test_a_wall_clock_that_is_set_back_and_forth_costs_no_pose(tmp_path):
     stamps = [pose.utc for pose in found.poses]
     assert stamps != sorted(stamps)
     events = read_journal(tmp_path / "s").events
-    kept = replay((e.name, e.data, e.utc) for e in events).used_poses
+    kept = replay(events).used_poses
     assert [pose.number for pose in kept] == [1, 2, 3, 4, 5, 6]
     assert np.array_equal([p.mean_rad for p in kept], [p.mean_rad for p in found.poses])
 

@@ -63,8 +63,7 @@ class Logbook:
 
     def record(self, name: str, data: Mapping[str, Any]) -> None:
         """Write an event to the journal, then apply it to the state."""
-        event = self.journal.append(name, data, clock=self._clock)
-        self.state = apply(self.state, event.name, event.data, event.utc)
+        self.state = apply(self.state, self.journal.append(name, data, clock=self._clock))
 
     def require_journal(self, *, unchanged: bool = False) -> None:
         """Raise JournalLostError if the journal is lost or, with `unchanged`, if it differs from what was written."""

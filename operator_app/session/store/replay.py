@@ -24,7 +24,7 @@ MOST_ORDER = 2**53
 """Larger order numbers are not credible."""
 
 if TYPE_CHECKING:
-    from operator_app.session.store.journal_format import JournalContents
+    from operator_app.session.store.journal_format import JournalContents, JournalEvent
 
 
 def order_of(opened: Mapping[str, Any]) -> int:
@@ -33,8 +33,9 @@ def order_of(opened: Mapping[str, Any]) -> int:
     return order if type(order) is int and 0 < order < MOST_ORDER else 0
 
 
-def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> SessionState:
+def apply(state: SessionState, event: JournalEvent) -> SessionState:
     """Return the state after one event; unknown events (from a newer version) change nothing."""
+    name, data, utc = event.name, event.data, event.utc
     match name:
         case "opened":
             return replace(
@@ -100,7 +101,7 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
         case "pose_noted":
             return replace(state, poses=_edit(state, data["number"], note=data["text"]))
         case _:
-            return _apply_planning(state, name, data, utc)
+            return _apply_planning(state, event)
 
 
 def _measured(data: Mapping[str, Any], utc: str) -> dict[str, Any]:
@@ -126,10 +127,9 @@ def _undone(state: SessionState, number: int, *, back: bool) -> SessionState:
     return _with_other_poses(replace(state, undone=undone), poses)
 
 
-def _apply_planning(
-    state: SessionState, name: str, data: Mapping[str, Any], utc: str
-) -> SessionState:
+def _apply_planning(state: SessionState, event: JournalEvent) -> SessionState:
     """Return the state after an event of a planned capture or of a new placement."""
+    name, data = event.name, event.data
     match name:
         case "remounting":
             return _elsewhere(state, data["placement"], mounted=False)
@@ -145,14 +145,13 @@ def _apply_planning(
         case "campaign_ended":
             return replace(state, campaign=replace(state.campaign, ended=dict(data)))
         case _:
-            return _apply_results(state, name, data, utc)
+            return _apply_results(state, event)
 
 
-def _apply_results(
-    state: SessionState, name: str, data: Mapping[str, Any], utc: str
-) -> SessionState:
+def _apply_results(state: SessionState, event: JournalEvent) -> SessionState:
     """Return the state after a result, a check reading or a fault."""
-    match name:
+    data, utc = event.data, event.utc
+    match event.name:
         case "solved":
             summary = {k: v for k, v in data.items() if k != "record"}
             new = {"solved": summary, "solution": data.get("record", {}), "solved_utc": utc}
@@ -256,10 +255,10 @@ def session_state(contents: JournalContents, *, joint_count: int | None = None) 
                 key=key,
             )
         joints = joints or joint_count_in(event)
-        state = apply(state, event.name, event.data, event.utc)
+        state = apply(state, event)
     return state
 
 
-def replay(events: Iterable[tuple[str, Mapping[str, Any], str]]) -> SessionState:
-    """Return the state after these events (name, data, utc)."""
-    return reduce(lambda state, event: apply(state, *event), events, SessionState())
+def replay(events: Iterable[JournalEvent]) -> SessionState:
+    """Return the state after these events."""
+    return reduce(apply, events, SessionState())

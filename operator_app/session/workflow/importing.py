@@ -182,7 +182,7 @@ class ImportedSession:
         utc = utc_in_words(self._clock())
         event = JournalEvent(seq=len(self._events) + 1, utc=utc, name=name, data=data)
         self._events.append(event)
-        self.state = apply(self.state, name, data, utc)
+        self.state = apply(self.state, event)
 
 
 def _numbered(poses: PoseSet) -> PoseSet:

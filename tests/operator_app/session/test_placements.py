@@ -18,7 +18,7 @@ from operator_app.session.store.replay import replay, session_state
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.opening import Choices, begin, resume
 from operator_app.session.workflow.session import Session
-from tests.oracles.journals import POSE, sources
+from tests.oracles.journals import POSE, an_event, sources
 
 Q = [0.1, -0.2, 0.3, 1.4, -0.5, 0.6, 0.7]
 SETTINGS = {"poses": 12, "placements": 2, "interface": "loopback", "channel": "bench"}
@@ -48,7 +48,7 @@ def session(make_session):
 
 
 def of(events: list[Named]) -> SessionState:
-    return replay((name, data, "2026-11-22T10:00:00Z") for name, data in events)
+    return replay(an_event(*named) for named in events)
 
 
 def written(folder: Path, events: list[Named]) -> Path:

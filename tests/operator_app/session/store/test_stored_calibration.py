@@ -9,7 +9,7 @@ import pytest
 from operator_app.calibration.cross_validation import Checks
 from operator_app.errors import SessionError
 from operator_app.session.store.journal import read_journal
-from operator_app.session.store.replay import apply, replay
+from operator_app.session.store.replay import replay
 from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import (
     journal_calibration,
@@ -20,6 +20,7 @@ from operator_app.session.store.stored_calibration import (
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
+from tests.oracles.journals import an_event
 from tests.oracles.short_procedure import short_procedure
 
 
@@ -40,7 +41,7 @@ def session(make_session, procedure):
 def from_the_file(session: Session) -> SessionState:
     session.close("done")
     events = read_journal(session.journal.path.parent).events
-    return replay((e.name, e.data, e.utc) for e in events)
+    return replay(events)
 
 
 def test_what_was_solved_is_read_back_from_the_file(session):
@@ -102,10 +103,10 @@ def test_a_session_without_poses_says_so(procedure):
 
 
 def test_second_opinions_belong_to_the_solution_they_follow():
-    state = apply(SessionState(), "solved", {"record": {"version": 1}}, "")
-    state = apply(state, "checked", {"record": {"version": 1, "outliers": []}}, "")
-    assert state.checks
-    assert apply(state, "solved", {"record": {"version": 1}}, "").checks == {}
+    solved = an_event("solved", {"record": {"version": 1}})
+    checked = an_event("checked", {"record": {"version": 1, "outliers": []}})
+    assert replay([solved, checked]).checks
+    assert replay([solved, checked, solved]).checks == {}
 
 
 def test_a_solution_of_other_poses_or_of_figures_that_do_not_go_together_is_made_again(

@@ -225,14 +225,12 @@ def typeset(words: str) -> str:
     return re.sub(r"(?<![\w-])-(?=\d)", MINUS, raised)
 
 
-def places_to_show(
-    precisions: Iterable[float], *, digits: int = 2, least: int = 1, most: int = 9
-) -> int:
-    """Decimal places that show the smallest of these precisions with `digits` significant digits."""
+def places_to_show(precisions: Iterable[float], *, least: int = 1, most: int = 9) -> int:
+    """Decimal places that show the smallest of these precisions with two significant digits."""
     finest = min((p for p in precisions if math.isfinite(p) and p > 0.0), default=0.0)
     if finest == 0.0:
         return least
-    return min(most, max(least, digits - 1 - math.floor(math.log10(finest))))
+    return min(most, max(least, 1 - math.floor(math.log10(finest))))
 
 
 def places_needed(values: Iterable[float], *, least: int, most: int) -> int:

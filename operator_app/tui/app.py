@@ -92,7 +92,6 @@ class SarcalApp(App[str]):
     TITLE = "sarcal"
     BINDINGS: ClassVar[list[BindingType]] = []
     COMMANDS: ClassVar = {ActionProvider}
-    ENABLE_COMMAND_PALETTE = True
 
     def __init__(
         self,

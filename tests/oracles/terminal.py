@@ -97,10 +97,6 @@ class Terminal:
             select(POLL_S)
         return int(self._done.read_text())
 
-    def close_window(self) -> None:
-        """Take the terminal away from the program, as when its window is closed."""
-        self._tmux("kill-server")
-
     def close(self) -> None:
         """End tmux, and with it what may still run in it. Safe to call twice."""
         subprocess.run(

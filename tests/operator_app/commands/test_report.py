@@ -1,6 +1,5 @@
 """`sarcal report` as a script sees it: a page in the session folder, exit codes, words when it cannot."""
 
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
@@ -12,8 +11,6 @@ from operator_app.report.results.session import session_text
 from operator_app.session.store.journal import Journal, read_journal
 from operator_app.session.store.replay import session_state
 from operator_app.session.workflow.opening import Choices, begin
-
-MakeFolder = Callable[..., Path]
 
 
 @pytest.fixture

@@ -1,7 +1,6 @@
 """A session that goes on asks whether arm and fixture are the same, before its drives are enabled."""
 
 import shutil
-from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
@@ -43,9 +42,6 @@ def left_after(tmp_path_factory):
         return folder
 
     return make
-
-
-Resumed = Callable[..., tuple[Session, WrongZero]]
 
 
 @pytest.fixture

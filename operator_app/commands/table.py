@@ -6,7 +6,7 @@ import argparse
 import importlib
 import os
 import shlex
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -71,11 +71,11 @@ COPIED = "packaged"
 SESSION_ARGUMENTS = ("session", "name", "a", "b", "resume")
 
 
-def words_to_complete(environ: Mapping[str, str] = os.environ) -> list[str] | None:
+def words_to_complete() -> list[str] | None:
     """Return the words of the command line to be completed; None if no completion was requested."""
-    if "_ARGCOMPLETE" not in environ:
+    if "_ARGCOMPLETE" not in os.environ:
         return None
-    line = environ.get("COMP_LINE", "")
+    line = os.environ.get("COMP_LINE", "")
     try:
         return shlex.split(line)[1:]
     except ValueError:

@@ -58,16 +58,10 @@ def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, floa
     return dict(sorted(times.items(), key=lambda item: item[1]))
 
 
-def counters_at_zero(arm: ArmModel, reading_rad: FloatArray) -> tuple[int, ...]:
-    """Joints (1-based) whose counter reads zero."""
-    return tuple(
-        sorted(j for j, times in counters_near_zero(arm, reading_rad).items() if times <= 1.0)
-    )
-
-
 def zero_position(arm: ArmModel, reading_rad: FloatArray, joints: Sequence[int]) -> str:
     """Return ``at zero``, or ``near zero`` if one of these joints is not exactly there."""
-    return "at zero" if set(joints) <= set(counters_at_zero(arm, reading_rad)) else "near zero"
+    times = counters_near_zero(arm, reading_rad)
+    return "at zero" if all(times.get(j, np.inf) <= 1.0 for j in joints) else "near zero"
 
 
 def check_counters(arm: ArmModel, reading_rad: FloatArray) -> None:

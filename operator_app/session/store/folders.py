@@ -50,7 +50,7 @@ def new_folder(root: Path, name: str, utc: datetime) -> Path:
     return next(f for f in numbered_folders(root / stem) if not f.exists())
 
 
-def next_order(root: Path, *, but: Path | None = None) -> int:
+def next_order(root: Path, *, but: Path) -> int:
     """Return the order number of a new session below `root`: 1 more than the largest of all sessions except `but`."""
     try:
         folders = [p for p in root.iterdir() if p != but]

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Final
 
 from hardware.arm import (
-    ArmIdentity,
     ArmSnapshot,
     DriveState,
     JointMode,
@@ -25,8 +24,8 @@ from hardware.canopen.cia402 import TargetState, state_of
 from hardware.canopen.drive_settings import DriveFacts, read_drive_facts
 from hardware.canopen.objects import ERROR_CODE, OPERATOR_NODE, emergency_text
 from hardware.control import motion_steps
+from hardware.control.connectable_arm import ConnectableArm
 from hardware.control.connection import Connection
-from hardware.control.connector import Connector
 from hardware.control.trajectory import ACCELERATION_RAD_PER_S2
 from hardware.errors import (
     CommandRefused,
@@ -45,7 +44,7 @@ MODE_SYNCS: Final = 5
 MODE_ATTEMPTS: Final = 6
 
 
-class CanopenArm:
+class CanopenArm(ConnectableArm):
     """An arm of CiA 402 joints on a CAN bus, with or without a supervisor; see `hardware.arm.ArmInterface`.
 
     Parameters
@@ -77,7 +76,7 @@ class CanopenArm:
         openers: BusOpeners | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.on_bus = ArmOnBus(
+        on_bus = ArmOnBus(
             description=description,
             settings=settings,
             profile=profile,
@@ -85,52 +84,13 @@ class CanopenArm:
             timing=timing or Timing(),
             openers=openers or BusOpeners(),
         )
+        super().__init__(on_bus, record_to, clock)
         self._acceleration = acceleration_rad_per_s2
         self._n = len(description.joints)
-        self._connector = Connector(self.on_bus, record_to, clock)
-
-    def connect(self) -> ArmIdentity:
-        """Find the nodes, check that they are the arm described, start heartbeats and SYNC.
-
-        A STOP latched before remains latched; one pressed while connecting cancels the connection.
-
-        Closes the connection again if it raises a `HardwareError`.
-        """
-        return self._connector.connect()
-
-    def take_over(self) -> None:
-        """Let the next connection reset enabled drives after their operator has been silent for its time-out."""
-        self._connector.takes_over = True
-
-    def close(self) -> bool:
-        """Hold the arm, switch its drives off, release control, end heartbeats and recording.
-
-        May be called twice and from any thread. False if the arm did not answer or a drive still follows commands.
-        """
-        return self._connector.close()
-
-    @property
-    def left_powered(self) -> tuple[int, ...]:
-        """Joints whose drives reported power when the arm was closed last."""
-        return self._connector.left_powered
 
     def snapshot(self) -> ArmSnapshot:
         """The latest state; never blocks, and may be called from any thread."""
         return self._link.snapshot()
-
-    @property
-    def record_to(self) -> Path | None:
-        """File to record the bus to from the next connection on; None for none."""
-        return self._connector.record_to
-
-    @record_to.setter
-    def record_to(self, path: Path | None) -> None:
-        self._connector.record_to = path
-
-    @property
-    def recording_failure(self) -> str | None:
-        """Why the recording ended early (for example a full disk); None if it did not."""
-        return self._connector.recording_failure
 
     def take_control(self) -> None:
         """Take the control token and enable all drives in position mode at their measured positions."""
@@ -257,19 +217,12 @@ class CanopenArm:
         # A sensor fault or another master is no reason not to hold.
         self._set_modes([JointMode.POSITION] * self._n, despite=(SensorFault, OtherMaster))
 
-    def stop(self) -> None:
-        """Send quick stop to all drives and latch STOP. May be called from any thread; waits for no lock and no queue.
-
-        Also ends a connection attempt. Raises `BusError` if a frame could not be sent; all other frames were sent.
-        """
-        self._connector.stop()
-
     def reset_stop(self) -> None:
         """Clear the latch and drive faults; the drives stay disabled until `take_control`.
 
         Raises `Stopped` if STOP was pressed again during the reset, `DriveFault` if a fault cannot be cleared.
         """
-        link, press = self._link, self._connector.latch.last_press
+        link, press = self._link, self._latch.last_press
         not_reached = link.loop.run(
             motion_steps.reset(link.loop, link.loop.forget_faults, press=press),
             despite=(Stopped, DriveFault, SensorFault, OtherMaster),
@@ -300,14 +253,6 @@ class CanopenArm:
             openers=setup.openers,
         )
 
-    def fall_silent(self) -> None:
-        """End heartbeat, SYNC and connection without a command to the drives, as if this program had crashed."""
-        self._connector.drop()
-
-    def read_states_unconnected(self) -> tuple[DriveState, ...]:
-        """Drive states of joints 1..n by SDO (6041h) alone, without a connection; nothing is commanded."""
-        return self._connector.read_states()
-
     def upload_parameters(self, document: bytes) -> UploadReceipt:
         """Stage, read back and commit a document, and read the home offsets back.
 
@@ -335,10 +280,6 @@ class CanopenArm:
         """The controller's active parameter document; empty if there is none."""
         link = self._link
         return uploading.read_document(link.access, link.profile)
-
-    @property
-    def _link(self) -> Connection:
-        return self._connector.connection
 
     @staticmethod
     def _raise_if_stopped(link: Connection) -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
 from pathlib import Path
 
 from hardware.arm import ArmIdentity, DriveState
@@ -44,52 +43,35 @@ _IGNORED_ALARMS: tuple[type[HardwareError], ...] = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReleaseResult:
-    """State in which an arm was left.
+class ConnectableArm:
+    """An arm on a CAN bus that is connected, stopped and released; `record_to` is a file to record the bus to.
 
     Attributes
     ----------
-    holding
-        Whether it answered and no drive follows commands.
-    powered
-        Joints whose drives are still powered, including those that hold after STOP.
-    """
-
-    holding: bool
-    powered: tuple[int, ...] = ()
-
-
-class Connector:
-    """Connects to one arm and releases it.
-
-    Attributes
-    ----------
+    on_bus
+        The expected arm and its bus.
     record_to
-        File to record the next connection to; None for none.
-    latch
-        STOP latch; it outlives a connection, so that a new one does not lift a STOP.
-    takes_over
-        Whether the next connection may reset drives that are enabled: this program left them so, or the user asked for
-        it.
+        File to record the bus to from the next connection on; None for none.
+    left_powered
+        Joints whose drives reported power when the arm was closed last, including those that hold after STOP.
     """
 
     def __init__(
         self, on_bus: ArmOnBus, record_to: Path | None, clock: Callable[[], float]
     ) -> None:
-        self._on_bus, self.record_to, self._clock = on_bus, record_to, clock
-        self.latch = StopLatch()
-        self.takes_over = False
+        self.on_bus, self.record_to, self._clock = on_bus, record_to, clock
+        self.left_powered: tuple[int, ...] = ()
+        self._latch = StopLatch()  # outlives a connection: a new one does not lift a STOP
+        self._takes_over = False
         self._connection: Connection | None = None
         self._opening: Connection | None = None
         self._connecting = False
         self._recording_failure: str | None = None
-        self._closing = False
-        self._released = ReleaseResult(holding=True)
+        self._closing, self._left_held = False, True
         self._close_lock = threading.RLock()
 
     @property
-    def connection(self) -> Connection:
+    def _link(self) -> Connection:
         """The open connection; `BusError` if there is none."""
         link = self._connection
         if link is None:
@@ -98,21 +80,28 @@ class Connector:
 
     @property
     def recording_failure(self) -> str | None:
-        """Why the recording of this or the last connection ended early; None if it did not."""
+        """Why the recording ended early (for example a full disk); None if it did not."""
         link = self._connection
         return self._recording_failure if link is None else link.recording_failure
 
+    def take_over(self) -> None:
+        """Let the next connection reset enabled drives after their operator has been silent for its time-out."""
+        self._takes_over = True
+
     def connect(self) -> ArmIdentity:
-        """Open a connection; an error, or STOP during it, closes it again."""
+        """Find the nodes, check that they are the arm described, start heartbeats and SYNC.
+
+        A STOP latched before remains latched; one pressed while connecting cancels the connection.
+
+        Closes the connection again if it raises a `HardwareError`.
+        """
         if self._connection is not None:
             raise ValueError("this arm is connected already")
-        press, self._connecting = self.latch.last_press, True
+        press, self._connecting = self._latch.last_press, True
         try:
-            self._opening = connection = Connection(
-                self._on_bus, record_to=self.record_to, latch=self.latch, clock=self._clock
-            )
+            self._opening = connection = self._unopened(self.record_to)
             # For this connection only: another program may enable drives later.
-            takes_over, self.takes_over = self.takes_over, False
+            takes_over, self._takes_over = self._takes_over, False
             try:
                 identity = connection.open(press, takes_over=takes_over)
             except BaseException:
@@ -124,73 +113,80 @@ class Connector:
             self._connecting, self._opening = False, None
 
     def close(self) -> bool:
-        """Release the arm; false if it did not answer, or a drive still follows commands.
+        """Hold the arm, switch its drives off, release control, end heartbeats and recording.
 
-        May be called from any thread; a second call waits for the first.
+        May be called twice and from any thread. False if the arm did not answer or a drive still follows commands.
         """
         with self._close_lock:
             link = self._connection
             if link is None or self._closing:  # closing: re-entered by the closing thread
-                return self._released.holding
-            self._closing, self._released = True, ReleaseResult(holding=False)
+                return self._left_held
+            self._closing, self._left_held, self.left_powered = True, False, ()
             try:
-                self._released = self._release(link)
+                self._release(link)
             finally:
                 # Last: STOP needs the connection until now.
                 self._connection, self._closing = None, False
-            return self._released.holding
+            return self._left_held
 
-    @property
-    def left_powered(self) -> tuple[int, ...]:
-        """Joints whose drives reported power at the last release."""
-        return self._released.powered
+    def stop(self) -> None:
+        """Send quick stop to all drives and latch STOP. May be called from any thread; waits for no lock and no queue.
 
-    def drop(self) -> None:
-        """End the connection without a command to the drives."""
-        link, self._connection = self.connection, None
-        self._released = ReleaseResult(holding=False)
+        Also ends a connection attempt. Raises `BusError` if no arm is connected, or if a frame could not be sent; all
+        other frames were sent.
+        """
+        # In this order: a connection is `_opening` until it is `_connection`.
+        connecting, link = self._connecting, self._opening or self._connection
+        if link is None and not connecting:
+            raise BusError("The arm is not connected.")
+        self._latch.press()
+        if link is not None:
+            link.send_quick_stops()
+
+    def fall_silent(self) -> None:
+        """End heartbeat, SYNC and connection without a command to the drives, as if this program had crashed."""
+        link, self._connection = self._link, None
+        self._left_held, self.left_powered = False, ()
         self._end(link)
 
-    def read_states(self) -> tuple[DriveState, ...]:
-        """State of every drive (6041h) by SDO alone, without reset, heartbeat and SYNC."""
+    def read_states_unconnected(self) -> tuple[DriveState, ...]:
+        """Drive states of joints 1..n by SDO (6041h) alone, without a connection; nothing is commanded."""
         if self._connection is not None:
             raise ValueError("this arm is connected: its snapshot has the states")
-        link = Connection(self._on_bus, record_to=None, latch=self.latch, clock=self._clock)
+        link = self._unopened(None)
         try:
             return link.read_states()
         finally:
             link.close()
 
-    def stop(self) -> None:
-        """Latch STOP, and send it if the bus is open; `BusError` if no arm is connected, or if it could not be sent."""
-        # In this order: a connection is `_opening` until it is `_connection`.
-        connecting, link = self._connecting, self._opening or self._connection
-        if link is None and not connecting:
-            raise BusError("The arm is not connected.")
-        self.latch.press()
-        if link is not None:
-            link.send_quick_stops()
+    def _unopened(self, record_to: Path | None) -> Connection:
+        return Connection(self.on_bus, record_to=record_to, latch=self._latch, clock=self._clock)
 
-    def _release(self, link: Connection) -> ReleaseResult:
+    def _release(self, link: Connection) -> None:
         """Hold, disable, verify, release the token."""
         try:
             if not link.in_control:
-                return ReleaseResult(holding=not link.is_lost())
-            result = release_arm(link.loop)
+                self._left_held = not link.is_lost()
+                return
+            sample = release_arm(link.loop)
+            if sample is not None:
+                self._left_held, self.left_powered = not _following(sample), _powered(sample)
             with contextlib.suppress(HardwareError):  # it lapses with the heartbeat
                 link.release_token()
-            return result
         finally:
             self._end(link)
 
     def _end(self, link: Connection) -> None:
-        self.takes_over = link.left_enabled
+        self._takes_over = link.left_enabled
         link.close()
         self._recording_failure = link.recording_failure
 
 
-def release_arm(loop: ControlLoop) -> ReleaseResult:
-    """Set all joints to position mode, then switch the drives off, which blocks the valves. Lifts no STOP."""
+def release_arm(loop: ControlLoop) -> Sample | None:
+    """Set all joints to position mode, then switch the drives off, which blocks the valves. Lifts no STOP.
+
+    Returns the last sample; None if the arm did not answer.
+    """
     # A latched STOP holds the drives by itself; a stop that the supervisor reports does not. With a silent node
     # the others are still switched off.
     ignored = (*_IGNORED_ALARMS, BusError, *(() if loop.stop_latched else (Stopped,)))
@@ -201,8 +197,8 @@ def release_arm(loop: ControlLoop) -> ReleaseResult:
             loop.run(motion_steps.drive_to(loop, TargetState.DISABLED), despite=ignored)
         sample: Sample = loop.run(_until_off(loop), despite=(*_IGNORED_ALARMS, Stopped))
     except HardwareError:  # the drives hold without an operator too
-        return ReleaseResult(holding=False)
-    return ReleaseResult(holding=not _following(sample), powered=_powered(sample))
+        return None
+    return sample
 
 
 def _until_off(loop: ControlLoop) -> Generator[Setpoints | None, Sample, Sample]:

@@ -13,10 +13,12 @@ import socket
 import stat
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from typing import BinaryIO
 
 from hardware.errors import InstrumentError
 
@@ -136,41 +138,38 @@ FILE_POLL_S = 0.05
 """Polling period of a file."""
 
 
-class LinePort(Protocol):
-    """Source of an instrument's lines. Calls come from one thread; errors are `InstrumentError`."""
+class LinePort(ABC):
+    """Source of an instrument's lines; `name` as in the option ``--tracker``.
 
-    @property
-    def name(self) -> str:
-        """Name as in the option ``--tracker``."""
+    Calls come from one thread; errors are `InstrumentError`.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
 
     def open(self) -> str:
         """Connect; return the heading line of a file, otherwise an empty string."""
+        return ""
 
+    @abstractmethod
     def ask(self, question: str) -> None:
         """Discard earlier lines and send the question."""
 
+    @abstractmethod
     def line(self, wait_s: float) -> str | None:
         """Return the next whole line since `ask`; None if there is none within `wait_s`."""
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 - most have nothing to close
         """Close. May be called twice."""
 
 
-class CalledLines:
+class CalledLines(LinePort):
     """An instrument in this process: a function that returns the answer to a question."""
 
     def __init__(self, answer: Callable[[str], str], name: str) -> None:
-        self._function, self._name = answer, name
+        super().__init__(name)
+        self._function = answer
         self._answer: str | None = None
-
-    @property
-    def name(self) -> str:
-        """Name given at construction."""
-        return self._name
-
-    def open(self) -> str:
-        """Nothing to do."""
-        return ""
 
     def ask(self, question: str) -> None:
         """Call the function."""
@@ -181,22 +180,15 @@ class CalledLines:
         answer, self._answer = self._answer, None
         return answer
 
-    def close(self) -> None:
-        """Nothing to do."""
 
-
-class TcpLines:
+class TcpLines(LinePort):
     """A program that listens at `host`:`port` and sends lines, with or without questions."""
 
     def __init__(self, host: str, port: int) -> None:
+        super().__init__(f"tcp:{host}:{port}")
         self._at = (host, port)
         self._socket: socket.socket | None = None
         self._stream: LineStream | None = None
-
-    @property
-    def name(self) -> str:
-        """``tcp:HOST:PORT``."""
-        return f"tcp:{self._at[0]}:{self._at[1]}"
 
     def open(self) -> str:
         """Connect, or reconnect."""
@@ -244,56 +236,45 @@ class TcpLines:
         )
 
 
-class StdinLines:
-    """Lines that another program writes to this program's standard input."""
+class StdinLines(LinePort):
+    """Lines that another program writes to this program's standard input; the reader ends with this program."""
 
     def __init__(self, descriptor: int = 0) -> None:
+        super().__init__("stdin")
         self._descriptor = descriptor
-        self._stream: LineStream | None = None
 
-    @property
-    def name(self) -> str:
-        """``stdin``."""
-        return "stdin"
+    @cached_property
+    def _stream(self) -> LineStream:
+        """The reader, which starts when it is needed first."""
+        return LineStream(self._descriptor)
 
     def open(self) -> str:
-        """Start reading."""
-        self._read()
+        """Start reading, from now on."""
+        self._stream.forget()
         return ""
 
     def ask(self, question: str) -> None:
         """Discard earlier lines."""
-        self._read().forget()
+        self._stream.forget()
 
     def line(self, wait_s: float) -> str | None:
         """Return the next line."""
         try:
-            return self._read().line(wait_s, self.name)
+            return self._stream.line(wait_s, self.name)
         except EOFError:
             raise InstrumentError(
                 "standard input ended: the tracker's program closed it. Keep that program running during the session: "
                 "tracker-program | sarcal run open_loop --tracker stdin"
             ) from None
 
-    def close(self) -> None:
-        """Nothing to do: the reader ends with the program."""
 
-    def _read(self) -> LineStream:
-        self._stream = self._stream or LineStream(self._descriptor)
-        return self._stream
-
-
-class GrowingFile:
-    """Lines that another program appends to a file, below a heading."""
+class GrowingFile(LinePort):
+    """Lines that another program appends to a file, below a heading; it is opened for every poll."""
 
     def __init__(self, path: Path) -> None:
+        super().__init__(f"file:{path}")
         self._path, self._at = path, 0
         self._skip_next = False
-
-    @property
-    def name(self) -> str:
-        """``file:PATH``."""
-        return f"file:{self._path}"
 
     def open(self) -> str:
         """Return the heading."""
@@ -325,9 +306,6 @@ class GrowingFile:
             if left_s <= 0.0:
                 return None
             time.sleep(min(FILE_POLL_S, left_s))
-
-    def close(self) -> None:
-        """Nothing to do: it is opened for every poll."""
 
     def _next(self) -> str:
         if self._size() < self._at:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Protocol, runtime_checkable
 
 from hardware.arm import JointMode
 from hardware.arm_description import JointScale
 from hardware.canopen.objects import CONTROL_PERIOD_S, SensorKind
-from hardware.command_limits import JointLimits, joint_limits
+from hardware.command_limits import joint_limits
+from hardware.virtual.sensor_counts import converter_ends
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
 
@@ -37,26 +36,6 @@ class PlantReading:
     speed_rad_per_s: tuple[float, ...]
 
 
-class PlantPort(Protocol):
-    """The plant as the virtual controller sees it."""
-
-    joint_count: int
-
-    def step(self, commands: Sequence[JointCommand]) -> PlantReading:
-        """Advance one control period with one command per joint."""
-
-
-@runtime_checkable
-class FixturePort(Protocol):
-    """A plant whose fixture can fail."""
-
-    def slip(self, slip_m: float) -> None:
-        """Shift the fixture along x of its frame."""
-
-    def bind_hinge(self) -> None:
-        """Block the hinge."""
-
-
 FOLLOWING_WINDOW_RAD = math.radians(3.0)
 """Wider than any servo deflection below the torque trip: only a failed sensor exceeds it."""
 HOME_OFFSET_LIMIT_RAD = math.pi
@@ -64,9 +43,8 @@ _LARGEST_U32 = 2**32 - 1
 _MILLIONTHS = 1_000_000
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class AxisSettings:
-    """Settings of one drive.
+    """Settings of the drive of joint `number`; `ValueError` for a joint without a sensor.
 
     Attributes
     ----------
@@ -75,46 +53,54 @@ class AxisSettings:
     limits
         Command limits; the speed limit is the overspeed trip level as well.
     max_torque_nm, following_window_counts
-        Trip levels of torque and following error (6065h).
-    rated_torque_nm
-        Reference of 6077h.
+        Trip levels of torque, which is the rated one too, and of the following error (6065h).
+    max_speed_counts_per_s
+        607Fh.
+    home_offset_limit_counts
+        Largest home offset of a revolute joint, in either direction.
     sensor_kind, full_scale_microdeg, converter_bits
         2100h.
     increments, revolutions
         608Fh.
     lowest_counts, highest_counts
-        Ends of the converter, at which the sensor counts as failed; None without ends.
+        Ends of the converter, at which the sensor counts as failed; infinite without ends.
     mode_switch_cycles
         Control periods from a new 6060h to the new 6061h.
     trip_cycles
         Control periods above a trip level until the drive trips.
     """
 
-    joint: int
-    scale: JointScale
-    limits: JointLimits
-    max_torque_nm: float
-    rated_torque_nm: float
-    following_window_counts: int
-    sensor_kind: SensorKind
-    full_scale_microdeg: int
-    converter_bits: int
-    increments: int
-    revolutions: int
-    lowest_counts: int | None = None
-    highest_counts: int | None = None
-    mode_switch_cycles: int = 3
-    trip_cycles: int = 3
+    mode_switch_cycles = trip_cycles = 3
 
-    @property
-    def max_speed_counts_per_s(self) -> int:
-        """607Fh."""
-        return round(self.limits.max_speed_rad_per_s * self.scale.counts_per_rad)
-
-    @property
-    def home_offset_limit_counts(self) -> int:
-        """Largest home offset of a revolute joint, in either direction."""
-        return round(HOME_OFFSET_LIMIT_RAD * self.scale.counts_per_rad)
+    def __init__(self, number: int, joint: Joint) -> None:
+        scale = self.scale = joint_scale(joint)
+        self.joint, self.max_torque_nm = number, joint.max_torque_nm
+        self.limits = joint_limits(
+            number,
+            scale,
+            lower_rad=joint.lower_rad,
+            upper_rad=joint.upper_rad,
+            max_speed_rad_per_s=joint.max_speed_rad_per_s,
+            period_s=CONTROL_PERIOD_S,
+        )
+        self.following_window_counts = max(1, scale.to_counts(FOLLOWING_WINDOW_RAD))
+        self.max_speed_counts_per_s = round(joint.max_speed_rad_per_s * scale.counts_per_rad)
+        self.home_offset_limit_counts = round(HOME_OFFSET_LIMIT_RAD * scale.counts_per_rad)
+        self.sensor_kind, self.converter_bits = SensorKind.ENCODER, 0
+        self.full_scale_microdeg = 360 * _MILLIONTHS
+        self.lowest_counts, self.highest_counts = -math.inf, math.inf
+        per_turn = Fraction(scale.to_counts(2.0 * math.pi))
+        if isinstance(joint.sensor, Rvdt):
+            self.sensor_kind, self.converter_bits = SensorKind.RVDT, joint.sensor.bits
+            self.full_scale_microdeg = round(
+                math.degrees(joint.sensor.full_scale_rad) * _MILLIONTHS
+            )
+            self.lowest_counts, self.highest_counts = converter_ends(joint, joint.sensor)
+            codes = 360 * _MILLIONTHS * 2**joint.sensor.bits
+            per_turn = Fraction(codes, self.full_scale_microdeg)
+        if per_turn.numerator > _LARGEST_U32:
+            per_turn = per_turn.limit_denominator(10_000)
+        self.increments, self.revolutions = per_turn.numerator, per_turn.denominator
 
 
 def joint_scale(joint: Joint) -> JointScale:
@@ -129,46 +115,5 @@ def joint_scale(joint: Joint) -> JointScale:
 
 
 def arm_axes(arm: ArmModel) -> tuple[AxisSettings, ...]:
-    """Settings of all drives of an arm, joint 1 first; ValueError for a joint without a sensor."""
-    return tuple(axis(number, joint) for number, joint in enumerate(arm.joints, start=1))
-
-
-def axis(number: int, joint: Joint) -> AxisSettings:
-    """Settings of one drive; ValueError for a joint without a sensor."""
-    scale = joint_scale(joint)
-    lowest: int | None = None
-    highest: int | None = None
-    if isinstance(joint.sensor, Rvdt):
-        kind, bits = SensorKind.RVDT, joint.sensor.bits
-        microdeg = round(math.degrees(joint.sensor.full_scale_rad) * _MILLIONTHS)
-        per_turn = Fraction(360 * _MILLIONTHS * 2**bits, microdeg)
-        # The converter's zero is the RVDT's, in the middle of the range.
-        zero, half = round(joint.middle_rad / joint.sensor.resolution_rad), 2 ** (bits - 1)
-        lowest, highest = zero - half, zero + half - 1
-    else:
-        kind, bits, microdeg = SensorKind.ENCODER, 0, 360 * _MILLIONTHS
-        per_turn = Fraction(scale.to_counts(2.0 * math.pi))
-    if per_turn.numerator > _LARGEST_U32:
-        per_turn = per_turn.limit_denominator(10_000)
-    return AxisSettings(
-        joint=number,
-        scale=scale,
-        limits=joint_limits(
-            number,
-            scale,
-            lower_rad=joint.lower_rad,
-            upper_rad=joint.upper_rad,
-            max_speed_rad_per_s=joint.max_speed_rad_per_s,
-            period_s=CONTROL_PERIOD_S,
-        ),
-        max_torque_nm=joint.max_torque_nm,
-        rated_torque_nm=joint.max_torque_nm,
-        following_window_counts=max(1, scale.to_counts(FOLLOWING_WINDOW_RAD)),
-        sensor_kind=kind,
-        full_scale_microdeg=microdeg,
-        converter_bits=bits,
-        increments=per_turn.numerator,
-        revolutions=per_turn.denominator,
-        lowest_counts=lowest,
-        highest_counts=highest,
-    )
+    """Settings of all drives of an arm, joint 1 first; `ValueError` for a joint without a sensor."""
+    return tuple(AxisSettings(number, joint) for number, joint in enumerate(arm.joints, start=1))

@@ -23,12 +23,13 @@ from hardware.buses.acceptance_filters import controller_filters, set_hardware_f
 from hardware.canopen import objects
 from hardware.canopen.objects import HEARTBEAT_PERIOD_S, HEARTBEAT_TIMEOUT_S
 from hardware.timing import LatencyMonitor, raise_loop_priority
-from hardware.virtual.axis import AxisSettings, PlantPort
+from hardware.virtual.axis import AxisSettings
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive_node import DriveGroup, DriveNode
 from hardware.virtual.faults import FaultInjector, ScriptedFault
 from hardware.virtual.node import ControllerNetwork, VirtualNode
 from hardware.virtual.parameter_store import ParameterStore, Validate, refuse_documents
+from hardware.virtual.plant import Plant
 from hardware.virtual.supervisor_node import ArmLabel, SupervisorNode
 from hardware.virtual.tracker import SimulatedTracker
 
@@ -85,7 +86,7 @@ class VirtualController:
     def __init__(
         self,
         bus: can.BusABC,
-        plant: PlantPort,
+        plant: Plant,
         *,
         axes: Sequence[AxisSettings],
         arm: ArmLabel,

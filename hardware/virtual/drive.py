@@ -218,11 +218,8 @@ class Drive:
 
     def _supervise(self) -> None:
         axis = self.axis
-        lowest, highest = axis.lowest_counts, axis.highest_counts
-        saturated = (lowest is not None and self.counts <= lowest) or (
-            highest is not None and self.counts >= highest
-        )
-        if saturated or self.sensor_failed:
+        inside = axis.lowest_counts < self.counts < axis.highest_counts
+        if self.sensor_failed or not inside:
             self._trip_once(EmergencyCode.SENSOR)
         if not (self.state in cia402.POWERED_STATES or self._holding):
             return

@@ -13,10 +13,11 @@ from hardware.arm import DriveState, JointMode
 from hardware.canopen import cia402, objects
 from hardware.canopen.objects import JOINT_PRODUCT, EmergencyCode, ErrorBit, NmtState
 from hardware.eds import pdo_struct
-from hardware.virtual.axis import AxisSettings, JointCommand, PlantPort
+from hardware.virtual.axis import AxisSettings, JointCommand
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive import Drive
 from hardware.virtual.node import Value, VirtualNode
+from hardware.virtual.plant import Plant
 
 _REGISTER: Final = {
     EmergencyCode.HEARTBEAT_LOST: ErrorBit.COMMUNICATION,
@@ -58,7 +59,7 @@ class DriveNode(VirtualNode):
         self.tpdo1_id = objects.COB_TPDO1 + self.number
         self.home_offset_counts = 0
         self.reports_speed = False
-        self._per_mille = 1000.0 / axis.rated_torque_nm
+        self._per_mille = 1000.0 / axis.max_torque_nm
         self._serve_objects()
 
     # ---- PDOs ----------------------------------------------------------------------------------------
@@ -115,7 +116,7 @@ class DriveNode(VirtualNode):
         axis, drive = self.axis, self.drive
         values: dict[tuple[int, int], int] = {
             (objects.FOLLOWING_WINDOW, 0): axis.following_window_counts,
-            (objects.RATED_TORQUE, 0): round(axis.rated_torque_nm * 1e3),
+            (objects.RATED_TORQUE, 0): round(axis.max_torque_nm * 1e3),
             (objects.POSITION_LIMITS, 1): axis.limits.lower_counts,
             (objects.POSITION_LIMITS, 2): axis.limits.upper_counts,
             (objects.MAX_VELOCITY, 0): axis.max_speed_counts_per_s,
@@ -166,7 +167,7 @@ class DriveGroup:
     """
 
     def __init__(
-        self, drives: Sequence[DriveNode], plant: PlantPort, disturbances: Disturbances
+        self, drives: Sequence[DriveNode], plant: Plant, disturbances: Disturbances
     ) -> None:
         if len(drives) != plant.joint_count:
             raise ValueError(f"{len(drives)} axes for a plant of {plant.joint_count} joints")

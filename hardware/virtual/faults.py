@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 
 from hardware.canopen import objects
 from hardware.canopen.objects import EmergencyCode, NmtCommand, joint_node
-from hardware.virtual.axis import FixturePort
 from hardware.virtual.disturbances import Disturbances, FaultyWire, FrameFaults
 from hardware.virtual.drive_node import DriveNode
 
@@ -200,11 +199,11 @@ class FaultInjector:
 
     def slip_fixture(self, slip_m: float) -> None:
         """Shift the fixture along its x axis."""
-        self._target.post(lambda: self._fixture().slip(slip_m))
+        self._target.post(lambda: self._target.plant.slip(slip_m))
 
     def bind_hinge(self) -> None:
         """Block the hinge."""
-        self._target.post(lambda: self._fixture().bind_hinge())
+        self._target.post(self._target.plant.bind_hinge)
 
     def external_stop(self, *, pressed: bool = True) -> None:
         """Press or release the external stop: all drives trip, valves blocked (5441h)."""
@@ -241,12 +240,6 @@ class FaultInjector:
     def _set(self, joint: int, flag: str, *, value: bool = True) -> None:
         """Set a flag of a joint's `Drive`."""
         self._on_node(joint, lambda node: setattr(node.drive, flag, value))
-
-    def _fixture(self) -> FixturePort:
-        plant = self._target.plant
-        if not isinstance(plant, FixturePort):
-            raise TypeError("this plant has no fixture that could slip or bind")
-        return plant
 
     def _drive(self, joint: int) -> DriveNode:
         if not 1 <= joint <= len(self._target.drives):

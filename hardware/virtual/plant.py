@@ -89,7 +89,7 @@ class Dynamics:
 
 
 class Plant:
-    """A `PlantPort` with true geometry, forces and the sensors of joints 1..n.
+    """True geometry, forces and the sensors of joints 1..n.
 
     `start_rad` (n,) and `start_hinge_rad` are true joint angles theta' and hinge angle of a closed pose, rad.
     """

@@ -5,6 +5,7 @@ An RVDT has its electrical zero at the middle of its joint's range; its converte
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -80,15 +81,15 @@ class JointSensor:
     noise_counts
         Standard deviation of the noise before rounding.
     lowest_counts, highest_counts
-        Saturation; None for an encoder.
+        Saturation; infinite for an encoder.
     curve, zero_rad
         Linearity deviation and electrical zero of an RVDT.
     """
 
     resolution_rad: float
     noise_counts: float
-    lowest_counts: int | None = None
-    highest_counts: int | None = None
+    lowest_counts: float = -math.inf
+    highest_counts: float = math.inf
     curve: LinearityDeviation | None = None
     zero_rad: float = 0.0
 
@@ -100,11 +101,13 @@ class JointSensor:
         """Read a true angle in sensor coordinates with one draw of standard normal noise."""
         reading = (angle_rad + self.deviation_rad(angle_rad)) / self.resolution_rad
         count = round(reading + self.noise_counts * standard_normal)
-        if self.lowest_counts is not None and count < self.lowest_counts:
-            return self.lowest_counts
-        if self.highest_counts is not None and count > self.highest_counts:
-            return self.highest_counts
-        return count
+        return int(min(max(count, self.lowest_counts), self.highest_counts))
+
+
+def converter_ends(joint: Joint, rvdt: Rvdt) -> tuple[int, int]:
+    """Lowest and highest count of an RVDT's converter, whose zero is in the middle of the joint's range."""
+    zero, half = round(joint.middle_rad / rvdt.resolution_rad), 2 ** (rvdt.bits - 1)
+    return zero - half, zero + half - 1
 
 
 def joint_sensor(
@@ -120,15 +123,14 @@ def joint_sensor(
                 noise_counts=encoder.noise_counts if with_noise else 0.0,
             )
         case Rvdt() as rvdt:
-            zero = round(joint.middle_rad / rvdt.resolution_rad)
-            half = 2 ** (rvdt.bits - 1)
+            lowest, highest = converter_ends(joint, rvdt)
             return JointSensor(
                 resolution_rad=rvdt.resolution_rad,
                 noise_counts=rvdt.noise_lsb if with_noise else 0.0,
-                lowest_counts=zero - half,
-                highest_counts=zero + half - 1,
+                lowest_counts=lowest,
+                highest_counts=highest,
                 curve=curve,
-                zero_rad=zero * rvdt.resolution_rad,
+                zero_rad=(lowest + highest + 1) // 2 * rvdt.resolution_rad,
             )
         case NoSensor():
             raise ValueError(f"joint {joint.name!r} has no sensor for a drive to report")

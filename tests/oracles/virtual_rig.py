@@ -10,7 +10,7 @@ from typing import Any
 import can
 
 from hardware.arm import JointMode
-from hardware.virtual.axis import AxisSettings, JointCommand, PlantReading, axis
+from hardware.virtual.axis import AxisSettings, JointCommand, PlantReading
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.parameter_store import ValidatedParameters
 from hardware.virtual.supervisor_node import ArmLabel
@@ -38,7 +38,7 @@ def joint(*, rvdt: bool = False) -> Joint:
 
 
 def axes() -> tuple[AxisSettings, ...]:
-    return tuple(axis(j, joint(rvdt=j >= 6)) for j in range(1, 8))
+    return tuple(AxisSettings(j, joint(rvdt=j >= 6)) for j in range(1, 8))
 
 
 class TrivialPlant:

@@ -4,14 +4,13 @@ from dataclasses import replace
 import pytest
 
 from hardware.canopen.objects import SensorKind
-from hardware.virtual.axis import arm_axes, axis, joint_scale
-from hardware.virtual.sensor_counts import joint_sensor
+from hardware.virtual.axis import AxisSettings, arm_axes, joint_scale
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
 from tests.oracles.virtual_rig import joint
 
 
 def test_an_encoder_axis():
-    made = axis(3, joint())
+    made = AxisSettings(3, joint())
     assert made.joint == 3
     assert (made.sensor_kind, made.converter_bits) == (SensorKind.ENCODER, 0)
     assert (made.increments, made.revolutions) == (36_000, 1)
@@ -19,11 +18,11 @@ def test_an_encoder_axis():
     assert made.max_speed_counts_per_s == 18_000
     assert made.limits.max_step_counts == 181
     assert made.following_window_counts == 300
-    assert (made.lowest_counts, made.highest_counts) == (None, None)
+    assert (made.lowest_counts, made.highest_counts) == (-math.inf, math.inf)
 
 
 def test_an_rvdt_axis():
-    made = axis(6, joint(rvdt=True))
+    made = AxisSettings(6, joint(rvdt=True))
     assert (made.sensor_kind, made.converter_bits) == (SensorKind.RVDT, 12)
     assert made.full_scale_microdeg == 144_000_000
     assert (made.increments, made.revolutions) == (10_240, 1)
@@ -33,26 +32,14 @@ def test_an_rvdt_axis():
 
 def test_a_full_scale_that_does_not_divide_a_turn():
     sensor = Rvdt(bits=12, full_scale_rad=math.radians(110.25), linearity=0.0, noise_lsb=0.0)
-    made = axis(6, replace(joint(), sensor=sensor))
+    made = AxisSettings(6, replace(joint(), sensor=sensor))
     per_rad = made.increments / made.revolutions / math.tau
     assert per_rad == pytest.approx(made.scale.counts_per_rad, rel=1e-12)
 
 
-@pytest.mark.parametrize("middle_deg", [0.0, -215.625, 45.0, 143.37])
-def test_the_converter_ends_where_the_sensor_saturates(middle_deg):
-    shifted = replace(
-        joint(rvdt=True),
-        lower_rad=math.radians(middle_deg - 60.0),
-        upper_rad=math.radians(middle_deg + 60.0),
-    )
-    made, sensor = axis(7, shifted), joint_sensor(shifted, with_noise=False, curve=None)
-    assert made.lowest_counts == sensor.counts(math.radians(middle_deg - 100.0), 0.0)
-    assert made.highest_counts == sensor.counts(math.radians(middle_deg + 100.0), 0.0)
-
-
 def test_a_joint_without_a_sensor_has_no_drive():
     with pytest.raises(ValueError, match="no sensor"):
-        axis(1, replace(joint(), sensor=NoSensor()))
+        AxisSettings(1, replace(joint(), sensor=NoSensor()))
 
 
 def test_axes_of_an_arm_are_numbered_from_one(sarcos):  # type: ignore[no-untyped-def]

@@ -4,7 +4,6 @@ import pytest
 
 from hardware.arm import JointMode
 from hardware.virtual.faults import ScriptedFault
-from tests.hardware.on_fake_bus import wait_for
 from tests.oracles.virtual_rig import Rig, rig
 
 STATE, FAULT, QUICK_STOPPED = 0x006F, 0x08, 0x07
@@ -187,14 +186,6 @@ def test_scripted_faults_happen_at_their_sync():
     assert len(fives) == 13
     trip = next(k for k, (number, _) in enumerate(first) if number == 0x82)
     assert len([n for n, _ in first[:trip] if n == 0x181]) == 11
-
-
-def test_a_plant_without_a_fixture_cannot_slip():
-    with rig() as made:
-        made.controller.faults.bind_hinge()
-        wait_for(lambda: made.controller.failure is not None)
-        assert isinstance(made.controller.failure, TypeError)
-        made.controller.failure = None
 
 
 def test_there_is_no_joint_8(arm):

@@ -15,7 +15,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import can
 
@@ -26,12 +26,14 @@ from hardware.timing import LatencyMonitor, raise_loop_priority
 from hardware.virtual.axis import AxisSettings
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive_node import DriveGroup, DriveNode
-from hardware.virtual.faults import FaultInjector, ScriptedFault
 from hardware.virtual.node import ControllerNetwork, VirtualNode
 from hardware.virtual.parameter_store import ParameterStore, Validate, refuse_documents
 from hardware.virtual.plant import Plant
 from hardware.virtual.supervisor_node import ArmLabel, SupervisorNode
 from hardware.virtual.tracker import SimulatedTracker
+
+if TYPE_CHECKING:
+    from hardware.virtual.faults import ScriptedFault
 
 _POLL_S = 0.02
 """Longest wait for a frame, after which timed duties and `post` are handled."""
@@ -101,14 +103,13 @@ class VirtualController:
         self._attended = attended
         self._timeout_s = heartbeat_timeout_s
         self._script = sorted(script, key=lambda fault: fault.at_sync, reverse=True)
-        self.disturbances = Disturbances()
-        self.faults = FaultInjector(self)
+        self.disturbances: Disturbances = Disturbances()
         self.sync_count = 0
         self.tracker: SimulatedTracker | None = None
         self.failure: Exception | None = None
         self._latency = LatencyMonitor(clock)
         self._heard_s: dict[int, float] = {}
-        self._posted: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._posted: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
         self._work: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._closing = False
         self._turns = threading.Lock()
@@ -120,7 +121,7 @@ class VirtualController:
         self.drives = tuple(DriveNode(axis, serial_number=serial + axis.joint) for axis in axes)
         self._joints = {node.number for node in self.drives}
         self.group = DriveGroup(self.drives, plant, self.disturbances)
-        self.plant = plant
+        self.plant: Plant = plant
         self.supervisor = SupervisorNode(
             arm=arm,
             axes=axes,
@@ -173,7 +174,7 @@ class VirtualController:
         if kind is None and self.failure is not None:
             raise self.failure
 
-    def post(self, action: Callable[[], None]) -> None:
+    def post(self, action: Callable[[], object]) -> None:
         """Run an action in the control loop; at once if called from it."""
         if threading.get_ident() == self._in_turn:
             action()
@@ -306,7 +307,7 @@ class VirtualController:
     def _happen(self, sync_count: int) -> None:
         """Inject the scripted faults that are due."""
         while self._script and self._script[-1].at_sync <= sync_count:
-            self._script.pop().happen(self.faults)
+            self._script.pop().happen(self)
 
     def _see_to_time(self) -> None:
         now = self._clock()

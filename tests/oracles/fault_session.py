@@ -20,7 +20,7 @@ from hardware.arm import DriveState, JointMode
 from hardware.buses.python_can import BusSettings
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import attended_openers
-from hardware.virtual.faults import FAULT_KINDS, ScriptedFault, scripted
+from hardware.virtual.faults import ScriptedFault, inject, scripted
 from hardware.virtual.plant import Plant
 from operator_app.messages.errors import EXPECTED
 from operator_app.session.store.journal import Clock, utc_now
@@ -145,7 +145,7 @@ def session_with(
     then: tuple[tuple[DriveState, JointMode | None], ...] = ()
     if kind and at_sync:
         fault = scripted(kind, joint=joint, at_sync=at_sync)
-        script = [replace(fault, happen=lambda faults: (begin(), fault.happen(faults))[-1])]
+        script = [replace(fault, happen=lambda arm: (begin(), fault.happen(arm))[-1])]
     chosen = Choices(scenario="exact", seed=0)
     procedure = short_procedure(poses)
     settings = BusSettings(channel=f"campaign-{os.getpid()}-{next(_channels)}")
@@ -169,7 +169,7 @@ def session_with(
         )
         if kind and not at_sync:
             begin()
-            FAULT_KINDS[kind](controller.faults, joint)
+            inject(controller, kind, joint)
         session = opened(folder, arm, procedure, clock=clock)
         try:
             connect(session, Listener())

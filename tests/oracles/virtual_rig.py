@@ -12,6 +12,7 @@ import can
 from hardware.arm import JointMode
 from hardware.virtual.axis import AxisSettings, JointCommand, PlantReading
 from hardware.virtual.controller import VirtualController
+from hardware.virtual.faults import inject
 from hardware.virtual.parameter_store import ValidatedParameters
 from hardware.virtual.supervisor_node import ArmLabel
 from solver.chain.arm_model import Joint
@@ -120,10 +121,19 @@ class Rig:
             self.clock.time_s = began_s + seconds * k / steps
             self.settled()
 
-    def broken(self, fault: str, *arguments: Any, **options: Any) -> None:
-        """Break something on purpose, or mend it, and wait until it is so."""
-        getattr(self.controller.faults, fault)(*arguments, **options)
+    def broken(self, kind: str, joint: int = 1) -> None:
+        """Break something on purpose, and wait until it is so."""
+        inject(self.controller, kind, joint)
         self.settled()
+
+    def mended(self, name: str, joint: int) -> None:
+        """Undo what is kept of a joint in the disturbances."""
+        kept = getattr(self.controller.disturbances, name)
+        self.settled(lambda: kept.pop(joint) if isinstance(kept, dict) else kept.discard(joint))
+
+    def flagged(self, joint: int, name: str, value: bool) -> None:
+        """Set a flag of a drive."""
+        self.settled(lambda: setattr(self.controller.drives[joint - 1].drive, name, value))
 
     def operational(self, modes: Sequence[int] = (8,) * 7) -> list[tuple[int, int, int]]:
         self.peer.start()

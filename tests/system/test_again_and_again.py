@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hardware.virtual.faults import lose_counts
 from operator_app.errors import GuardError
 from operator_app.headless.procedure_run import run
 from operator_app.session.workflow.capture import take_poses
@@ -44,7 +45,7 @@ def test_ten_runs_and_verifications_on_one_controller_are_accepted_and_agree(ben
     ends_with(0, "compare", folders[0], folders[-1])
 
     # Somebody remounts the encoder of joint 3: 2000 counts are 1.8 deg.
-    bench.controller.faults.lose_counts(3, -2000)
+    bench.controller.post(lambda: lose_counts(bench.controller, 3, -2000))
     after = calibrated(bench)
     found = ends_with(4, "compare", folders[-1], after, "--json").json
     assert found["drifted"] == ["theta_off_3"]

@@ -19,7 +19,7 @@ from hardware.buses.python_can import BusSettings
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import HardwareError
 from hardware.virtual.fault_messages import FAULTS, ArmReaction
-from hardware.virtual.faults import FAULT_KINDS
+from hardware.virtual.faults import FAULT_KINDS, inject
 from hardware.virtual.scenarios import scenario
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.procedure_file import load_procedure
@@ -242,7 +242,7 @@ def uploading(kind: str, joint: int = 4) -> Iterator[tuple[CanopenArm, bytes]]:
         arm.take_control()
         whole = document()
         arm.upload_parameters(whole)
-        FAULT_KINDS[kind](controller.faults, joint)
+        inject(controller, kind, joint)
         yield arm, whole
         controller.unhang()
         arm.close()

@@ -6,6 +6,7 @@ import pytest
 
 from hardware.arm import ArmSnapshot, DriveState
 from hardware.errors import BusError, DriveFault, DuplicateNodeId, SensorFault
+from hardware.virtual.faults import inject, lose_counts
 from tests.contracts.arm.bench import FREE, POSITION, controller_on, operator_on
 
 
@@ -29,7 +30,7 @@ def test_a_third_driven_joint_trips_the_torque_limit(arm):
 def test_counts_lost_at_rest_are_noticed_before_the_pose_counts(driven, controller, counts):
     driven.settle(window=10, spread_rad=[0.01] * 7, timeout_syncs=300)
     driven.capture(20)
-    controller.faults.lose_counts(3, counts)
+    controller.post(lambda: lose_counts(controller, 3, counts))
     with pytest.raises(SensorFault, match="joint 3 jumped") as told:
         driven.capture(40)
     assert told.value.joint == 3
@@ -44,7 +45,7 @@ def test_counts_lost_in_a_move_are_noticed(driven, controller, counts):
 
     def watch(snapshot: ArmSnapshot) -> None:
         if abs(snapshot.positions_rad[1] - here[1]) > 0.1 and not lost.is_set():
-            controller.faults.lose_counts(4, counts)
+            controller.post(lambda: lose_counts(controller, 4, counts))
             lost.set()
 
     with pytest.raises(SensorFault, match="joint 4 jumped") as told:
@@ -54,14 +55,14 @@ def test_counts_lost_in_a_move_are_noticed(driven, controller, counts):
 
 
 def test_a_drive_that_restarts_with_its_counter_at_zero_is_named(driven, controller):
-    controller.faults.restart_node(5)
+    inject(controller, "restart-node", 5)
     with pytest.raises(BusError, match="5") as told:
         driven.capture(2000)
     assert "restart" in str(told.value) or "left operation" in str(told.value)
 
 
 def test_a_joint_that_answers_twice_is_two_devices(driven, controller):
-    controller.faults.answer_twice(7)
+    inject(controller, "double-answers", 7)
     with pytest.raises(DuplicateNodeId, match="node 7"):
         driven.capture(2000)
 

@@ -3,7 +3,7 @@
 import pytest
 
 from hardware.arm import JointMode
-from hardware.virtual.faults import ScriptedFault
+from hardware.virtual.faults import external_stop, inject, scripted
 from tests.oracles.virtual_rig import Rig, rig
 
 STATE, FAULT, QUICK_STOPPED = 0x006F, 0x08, 0x07
@@ -48,7 +48,7 @@ def test_a_trip_has_its_code_and_stops_the_neighbours(arm, quantity, joint, valu
 
 def test_a_drive_whose_enable_is_taken_away_says_so_in_its_statusword_only(arm):
     states = arm.operational()
-    arm.broken("lose_enable", 3)
+    arm.broken("lost-enable", 3)
     words = [word for word, _, _ in arm.peer.sync()]
     assert [word & STATE for word in words] == [0x23 if j == 3 else 0x27 for j in range(1, 8)]
     assert codes(arm, 3) == []
@@ -61,7 +61,7 @@ def test_a_drive_whose_enable_is_taken_away_says_so_in_its_statusword_only(arm):
 def test_a_drive_that_ignores_its_target_stays_and_says_so(arm):
     states = arm.operational()
     assert arm.peer.sync()[0][0] & 0x1000
-    arm.broken("ignore_targets", 1)
+    arm.broken("deaf-drive", 1)
     target = states[0][1]
     for _ in range(3):
         target += 90
@@ -74,24 +74,24 @@ def test_a_drive_that_ignores_its_target_stays_and_says_so(arm):
 
 def test_a_frozen_sensor_is_found_by_the_following_error(arm):
     states = arm.operational()
-    arm.controller.faults.freeze_sensor(2)
+    arm.broken("frozen-sensor", 2)
     target = states[1][1]
     for _ in range(4):
         target += 90
         arm.peer.command(2, 0x0F, target, 8)
         assert arm.peer.sync()[1][1] == states[1][1]
     expect_trip(arm, 2, 0x8611)
-    arm.broken("unfreeze_sensor", 2)
+    arm.mended("frozen_counts", 2)
     assert arm.peer.sync()[1][1] != states[1][1]
 
 
 def test_a_broken_sensor_trips_7305h_and_cannot_be_reset_while_broken(arm):
     arm.operational()
-    arm.broken("break_sensor", 7)
+    arm.broken("broken-sensor", 7)
     expect_trip(arm, 7, 0x7305)
     arm.peer.command(7, 0x80, 0, 8)
     assert arm.peer.sync()[6][0] & 0x4F == FAULT
-    arm.broken("break_sensor", 7, broken=False)
+    arm.flagged(7, "sensor_failed", False)
     arm.peer.command(7, 0x00, 0, 8)
     arm.peer.command(7, 0x80, 0, 8)
     assert arm.peer.sync()[6][0] & 0x4F == 0x40
@@ -110,7 +110,7 @@ def test_no_drive_moves_while_one_is_in_a_fault(arm):
 
 def test_external_stop_trips_all_and_stays_while_pressed(arm):
     arm.operational()
-    arm.broken("external_stop")
+    arm.broken("external-stop")
     states = arm.peer.sync()
     assert [word & 0x4F for word, _, _ in states] == [FAULT] * 7
     assert {c.mode for c in arm.plant.commands} == {None}
@@ -118,7 +118,7 @@ def test_external_stop_trips_all_and_stays_while_pressed(arm):
     for joint in range(1, 8):
         arm.peer.command(joint, 0x80, 0, 8)
     assert [word & 0x4F for word, _, _ in arm.peer.sync()] == [FAULT] * 7
-    arm.broken("external_stop", pressed=False)
+    arm.settled(lambda: external_stop(arm.controller, pressed=False))
     for joint in range(1, 8):
         arm.peer.command(joint, 0x00, 0, 8)
         arm.peer.command(joint, 0x80, 0, 8)
@@ -128,13 +128,13 @@ def test_external_stop_trips_all_and_stays_while_pressed(arm):
 
 def test_a_refused_mode_switch_never_shows_in_6061h(arm):
     arm.operational()
-    arm.broken("refuse_modes", 3)
+    arm.broken("refused-modes", 3)
     for joint in (2, 3):
         arm.peer.command(joint, 0x0F, 0, 10)
     for _ in range(20):
         arm.peer.sync()
     assert [arm.peer.signed(joint, 0x6061) for joint in (1, 2, 3)] == [8, 10, 8]
-    arm.broken("refuse_modes", 3, refuse=False)
+    arm.flagged(3, "refuses_modes", False)
     arm.peer.sync()
     assert arm.peer.signed(3, 0x6061) == 10
 
@@ -142,7 +142,7 @@ def test_a_refused_mode_switch_never_shows_in_6061h(arm):
 def test_a_restart_forgets_everything_but_the_slots(arm):
     arm.operational()
     arm.peer.log.clear()
-    arm.controller.faults.restart()
+    inject(arm.controller, "restart", 1)
     for node in (*range(1, 8), 16):
         arm.peer.wait_for(lambda n, data, node=node: (n, data) == (0x700 + node, b"\0"))
     assert arm.peer.unsigned(16, 0x2010) == 0
@@ -157,23 +157,22 @@ def test_a_restart_forgets_everything_but_the_slots(arm):
 def test_a_hanging_loop_is_heard_to_hang(arm):
     arm.peer.start()
     arm.settled()
-    arm.controller.faults.hang()
+    arm.controller.hang()
     arm.peer.send(0x080)  # taken off the bus, then the loop hangs
     arm.clock.time_s += 1.0
     assert arm.peer.receive(0.1) is None
-    arm.controller.faults.unhang()
+    arm.controller.unhang()
     arm.peer.wait_for(lambda number, _: number == 0x710)
 
 
 def test_scripted_faults_happen_at_their_sync():
-    def script() -> list[ScriptedFault]:
-        return [
-            ScriptedFault(at_sync=12, happen=lambda faults: faults.break_sensor(2)),
-            ScriptedFault(at_sync=10, happen=lambda faults: faults.lose_tpdos(5, 1)),
-        ]
+    script = [
+        scripted("broken-sensor", joint=2, at_sync=12),
+        scripted("missed-answers", joint=5, at_sync=14),
+    ]
 
     def run() -> list[tuple[int, bytes]]:
-        with rig(script=script()) as arm:
+        with rig(script=script) as arm:
             arm.peer.start()
             for _ in range(14):
                 arm.peer.send(0x080)
@@ -190,4 +189,4 @@ def test_scripted_faults_happen_at_their_sync():
 
 def test_there_is_no_joint_8(arm):
     with pytest.raises(ValueError, match="joint 8"):
-        arm.controller.faults.break_sensor(8)
+        inject(arm.controller, "broken-sensor", 8)

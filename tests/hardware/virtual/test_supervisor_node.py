@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
+from hardware.virtual.faults import inject
 from hardware.virtual.parameter_store import (
     FolderDisk,
     MemoryDisk,
@@ -203,7 +204,7 @@ def test_restarting_brings_the_committed_offsets_back(tmp_path):
                 assert order(arm, STAGE) is None
             assert offsets(arm) == OFFSETS
     with rig(store=ParameterStore(FolderDisk(tmp_path))) as arm:
-        arm.controller.faults.restart()
+        inject(arm.controller, "restart", 1)
         arm.peer.wait_for(lambda number, data: (number, data) == (0x710, b"\0"))
         assert offsets(arm) == OFFSETS
         assert slots(arm) == [1, 1, 0, 0]

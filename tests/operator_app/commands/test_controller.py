@@ -10,7 +10,7 @@ import pytest
 
 from hardware.buses.python_can import BusSettings
 from hardware.virtual.fault_messages import FAULTS
-from hardware.virtual.faults import FaultInjector, ScriptedFault
+from hardware.virtual.faults import ScriptedFault
 from operator_app.commands.controller import script_of
 from operator_app.commands.table import parser_of
 from operator_app.config.procedure_file import load_procedure
@@ -61,9 +61,9 @@ def test_every_kind_can_be_asked_for_and_breaks_nothing_of_the_program(kind):
     happened: list[int] = []
 
     def noted(fault: ScriptedFault) -> ScriptedFault:
-        def happen(faults: FaultInjector) -> None:
+        def happen(controller):
             happened.append(fault.at_sync)
-            fault.happen(faults)
+            fault.happen(controller)
 
         return replace(fault, happen=happen)
 

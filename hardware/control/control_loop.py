@@ -13,8 +13,9 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
+from hardware.buses.shared_bus import SharedBus
 from hardware.canopen import objects
 from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.cyclic import Abandoned, Sample, Setpoints, frames_of
@@ -38,16 +39,6 @@ IDLE_GROWTH, MAX_IDLE_POLL_S = 1.1, 0.02
 before, so that a task waits at most a tenth of the idle time before it."""
 SYNCS_AFTER_STOP = 20
 """SYNCs after STOP in fast forward, in which the drives come to rest."""
-
-
-class FrameLink(Protocol):
-    """What the loop needs of a `hardware.buses.shared_bus.SharedBus`."""
-
-    def send(self, identifier: int, data: bytes) -> None:
-        """Send a frame."""
-
-    def receive(self, timeout_s: float) -> Any:
-        """Next frame or None."""
 
 
 class ControlLoop:
@@ -84,7 +75,7 @@ class ControlLoop:
 
     def __init__(
         self,
-        wire: FrameLink,
+        wire: SharedBus,
         *,
         profile: BusProfile,
         pace: Pace,

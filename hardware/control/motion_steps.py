@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from hardware.canopen.cia402 import (
 )
 from hardware.canopen.cyclic import Sample, Setpoint, Setpoints
 from hardware.canopen.objects import CYCLIC_POSITION, MODE_CODE
-from hardware.control.stop_line import StopLatch
+from hardware.control.control_loop import ControlLoop
 from hardware.control.trajectory import StraightMove
 from hardware.errors import (
     BusError,
@@ -43,21 +42,6 @@ TRANSITION_SYNCS = 50
 """Time for a drive to pass through its whole state machine."""
 
 
-class LoopView(Protocol):
-    """The control loop as steps see it."""
-
-    commands: Setpoints | None
-    latch: StopLatch
-    moving: bool
-
-    @property
-    def sample(self) -> Sample:
-        """The latest sample."""
-
-    def alarm(self) -> HardwareError | None:
-        """The alarm for which the steps should end, if any."""
-
-
 def follows_command(statusword: int) -> bool:
     """Whether the drive is in position mode and follows its target (bit 12)."""
     return bool(statusword & StatusBit.FOLLOWS_COMMAND)
@@ -72,7 +56,7 @@ def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
     return None
 
 
-def first_complete_sample(loop: LoopView) -> Generator[Setpoints | None, Sample, Sample]:
+def first_complete_sample(loop: ControlLoop) -> Generator[Setpoints | None, Sample, Sample]:
     """Exchange SYNCs without commands, at least two, until a sample is complete."""
     sample = loop.sample
     for seen in range(INCOMPLETE_SYNCS):
@@ -84,7 +68,7 @@ def first_complete_sample(loop: LoopView) -> Generator[Setpoints | None, Sample,
 
 
 def drive_to(
-    loop: LoopView, target: TargetState
+    loop: ControlLoop, target: TargetState
 ) -> Generator[Setpoints | None, Sample, tuple[int, ...]]:
     """Bring all drives to a state, in position mode at their current positions.
 
@@ -114,7 +98,7 @@ def drive_to(
 
 
 def reset(
-    loop: LoopView, clear: Callable[[], None], *, press: object | None
+    loop: ControlLoop, clear: Callable[[], None], *, press: object | None
 ) -> Generator[Setpoints | None, Sample, tuple[int, ...]]:
     """Release the STOP latch and clear drive faults; the drives end disabled.
 
@@ -129,7 +113,7 @@ def reset(
 
 
 def change_modes(
-    loop: LoopView, modes: Sequence[JointMode], *, syncs: int
+    loop: ControlLoop, modes: Sequence[JointMode], *, syncs: int
 ) -> Generator[Setpoints | None, Sample, None]:
     """Request one mode per joint for `syncs` SYNCs.
 
@@ -158,7 +142,7 @@ def change_modes(
 
 
 def move(
-    loop: LoopView,
+    loop: ControlLoop,
     targets_rad: Mapping[int, float],
     scales: Sequence[JointScale],
     *,
@@ -241,7 +225,7 @@ def incomplete_samples(sample: Sample) -> BusError:
     )
 
 
-def hold_where_it_is(loop: LoopView) -> Generator[Setpoints | None, Sample, None]:
+def hold_where_it_is(loop: ControlLoop) -> Generator[Setpoints | None, Sample, None]:
     """Put all joints into position mode: free ones at their position, the others at their last target."""
     sample = yield None
     yield tuple(
@@ -252,14 +236,14 @@ def hold_where_it_is(loop: LoopView) -> Generator[Setpoints | None, Sample, None
     )
 
 
-def raise_alarm(loop: LoopView) -> None:
+def raise_alarm(loop: ControlLoop) -> None:
     """Raise the alarm for which the steps should end, if any."""
     found = loop.alarm()
     if found is not None:
         raise found
 
 
-def _last_commands(loop: LoopView) -> Setpoints:
+def _last_commands(loop: ControlLoop) -> Setpoints:
     if loop.commands is None:
         raise CommandRefused("the drives are not enabled: take control first")
     return loop.commands
@@ -299,7 +283,7 @@ SYNCS_PER_SAMPLE, EXTRA_SYNCS = 20, 100
 
 
 def settle(
-    loop: LoopView,
+    loop: ControlLoop,
     scales: Sequence[JointScale],
     *,
     window: int,
@@ -320,7 +304,7 @@ def settle(
 
 
 def capture(
-    loop: LoopView, scales: Sequence[JointScale], *, samples: int
+    loop: ControlLoop, scales: Sequence[JointScale], *, samples: int
 ) -> Generator[Setpoints | None, Sample, Reading]:
     """Average complete samples, each with all joints latched on the same SYNC."""
     rows: list[tuple[int, ...]] = []

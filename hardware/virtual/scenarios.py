@@ -30,7 +30,6 @@ from hardware.virtual.true_loop import (
     PAPER_HOME_RAD,
     OpenTruth,
     Truth,
-    WildSpread,
     draw_wild_loop,
     paper_loop,
     with_length_errors,
@@ -261,11 +260,7 @@ def scenario(name: str, seed: int = 0) -> Scenario:
                 loads=COMPLIANT,
             )
         case "wild":
-            truth = draw_wild_loop(
-                np.random.default_rng([seed, int(_Stream.WILD)]),
-                spread=WildSpread(),
-                reading_rad=PAPER_HOME_RAD,
-            )
+            truth = draw_wild_loop(np.random.default_rng([seed, int(_Stream.WILD)]))
             return Scenario(name=name, seed=seed, truth=truth, linearity_of_full_scale=0.02)
         case _:
             raise ValueError(f"no scenario {name!r}; there are {', '.join(SCENARIOS)}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -206,97 +206,75 @@ PLACEMENT_ENTRIES = ("a_0", "s_0", "alpha_0", "s_1", "a_7", "s_7", "alpha_7")
 """D-H entries of the hinge's placement."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WildSpread:
-    """Spread of a `wild` truth around the paper's, and the motion it must allow.
+# Spread of a `wild` truth around the paper's, half widths of uniform draws.
+WILD_POSE_RAD = float(np.deg2rad(25.0))
+"""Of every joint of the true home pose (and so of the offsets) before the loop is closed again."""
+WILD_HINGE_M, WILD_HINGE_RAD = 0.04, float(np.deg2rad(15.0))
+"""Of the hinge's lengths and angles."""
+SMALLEST_CROSSING_RAD = float(np.deg2rad(20.0))
+"""Smallest angle between the hinge axis and its neighbours (D-H degenerates for parallel axes)."""
 
-    Attributes
-    ----------
-    pose_rad, hinge_m, hinge_rad
-        Half widths of uniform draws: of every joint of the true home pose (and so of the offsets)
-        before the loop is closed again; and of the hinge's lengths and angles.
-    smallest_crossing_rad
-        Smallest angle between the hinge axis and its neighbours (D-H degenerates for parallel axes).
-    drives, lowest_rad, highest_rad
-        Two joints, and the ranges of their angles, relative to home, that the arm must cover without a singularity.
-    room_rad
-        (n,) largest distance of each joint from home on the way.
-    max_gradient
-        Largest motion of a joint over that of the drives; infinite at a singularity.
-    """
-
-    pose_rad: float = float(np.deg2rad(25.0))
-    hinge_m: float = 0.04
-    hinge_rad: float = float(np.deg2rad(15.0))
-    smallest_crossing_rad: float = float(np.deg2rad(20.0))
-    drives: tuple[int, int] = (1, 5)
-    lowest_rad: FloatArray = field(default_factory=lambda: frozen(np.deg2rad([-30.0, -70.0])))
-    highest_rad: FloatArray = field(default_factory=lambda: frozen(np.deg2rad([48.0, 0.0])))
-    room_rad: FloatArray = field(
-        default_factory=lambda: frozen(np.deg2rad([72.0] * 5 + [57.0] * 2))
-    )
-    max_gradient: float = 4.0
+# Motion that a `wild` truth must allow, relative to home, without a singularity.
+WILD_DRIVES = [0, 4]
+"""Two joints, from 0, and the ranges of their angles that the arm must cover."""
+LOWEST_RAD, HIGHEST_RAD = frozen(np.deg2rad([-30.0, -70.0])), frozen(np.deg2rad([48.0, 0.0]))
+ROOM_RAD = frozen(np.deg2rad([72.0] * 5 + [57.0] * 2))
+"""Largest distance of each joint from home on the way."""
+MAX_GRADIENT = 4.0
+"""Largest motion of a joint over that of the drives; infinite at a singularity."""
 
 
-def draw_wild_loop(
-    rng: np.random.Generator, *, spread: WildSpread, reading_rad: FloatArray
-) -> LoopTruth:
-    """Draw a truth whose loop closes exactly at `reading_rad` (n,), the home pose in sensor coordinates."""
+def draw_wild_loop(rng: np.random.Generator) -> LoopTruth:
+    """Draw a truth whose loop closes exactly at `PAPER_HOME_RAD`."""
     loop = DhLoop(table=paper_loop().table, entries=entries(PLACEMENT_ENTRIES), hinge=True)
     nominal = nominal_vector(loop.parameters)
-    reach = np.where([p.is_angle for p in loop.parameters], spread.hinge_rad, spread.hinge_m)
+    reach = np.where([p.is_angle for p in loop.parameters], WILD_HINGE_RAD, WILD_HINGE_M)
     twists = [PLACEMENT_ENTRIES.index("alpha_0"), PLACEMENT_ENTRIES.index("alpha_7")]
-    home = np.asarray(reading_rad, dtype=np.float64)
+    home = PAPER_HOME_RAD
     while True:
         x = nominal + reach * rng.uniform(-1.0, 1.0, reach.shape)
-        q = home + spread.pose_rad * rng.uniform(-1.0, 1.0, home.shape)
-        if np.any(np.abs(np.sin(x[twists])) < np.sin(spread.smallest_crossing_rad)):
+        q = home + WILD_POSE_RAD * rng.uniform(-1.0, 1.0, home.shape)
+        if np.any(np.abs(np.sin(x[twists])) < np.sin(SMALLEST_CROSSING_RAD)):
             continue
         closed = close_loops(loop, x, q[None, :])
         pose = closed.q[0]
         if (
             bool(closed.closed[0])
             and not bool(loop.reduced(x, closed.q).flipped[0])
-            and bool(np.all(np.abs(pose - home) < 2.0 * spread.pose_rad))
-            and can_cover(loop, x, pose, closed.u[0], spread)
+            and bool(np.all(np.abs(pose - home) < 2.0 * WILD_POSE_RAD))
+            and can_cover(loop, x, pose, closed.u[0])
         ):
             table = loop.tables(x)
             table[0] = wrap_angle(table[0] + np.concatenate(([0.0], pose - home)))
             return LoopTruth(table=DhTable.from_stacked(table))
 
 
-def can_cover(
-    loop: DhLoop, x: FloatArray, pose: FloatArray, hinge: FloatArray, spread: WildSpread
-) -> bool:
+def can_cover(loop: DhLoop, x: FloatArray, pose: FloatArray, hinge: FloatArray) -> bool:
     """Whether the drives can move straight from `pose` to all limits of their ranges; follows rays in small steps."""
     edge = np.linspace(0.0, 1.0, 5)[:-1]
-    square = np.concatenate(
-        [
-            np.stack(side, axis=-1)
-            for side in (
-                (edge, 0.0 * edge),
-                (1.0 + 0.0 * edge, edge),
-                (1.0 - edge, 1.0 + 0.0 * edge),
-                (0.0 * edge, 1.0 - edge),
-            )
-        ]
+    none, all_ = np.zeros(4), np.ones(4)
+    square = np.stack(
+        (
+            np.concatenate((edge, all_, 1.0 - edge, none)),
+            np.concatenate((none, edge, all_, 1.0 - edge)),
+        ),
+        axis=-1,
     )
-    ends = spread.lowest_rad + square * (spread.highest_rad - spread.lowest_rad)
-    drives = [j - 1 for j in spread.drives]
+    ends = LOWEST_RAD + square * (HIGHEST_RAD - LOWEST_RAD)
     passive = np.ones(pose.shape)
-    passive[drives] = 0.0
+    passive[WILD_DRIVES] = 0.0
     q = np.tile(pose, (len(ends), 1))
     u = np.tile(hinge, (len(ends), 1))
     steps = 12
     for k in range(1, steps + 1):
         before = q.copy()
-        q[:, drives] = pose[drives] + ends * (k / steps)
+        q[:, WILD_DRIVES] = pose[WILD_DRIVES] + ends * (k / steps)
         closed = close_loops(loop, x, q, sigma_rad=passive, u=u, max_iterations=8)
         stride = np.abs(ends).max(-1, keepdims=True) / steps
         if not (
             bool(np.all(closed.closed))
-            and bool(np.all(np.abs(closed.q - before) <= spread.max_gradient * stride + 1e-9))
-            and bool(np.all(np.abs(closed.q - pose) <= spread.room_rad))
+            and bool(np.all(np.abs(closed.q - before) <= MAX_GRADIENT * stride + 1e-9))
+            and bool(np.all(np.abs(closed.q - pose) <= ROOM_RAD))
         ):
             return False
         q, u = closed.q.copy(), closed.u.copy()

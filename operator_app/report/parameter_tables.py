@@ -103,7 +103,7 @@ def parameter_table(
             quantity.unit,
             figure(p.nominal, ("nominal", name) if nominal_key else (), n=round_places(quantity)),
             Figure(value, quantity, places=n, role="found", key=("parameters", name)),
-            figure(_change(p, value, p.nominal), signed=True),
+            figure(change_of(p, value, p.nominal), signed=True),
             figure(float(estimate.standard_deviation[k]), ("sigma", name)),
         ]
         if repeatability is not None:
@@ -160,7 +160,7 @@ def estimators_table(
         quantity, at = quantity_of(p), theirs[p.name]
         value, sigma = float(implicit.x[k]), float(implicit.standard_deviation[k])
         other, its_sigma = float(paper.x[at]), float(paper.standard_deviation[at])
-        difference = _change(p, other, value)
+        difference = change_of(p, other, value)
         most = max(most, abs(difference) / its_sigma) if its_sigma > 0.0 else most
         rows.append(
             (
@@ -197,7 +197,8 @@ def estimators_table(
     )
 
 
-def _change(parameter: Parameter, value: float, reference: float) -> float:
+def change_of(parameter: Parameter, value: float, reference: float) -> float:
+    """Return how far a value is from another, an angle the short way round."""
     change = value - reference
     return math.remainder(change, 2.0 * math.pi) if parameter.is_angle else change
 

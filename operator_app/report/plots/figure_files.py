@@ -10,25 +10,31 @@ import io
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from itertools import accumulate
+from itertools import chain, pairwise
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
+from operator_app.calibration.calibrated_arm import side_of
 from operator_app.calibration.result import Solution
 from operator_app.config.atomic import write_atomically
 from operator_app.config.errors import WriteError
 from operator_app.errors import SessionError
-from operator_app.report.facts import Facts
 from operator_app.report.html.markup import LIGHT_COLOURS, PLOT_RULES, Html, element
+from operator_app.report.parameter_tables import change_of
 from operator_app.report.plots import before_after, calibration_plots
 from operator_app.report.plots.plot import Axis, Picture, axis, log_axis
 from operator_app.report.plots.strips import Bars, bars
 from operator_app.report.plots.svg import PLOT_WIDTH, draw, label
 from operator_app.report.subject import Subject
-from operator_app.report.table import FactTable
-from operator_app.units import ANGLE, LENGTH, Figure
+from operator_app.report.uncertainty_tables import source_words
+from operator_app.units import Quantity, quantity_of
+from solver.arrays import FloatArray
+from solver.chain.parameters import Parameter
+from solver.diagnostics.statistics import intervals
 
 ONE_COLUMN_MM, TWO_COLUMNS_MM = 88, 180
 TITLE = 16.0
@@ -204,83 +210,75 @@ def _residuals(subject: Subject, solution: Solution) -> Panels:
     return Panels(pictures=shown)
 
 
-def _parameters(subject: Subject, _: Solution) -> Panels | None:
-    table = _table(subject, "parameters")
-    if table is None:
-        return None
-    by_unit: dict[str, list[int]] = {}
-    for k, row in enumerate(table.rows):
-        by_unit.setdefault(str(row[1]), []).append(k)
-    titles = [c.title for c in table.columns]
-    # The chosen estimator's columns come first, and parameters that it did not estimate are missing.
-    at = {title: titles.index(title) for title in reversed(titles)}
-    kinds = {"sigma": "all sources", "type A": "repeatability"}
-
-    def column(title: str, rows: list[int]) -> tuple[float, ...]:
-        return tuple(_number(table.rows[k][at[title]]) for k in rows)
-
-    before = [_stated(subject, str(row[at["of the"]]), str(row[1])) for row in table.rows]
+def _parameters(subject: Subject, solution: Solution) -> Panels:
+    """Changes with their intervals beside sigmas, angles above lengths."""
+    estimate, limits = solution.identified, intervals(solution.identified)
+    of_quantity: dict[Quantity, list[int]] = {}
+    for k, p in enumerate(estimate.parameters):
+        of_quantity.setdefault(quantity_of(p), []).append(k)
     shown: list[Bars] = []
-    for unit, rows in by_unit.items():
-        names = [str(table.rows[k][0]) for k in rows]
-        identified, change = column("identified", rows), column("change", rows)
-        low, high = (
-            [c + e - v for c, e, v in zip(change, column(title, rows), identified, strict=True)]
-            for title in ("95 % from", "to")
-        )
+    for quantity, rows in of_quantity.items():
+        listed, scale = [estimate.parameters[k] for k in rows], quantity.per_si
+        names, x = [p.name for p in listed], estimate.x[rows].tolist()
+        change = [scale * change_of(p, v, p.nominal) for p, v in zip(listed, x, strict=True)]
+        ends = [
+            (c + scale * (limits[k].low - v), c + scale * (limits[k].high - v))
+            for k, c, v in zip(rows, change, x, strict=True)
+        ]
         shown.append(
             Bars(
-                x=axis("change from nominal", [*low, *high, 0.0], unit=unit),
+                x=axis("change from nominal", [*chain(*ends), 0.0], unit=quantity.unit),
                 names=names,
-                bars={"95 % interval": tuple(zip(low, high, strict=True))},
+                bars={"95 % interval": ends},
                 marks={"identified": change},
             )
         )
-        sigmas = {words: column(t, rows) for t, words in kinds.items() if t in titles}
-        sigmas["stated before"] = tuple(before[k] for k in rows)
-        known = [s for values in sigmas.values() for s in values]
-        shown.append(Bars(x=log_axis("sigma", known, unit=unit), names=names, marks=sigmas))
+        sigmas = {"all sources": (scale * estimate.standard_deviation[rows]).tolist()}
+        if solution.components is not None:
+            sigmas["repeatability"] = [scale * solution.within[name] for name in names]
+        sigmas["stated before"] = [_stated(subject, solution, p) for p in listed]
+        known = list(chain(*sigmas.values()))
+        shown.append(
+            Bars(x=log_axis("sigma", known, unit=quantity.unit), names=names, marks=sigmas)
+        )
     return Panels(pictures=tuple(shown), columns=2)
 
 
-def _stated(subject: Subject, side: str, unit: str) -> float:
-    """Stated standard uncertainty of a parameter, in its unit; NaN if no file states it."""
+def _stated(subject: Subject, solution: Solution, parameter: Parameter) -> float:
+    """Stated standard uncertainty of a parameter, in the unit shown; NaN if no file states it."""
     fixture, arm = subject.procedure.fixture, subject.procedure.arm
-    if side != "arm":
-        stated: float | None = fixture.tolerance_m if unit == LENGTH.unit else fixture.tolerance_rad
+    if side_of(solution.model, parameter.name) != "arm":
+        stated: float | None = fixture.tolerance_rad if parameter.is_angle else fixture.tolerance_m
     else:
-        stated = arm.offset_tolerance_rad if unit == ANGLE.unit else None
-    quantity = LENGTH if unit == LENGTH.unit else ANGLE
-    return float("nan") if stated is None else quantity.per_si * stated
+        stated = arm.offset_tolerance_rad if parameter.is_angle else None
+    return float("nan") if stated is None else quantity_of(parameter).per_si * stated
 
 
-def _budget(subject: Subject, _: Solution) -> Panels | None:
-    table = _table(subject, "budget")
-    if table is None:
+def _budget(_: Subject, solution: Solution) -> Panels | None:
+    if solution.components is None:
         return None
-    table = table.whole
-    # The RVDTs of all joints share a colour: the bar shows the joint.
-    kinds = [re.sub(r" \d+$", "", c.title) for c in table.columns[1:]]
-    sources = list(dict.fromkeys(kinds))
-    shares = [
-        [
-            sum(max(0.0, _number(c)) for c, k in zip(row[1:], kinds, strict=True) if k == source)
-            for source in sources
-        ]
-        for row in table.rows
-    ]
-    order = sorted(range(len(sources)), key=lambda k: -sum(row[k] for row in shares))
-    kept, rest = order[:MOST_SOURCES], order[MOST_SOURCES:]
-    percent = [[row[k] for k in kept] + [sum(row[k] for k in rest)] for row in shares]
-    ends = [[*accumulate(row, initial=0.0)] for row in percent]
+    listed = solution.estimate.parameters
+    rows = [k for k, p in enumerate(listed) if p.name not in solution.tolerated]
+    total = np.diagonal(solution.estimate.covariance)[rows]
+    nothing = np.zeros(len(rows))
+    percent: dict[str, FloatArray] = {}
+    for source, variance in solution.components.budget.items():
+        # The RVDTs of all joints share a colour: the bar shows the joint.
+        kind = re.sub(r" \d+$", "", source_words(source))
+        share = np.divide(100.0 * variance[rows], total, out=nothing.copy(), where=total > 0.0)
+        percent[kind] = percent.get(kind, nothing) + np.maximum(share, 0.0)
+    order = sorted(percent, key=lambda kind: -float(percent[kind].sum()))
+    kept = {kind: percent[kind] for kind in order[:MOST_SOURCES]}
+    kept["all others"] = sum((percent[kind] for kind in order[MOST_SOURCES:]), nothing)
+    ends = np.cumsum([nothing, *kept.values()], axis=0).tolist()
     return Panels(
         pictures=(
             Bars(
                 x=Axis(label="share of variance", unit="%", low=0.0, high=100.0, ticks=PERCENTS),
-                names=[str(row[0]) for row in table.rows],
+                names=[listed[k].name for k in rows],
                 bars={
-                    source: [(row[k], row[k + 1]) for row in ends]
-                    for k, source in enumerate([*(sources[k] for k in kept), "all others"])
+                    kind: list(zip(*pair, strict=True))
+                    for kind, pair in zip(kept, pairwise(ends), strict=True)
                 },
             ),
         )
@@ -323,15 +321,3 @@ FIGURES: Mapping[str, Callable[[Subject, Solution], Panels | None]] = MappingPro
         "condition": _condition,
     }
 )
-
-
-def _table(subject: Subject, ident: str) -> FactTable | None:
-    facts: Facts | None = subject.facts
-    return None if facts is None else facts.table(ident)
-
-
-def _number(cell: Figure | str) -> float:
-    """Return a cell's number in the unit in which it is shown."""
-    if isinstance(cell, str) or cell.value is None:
-        return float("nan")
-    return cell.quantity.per_si * cell.value

@@ -48,10 +48,14 @@ class Connection:
 
     Attributes
     ----------
+    on_bus, wire
+        The expected arm, and its bus.
     loop, access, stop_line
         Cyclic traffic, object access, STOP.
     limits, scales
         Limits and scales of joints 1..n.
+    rated_torques_nm
+        Torques of joints 1..n at 1000 per mille in 6077h, N m.
     modes
         6061h of each drive as last read; None for neither position nor free.
     token
@@ -71,7 +75,7 @@ class Connection:
         description, settings, profile = on_bus.description, on_bus.settings, on_bus.profile
         timing = on_bus.timing
         self.profile = profile
-        self._on_bus, self._timing, self._clock = on_bus, timing, clock
+        self.on_bus, self._timing, self._clock = on_bus, timing, clock
         self.scales = tuple(
             identifying.scale_of(joint, drive)
             for joint, drive in zip(description.joints, profile.joints, strict=True)
@@ -82,19 +86,19 @@ class Connection:
         self.in_control = self.took_control = False
         self._late_before_control = 0
         self._compares_positions = True
-        self._rated_nm: tuple[float, ...] = (0.0,) * len(profile.joints)
+        self.rated_torques_nm: tuple[float, ...] = (0.0,) * len(profile.joints)
         bus = on_bus.openers.main(settings)
         if record_to is None:  # a recording needs all frames
             set_hardware_filters(bus, operator_filters(profile))
-        self._wire = SharedBus(bus, record_to=record_to, send_timeout_s=timing.tick_s)
+        self.wire = SharedBus(bus, record_to=record_to, send_timeout_s=timing.tick_s)
         try:
-            self.stop_line = StopLine(self._second_handle(on_bus), self._wire, frames_of(profile))
+            self.stop_line = StopLine(self._second_handle(on_bus), self.wire, frames_of(profile))
         except BaseException:
-            self._wire.close()
+            self.wire.close()
             raise
-        self.access = ObjectAccess(self._wire.send, profile.nodes, timeout_s=timing.sdo_timeout_s)
+        self.access = ObjectAccess(self.wire.send, profile.nodes, timeout_s=timing.sdo_timeout_s)
         self.loop = ControlLoop(
-            self._wire,
+            self.wire,
             profile=profile,
             pace=on_bus.pace,
             on_sdo=self.access.deliver,
@@ -126,21 +130,12 @@ class Connection:
 
         A STOP newer than `press` cancels the connection. `takes_over`: see `start_up.require_unused`.
         """
-        start_up = StartUp(
-            self._on_bus,
-            loop=self.loop,
-            access=self.access,
-            send=self._wire.send,
-            scales=self.scales,
-        )
+        start_up = StartUp(self)
         try:
-            identity, self._rated_nm, self.token = start_up.run(press, takes_over=takes_over)
-            self.read_modes()
-            start_up.raise_if_cancelled()
+            return start_up.run(press, takes_over=takes_over)
         except BaseException as failure:
             start_up.undo(failure)
             raise
-        return identity
 
     def read_states(self) -> tuple[DriveState, ...]:
         """State of every drive (6041h) by SDO, without `open`."""
@@ -152,12 +147,12 @@ class Connection:
         """End all sending and the recording."""
         self.loop.close()
         self.stop_line.close()
-        self._wire.close()
+        self.wire.close()
 
     @property
     def recording_failure(self) -> str | None:
         """Why the recording ended early; None if it did not."""
-        return self._wire.recording_failure
+        return self.wire.recording_failure
 
     @property
     def left_enabled(self) -> bool:
@@ -285,7 +280,7 @@ class Connection:
             self.loop.nodes,
             self.loop.watch.dropout.dropouts,
             scales=self.scales,
-            rated_torques_nm=self._rated_nm,
+            rated_torques_nm=self.rated_torques_nm,
             modes=self.modes,
             token=self.token,
             stopped=self.loop.stop_latched,

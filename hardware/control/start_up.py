@@ -13,11 +13,9 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from math import ceil
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from hardware.arm import ArmIdentity, DriveState
-from hardware.arm_description import JointScale
-from hardware.buses.python_can import ArmOnBus
 from hardware.canopen import identifying, objects
 from hardware.canopen.cia402 import POWERED_STATES, state_of
 from hardware.canopen.configuring import configure, zero_residual_torques
@@ -32,7 +30,6 @@ from hardware.canopen.maps import check_communication, check_mapping, check_posi
 from hardware.canopen.objects import NmtCommand, NmtState
 from hardware.canopen.sdo import ObjectAccess
 from hardware.control import motion_steps
-from hardware.control.control_loop import ControlLoop
 from hardware.errors import (
     ArmInUse,
     BusError,
@@ -47,6 +44,9 @@ from hardware.errors import (
 )
 from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Pace
+
+if TYPE_CHECKING:
+    from hardware.control.connection import Connection
 
 MARGIN: Final = 1.5
 """Factor on a stated time-out, for reaction time and late answers."""
@@ -160,47 +160,27 @@ def _stated_timeout_s(access: ObjectAccess, nodes: Iterable[int]) -> float:
 
 
 class StartUp:
-    """One start-up of the nodes of an arm.
+    """One start-up of the nodes of an arm, over a connection that has been made and is not yet used."""
 
-    Parameters
-    ----------
-    on_bus, scales
-        The expected arm, and the scales of joints 1..n.
-    loop, access, send
-        Cyclic traffic, object access, and the function that puts a frame on the bus.
-    """
-
-    def __init__(
-        self,
-        on_bus: ArmOnBus,
-        *,
-        loop: ControlLoop,
-        access: ObjectAccess,
-        send: Callable[[int, bytes], None],
-        scales: Sequence[JointScale],
-    ) -> None:
-        self._description, self._profile = on_bus.description, on_bus.profile
-        self._timing = on_bus.timing
-        # In fast forward no time passes for the drives, and no other program has that arm.
-        self._shared = on_bus.pace is Pace.REAL_TIME
-        self._loop, self._access, self._send, self._scales = loop, access, send, tuple(scales)
+    def __init__(self, link: Connection) -> None:
+        self._link, self._loop, self._access = link, link.loop, link.access
+        self._profile, self._timing = link.profile, link.on_bus.timing
         self._configured: tuple[str, ...] = ()
         self._zeroed: list[str] = []
         self._pressed: Callable[[], bool] = lambda: False
 
-    def run(
-        self, press: object | None, *, takes_over: bool
-    ) -> tuple[ArmIdentity, tuple[float, ...], int]:
+    def run(self, press: object | None, *, takes_over: bool) -> ArmIdentity:
         """Find the nodes, check them, start heartbeat and SYNC; arguments as in `Connection.open`.
 
-        Returns the arm's identity, the rated torques of joints 1..n in N m, and the node in control, 0 if none.
+        Sets rated torques, token and modes of the connection.
         """
         loop, access, profile = self._loop, self._access, self._profile
         self._pressed = lambda: loop.latch.last_press is not press
         loop.nodes.cancelled = lambda: self._pressed() or loop.failure is not None
         loop.start()
         self._listen(self._timing.listen_s)
-        if self._shared:
+        # In fast forward no time passes for the drives, and no other program has that arm.
+        if self._link.on_bus.pace is Pace.REAL_TIME:
             require_unused(
                 access,
                 loop.nodes,
@@ -216,35 +196,36 @@ class StartUp:
             # The present nodes may show that the arm is set up differently: report both.
             check_mapping(access, profile, missing)
         _require(missing)
-        identity = identifying.read_identity(access, profile, self._description)
+        identity = identifying.read_identity(access, profile, self._link.on_bus.description)
         self._require_unique_nodes()
-        self.raise_if_cancelled()
-        identity, rated_torques_nm = self._check_drives(identity)
+        self._raise_if_cancelled()
+        unwatching = self._check_drives(identity)
         self._require_unique_nodes()
         self._zeroed += zero_residual_torques(access, profile)
         zeroed = tuple(self._zeroed)
-        identity = replace(identity, configured=(*self._configured, *zeroed), zeroed=zeroed)
-        self.raise_if_cancelled()
+        self._raise_if_cancelled()
         loop.begin_heartbeat()
         started = partial(loop.nodes.wait_for_state, NmtState.OPERATIONAL)
         _require(self._send_nmt(NmtCommand.START, started))
-        token = 0
         if profile.supervisor is not None:
-            token = access.read_unsigned(profile.supervisor, objects.TOKEN)
+            self._link.token = access.read_unsigned(profile.supervisor, objects.TOKEN)
         loop.begin_sync()
         first = loop.run(
             motion_steps.first_complete_sample(loop), despite=(DriveFault, Stopped, DriveDiverged)
         )
-        check_positions(access, profile, first.counts, self._scales)
+        check_positions(access, profile, first.counts, self._link.scales)
         self._read_fault_codes(first)
-        return identity, rated_torques_nm, token
+        self._link.read_modes()
+        self._raise_if_cancelled()
+        configured = (*self._configured, *zeroed)
+        return replace(identity, unwatching=unwatching, configured=configured, zeroed=zeroed)
 
     def _listen(self, for_s: float) -> None:
         """Listen for `for_s` seconds; raise for another operator or master."""
         nodes = self._loop.nodes
         if nodes.wait_for_other_operator(for_s):
             raise ControlDenied(objects.OPERATOR_NODE)
-        self.raise_if_cancelled()
+        self._raise_if_cancelled()
         if nodes.foreign_command:
             raise OtherMaster(
                 f"Another program uses this bus: it sent {nodes.foreign_command}. Nothing "
@@ -260,38 +241,37 @@ class StartUp:
         if isinstance(failure, HardwareError):
             failure.kept_writes = tuple(self._zeroed)
 
-    def _check_drives(self, identity: ArmIdentity) -> tuple[ArmIdentity, tuple[float, ...]]:
+    def _check_drives(self, identity: ArmIdentity) -> tuple[int, ...]:
         """Compare PDOs and arm with profile and description; write the PDOs first if the profile requires it.
 
-        Returns the identity with the joints whose drives do not monitor the operator, and rated torques in N m.
+        Returns the joints whose drives do not monitor the operator.
         """
         access, profile = self._access, self._profile
         if profile.configures_pdos:
             # All checks that only read come first: nothing is written into a wrong or refused arm.
             found = self._check_arm(identity)
             check_communication(access, profile)
-            self.raise_if_cancelled()
+            self._raise_if_cancelled()
             self._configured = configure(access, profile, self._command_nodes)
             check_mapping(access, profile)
-            self.raise_if_cancelled()
+            self._raise_if_cancelled()
             return found
         check_mapping(access, profile)
-        self.raise_if_cancelled()
+        self._raise_if_cancelled()
         return self._check_arm(identity)
 
-    def _check_arm(self, identity: ArmIdentity) -> tuple[ArmIdentity, tuple[float, ...]]:
-        """Compare all but the PDOs; set heartbeat time-out and following windows."""
-        access, profile, loop = self._access, self._profile, self._loop
-        identifying.check_arm(
-            access, identity, self._description, profile, period_s=self._timing.period_s
-        )
+    def _check_arm(self, identity: ArmIdentity) -> tuple[int, ...]:
+        """Compare all but the PDOs; set heartbeat time-out, following windows and rated torques."""
+        access, profile, loop, link = self._access, self._profile, self._loop, self._link
+        description, period_s = link.on_bus.description, self._timing.period_s
+        identifying.check_arm(access, identity, description, profile, period_s=period_s)
         loop.heartbeat_timeout_s = heartbeat_timeout_s(access, profile, loop.heartbeat_timeout_s)
         unwatching = check_operator_monitoring(access, profile)
-        loop.watch.set_following_windows(following_windows_counts(access, profile, self._scales))
-        rated_torques_nm = identifying.read_rated_torques_nm(access, profile)
-        return replace(identity, unwatching=unwatching), rated_torques_nm
+        loop.watch.set_following_windows(following_windows_counts(access, profile, link.scales))
+        link.rated_torques_nm = identifying.read_rated_torques_nm(access, profile)
+        return unwatching
 
-    def raise_if_cancelled(self) -> None:
+    def _raise_if_cancelled(self) -> None:
         """Raise if STOP was pressed since the start, or the control loop has ended."""
         failure = self._loop.failure
         if failure is not None:
@@ -311,18 +291,18 @@ class StartUp:
         """
         self._command_nodes(command)
         missing = wait(self._timing.boot_timeout_s)
-        self.raise_if_cancelled()
+        self._raise_if_cancelled()
         heard = [node for node in missing if node in self._loop.nodes.heard_at_s]
         if heard:
             self._command_nodes(command, heard)
             missing = wait(self._timing.boot_timeout_s)
-            self.raise_if_cancelled()
+            self._raise_if_cancelled()
         return missing
 
     def _command_nodes(self, command: NmtCommand, nodes: Iterable[int] = ()) -> None:
         """Send an NMT command to these nodes, or to all of the arm, but never to others on the bus."""
         for node in nodes or self._profile.nodes:
-            self._send(objects.COB_NMT, bytes([command, node]))
+            self._link.wire.send(objects.COB_NMT, bytes([command, node]))
 
     def _require_unique_nodes(self) -> None:
         if duplicates := self._access.duplicate_nodes():

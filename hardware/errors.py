@@ -82,13 +82,13 @@ class ProfileRemedy(Enum):
     NONE = "this program works with the expected value only"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class ObjectMismatch:
     """An object of a node (or one sub-index of it) that differs from what is required."""
 
     node: int
     index: int
-    sub: int | None = None
+    sub: int | None
     expected: str
     found: str
     remedy: ProfileRemedy = ProfileRemedy.DESCRIBE_PDO

@@ -107,13 +107,7 @@ def zero_residual_torques(access: ObjectAccess, profile: BusProfile) -> Iterator
     if nonzero and not profile.configures_pdos:
         raise MappingMismatch(
             [
-                ObjectMismatch(
-                    node=node,
-                    index=index,
-                    expected="0",
-                    found=str(value),
-                    remedy=ProfileRemedy.SEND_ZERO,
-                )
+                ObjectMismatch(node, index, None, "0", str(value), ProfileRemedy.SEND_ZERO)
                 for node, index, value, _ in nonzero
             ]
         )
@@ -170,9 +164,8 @@ def _change(
     pdo, communication, mapping, types = records
     cob_id, entries = read_number(access, node, communication, 1), read_map(access, node, mapping)
     if cob_id is None or entries is None:
-        index, expected = communication if cob_id is None else mapping, "a PDO to set up"
-        found = "no such object"
-        return str(ObjectMismatch(node=node, index=index, expected=expected, found=found))
+        index = communication if cob_id is None else mapping
+        return str(ObjectMismatch(node, index, None, "a PDO to set up", "no such object"))
     transmission = read_number(access, node, communication, 2) or 0
     inhibited = inhibit_s(access, node, communication) >= MAX_INHIBIT_S
     has_sync_start = bool(read_number(access, node, communication, SYNC_START))

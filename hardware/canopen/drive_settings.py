@@ -190,16 +190,10 @@ def heartbeat_timeout_s(access: ObjectAccess, profile: BusProfile, min_s: float)
         longest_s = max(longest_s, 1e-3 * period_ms)
         if not 0 < period_ms <= profile.slowest_heartbeat_ms:
             allowable = 0 < period_ms <= MAX_HEARTBEAT_MS
-            found.append(
-                ObjectMismatch(
-                    node=node,
-                    index=objects.HEARTBEAT_PRODUCER,
-                    sub=0,
-                    expected=f"a heartbeat every 1 .. {profile.slowest_heartbeat_ms} ms",
-                    found=f"{period_ms} ms",
-                    remedy=ProfileRemedy.HEARTBEAT_PERIOD if allowable else ProfileRemedy.NONE,
-                )
-            )
+            remedy = ProfileRemedy.HEARTBEAT_PERIOD if allowable else ProfileRemedy.NONE
+            expected = f"a heartbeat every 1 .. {profile.slowest_heartbeat_ms} ms"
+            place = node, objects.HEARTBEAT_PRODUCER, 0
+            found.append(ObjectMismatch(*place, expected, f"{period_ms} ms", remedy))
     if found:
         raise MappingMismatch(found)
     return max(min_s, HEARTBEAT_TIMEOUT_PERIODS * longest_s)
@@ -235,15 +229,8 @@ def operator_monitoring_differences(
     expected = (
         f"a time-out of at most {limit_ms:.0f} ms for the heartbeat of node {objects.OPERATOR_NODE}"
     )
-    return (
-        ObjectMismatch(
-            node=node,
-            index=objects.HEARTBEAT_CONSUMER,
-            expected=expected,
-            found=seen,
-            remedy=ProfileRemedy.NONE,
-        ),
-    )
+    place = node, objects.HEARTBEAT_CONSUMER, None
+    return (ObjectMismatch(*place, expected, seen, ProfileRemedy.NONE),)
 
 
 def following_windows_counts(

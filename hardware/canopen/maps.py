@@ -78,7 +78,7 @@ def check_positions(
                 pdo.number for pdo in joint.answers if objects.POSITION_ACTUAL in pdo.carried
             )
             expected, seen = f"the {by_sdo} counts that it holds", f"{by_pdo} in TPDO{carrier}"
-            found.append(_difference(joint.node, objects.POSITION_ACTUAL, None, expected, seen))
+            found.append(ObjectMismatch(joint.node, objects.POSITION_ACTUAL, None, expected, seen))
     if found:
         raise MappingMismatch(found)
 
@@ -97,7 +97,7 @@ def _communication(access: ObjectAccess, node: int) -> Iterator[ObjectMismatch]:
     counter = read_number(access, node, _SYNC_COUNTER, 0)
     if counter:
         expected = "0 (a SYNC without counter)"
-        found.append(_difference(node, _SYNC_COUNTER, 0, expected, f"{counter}"))
+        found.append(ObjectMismatch(node, _SYNC_COUNTER, 0, expected, f"{counter}"))
     for each in found:
         yield replace(each, remedy=ProfileRemedy.NONE)
 
@@ -132,17 +132,17 @@ def pdo_differences(
         kind = read_number(access, node, communication, 2)
         if kind not in types:
             expected = f"transmission type {' or '.join(map(str, types))}"
-            yield _difference(node, communication, 2, expected, _number(kind, "d"))
+            yield ObjectMismatch(node, communication, 2, expected, _number(kind, "d"))
         if types is EVERY_SYNC:
             yield from _on_every_sync(access, node, communication)
         entries = read_map(access, node, mapping)
         if entries != pdo.entries:
             expected = f"{pdo_name(communication, pdo.number)} = {format_map(pdo.entries)}"
             found = "no such object" if entries is None else format_map(entries)
-            yield _difference(node, mapping, None, expected, found)
+            yield ObjectMismatch(node, mapping, None, expected, found)
     for _, index, value in conflicting_pdos(access, node, profile, joint):
         found = f"{value & IDENTIFIER:03X}h, which frames of this arm use"
-        yield _difference(node, index, 1, "another identifier, or none", found)
+        yield ObjectMismatch(node, index, 1, "another identifier, or none", found)
 
 
 def read_records(access: ObjectAccess, node: int, communication: int) -> Iterator[tuple[int, int]]:
@@ -185,11 +185,11 @@ def _on_every_sync(access: ObjectAccess, node: int, index: int) -> Iterator[Obje
     if inhibit >= MAX_INHIBIT_S:
         limit = f"an inhibit time below {1e3 * MAX_INHIBIT_S:g} ms"
         found = f"{1e3 * inhibit:g} ms"
-        yield _difference(node, index, INHIBIT, limit, found)
+        yield ObjectMismatch(node, index, INHIBIT, limit, found)
     start = read_number(access, node, index, SYNC_START)
     if start:
         expected = "SYNC start value 0 (with the next SYNC)"
-        yield _difference(node, index, SYNC_START, expected, f"{start}")
+        yield ObjectMismatch(node, index, SYNC_START, expected, f"{start}")
 
 
 def inhibit_s(access: ObjectAccess, node: int, index: int) -> float:
@@ -213,7 +213,7 @@ def _cob_id(
     value = read_number(access, node, index, sub)
     wrong = value is None or value & (IDENTIFIER | EXTENDED | refused) != expected
     if wrong:
-        yield _difference(node, index, sub, f"{expected:03X}h", _number(value, "03X"))
+        yield ObjectMismatch(node, index, sub, f"{expected:03X}h", _number(value, "03X"))
 
 
 def read_number(access: ObjectAccess, node: int, index: int, sub: int) -> int | None:
@@ -230,9 +230,3 @@ def _number(value: int | None, digits: str) -> str:
     if value is None:
         return "no such object"
     return f"{value:{digits}}" + ("h" if digits.endswith("X") else "")
-
-
-def _difference(
-    node: int, index: int, sub: int | None, expected: str, found: str
-) -> ObjectMismatch:
-    return ObjectMismatch(node=node, index=index, sub=sub, expected=expected, found=found)

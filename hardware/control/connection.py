@@ -275,21 +275,7 @@ class Connection:
 
     def snapshot(self) -> ArmSnapshot:
         """The latest state; never blocks."""
-        return build_snapshot(
-            self.loop.view,
-            self.loop.nodes,
-            self.loop.watch.dropout.dropouts,
-            scales=self.scales,
-            rated_torques_nm=self.rated_torques_nm,
-            modes=self.modes,
-            token=self.token,
-            stopped=self.loop.stop_latched,
-            stopped_for=self.loop.watch.stopped_for,
-            moving=self.loop.moving,
-            period_s=self._timing.period_s,
-            now_s=self._clock(),
-            latency=self.loop.latency,
-        )
+        return build_snapshot(self, self._clock())
 
     def _allow(self, sample: Sample, before: Setpoints | None, commands: Setpoints) -> None:
         admit(

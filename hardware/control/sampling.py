@@ -6,16 +6,18 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
-from hardware.arm import ArmSnapshot, Fault, JointMode, JointState
-from hardware.arm_description import JointScale
+from hardware.arm import ArmSnapshot, Fault, JointState
 from hardware.canopen.cia402 import CONTROLWORD_DISABLE_VOLTAGE, state_of
 from hardware.canopen.cyclic import MAX_LATE_SYNCS, JointFrames, Sample, Setpoint, Setpoints
 from hardware.control.stop_line import StopLatch
 from hardware.monitors.dropout import Dropout
 from hardware.monitors.joint_monitor import JointMonitor
 from hardware.monitors.node_monitor import NodeMonitor
-from hardware.timing import LatencyMonitor
+
+if TYPE_CHECKING:
+    from hardware.control.connection import Connection
 
 
 class CommandSender:
@@ -228,26 +230,12 @@ class Sampler:
         return {"statuswords": statuswords, "counts": counts, "torques_per_mille": torques}
 
 
-def build_snapshot(
-    view: CyclicView,
-    nodes: NodeMonitor,
-    dropouts: Sequence[Dropout],
-    *,
-    scales: Sequence[JointScale],
-    rated_torques_nm: Sequence[float],
-    modes: Sequence[JointMode | None],
-    token: int,
-    stopped: bool,
-    stopped_for: str,
-    moving: bool,
-    period_s: float,
-    now_s: float,
-    latency: LatencyMonitor,
-) -> ArmSnapshot:
-    """Snapshot at `now_s`; speeds are means over `SPEED_SYNCS` control periods."""
-    listened_s = latency.listened_s
+def build_snapshot(link: Connection, now_s: float) -> ArmSnapshot:
+    """Snapshot of a connection at `now_s`; speeds are means over `SPEED_SYNCS` control periods."""
+    loop, nodes, view = link.loop, link.loop.nodes, link.loop.view
+    listened_s = loop.latency.listened_s
     sample, earlier = view.sample, view.earlier
-    elapsed_s = (sample.sync_count - earlier.sync_count) * period_s
+    elapsed_s = (sample.sync_count - earlier.sync_count) * link.on_bus.timing.period_s
     joints = tuple(
         JointState(
             joint=joint + 1,
@@ -258,26 +246,26 @@ def build_snapshot(
                 if elapsed_s > 0.0
                 else 0.0
             ),
-            torque_nm=sample.torques_per_mille[joint] * 1e-3 * rated_torques_nm[joint],
+            torque_nm=sample.torques_per_mille[joint] * 1e-3 * link.rated_torques_nm[joint],
             drive=state_of(sample.statuswords[joint]),
-            mode=modes[joint],
+            mode=link.modes[joint],
             age_s=now_s - view.answered_at_s[joint],
         )
-        for joint, (scale, counts) in enumerate(zip(scales, sample.counts, strict=True))
+        for joint, (scale, counts) in enumerate(zip(link.scales, sample.counts, strict=True))
     )
     return ArmSnapshot(
         sync_count=sample.sync_count,
         joints=joints,
-        late_s=max(0.0, latency.late_s - min(view.late_at_s, default=0.0)),
+        late_s=max(0.0, loop.latency.late_s - min(view.late_at_s, default=0.0)),
         heartbeat_age_s=MappingProxyType(
             {node: listened_s - heard for node, heard in dict(nodes.heard_at_s).items()}
         ),
-        token=token,
-        faults=nodes.faults or tuple(_fault(nodes, each) for each in dropouts),
-        stopped=stopped,
-        stopped_for=stopped_for,
-        moving=moving,
-        lateness=latency.lateness,
+        token=link.token,
+        faults=nodes.faults or tuple(_fault(nodes, each) for each in loop.watch.dropout.dropouts),
+        stopped=loop.stop_latched,
+        stopped_for=loop.watch.stopped_for,
+        moving=loop.moving,
+        lateness=loop.latency.lateness,
     )
 
 

@@ -36,7 +36,7 @@ from hardware.errors import (
     StopLatched,
     Stopped,
 )
-from hardware.monitors.admission import require_move
+from hardware.monitors.admission import admit_move
 
 PERIOD_S = 0.01
 """Unused by the checks of whole moves."""
@@ -157,18 +157,14 @@ class OutsideArm:
         """Move; raises `CommandRefused` before the arm gets the command if a limit forbids it."""
         self._require_no_stop()
         joints = self._checked_snapshot(self._connected).joints
-        for number, target in targets_rad.items():
-            if not 1 <= number <= len(self._limits):
-                raise ValueError(f"there is no joint {number}")
-            state = joints[number - 1]
-            require_move(
-                self._limits[number - 1],
-                drive=state.drive,
-                mode=state.mode,
-                in_control=self._in_control,
-                target_counts=self._description.joints[number - 1].scale.counts_of(target),
-                speed_rad_per_s=speed_rad_per_s,
-            )
+        admit_move(
+            self._limits,
+            [joint.scale for joint in self._description.joints],
+            joints,
+            targets_rad,
+            speed_rad_per_s=speed_rad_per_s,
+            in_control=self._in_control,
+        )
         own: list[BaseException] = []
 
         def watching(snapshot: ArmSnapshot) -> str | None:

@@ -163,11 +163,10 @@ class CanopenArm(ConnectableArm):
         admit_move(
             link.limits,
             link.scales,
-            link.modes,
+            link.snapshot().joints,
             targets_rad,
             speed_rad_per_s=speed_rad_per_s,
             in_control=link.in_control,
-            sample=link.loop.sample,
         )
         result: MoveResult = link.loop.run(
             motion_steps.move(

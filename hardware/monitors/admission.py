@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from hardware.arm import DriveState, JointMode
+from hardware.arm import DriveState, JointMode, JointState
 from hardware.arm_description import JointScale
 from hardware.canopen.cia402 import Command, command_of, state_of
 from hardware.canopen.cyclic import Sample, Setpoint, Setpoints
@@ -72,12 +72,11 @@ def admit(
 def admit_move(
     limits: Sequence[JointLimits],
     scales: Sequence[JointScale],
-    modes: Sequence[JointMode | None],
+    joints: Sequence[JointState],
     targets_rad: Mapping[int, float],
     *,
     speed_rad_per_s: float,
     in_control: bool,
-    sample: Sample,
 ) -> None:
     """Check targets and speed of a whole move before it starts.
 
@@ -88,36 +87,17 @@ def admit_move(
     ValueError
         There is no such joint.
     """
-    for joint, target in targets_rad.items():
+    for joint, target_rad in targets_rad.items():
         if not 1 <= joint <= len(limits):
             raise ValueError(f"there is no joint {joint}")
-        at = joint - 1
-        require_move(
-            limits[at],
-            drive=state_of(sample.statuswords[at]),
-            mode=modes[at],
-            in_control=in_control,
-            target_counts=scales[at].counts_of(target),
-            speed_rad_per_s=speed_rad_per_s,
+        limit, state = limits[joint - 1], joints[joint - 1]
+        situation = Situation(
+            stopped=False, in_control=in_control, drive=state.drive, mode=state.mode
         )
-
-
-def require_move(
-    limits: JointLimits,
-    *,
-    drive: DriveState,
-    mode: JointMode | None,
-    in_control: bool,
-    target_counts: float,
-    speed_rad_per_s: float,
-) -> None:
-    """Raise `CommandRefused` if a limit forbids this joint's part of a move."""
-    situation = Situation(stopped=False, in_control=in_control, drive=drive, mode=mode)
-    refusal = refuse_command(limits, situation) or refuse_move(
-        limits, target_counts, speed_rad_per_s
-    )
-    if refusal is not None:
-        raise CommandRefused(refusal.text)
+        target = scales[joint - 1].counts_of(target_rad)
+        refusal = refuse_command(limit, situation) or refuse_move(limit, target, speed_rad_per_s)
+        if refusal is not None:
+            raise CommandRefused(refusal.text)
 
 
 def not_enabled(sample: Sample) -> CommandRefused | None:

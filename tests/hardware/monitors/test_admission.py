@@ -1,11 +1,12 @@
 """What the operator side lets out: boundary by boundary, in counts."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from hardware.arm import JointMode
+from hardware.arm import DriveState, JointMode
 from hardware.arm_description import JointScale
 from hardware.canopen.cyclic import Sample, Setpoint
 from hardware.command_limits import JointLimits
@@ -134,6 +135,11 @@ TWO = (
 )
 SCALES = (JointScale(counts_per_rad=100.0), JointScale(counts_per_rad=1000.0))
 BOTH = (JointMode.POSITION, JointMode.POSITION)
+ON, FAULT = DriveState.OPERATION_ENABLED, DriveState.FAULT
+
+
+def joint_state(drive, mode):
+    return SimpleNamespace(drive=drive, mode=mode)
 
 
 def try_to_send_both(before: tuple[Setpoint, ...] | None, *commands: Setpoint) -> None:
@@ -162,19 +168,12 @@ def try_to_move(
     targets_rad: dict[int, float],
     *,
     speed: float = 1.0,
-    statuses: tuple[int, int] = (ENABLED, ENABLED),
+    drives: tuple[DriveState, DriveState] = (ON, ON),
     modes: tuple[JointMode | None, JointMode | None] = BOTH,
     in_control: bool = True,
 ) -> None:
-    admit_move(
-        TWO,
-        SCALES,
-        modes,
-        targets_rad,
-        speed_rad_per_s=speed,
-        in_control=in_control,
-        sample=sample(statuses),
-    )
+    joints = list(map(joint_state, drives, modes))
+    admit_move(TWO, SCALES, joints, targets_rad, speed_rad_per_s=speed, in_control=in_control)
 
 
 def test_a_move_inside_all_limits_begins():
@@ -182,8 +181,8 @@ def test_a_move_inside_all_limits_begins():
     try_to_move({1: 5.0})
     try_to_move({2: -0.05})
     try_to_move({1: -5.0, 2: 0.05})
-    try_to_move({1: 1.0}, statuses=(ENABLED, 0x0218), modes=(JointMode.POSITION, None))
-    try_to_move({2: 0.01}, speed=2.0, statuses=(0x0218, ENABLED), modes=(None, JointMode.POSITION))
+    try_to_move({1: 1.0}, drives=(ON, FAULT), modes=(JointMode.POSITION, None))
+    try_to_move({2: 0.01}, speed=2.0, drives=(FAULT, ON), modes=(None, JointMode.POSITION))
 
 
 @pytest.mark.parametrize(
@@ -193,8 +192,8 @@ def test_a_move_inside_all_limits_begins():
         ({1: 0.0, 2: 0.052}, {}),
         ({1: 0.0, 2: 0.0}, {"speed": 1.1}),
         ({2: 0.0}, {"in_control": False}),
-        ({1: 0.0}, {"statuses": (0x0218, ENABLED)}),
-        ({1: 0.0, 2: 0.0}, {"statuses": (ENABLED, 0x0218)}),
+        ({1: 0.0}, {"drives": (FAULT, ON)}),
+        ({1: 0.0, 2: 0.0}, {"drives": (ON, FAULT)}),
         ({2: 0.0}, {"modes": (JointMode.POSITION, JointMode.FREE)}),
     ],
 )
@@ -209,11 +208,10 @@ def test_every_joint_moves_within_its_own_limits():
     admit_move(
         (*TWO, wide),
         (*SCALES, SCALES[1]),
-        (*BOTH, JointMode.POSITION),
+        [joint_state(ON, JointMode.POSITION)] * 3,
         {3: 4.0},
         speed_rad_per_s=1.0,
         in_control=True,
-        sample=sample((ENABLED, ENABLED, ENABLED)),
     )
 
 
@@ -227,4 +225,4 @@ def test_what_decides_is_named():
     with pytest.raises(TypeError, match="positional"):
         admit(TWO, BOTH, True, False, sample((ENABLED, ENABLED)), None, ())  # type: ignore[misc]
     with pytest.raises(TypeError, match="positional"):
-        admit_move(TWO, SCALES, BOTH, {}, 1.0, True, sample((ENABLED, ENABLED)))  # type: ignore[misc]
+        admit_move(TWO, SCALES, (), {}, 1.0, True)  # type: ignore[misc]

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Literal
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+from typing import Any
 
 from canopen.objectdictionary import ODVariable, datatypes
 
 from hardware.canopen.objects import JOINT_PRODUCT
 from hardware.eds import EDS_FILES, product_dictionary, variables
 from hardware.virtual.fault_messages import FAULTS, OPERATOR_SIDE, FaultDescription
-from operator_app.config.any_file import json_schema
+from operator_app.config.any_file import FileKind, json_schema
 from operator_app.config.resources import builtin_names, resolve
 from operator_app.exit_codes import MEANING
 from operator_app.manual.pages import table
 from operator_app.session.ui.action_table import ACTIONS
 from operator_app.session.ui.steps import Step
 from operator_app.session.ui.user_interface import EVERYWHERE, Entry
-
-FileKind = Literal["arm", "fixture", "procedure", "profile", "parameters"]
-FILE_KINDS: tuple[FileKind, ...] = ("arm", "fixture", "procedure", "profile", "parameters")
 
 EXAMPLES: Mapping[str, str] = {
     "arm": "sarcos_dextrous",
@@ -269,3 +267,13 @@ def _default(entry: ODVariable) -> str:
     if isinstance(value, int) and (value > 0xFFF or "COB-ID" in entry.name):
         return f"{node}{value:X}h"
     return f"{node}{value}"
+
+
+PAGES: Mapping[str, Callable[[], str]] = {
+    **{f"{kind}-file": partial(file_page, kind) for kind in PURPOSE},
+    "exit-codes": exit_codes_page,
+    "keys": keys_page,
+    "faults": faults_page,
+    "objects": objects_page,
+}
+"""Generated pages by topic."""

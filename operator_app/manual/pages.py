@@ -160,32 +160,19 @@ def _cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
 
+GENERATED = (
+    *(f"{kind}-file" for kind in ("arm", "fixture", "procedure", "profile", "parameters")),
+    *("exit-codes", "keys", "faults", "objects"),
+)
+"""Topics of `operator_app.manual.code_pages`, which is loaded when one of them is read."""
+
+
 def reference() -> Mapping[str, Callable[[], str]]:
     """Return the function that generates each page."""
-    return {
-        **{f"{kind}-file": partial(_file, kind) for kind in FILE_PAGES},
-        **{
-            topic: partial(_of_code, topic) for topic in ("exit-codes", "keys", "faults", "objects")
-        },
-    }
+    return {topic: partial(_generated, topic) for topic in GENERATED}
 
 
-FILE_PAGES = ("arm", "fixture", "procedure", "profile", "parameters")
+def _generated(topic: str) -> str:
+    from operator_app.manual.code_pages import PAGES
 
-
-def _file(kind: str) -> str:
-    from operator_app.manual.code_pages import FILE_KINDS, file_page
-
-    return file_page(next(known for known in FILE_KINDS if known == kind))
-
-
-def _of_code(topic: str) -> str:
-    from operator_app.manual import code_pages
-
-    makes = {
-        "exit-codes": code_pages.exit_codes_page,
-        "keys": code_pages.keys_page,
-        "faults": code_pages.faults_page,
-        "objects": code_pages.objects_page,
-    }
-    return makes[topic]()
+    return PAGES[topic]()

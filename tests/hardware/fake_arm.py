@@ -1,8 +1,8 @@
 """A fake at the lowest seam: a CAN bus whose other end is eight CANopen nodes, without any thread.
 
-Written from the design's tables in plain numbers, so that it shares nothing with the operator side.
-Every frame sent to it is answered at once, into the queue `recv` reads. Drives are ideal: a joint in
-position mode is where its last target said, one period later.
+Written from the design's tables in plain numbers, so that it shares nothing with the operator side; the `canopen`
+package serves SDO. Every frame sent to it is answered at once, into the queue `recv` reads. Drives are ideal: a joint
+in position mode is where its last target said, one period later.
 """
 
 import hashlib
@@ -12,9 +12,14 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 import can
+from canopen.sdo.exceptions import SdoAbortedError
+from canopen.sdo.server import SdoServer
+
+from tests.oracles.foreign_arm import Axis, servo
 
 JOINTS = 7
 COUNTS_PER_REV = 400_000
@@ -26,16 +31,11 @@ MAPS = {
 
 
 @dataclass
-class FakeDrive:
+class FakeDrive(Axis):
     """One CiA 402 axis, as far as a well-behaved operator can tell."""
 
-    node: int
-    status: int = 0x40
     counts: int = 1000
     torque: int = 0
-    controlword: int = 0
-    mode: int = 0
-    target: int = 0
     follows_mode: bool = True
     ignores: tuple[int, ...] = ()
     """Controlwords that it takes no notice of while it is enabled."""
@@ -47,40 +47,40 @@ class FakeDrive:
         self.heard.append((word, target, mode))
         if self.status == 0x27 and word in self.ignores:
             return
-        if word & 0x80 and not self.controlword & 0x80 and self.status == 0x08:
-            self.status = 0x40
-        elif not word & 0x80:
-            self.status = self._next(word)
-        self.controlword = word
+        self.obey(word, target)
         if self.follows_mode and mode in (8, 10):
             self.mode = mode
-        self.target = target
 
-    def _next(self, word: int) -> int:
-        if self.status == 0x08:
-            return 0x08
-        if not word & 0x02:
-            return 0x40
-        if not word & 0x04:
-            return 0x07 if self.status in (0x27, 0x07) else 0x40
-        if self.status == 0x07:
-            return 0x07
-        wanted = {0x06: 0x21, 0x07: 0x23, 0x0F: 0x27}[word & 0x0F]
-        ladder = [0x40, 0x21, 0x23, 0x27]
-        at, to = ladder.index(self.status), ladder.index(wanted)
-        return ladder[at + 1] if to > at else wanted
 
-    def step(self) -> None:
-        if self.status == 0x27 and self.mode == 8:
-            self.counts = self.target
+class FakeServer(SdoServer):
+    """The SDO server of the `canopen` package in front of the objects of one node of `bus`."""
+
+    def __init__(self, bus: "FakeArmBus", number: int) -> None:
+        node = SimpleNamespace(object_dictionary={}, get_data=self.get_data, set_data=self.set_data)
+        super().__init__(0x600 + number, 0x580 + number, node)
+        self._bus, self._number = bus, number
+        self.network = SimpleNamespace(send_message=lambda _, data: bus.answer(number, bytes(data)))
+
+    def get_data(self, index: int, subindex: int, **_: Any) -> bytes:
+        value = self._bus.object_of(self._number, index, subindex)
+        if isinstance(value, int):
+            raise SdoAbortedError(value)
+        return value
+
+    def set_data(self, index: int, subindex: int, data: bytes, **_: Any) -> None:
+        self._bus.store(index, bytes(data))
+
+    def request_aborted(self, data: bytes) -> None:
+        self._toggle = None  # what comes of that transfer is refused
 
 
 class FakeArmBus(can.BusABC):
     """The bus. `stop_handle` gives the second handle that STOP uses."""
 
     def __init__(self) -> None:
-        self.drives = {j: FakeDrive(node=j, counts=1000 * j) for j in range(1, JOINTS)}
-        self.drives[JOINTS] = FakeDrive(node=JOINTS, counts=100)
+        self.drives = {j: FakeDrive(counts=1000 * j) for j in range(1, JOINTS)}
+        self.drives[JOINTS] = FakeDrive(counts=100)
+        self._servers = {node: FakeServer(self, node) for node in (*self.drives, SUPERVISOR)}
         self.syncs = 0
         self.sent: list[tuple[int, bytes]] = []
         self.heartbeat_ms = 100
@@ -117,7 +117,6 @@ class FakeArmBus(can.BusABC):
         self._queue: deque[tuple[int, bytes]] = deque()
         self._wake = threading.Condition()
         self._next_beat = 0.0
-        self._transfer: dict[int, Any] = {}
         super().__init__(channel="fake")
 
     # ---- python-can --------------------------------------------------------------------------------
@@ -201,8 +200,8 @@ class FakeArmBus(can.BusABC):
         elif identifier == 0x080 and self.started:
             self.syncs += 1
             self.on_sync(self.syncs)
+            servo(self.drives.values())
             for joint, drive in self.drives.items():
-                drive.step()
                 if joint in self.silent | self.dead or joint not in self.started:
                     continue
                 counts = drive.counts + drive.noise(self.syncs)
@@ -216,12 +215,12 @@ class FakeArmBus(can.BusABC):
             faulted = drive.status == 0x08
             drive.rpdo(data)
             if faulted and drive.status != 0x08:  # CiA 301: error reset or no error
-                self._queue.append((0x80 + drive.node, bytes(8)))
+                self._queue.append((identifier - 0x180, bytes(8)))
         elif 0x601 <= identifier <= 0x67F:
             node = identifier - 0x600
             lost = self.loses(identifier, data)
-            if node in (*self.drives, SUPERVISOR) and node not in self.dead and not lost:
-                self._sdo(node, data)
+            if node in self._servers and node not in self.dead and not lost:
+                self._servers[node].on_request(identifier, data, 0.0)
 
     def _nmt(self, command: int, number: int) -> None:
         for node in {*self.drives, SUPERVISOR} - self.dead:
@@ -238,62 +237,13 @@ class FakeArmBus(can.BusABC):
 
     # ---- SDO server --------------------------------------------------------------------------------
 
-    def _sdo(self, node: int, data: bytes) -> None:
-        command, index, sub = struct.unpack_from("<BHB", data)
-        kind = command >> 5
-        if command == 0x80:
-            self._transfer.pop(node, None)
-        elif kind == 2:  # initiate upload
-            self._start_upload(node, index, sub)
-        elif kind == 3:  # upload segment
-            if node not in self._transfer:
-                self._answer(node, struct.pack("<BHBL", 0x80, index, sub, 0x05040001))
-                return
-            rest, toggle = self._transfer[node]
-            piece, rest = rest[:7], rest[7:]
-            head = toggle << 4 | (7 - len(piece)) << 1 | (not rest)
-            self._answer(node, bytes([head]) + piece.ljust(7, b"\0"))
-            self._transfer[node] = (rest, 1 - toggle)
-        elif kind == 1:  # initiate download
-            self._answer(node, struct.pack("<BHB4x", 0x60, index, sub))
-            if command & 0x02:
-                size = 4 - (command >> 2 & 3)
-                self._store(node, index, sub, data[4 : 4 + size])
-            else:
-                self._transfer[node] = (index, sub, bytearray())
-        elif node not in self._transfer:
-            self._answer(node, struct.pack("<BHBL", 0x80, index, sub, 0x05040001))
-        elif kind == 0:  # download segment
-            index, sub, held = self._transfer[node]
-            held += data[1 : 8 - (command >> 1 & 7)]
-            self._answer(node, bytes([0x20 | (command & 0x10)]).ljust(8, b"\0"))
-            if command & 0x01:
-                self._store(node, index, sub, bytes(held))
-
-    def _start_upload(self, node: int, index: int, sub: int) -> None:
-        value = self._object(node, index, sub)
-        if isinstance(value, int):
-            self._answer(node, struct.pack("<BHBL", 0x80, index, sub, value))
-        elif len(value) <= 4:
-            head = 0x43 | (4 - len(value)) << 2
-            self._answer(node, struct.pack("<BHB", head, index, sub) + value.ljust(4, b"\0"))
-        else:
-            self._answer(node, struct.pack("<BHBL", 0x41, index, sub, len(value)))
-            self._transfer[node] = (value, 0)
-
-    def _answer(self, node: int, data: bytes) -> None:
+    def answer(self, node: int, data: bytes) -> None:
         if self.loses(0x580 + node, data):
             return
-        self._queue.append((0x580 + node, data))
-        if node in self.twins or self.doubles(node):
+        for _ in range(2 if node in self.twins or self.doubles(node) else 1):
             self._queue.append((0x580 + node, data))
 
-    def _refuse(self, node: int, code: int) -> None:
-        """Turn the confirmation that was just queued into an abort."""
-        self._queue.pop()
-        self._answer(node, struct.pack("<BHBL", 0x80, 0, 0, code))
-
-    def _object(self, node: int, index: int, sub: int) -> bytes | int:
+    def object_of(self, node: int, index: int, sub: int) -> bytes | int:
         """Bytes of an object, or the abort code."""
         name = b"fake supervisor" if node == SUPERVISOR else b"fake drive"
         common = {
@@ -360,27 +310,25 @@ class FakeArmBus(can.BusABC):
             (0x2020, 3): bytes([JOINTS]),
         }.get((index, sub), 0x06020000)
 
-    def _store(self, node: int, index: int, sub: int, value: bytes) -> None:
+    def store(self, index: int, value: bytes) -> None:
         if index == 0x2010:
             wanted = int.from_bytes(value, "little")
             if wanted and (self.denies_control or self.token not in (0, wanted)):
-                self._refuse(node, 0x08000022)
-            else:
-                self.token = wanted
+                raise SdoAbortedError(0x08000022)
+            self.token = wanted
         elif index == 0x2000:
             self.written = value[:-1] + b"?" if self.corrupts else value
         elif index == 0x2002 and value == b"\x01":
             if self.refusal:
                 self.written = None
-                self._refuse(node, 0x08000020)
-            else:
-                self.staged = True
+                raise SdoAbortedError(0x08000020)
+            self.staged = True
         elif index == 0x2002 and value == b"\x02" and self.written is not None:
             self.document, self.written, self.staged = self.written, None, False
         elif index == 0x2002:
             self.written, self.staged = None, False
         else:
-            self._refuse(node, 0x06020000)
+            raise SdoAbortedError(0x06020000)
 
 
 class _StopHandle(can.BusABC):

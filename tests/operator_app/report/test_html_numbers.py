@@ -11,27 +11,6 @@ from operator_app.session.store.journal import read_journal
 from tests.oracles.reported_session import number, subject_of
 
 
-def test_parameters_are_those_of_the_solution(page, subject):
-    assert subject.solution is not None
-    estimate = subject.solution.identified
-    rows = page.rows("Identified parameters")
-    assert [row[0] for row in rows] == [p.name for p in estimate.parameters]
-    for row, p, value, sd in zip(
-        rows, estimate.parameters, estimate.x, estimate.standard_deviation, strict=True
-    ):
-        scale = 180.0 / math.pi if p.is_angle else 1e3
-        assert row[1] == ("deg" if p.is_angle else "mm")
-        resolution = 10.0 ** -len(row[3].partition(".")[2])
-        assert number(row[2]) == pytest.approx(p.nominal * scale, abs=0.005)
-        assert number(row[3]) == pytest.approx(value * scale, abs=resolution)
-        assert number(row[4]) == pytest.approx((value - p.nominal) * scale, abs=resolution)
-        assert number(row[5]) == pytest.approx(sd * scale, abs=resolution)
-        # Two figures of every sigma are there.
-        assert number(row[5]) >= 0.9 * resolution
-        low, high = number(row[7]), number(row[8])
-        assert high - low == pytest.approx(2.0 * 1.96 * sd * scale, abs=3.0 * resolution)
-
-
 def test_both_estimators_stand_side_by_side(page, subject):
     assert subject.solution is not None
     assert subject.implicit is not None

@@ -53,7 +53,7 @@ _UPLOAD_ANSWER: Final = 2
 _SUPERVISES: Final = ((objects.ARM, objects.ARM_JOINTS), (objects.TOKEN, 0))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True)
 class FoundNode:
     """One node that answers.
 
@@ -75,12 +75,12 @@ class FoundNode:
 
     node: int
     device_type: int
-    device_name: str
-    serial_number: int | None
+    device_name: str = ""
+    serial_number: int | None = None
     drive: bool
-    position_counts: int | None
+    position_counts: int | None = None
     heard: bool
-    problems: tuple[str, ...]
+    problems: tuple[str, ...] = ()
     pdos: tuple[ActivePdo, ...] = ()
     described: tuple[int, ...] = ()
     supervises: bool = False
@@ -230,58 +230,48 @@ def _read_node(
     listen_s: float,
 ) -> FoundNode:
     kind = listener.device_types.get(node, 0)
-    drive = profile.is_drive(kind)
-    heard = listener.heartbeats[node] > 0
-    problems, name, serial, position = list[str](), "", None, None
-    supervises, notes = False, list[str]()
-    pdos, described, room = tuple[ActivePdo, ...](), tuple[int, ...](), NO_PDO_CAPABILITY
-    unread = ""
-    if answers > 1:
-        unread = f"two devices answer as node {node}: give one of them another number"
-    else:
-        try:
-            with suppress(SdoRefused):
-                name = access.read_text(node, objects.DEVICE_NAME)
-            serial = _number(access, node, objects.IDENTITY, objects.IDENTITY_SERIAL)
-            if drive and node in profile.drives:
-                problems += map(str, maps.pdo_differences(access, node, profile))
-            elif drive:
-                problems.append(
-                    f"node {node}: a drive that is not in the bus profile {profile.name}"
-                )
-            else:
-                supervises = all(_number(access, node, i, s) is not None for i, s in _SUPERVISES)
-            if drive:
-                monitoring = operator_monitoring_differences(access, node)
-                problems += map(str, monitoring or ())
-                if monitoring is None:
-                    notes.append(NO_OPERATOR_MONITORING.format(node))
-                pdos = read_pdos(access, node)
-                described = read_description_objects(access, node)
-                room = read_pdo_capability(access, node)
-                position = access.read_signed(node, objects.POSITION_ACTUAL)
-        except HardwareError as error:
-            unread = str(error)
-    if unread:
-        problems.append(unread)
-    if not heard:
-        problems.append(f"node {node}: no heartbeat was heard in {listen_s:g} s")
-    return FoundNode(
+    found = FoundNode(
         node=node,
         device_type=kind,
-        device_name=name,
-        serial_number=serial,
-        drive=drive,
-        position_counts=position,
-        heard=heard,
-        problems=tuple(problems),
-        pdos=pdos,
-        described=described,
-        supervises=supervises,
-        room=room,
-        notes=tuple(notes),
-        unread=unread,
+        drive=profile.is_drive(kind),
+        heard=listener.heartbeats[node] > 0,
     )
+    if answers > 1:
+        found.unread = f"two devices answer as node {node}: give one of them another number"
+    else:
+        try:
+            _ask(access, profile, found)
+        except HardwareError as error:
+            found.unread = str(error)
+    if found.unread:
+        found.problems += (found.unread,)
+    if not found.heard:
+        found.problems += (f"node {node}: no heartbeat was heard in {listen_s:g} s",)
+    return found
+
+
+def _ask(access: ObjectAccess, profile: BusProfile, found: FoundNode) -> None:
+    """Ask a node for its identity, and a drive for its set-up."""
+    node = found.node
+    with suppress(SdoRefused):
+        found.device_name = access.read_text(node, objects.DEVICE_NAME)
+    found.serial_number = _number(access, node, objects.IDENTITY, objects.IDENTITY_SERIAL)
+    if not found.drive:
+        found.supervises = all(_number(access, node, i, s) is not None for i, s in _SUPERVISES)
+        return
+    if node in profile.drives:
+        for difference in maps.pdo_differences(access, node, profile):
+            found.problems += (str(difference),)  # one by one: the node may fall silent meanwhile
+    else:
+        found.problems = (f"node {node}: a drive that is not in the bus profile {profile.name}",)
+    monitoring = operator_monitoring_differences(access, node)
+    found.problems += tuple(map(str, monitoring or ()))
+    if monitoring is None:
+        found.notes = (NO_OPERATOR_MONITORING.format(node),)
+    found.pdos = read_pdos(access, node)
+    found.described = read_description_objects(access, node)
+    found.room = read_pdo_capability(access, node)
+    found.position_counts = access.read_signed(node, objects.POSITION_ACTUAL)
 
 
 def _number(access: ObjectAccess, node: int, index: int, subindex: int) -> int | None:

@@ -16,7 +16,6 @@ from hardware.virtual.embedded_bus import EmbeddedBus
 from hardware.virtual.faults import ScriptedFault
 from hardware.virtual.parameter_store import (
     FolderDisk,
-    MemoryDisk,
     ParameterStore,
     ValidatedParameters,
 )
@@ -129,7 +128,7 @@ def slots_in(folder: Path | None) -> ParameterStore:
         The folder cannot be used, or a slot in it cannot be read.
     """
     if folder is None:
-        return ParameterStore(MemoryDisk())
+        return ParameterStore()
     try:
         store = ParameterStore(FolderDisk(folder))
         for slot in (Slot.A, Slot.B):

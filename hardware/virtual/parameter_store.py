@@ -16,7 +16,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 from hardware.canopen.objects import Slot, SlotState
 from hardware.virtual.axis import AxisSettings
@@ -29,20 +29,26 @@ _LONGEST: Final = 1 << 20
 """Bytes read: four times the longest document that a supervisor accepts."""
 
 
-class Disk(Protocol):
-    """A folder whose operations are durable: once they return, a power cut does not undo them."""
+class Disk:
+    """Files in memory. In `FolderDisk` an operation is durable: once it returns, a power cut does not undo it."""
+
+    def __init__(self) -> None:
+        self.files: dict[str, bytes] = {}
 
     def read(self, name: str) -> bytes | None:
         """Content of a file, None if there is none."""
+        return self.files.get(name)
 
     def write(self, name: str, data: bytes) -> None:
-        """Write a file, durably."""
+        """Write a file."""
+        self.files[name] = data
 
     def rename(self, old: str, new: str) -> None:
-        """Rename a file over another, durably."""
+        """Rename a file over another."""
+        self.files[new] = self.files.pop(old)
 
 
-class FolderDisk:
+class FolderDisk(Disk):
     """A folder on disk, created if missing. `OSError` if it cannot be written."""
 
     def __init__(self, folder: Path) -> None:
@@ -85,30 +91,11 @@ class FolderDisk:
         return descriptor
 
 
-class MemoryDisk:
-    """Slots in memory."""
-
-    def __init__(self) -> None:
-        self._files: dict[str, bytes] = {}
-
-    def read(self, name: str) -> bytes | None:
-        """See `Disk`."""
-        return self._files.get(name)
-
-    def write(self, name: str, data: bytes) -> None:
-        """See `Disk`."""
-        self._files[name] = data
-
-    def rename(self, old: str, new: str) -> None:
-        """See `Disk`."""
-        self._files[new] = self._files.pop(old)
-
-
 class ParameterStore:
     """Slots A and B on a disk, by default in memory. `OSError` of the disk is passed on."""
 
     def __init__(self, disk: Disk | None = None) -> None:
-        self._disk = MemoryDisk() if disk is None else disk
+        self._disk = Disk() if disk is None else disk
 
     @property
     def active(self) -> Slot:

@@ -6,7 +6,7 @@ import os
 import pytest
 
 from hardware.canopen.objects import Slot, SlotState
-from hardware.virtual.parameter_store import FolderDisk, MemoryDisk, ParameterStore
+from hardware.virtual.parameter_store import Disk, FolderDisk, ParameterStore
 
 FIRST, SECOND, THIRD = b"first document\n", b"second document\n" * 40, b"third"
 
@@ -15,7 +15,7 @@ class PowerCut(Exception):
     pass
 
 
-class CutDisk:
+class CutDisk(Disk):
     """A disk that loses power during its k-th operation.
 
     A write that is cut leaves any part of the data, or no file; a rename that is cut has happened or
@@ -26,9 +26,6 @@ class CutDisk:
         self.files = dict(files)
         self.left, self.outcome = cut_at, outcome
         self.operations = 0
-
-    def read(self, name: str) -> bytes | None:
-        return self.files.get(name)
 
     def _operate(self) -> bool:
         self.operations += 1
@@ -95,7 +92,7 @@ def test_a_roll_back_cut_at_any_point_leaves_one_of_the_two():
 
 
 def test_slots_take_turns():
-    store = ParameterStore(MemoryDisk())
+    store = ParameterStore()
     assert (store.active, store.state(Slot.A), store.document(store.active)) == (
         Slot.NONE,
         SlotState.EMPTY,

@@ -8,8 +8,8 @@ import pytest
 
 from hardware.virtual.faults import inject
 from hardware.virtual.parameter_store import (
+    Disk,
     FolderDisk,
-    MemoryDisk,
     ParameterStore,
     ValidatedParameters,
     refuse_documents,
@@ -240,7 +240,7 @@ def test_a_mistake_in_the_schema_is_answered_and_not_kept_quiet():
         break_the_schema()
 
 
-class FullDisk(MemoryDisk):
+class FullDisk(Disk):
     def write(self, name: str, data: bytes) -> None:
         raise OSError(28, "No space left on device")
 

@@ -11,16 +11,13 @@ from operator_app.planning.reproduction import (
     Published,
 )
 from operator_app.report.parameter_tables import dh_table
-from operator_app.report.table import Cell, FactTable, figures, words
+from operator_app.report.table import Cell, FactTable, figures, keyed, words
 from operator_app.report.text import paragraph, table_text
 from operator_app.units import (
     ANGLE,
     CLOSURE_ANGLE,
     CLOSURE_LENGTH,
-    LENGTH,
-    NUMBER,
     Figure,
-    in_json,
     quantity_of,
 )
 
@@ -45,46 +42,14 @@ def published_text(found: Published) -> str:
 
 def published_json(found: Published) -> dict[str, Any]:
     """Return the figures of all tables; angles in deg, lengths in m, closure in mm and mrad."""
-    estimate = found.solution.estimate
-    sigmas = estimate.sigmas
-    turned = sigmas.orientation_rad
+    numbers = keyed((_identified(found), _quality(found), _shares(found), _remedies(found)))
+    shares = zip(found.shares, numbers["shares"], strict=True)
+    remedies = zip(found.remedies, numbers["remedies"], strict=True)
     return {
         "poses": found.poses,
-        "table_2": {
-            p.name: {
-                "paper": in_json(p, found.printed[p.name]),
-                "specimen": in_json(p, float(x)),
-            }
-            for p, x in zip(estimate.parameters, estimate.x, strict=True)
-        },
-        "scaled_condition_number": found.solution.seen.scaled_condition_number,
-        "sigma_pos_mm": {
-            "rms": CLOSURE_LENGTH.per_si * sigmas.position_m.rms,
-            "as_printed": CLOSURE_LENGTH.per_si * sigmas.position_m.as_printed,
-        },
-        "sigma_ori_mrad": None
-        if turned is None
-        else {
-            "rms": CLOSURE_ANGLE.per_si * turned.rms,
-            "as_printed": CLOSURE_ANGLE.per_si * turned.as_printed,
-        },
-        "shares": [
-            {
-                "source": share.source,
-                "sigma_pos_mm": CLOSURE_LENGTH.per_si * share.position_m,
-                "sigma_ori_mrad": CLOSURE_ANGLE.per_si * share.orientation_rad,
-                "scaled_condition_number": share.condition,
-            }
-            for share in found.shares
-        ],
-        "remedies": [
-            {
-                "remedy": remedy.name,
-                "offsets_rms_deg": ANGLE.per_si * remedy.offsets_rad,
-                "lengths_rms_mm": LENGTH.per_si * remedy.lengths_m,
-            }
-            for remedy in found.remedies
-        ],
+        **numbers,
+        "shares": [{"source": share.source, **row} for share, row in shares],
+        "remedies": [{"remedy": remedy.name, **row} for remedy, row in remedies],
     }
 
 
@@ -94,14 +59,14 @@ def _identified(found: Published) -> FactTable:
     for p, value, sd in zip(
         estimate.parameters, estimate.x.tolist(), estimate.standard_deviation.tolist(), strict=True
     ):
-        quantity = quantity_of(p)
+        quantity, printed, key = quantity_of(p), found.printed[p.name], ("table_2", p.name)
         rows.append(
             (
                 p.name,
                 quantity.unit,
-                Figure(found.printed[p.name], quantity, places=1),
-                Figure(value, quantity, places=1),
-                Figure(value - found.printed[p.name], quantity, places=1, signed=True),
+                Figure(printed, quantity, places=1, key=(*key, "paper")),
+                Figure(value, quantity, places=1, key=(*key, "specimen")),
+                Figure(value - printed, quantity, places=1, signed=True),
                 Figure(sd, quantity, digits=2),
             )
         )
@@ -126,15 +91,17 @@ def _quality(found: Published) -> FactTable:
             "scaled condition number",
             "",
             Figure(PUBLISHED_CONDITION),
-            Figure(seen.scaled_condition_number),
+            Figure(seen.scaled_condition_number, key=("scaled_condition_number",)),
             "",
         ),
         (
             "sigma_pos, eq. 14",
             CLOSURE_LENGTH.unit,
             Figure(SIGMA_POS_M, CLOSURE_LENGTH),
-            Figure(sigmas.position_m.rms, CLOSURE_LENGTH),
-            Figure(sigmas.position_m.as_printed, CLOSURE_LENGTH),
+            Figure(sigmas.position_m.rms, CLOSURE_LENGTH, key=("sigma_pos_mm", "rms")),
+            Figure(
+                sigmas.position_m.as_printed, CLOSURE_LENGTH, key=("sigma_pos_mm", "as_printed")
+            ),
         ),
     ]
     if turned is not None:
@@ -143,8 +110,8 @@ def _quality(found: Published) -> FactTable:
                 "sigma_ori, eq. 15",
                 CLOSURE_ANGLE.unit,
                 Figure(SIGMA_ORI_RAD, CLOSURE_ANGLE),
-                Figure(turned.rms, CLOSURE_ANGLE),
-                Figure(turned.as_printed, CLOSURE_ANGLE),
+                Figure(turned.rms, CLOSURE_ANGLE, key=("sigma_ori_mrad", "rms")),
+                Figure(turned.as_printed, CLOSURE_ANGLE, key=("sigma_ori_mrad", "as_printed")),
             )
         )
     return FactTable(
@@ -168,11 +135,11 @@ def _shares(found: Published) -> FactTable:
         rows=tuple(
             (
                 share.source,
-                Figure(share.position_m, CLOSURE_LENGTH),
-                Figure(share.orientation_rad, CLOSURE_ANGLE),
-                Figure(share.condition, NUMBER),
+                Figure(share.position_m, CLOSURE_LENGTH, key=("shares", k, "sigma_pos_mm")),
+                Figure(share.orientation_rad, CLOSURE_ANGLE, key=("shares", k, "sigma_ori_mrad")),
+                Figure(share.condition, key=("shares", k, "scaled_condition_number")),
             )
-            for share in found.shares
+            for k, share in enumerate(found.shares)
         ),
     )
 
@@ -189,10 +156,15 @@ def _remedies(found: Published) -> FactTable:
             (
                 remedy.name,
                 remedy.paragraph,
-                Figure(remedy.offsets_rad, ANGLE, places=2),
-                Figure(remedy.lengths_m, LENGTH, places=2),
+                Figure(remedy.offsets_rad, ANGLE, places=2, key=("remedies", k, "offsets_rms_deg")),
+                Figure(
+                    remedy.lengths_m,
+                    CLOSURE_LENGTH,
+                    places=2,
+                    key=("remedies", k, "lengths_rms_mm"),
+                ),
             )
-            for remedy in found.remedies
+            for k, remedy in enumerate(found.remedies)
         ),
         note="Offsets of the seven joints; lengths that calibration identifies. On a real arm nobody knows "
         "the truth: the uncertainty budget of a solution is what stands for this table.",

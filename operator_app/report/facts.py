@@ -195,20 +195,21 @@ def _headlines(solution: Solution, limits: AcceptanceLimits, left_out: int) -> t
     said += [
         Headline(
             name="scaled condition number",
-            figure=CONDITION(seen.scaled_condition_number),
+            figure=CONDITION(seen.scaled_condition_number, key=("scaled_condition_number",)),
             note=f"limit {limits.scaled_condition_number:g}, the paper had {CONDITION_PAPER}",
         ),
         Headline(
             name="rank",
-            figure=Figure(seen.rank, places=0),
+            figure=Figure(seen.rank, places=0, key=("rank",)),
             note=f"of {len(estimate.parameters)}",
         ),
     ]
     if estimate.chi2_per_dof is not None:
         fitted = solution.components is not None and solution.components.components
         note = "noise fitted with it" if fitted else "1 expected"
-        said.append(Headline(name="chi2/dof", figure=CHI2(estimate.chi2_per_dof), note=note))
-    poses = Figure(solution.poses, places=0)
+        ratio = CHI2(estimate.chi2_per_dof, key=("chi2_per_dof",))
+        said.append(Headline(name="chi2/dof", figure=ratio, note=note))
+    poses = Figure(solution.poses, places=0, key=("poses",))
     note = f"{left_out} left out" if left_out else ""
     return (*said, Headline(name="poses", figure=poses, note=note))
 

@@ -47,18 +47,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
     if solution.adjudication.diverged and estimate.converged:
         ended += ", but far from what the files state"
 
-    def key(figure: Figure, *key: str) -> Figure:
-        return Figure(figure.value, places=figure.places, digits=figure.digits, key=key)
-
-    rows: list[tuple[Cell, ...]] = [
-        (
-            h.name,
-            key(h.figure, {"chi2/dof": "chi2_per_dof"}.get(h.name, h.name.replace(" ", "_"))),
-            h.note,
-        )
-        for h in headlines
-        if not h.closure
-    ]
+    rows: list[tuple[Cell, ...]] = [(h.name, h.figure, h.note) for h in headlines if not h.closure]
     plain = CONDITION(seen.condition_number, key=("condition_number",))
     rows[1:1] = [("condition number, 1 m : 1 rad", plain, "")]
     if (read := solution.condition_at_readings) is not None:

@@ -47,11 +47,7 @@ def comparison_json(found: CalibrationComparison) -> dict[str, Any]:
         "threshold_sigmas": found.threshold_sigmas,
         "parameters": {
             d.name: {
-                "unit": "deg" if d.is_angle else "m",
-                "a": in_json(d, d.before),
-                "b": in_json(d, d.after),
-                "change": in_json(d, d.change),
-                "sigma": in_json(d, d.sigma),
+                **change_data(d, "a", "b"),
                 "sigmas": d.sigmas if math.isfinite(d.sigmas) else None,
                 "significant": d.significant,
                 "side": d.side.name.lower(),
@@ -144,6 +140,18 @@ def _table(found: CalibrationComparison) -> FactTable:
         columns=(*words("parameter", "unit"), *figures(*titles), *words("")),
         rows=tuple(rows),
     )
+
+
+def change_data(change: ParameterChange, before: str, after: str) -> dict[str, Any]:
+    """One parameter in JSON, deg or m; `before` and `after` are the keys of its two values."""
+    numbers = {
+        before: change.before,
+        after: change.after,
+        "change": change.change,
+        "sigma": change.sigma,
+    }
+    found = {key: in_json(change, value) for key, value in numbers.items()}
+    return {"unit": "deg" if change.is_angle else "m", **found}
 
 
 def _left_out(found: CalibrationComparison) -> str:

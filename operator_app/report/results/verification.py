@@ -9,7 +9,7 @@ import numpy as np
 from operator_app.calibration.open_loop import OpenLoopCheck
 from operator_app.calibration.prediction import FIXTURE, shift_in_words
 from operator_app.report.quality_tables import CLOSURE_COLUMNS, closure_row
-from operator_app.report.results.comparison import change_cells
+from operator_app.report.results.comparison import change_cells, change_data
 from operator_app.report.table import FactTable, figures, keyed, words
 from operator_app.report.text import paragraph, table_lines, table_text
 from operator_app.units import (
@@ -17,7 +17,6 @@ from operator_app.units import (
     CHI2,
     SIGMA_ORI,
     SIGMA_POS,
-    in_json,
     significant,
 )
 from solver.diagnostics.limits import DRIFT_FALSE_ALARM_PROBABILITY
@@ -135,14 +134,7 @@ def open_loop_json(found: OpenLoopCheck) -> dict[str, Any]:
         "chi2_per_dof": found.chi2.per_dof,
         "chi2_band_99": [found.chi2.low, found.chi2.high],
         "parameters": {
-            d.name: {
-                "unit": "deg" if d.is_angle else "m",
-                "closed_loop": in_json(d, d.before),
-                "open_loop": in_json(d, d.after),
-                "change": in_json(d, d.change),
-                "sigma": in_json(d, d.sigma),
-                "significant": d.significant,
-            }
+            d.name: change_data(d, "closed_loop", "open_loop") | {"significant": d.significant}
             for d in found.differences
         },
         "not_compared": list(found.left_out),

@@ -131,20 +131,6 @@ def taken_in(arm: Rig) -> None:
         assert done.wait(5.0)
 
 
-def test_frames_to_the_arm_are_lost_as_well(arm):
-    arm.operational()
-    bad_on_the_way_in(arm, lost=1.0)
-    before, steps = arm.controller.sync_count, arm.plant.steps
-    for _ in range(3):
-        arm.peer.send(0x080)
-    taken_in(arm)
-    assert (arm.controller.sync_count, arm.plant.steps) == (before, steps)
-    arm.controller.post(lambda: disturb_frames(arm.controller, FrameFaults()))
-    taken_in(arm)
-    arm.peer.sync()
-    assert arm.controller.sync_count == before + 1
-
-
 def test_a_stop_that_comes_twice_or_late_is_obeyed_and_one_that_is_lost_is_not(arm):
     """NMT's stop quick-stops every drive: what the wire does to it is seen in what the drives do."""
     arm.operational()

@@ -35,18 +35,6 @@ def enabled(bench):
     return bench.enabled()
 
 
-def test_enabling_needs_the_token_and_disabling_does_not(bench):
-    bench.drive.in_control = False
-    for word in (SHUTDOWN, SWITCH_ON, ENABLE):
-        bench.drive.obey(word, bench.counts, CSP)
-    assert bench.drive.state is S.SWITCH_ON_DISABLED
-    bench.drive.in_control = True
-    drive = bench.enabled()
-    drive.in_control = False
-    drive.obey(DISABLE, bench.counts, CSP)
-    assert drive.state is S.SWITCH_ON_DISABLED
-
-
 @pytest.mark.parametrize("word", [QUICK_STOP, DISABLE, SHUTDOWN, SWITCH_ON])
 def test_stopping_never_needs_the_token(enabled, word):
     enabled.in_control = False

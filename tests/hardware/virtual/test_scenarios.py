@@ -93,14 +93,6 @@ def test_only_the_yielding_fixture_gives(sarcos, drive):
     assert bend_m(scenario("datasheet")) < 1e-6
 
 
-def test_a_truth_may_be_given_in_code(sarcos):
-    table = paper_loop().table
-    mine = LoopTruth(table=replace(table, s_m=table.s_m + 0.01 * (np.arange(8) == 1)))
-    plant = replace(scenario("exact"), truth=mine).build(sarcos)
-    assert plant.truth.table.s_m[1] == pytest.approx(0.283)
-    assert np.abs(plant.closure_error).max() < 1e-9
-
-
 def test_a_seed_is_one_arm_and_one_history(sarcos, drive):
     def history(seed: int) -> list[tuple[int, ...]]:
         plant = scenario("datasheet", seed).build(sarcos)

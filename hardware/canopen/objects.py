@@ -42,6 +42,12 @@ COB_NEXT_PDO: Final = 0x100
 """Difference between consecutive PDOs of the predefined connection set."""
 
 
+def node_of(identifier: int, base: int) -> int:
+    """Node of a frame whose identifier is `base` plus a node number; 0 for other frames."""
+    node = identifier - base
+    return node if 0 < node <= OPERATOR_NODE else 0
+
+
 # ---- NMT and heartbeat -------------------------------------------------------------------------
 class NmtState(IntEnum):
     """NMT state as in a heartbeat."""

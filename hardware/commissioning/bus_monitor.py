@@ -11,7 +11,7 @@ from hardware.canopen import objects
 from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.cia402 import CONTROLWORD_QUICK_STOP, state_of
 from hardware.canopen.cyclic import frames_of, unpack_emergency
-from hardware.canopen.objects import NmtState, emergency_text
+from hardware.canopen.objects import NmtState, emergency_text, node_of
 
 SILENT_S: Final = 1.5
 """Time without heartbeat after which a node is reported as silent."""
@@ -61,20 +61,17 @@ class BusMonitor:
     def take_in(self, identifier: int, data: bytes, now_s: float) -> Iterator[str]:
         """Take in a frame; yield one sentence for each change that it shows."""
         self.frames[identifier] += 1
-        if (
-            objects.COB_HEARTBEAT < identifier <= objects.COB_HEARTBEAT + objects.OPERATOR_NODE
-            and len(data) == 1
-        ):
-            yield from self._heartbeat(identifier - objects.COB_HEARTBEAT, data[0] & 0x7F, now_s)
+        if (node := node_of(identifier, objects.COB_HEARTBEAT)) and len(data) == 1:
+            yield from self._heartbeat(node, data[0] & 0x7F, now_s)
         elif identifier in self._answers:
             yield from self._status(identifier, data)
         elif identifier in self._commands:
             yield from self._command(identifier, data)
-        elif objects.COB_EMCY < identifier <= objects.COB_EMCY + objects.OPERATOR_NODE:
+        elif node := node_of(identifier, objects.COB_EMCY):
             code = unpack_emergency(data)
             if code is not None:
                 text = f"{emergency_text(code)} ({code:04X}h)" if code else "its error has ended"
-                yield f"{self._who(identifier - objects.COB_EMCY)}: {text}"
+                yield f"{self._who(node)}: {text}"
         elif identifier == objects.COB_NMT and len(data) == 2:
             to = self._who(data[1]) if data[1] else "all nodes"
             yield f"NMT command to {to}: {_NMT.get(data[0], f'{data[0]}')}"
@@ -150,15 +147,12 @@ class BusMonitor:
         if len(data) != 8:
             return
         place = f"{int.from_bytes(data[1:3], 'little'):04X}h sub {data[3]}"
-        to, answer = (
-            identifier - objects.COB_SDO_TO_SERVER,
-            identifier - objects.COB_SDO_FROM_SERVER,
-        )
-        if 0 < to <= objects.OPERATOR_NODE and data[0] >> 5 == _INITIATE_DOWNLOAD:
-            yield f"{self._who(to)}: {place} is written"
-        elif 0 < answer <= objects.OPERATOR_NODE and data[0] == _ABORT:
+        if node := node_of(identifier, objects.COB_SDO_TO_SERVER):
+            if data[0] >> 5 == _INITIATE_DOWNLOAD:
+                yield f"{self._who(node)}: {place} is written"
+        elif (node := node_of(identifier, objects.COB_SDO_FROM_SERVER)) and data[0] == _ABORT:
             code = int.from_bytes(data[4:8], "little")
-            yield f"{self._who(answer)}: refuses {place} ({code:08X}h)"
+            yield f"{self._who(node)}: refuses {place} ({code:08X}h)"
 
 
 def _state(state: int) -> str:

@@ -157,17 +157,9 @@ class _Listener:
         identifier, data = message.arbitration_id, bytes(message.data)
         if text := describe_master_frame(self._profile, identifier, data):
             self.masters[text] += 1
-        if (
-            objects.COB_HEARTBEAT < identifier <= objects.COB_HEARTBEAT + objects.OPERATOR_NODE
-            and len(data) == 1
-        ):
-            self.heartbeats[identifier - objects.COB_HEARTBEAT] += 1
-        elif (
-            objects.COB_SDO_FROM_SERVER
-            < identifier
-            <= objects.COB_SDO_FROM_SERVER + objects.OPERATOR_NODE
-        ):
-            node = identifier - objects.COB_SDO_FROM_SERVER
+        if (node := objects.node_of(identifier, objects.COB_HEARTBEAT)) and len(data) == 1:
+            self.heartbeats[node] += 1
+        elif node := objects.node_of(identifier, objects.COB_SDO_FROM_SERVER):
             if len(data) == 8 and data[1:4] == _READ_DEVICE_TYPE[1:4]:
                 self.answers[node] += 1
                 if data[0] >> 5 == _UPLOAD_ANSWER:

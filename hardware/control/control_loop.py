@@ -301,11 +301,7 @@ class ControlLoop:
         identifier: int = message.arbitration_id
         if self._sampler.note(identifier, message.data, came_s, late_s):
             return True
-        if (
-            objects.COB_SDO_FROM_SERVER
-            < identifier
-            <= objects.COB_SDO_FROM_SERVER + objects.OPERATOR_NODE
-        ):
+        if objects.node_of(identifier, objects.COB_SDO_FROM_SERVER):
             self._on_sdo(identifier, bytes(message.data))
         else:
             if self._watching:

@@ -16,7 +16,7 @@ from hardware.canopen import objects
 from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.cia402 import CONTROLWORD_QUICK_STOP
 from hardware.canopen.cyclic import frames_of, unpack_emergency
-from hardware.canopen.objects import NmtCommand, NmtState, emergency_text
+from hardware.canopen.objects import NmtCommand, NmtState, emergency_text, node_of
 
 _RPDOS: Final = tuple(objects.COB_RPDO1 + at * objects.COB_NEXT_PDO for at in range(4))
 """Base identifiers of RPDO1..4 in CiA 301's predefined connection set."""
@@ -38,16 +38,16 @@ def describe_master_frame(profile: BusProfile, identifier: int, data: bytes) -> 
         return f"SYNC {cob_id}"
     if identifier == objects.COB_HEARTBEAT + objects.OPERATOR_NODE:
         return f"the heartbeat of an operator, node {objects.OPERATOR_NODE} {cob_id}"
-    if objects.COB_SDO_TO_SERVER < identifier <= objects.COB_SDO_TO_SERVER + objects.OPERATOR_NODE:
-        return f"{_describe_sdo(data)} node {identifier - objects.COB_SDO_TO_SERVER} {cob_id}"
+    if node := node_of(identifier, objects.COB_SDO_TO_SERVER):
+        return f"{_describe_sdo(data)} node {node} {cob_id}"
     for joint, drive in enumerate(profile.joints, 1):
         if any(pdo.cob_id == identifier for pdo in drive.answers):
             return ""
         if any(pdo.cob_id == identifier for pdo in drive.commands):
             return f"a command to joint {joint} {cob_id}"
     for number, base in enumerate(_RPDOS, 1):
-        if base < identifier <= base + objects.OPERATOR_NODE:
-            return f"a command to node {identifier - base}, RPDO{number} {cob_id}"
+        if node := node_of(identifier, base):
+            return f"a command to node {node}, RPDO{number} {cob_id}"
     return ""
 
 
@@ -131,13 +131,13 @@ class NodeMonitor:
 
     def note(self, identifier: int, data: bytes | bytearray, now_s: float, sync_count: int) -> None:
         """Take in a heartbeat or an emergency; ignore other frames."""
-        if objects.COB_HEARTBEAT < identifier <= objects.COB_HEARTBEAT + objects.OPERATOR_NODE:
+        if node := node_of(identifier, objects.COB_HEARTBEAT):
             if len(data) == 1:
-                self._heartbeat(identifier - objects.COB_HEARTBEAT, data[0] & 0x7F, now_s)
-        elif objects.COB_EMCY < identifier <= objects.COB_EMCY + objects.OPERATOR_NODE:
+                self._heartbeat(node, data[0] & 0x7F, now_s)
+        elif node := node_of(identifier, objects.COB_EMCY):
             code = unpack_emergency(data)
             if code is not None:
-                self._emergency(identifier - objects.COB_EMCY, code, sync_count)
+                self._emergency(node, code, sync_count)
 
     def expect_boot_up(self) -> None:
         """Clear everything heard; call before resetting the nodes."""

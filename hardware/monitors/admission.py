@@ -7,17 +7,9 @@ from collections.abc import Mapping, Sequence
 from hardware.arm import DriveState, JointMode, JointState
 from hardware.arm_description import JointScale
 from hardware.canopen.cia402 import Command, command_of, state_of
-from hardware.canopen.cyclic import Sample, Setpoint, Setpoints
+from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.canopen.objects import CYCLIC_POSITION
-from hardware.command_limits import (
-    JointLimits,
-    Reason,
-    Refusal,
-    Situation,
-    refuse_command,
-    refuse_move,
-    refuse_target,
-)
+from hardware.command_limits import JointLimits, refuse_command, refuse_move, refuse_target
 from hardware.errors import CommandRefused, StopLatched
 
 
@@ -51,22 +43,22 @@ def admit(
             continue
         if command_of(command.controlword) is not Command.ENABLE_OPERATION:
             continue  # no other controlword causes motion
-        refusal = _refusal(
-            limit,
-            Situation(
-                stopped=stopped,
-                in_control=in_control,
-                drive=state_of(sample.statuswords[joint]),
-                mode=mode,
-            ),
-            command,
-            last,
-            sample.counts[joint],
-        )
-        if refusal is not None and refusal.reason is Reason.STOPPED:
-            raise StopLatched(refusal.text)
-        if refusal is not None:
-            raise CommandRefused(refusal.text)
+        target, measured = command.target_counts, sample.counts[joint]
+        previous = last.target_counts if last is not None and last.mode == CYCLIC_POSITION else None
+        entering = previous is None or mode is not JointMode.POSITION
+        if target == previous or (entering and abs(target - measured) <= limit.max_step_counts):
+            continue
+        if previous is None:
+            refusal = refuse_target(limit, target, measured)
+        elif stopped:
+            raise StopLatched(f"joint {limit.joint}: STOP is latched")
+        else:
+            drive = state_of(sample.statuswords[joint])
+            refusal = refuse_command(
+                limit.joint, in_control=in_control, drive=drive, mode=mode
+            ) or refuse_target(limit, target, previous)
+        if refusal:
+            raise CommandRefused(refusal)
 
 
 def admit_move(
@@ -91,13 +83,11 @@ def admit_move(
         if not 1 <= joint <= len(limits):
             raise ValueError(f"there is no joint {joint}")
         limit, state = limits[joint - 1], joints[joint - 1]
-        situation = Situation(
-            stopped=False, in_control=in_control, drive=state.drive, mode=state.mode
-        )
         target = scales[joint - 1].counts_of(target_rad)
-        refusal = refuse_command(limit, situation) or refuse_move(limit, target, speed_rad_per_s)
-        if refusal is not None:
-            raise CommandRefused(refusal.text)
+        if refusal := refuse_command(
+            joint, in_control=in_control, drive=state.drive, mode=state.mode
+        ) or refuse_move(limit, target, speed_rad_per_s):
+            raise CommandRefused(refusal)
 
 
 def not_enabled(sample: Sample) -> CommandRefused | None:
@@ -107,22 +97,3 @@ def not_enabled(sample: Sample) -> CommandRefused | None:
         if state is not DriveState.OPERATION_ENABLED:
             return CommandRefused(f"joint {joint}: the drive is in state {state.value}")
     return None
-
-
-def _refusal(
-    limits: JointLimits,
-    situation: Situation,
-    command: Setpoint,
-    last: Setpoint | None,
-    measured_counts: int,
-) -> Refusal | None:
-    target = command.target_counts
-    before = last.target_counts if last is not None and last.mode == CYCLIC_POSITION else None
-    if target == before:
-        return None
-    entering = before is None or situation.mode is not JointMode.POSITION
-    if entering and abs(target - measured_counts) <= limits.max_step_counts:
-        return None
-    if before is None:
-        return refuse_target(limits, target, measured_counts)
-    return refuse_command(limits, situation) or refuse_target(limits, target, before)

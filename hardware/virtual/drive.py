@@ -115,7 +115,7 @@ class Drive:
             return
         if target_counts == self.target_counts:
             self._end(EmergencyCode.REFERENCE_LIMIT)
-        elif refuse_target(self.axis.limits, target_counts, self.target_counts) is None:
+        elif not refuse_target(self.axis.limits, target_counts, self.target_counts):
             self.target_counts = target_counts
             self._command = None
             self._end(EmergencyCode.REFERENCE_LIMIT)

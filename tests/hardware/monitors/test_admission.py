@@ -207,8 +207,8 @@ def test_every_joint_moves_within_its_own_limits():
     wide = replace(TWO[1], joint=3, lower_counts=-5000, upper_counts=5000)
     admit_move(
         (*TWO, wide),
-        (*SCALES, SCALES[1]),
-        [joint_state(ON, JointMode.POSITION)] * 3,
+        (*SCALES, JointScale(counts_per_rad=1200.0)),
+        [joint_state(FAULT, None), joint_state(FAULT, None), joint_state(ON, JointMode.POSITION)],
         {3: 4.0},
         speed_rad_per_s=1.0,
         in_control=True,
@@ -219,10 +219,3 @@ def test_every_joint_moves_within_its_own_limits():
 def test_a_move_of_a_joint_that_is_not_there(joint):
     with pytest.raises(ValueError, match=f"no joint {joint}"):
         try_to_move({joint: 0.0})
-
-
-def test_what_decides_is_named():
-    with pytest.raises(TypeError, match="positional"):
-        admit(TWO, BOTH, True, False, sample((ENABLED, ENABLED)), None, ())  # type: ignore[misc]
-    with pytest.raises(TypeError, match="positional"):
-        admit_move(TWO, SCALES, (), {}, 1.0, True)  # type: ignore[misc]

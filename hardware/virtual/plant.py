@@ -13,16 +13,18 @@ drives move the arm; with one drive it sags, and a third with an inconsistent ta
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg.lapack import dposv
 
 from hardware.arm import JointMode
+from hardware.canopen.objects import CONTROL_PERIOD_S
 from hardware.virtual.axis import JointCommand, PlantReading
 from hardware.virtual.sensor_counts import SensorBank
 from hardware.virtual.true_loop import Truth
 from solver.arrays import FloatArray, frozen
+from solver.chain.arm_model import ArmModel
 
 CONVERGED_RAD = 1e-9
 """Newton stops after a step this small; convergence is fast, the next one would be far smaller."""
@@ -33,59 +35,64 @@ BOUND_HINGE_NM_PER_RAD = 6e4
 """Stiffness of a blocked hinge: that of ten servos."""
 MAX_NEWTON_STEP_RAD = 0.1
 """Largest step near a fold, where a joint would jump: the chain must be able to follow it."""
-
-
-def fixture_stiffness(*, n_per_m: float, nm_per_rad: float, components: int = 6) -> FloatArray:
-    """Stiffness (k, k) of a fixture, equal in all directions: rotations, then positions.
-
-    Three `components` are positions; with none nothing is constrained.
-    """
-    return np.diag(([nm_per_rad] * 3 + [n_per_m] * 3)[6 - components :])
+PRESLIDING_RAD = 1e-3
+"""Elastic motion of a joint before it slides."""
+SERVO_NM_PER_RAD = 6e3
+"""Stiffness in position mode, and of a blocked valve."""
+DAMPING_NM_S_PER_RAD, HINGE_DAMPING_NM_S_PER_RAD = 5.0, 0.5
+"""Viscous damping of every joint and of the hinge: it keeps every step solvable."""
+GRAVITY_M_PER_S2 = 9.81
+PAPER_DOWN = frozen([-1.0, 0.0, 0.0])
+"""In frame 0, the arm's base: z_0, the first shoulder axis, is level."""
+UPRIGHT_DOWN = frozen([0.0, 0.0, -1.0])
+"""For an arm file without a direction of gravity: the first axis is vertical."""
+PAPER_TORQUE_NM = 100.0
+"""Torque limit of the paper's arm in its file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Dynamics:
-    """Forces in the closed chain of n joints.
+class Loads:
+    """Stiffness of the fixture and the loads on it.
 
     Attributes
     ----------
-    fixture
-        (k, k) symmetric stiffness for the k components of the closure error (of hinge and rigid
-        attachment rotation, then position, frame -1; of a ball position), N m/rad and N/m.
-    payload_kg
-        (n,) mass at the origins of frames 1..n that is not gravity-compensated.
-    gravity_m_per_s2
-        (3,) in frame 0, the arm's base.
+    fixture_n_per_m, fixture_nm_per_rad
+        Stiffness, equal in all directions.
     friction_nm
-        (n,) dry friction of the joints.
-    presliding_rad
-        Elastic motion of a joint before it slides.
-    servo_nm_per_rad
-        Stiffness in position mode, and of a blocked valve.
-    damping_nm_s_per_rad, hinge_damping_nm_s_per_rad
-        Viscous damping of every joint and of the hinge.
+        Dry friction of each joint, shape (n,).
+    payload_kg
+        Uncompensated mass at the origin of each frame, shape (n,).
+    down
+        (3,) unit vector along gravity in frame 0.
     """
 
-    fixture: FloatArray
-    payload_kg: FloatArray
-    gravity_m_per_s2: FloatArray
+    fixture_n_per_m: float
+    fixture_nm_per_rad: float
     friction_nm: FloatArray
-    presliding_rad: float = 1e-3
-    servo_nm_per_rad: float = 6e3
-    damping_nm_s_per_rad: float = 5.0
-    hinge_damping_nm_s_per_rad: float = 0.5
-    period_s: float = 0.01
+    payload_kg: FloatArray
+    down: FloatArray = field(default_factory=lambda: PAPER_DOWN)
 
     def __post_init__(self) -> None:
-        for name in ("fixture", "payload_kg", "gravity_m_per_s2", "friction_nm"):
+        for name in ("friction_nm", "payload_kg", "down"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
-        k = len(self.fixture)
-        if self.fixture.shape != (k, k) or self.gravity_m_per_s2.shape != (3,):
-            raise ValueError("the fixture's stiffness is square, gravity has three components")
-        if self.payload_kg.shape != self.friction_nm.shape:
-            raise ValueError("payload and friction need one entry per joint each")
-        if min(self.damping_nm_s_per_rad, self.hinge_damping_nm_s_per_rad, self.period_s) <= 0.0:
-            raise ValueError("damping and period must be positive: they keep every step solvable")
+
+    def of(self, arm: ArmModel) -> Loads:
+        """Loads for another arm: masses halfway along it; masses and friction in proportion to its drives' torque.
+
+        Masses are scaled by the weakest drive: in a closed chain any drive may carry them.
+        """
+        weakest = min(joint.max_torque_nm for joint in arm.joints) / PAPER_TORQUE_NM
+        n, payload = arm.joint_count, self.payload_kg * min(1.0, weakest)
+        if n == len(payload):
+            placed, friction = payload, self.friction_nm
+        else:
+            placed, friction = np.zeros(n), np.zeros(n)
+            placed[[n // 2 - 1, max(n - 3, 0)]] = float(payload.max())
+        if np.any(self.friction_nm > 0.0):
+            share = self.friction_nm.max() / PAPER_TORQUE_NM
+            friction = share * np.array([joint.max_torque_nm for joint in arm.joints])
+        down = UPRIGHT_DOWN if arm.masses is None else arm.masses.down
+        return replace(self, payload_kg=placed, friction_nm=friction, down=down)
 
 
 class Plant:
@@ -98,18 +105,17 @@ class Plant:
         self,
         *,
         truth: Truth,
-        dynamics: Dynamics,
+        loads: Loads,
         sensors: SensorBank,
         start_rad: FloatArray,
         start_hinge_rad: float,
     ) -> None:
         n = truth.joint_count
-        if len(sensors.sensors) != n or dynamics.payload_kg.shape != (n,):
-            raise ValueError(f"truth, sensors and dynamics must all have {n} joints")
+        if not len(sensors.sensors) == len(loads.payload_kg) == len(loads.friction_nm) == n:
+            raise ValueError(f"truth, sensors and loads must all have {n} joints")
         self.joint_count = n
         self.truth = truth
         self.sensors = sensors
-        self._dynamics = dynamics
         self._angles = np.concatenate(([start_hinge_rad], start_rad))
         self._offsets = np.concatenate(([0.0], truth.offsets_rad))
         self._last = self._last_but_one = np.zeros(n + 1)
@@ -119,16 +125,17 @@ class Plant:
         self._point = truth.point()
         self._slip = np.zeros(len(self._point.error))
         self._bound_at: float | None = None
-        if len(dynamics.fixture) != len(self._point.error):
-            raise ValueError("the fixture's stiffness is for another number of closure components")
+        # Rotations, then positions; of a ball positions only, and nothing of an open arm.
+        stiffness = [loads.fixture_nm_per_rad] * 3 + [loads.fixture_n_per_m] * 3
+        self._fixture = np.diag(stiffness[6 - len(self._point.error) :])
         self._point.at(self._angles)
-        d = np.full(n + 1, dynamics.damping_nm_s_per_rad)
-        d[0] = dynamics.hinge_damping_nm_s_per_rad
-        self._damping = d / dynamics.period_s
-        self._friction = np.concatenate(([0.0], dynamics.friction_nm))
+        d = np.full(n + 1, DAMPING_NM_S_PER_RAD)
+        d[0] = HINGE_DAMPING_NM_S_PER_RAD
+        self._damping = d / CONTROL_PERIOD_S
+        self._friction = np.concatenate(([0.0], loads.friction_nm))
         self._rubs = bool(np.any(self._friction > 0.0))
-        self._loaded = bool(np.any(dynamics.payload_kg > 0.0))
-        self._lever, self._across = _gravity_levers(dynamics)
+        self._loaded = bool(np.any(loads.payload_kg > 0.0))
+        self._lever, self._across = _gravity_levers(loads)
 
     @property
     def true_angles_rad(self) -> FloatArray:
@@ -161,7 +168,7 @@ class Plant:
         self._drive = drive
         angles = self._angles
         torque = stiffness * (target - angles)
-        speed = self._last / self._dynamics.period_s
+        speed = self._last / CONTROL_PERIOD_S
         return PlantReading(
             position_counts=self.sensors.read((angles - self._offsets)[1:].tolist()),
             torque_nm=tuple(torque[1:].tolist()),
@@ -189,14 +196,14 @@ class Plant:
                 # The drive controls its sensor's reading, deviation included.
                 deviation = self.sensors.sensors[j - 1].deviation_rad(now[j] - offsets[j])
                 target[j] = command.target_rad - deviation + offsets[j]
-            stiffness[j] = self._dynamics.servo_nm_per_rad
+            stiffness[j] = SERVO_NM_PER_RAD
         if not np.all(np.isfinite(target)):
             raise ValueError("position targets must be finite")
         return stiffness, target
 
     def _advance(self, stiffness: FloatArray, target: FloatArray) -> None:
         """Newton's method for the increment, started from the extrapolated motion of the last two periods."""
-        start, point, K = self._angles, self._point, self._dynamics.fixture
+        start, point, K = self._angles, self._point, self._fixture
         gravity = self._gravity() if self._loaded else 0.0
         diagonal = stiffness + self._damping
         angles = start + (2.0 * self._last - self._last_but_one)
@@ -229,15 +236,14 @@ class Plant:
             self._last = angles - start
         self._last_but_one, self._last = self._last, angles - start
         if self._rubs:
-            limit = self._dynamics.presliding_rad
-            self._bristle = np.clip(self._bristle + self._last, -limit, limit)
+            bristle = self._bristle + self._last
+            self._bristle = np.clip(bristle, -PRESLIDING_RAD, PRESLIDING_RAD)
         self._angles = angles
 
     def _rub(self, increment: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Dry friction (n + 1,) N m against an increment, and its derivative: elastic at first, then sliding."""
-        limit = self._dynamics.presliding_rad
-        deflection = (self._bristle + increment) / limit
-        slope = np.where(np.abs(deflection) < 1.0, self._friction / limit, 0.0)
+        deflection = (self._bristle + increment) / PRESLIDING_RAD
+        slope = np.where(np.abs(deflection) < 1.0, self._friction / PRESLIDING_RAD, 0.0)
         return self._friction * np.clip(deflection, -1.0, 1.0), slope
 
     def _gravity(self) -> FloatArray:
@@ -253,9 +259,9 @@ class Plant:
         return torque
 
 
-def _gravity_levers(dynamics: Dynamics) -> tuple[FloatArray, FloatArray]:
+def _gravity_levers(loads: Loads) -> tuple[FloatArray, FloatArray]:
     """Signed masses (n, n + 2) that joints 1..n carry at origins -1..n, and G (3, 3) for which ``p x g = p @ G``."""
-    mass, g = dynamics.payload_kg, dynamics.gravity_m_per_s2
+    mass, g = loads.payload_kg, GRAVITY_M_PER_S2 * loads.down
     n = len(mass)
     lever = np.zeros((n, n + 2))
     # Everything from frame j on hangs on joint j, about the origin before it.

@@ -9,14 +9,14 @@ drawn from separate streams, so that switching one off does not change the other
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
 
 from fixtures.measured import Measured
 from hardware.virtual import SCENARIOS
-from hardware.virtual.plant import Dynamics, Plant, fixture_stiffness
+from hardware.virtual.plant import Loads, Plant
 from hardware.virtual.sensor_counts import LinearityDeviation, SensorBank, joint_sensor
 from hardware.virtual.specimens import (
     SpecimenFiles,
@@ -34,20 +34,12 @@ from hardware.virtual.true_loop import (
     paper_loop,
     with_length_errors,
 )
-from solver.arrays import FloatArray, frozen
+from solver.arrays import frozen
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt
 
 ENCODER_COUNTS_PER_REV = 400_000
 """Encoders of the paper's arm (section 3); scenario `exact` has them on the wrist too."""
-
-GRAVITY_M_PER_S2 = 9.81
-PAPER_DOWN = frozen([-1.0, 0.0, 0.0])
-"""In frame 0, the arm's base: z_0, the first shoulder axis, is level."""
-UPRIGHT_DOWN = frozen([0.0, 0.0, -1.0])
-"""For an arm file without a direction of gravity: the first axis is vertical."""
-PAPER_TORQUE_NM = 100.0
-"""Torque limit of the paper's arm in its file."""
 
 
 class _Stream(IntEnum):
@@ -60,51 +52,6 @@ class _Stream(IntEnum):
     SPECIMEN = 4
     TRACKER = 5
     MOUNTING = 6
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Loads:
-    """Stiffness of the fixture and the loads on it.
-
-    Attributes
-    ----------
-    fixture_n_per_m, fixture_nm_per_rad
-        Stiffness, equal in all directions.
-    friction_nm
-        Dry friction of each joint, shape (n,).
-    payload_kg
-        Uncompensated mass at the origin of each frame, shape (n,).
-    down
-        (3,) unit vector along gravity in frame 0.
-    """
-
-    fixture_n_per_m: float
-    fixture_nm_per_rad: float
-    friction_nm: FloatArray
-    payload_kg: FloatArray
-    down: FloatArray = field(default_factory=lambda: PAPER_DOWN)
-
-    def __post_init__(self) -> None:
-        for name in ("friction_nm", "payload_kg", "down"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-
-    def of(self, arm: ArmModel) -> Loads:
-        """Loads for another arm: masses halfway along it; masses and friction in proportion to its drives' torque.
-
-        Masses are scaled by the weakest drive: in a closed chain any drive may carry them.
-        """
-        weakest = min(joint.max_torque_nm for joint in arm.joints) / PAPER_TORQUE_NM
-        n, payload = arm.joint_count, self.payload_kg * min(1.0, weakest)
-        if n == len(payload):
-            placed, friction = payload, self.friction_nm
-        else:
-            placed, friction = np.zeros(n), np.zeros(n)
-            placed[[n // 2 - 1, max(n - 3, 0)]] = float(payload.max())
-        if np.any(self.friction_nm > 0.0):
-            share = self.friction_nm.max() / PAPER_TORQUE_NM
-            friction = share * np.array([joint.max_torque_nm for joint in arm.joints])
-        down = UPRIGHT_DOWN if arm.masses is None else arm.masses.down
-        return replace(self, payload_kg=placed, friction_nm=friction, down=down)
 
 
 STIFF = Loads(
@@ -201,16 +148,7 @@ class Scenario:
         start, hinge = truth.closed_near(carried.home_rad)
         return Plant(
             truth=truth,
-            dynamics=Dynamics(
-                fixture=fixture_stiffness(
-                    n_per_m=self.loads.fixture_n_per_m,
-                    nm_per_rad=self.loads.fixture_nm_per_rad,
-                    components=len(truth.point().error),
-                ),
-                payload_kg=self.loads.payload_kg,
-                gravity_m_per_s2=GRAVITY_M_PER_S2 * self.loads.down,
-                friction_nm=self.loads.friction_nm,
-            ),
+            loads=self.loads,
             sensors=SensorBank(sensors, rng=self._rng(_Stream.NOISE)),
             start_rad=start,
             start_hinge_rad=hinge,

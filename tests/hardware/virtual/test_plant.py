@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hardware.virtual.axis import JointCommand, PlantReading
-from hardware.virtual.plant import Dynamics, Plant, fixture_stiffness
+from hardware.virtual.plant import Loads, Plant
 from hardware.virtual.sensor_counts import JointSensor, SensorBank
 from hardware.virtual.true_loop import PAPER_HOME_RAD, LoopTruth, paper_loop
 from solver.arrays import FloatArray
@@ -28,10 +28,10 @@ def make_plant(
     start, hinge = truth.closed_near(PAPER_HOME_RAD)
     return Plant(
         truth=truth,
-        dynamics=Dynamics(
-            fixture=fixture_stiffness(n_per_m=n_per_m, nm_per_rad=nm_per_rad),
+        loads=Loads(
+            fixture_n_per_m=n_per_m,
+            fixture_nm_per_rad=nm_per_rad,
             payload_kg=np.zeros(7) if payload_kg is None else payload_kg,
-            gravity_m_per_s2=np.array([-9.81, 0.0, 0.0]),
             friction_nm=np.full(7, friction_nm),
         ),
         sensors=SensorBank(
@@ -207,14 +207,6 @@ def test_wrong_calls_are_refused(drive):
         plant.step([])
     with pytest.raises(ValueError, match="finite"):
         plant.step(drive({1: float("nan")}))
-    with pytest.raises(ValueError, match="positive"):
-        Dynamics(
-            fixture=np.eye(6),
-            payload_kg=np.zeros(7),
-            gravity_m_per_s2=np.zeros(3),
-            friction_nm=np.zeros(7),
-            damping_nm_s_per_rad=0.0,
-        )
 
 
 def test_a_fixture_that_slips_takes_the_hand_along_by_as_much(drive):

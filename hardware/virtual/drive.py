@@ -15,9 +15,6 @@ from hardware.canopen.objects import JOINT_MODE, MODE_CODE, EmergencyCode
 from hardware.command_limits import refuse_target
 from hardware.virtual.axis import AxisSettings, JointCommand
 
-_WARNINGS = frozenset({EmergencyCode.REFERENCE_LIMIT})
-"""Errors whose only effect is a refused command."""
-
 
 class Drive:
     """A CiA 402 axis in cyclic position or cyclic torque mode.
@@ -264,8 +261,3 @@ class Drive:
             self.errors.remove(code)
             if not self.errors:
                 self._on_all_clear()
-
-    @property
-    def faulted(self) -> bool:
-        """Whether an error keeps the drive from moving."""
-        return any(code not in _WARNINGS for code in self.errors)

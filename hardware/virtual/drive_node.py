@@ -143,10 +143,10 @@ class DriveNode(VirtualNode):
         self.serve(objects.TORQUE_ACTUAL, 0, self._torque_per_mille)
         self.serve(objects.TARGET_POSITION, 0, lambda: drive.target_counts)
         self.serve(objects.HOME_OFFSET, 0, lambda: self.home_offset_counts)
-        self.accept(objects.CONTROLWORD, 0, lambda value: drive.obey_controlword(_whole(value)))
-        self.accept(objects.MODE, 0, lambda value: drive.ask_for_mode(_whole(value)))
-        self.accept(objects.TARGET_TORQUE, 0, lambda _: None)  # only 0 is in the range of 6071h
-        self.accept(objects.TARGET_POSITION, 0, lambda value: drive.obey_target(_whole(value)))
+        self.accept(objects.CONTROLWORD, lambda value: drive.obey_controlword(_whole(value)))
+        self.accept(objects.MODE, lambda value: drive.ask_for_mode(_whole(value)))
+        self.accept(objects.TARGET_TORQUE, lambda _: None)  # only 0 is in the range of 6071h
+        self.accept(objects.TARGET_POSITION, lambda value: drive.obey_target(_whole(value)))
 
 
 def _whole(value: Value) -> int:

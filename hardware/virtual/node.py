@@ -54,7 +54,7 @@ class VirtualNode(canopen.LocalNode):
         )
         self.serve(objects.ERROR_REGISTER, 0, lambda: int(self.error_register))
         self.serve(objects.ERROR_FIELD, 0, lambda: len(self._history))
-        self.accept(objects.ERROR_FIELD, 0, self._clear_history)
+        self.accept(objects.ERROR_FIELD, self._clear_history)
         for k in range(objects.ERROR_HISTORY):
             self.serve(objects.ERROR_FIELD, k + 1, lambda k=k: self._history_entry(k))  # type: ignore[misc]
         self.serve(objects.IDENTITY, objects.IDENTITY_SERIAL, lambda: serial_number)
@@ -124,9 +124,9 @@ class VirtualNode(canopen.LocalNode):
         """Have reads of an object answered by `reader`."""
         self._readers[index, subindex] = reader
 
-    def accept(self, index: int, subindex: int, writer: Writer) -> None:
-        """Have writes of an object handled by `writer`, which may raise `SdoAbortedError`."""
-        self._writers[index, subindex] = writer
+    def accept(self, index: int, writer: Writer) -> None:
+        """Have writes of an object (sub-index 0) handled by `writer`, which may raise `SdoAbortedError`."""
+        self._writers[index, 0] = writer
 
     def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:  # noqa: FBT001, FBT002
         """Bytes of an object; raises `SdoAbortedError`."""

@@ -254,12 +254,12 @@ class SupervisorNode(VirtualNode):
 
     def _serve_objects(self) -> None:
         self.serve(objects.DOCUMENT, 0, self._document)
-        self.accept(objects.DOCUMENT, 0, self._receive)
+        self.accept(objects.DOCUMENT, self._receive)
         self.serve(
             objects.DIGEST, objects.DIGEST_SHA256, lambda: hashlib.sha256(self._document()).digest()
         )
         self.serve(objects.DIGEST, objects.DIGEST_LENGTH, lambda: len(self._document()))
-        self.accept(objects.COMMAND, 0, self._order)
+        self.accept(objects.COMMAND, self._order)
         self.serve(objects.SLOTS, objects.SLOTS_ACTIVE, lambda: int(self._active))
         for sub, slot in ((objects.SLOTS_A, Slot.A), (objects.SLOTS_B, Slot.B)):
             self.serve(objects.SLOTS, sub, lambda slot=slot: int(self._store.state(slot)))  # type: ignore[misc]
@@ -267,7 +267,7 @@ class SupervisorNode(VirtualNode):
         # 2004h is a visible string: ASCII with escapes.
         self.serve(objects.REFUSAL, 0, lambda: self._refusal.encode("ascii", "backslashreplace"))
         self.serve(objects.TOKEN, 0, lambda: self.holder)
-        self.accept(objects.TOKEN, 0, self._ask_for_control)
+        self.accept(objects.TOKEN, self._ask_for_control)
         self.serve(objects.ARM, objects.ARM_MODEL, lambda: self.arm.model)
         self.serve(objects.ARM, objects.ARM_SERIAL, lambda: self.arm.serial_number)
         self.serve(objects.ARM, objects.ARM_JOINTS, lambda: len(self._axes))

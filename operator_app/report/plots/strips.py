@@ -57,20 +57,19 @@ class Strip:
     odd: bool = False
 
 
-def strips(
-    *,
-    ident: str,
-    title: str,
-    description: str,
-    unit: str,
-    x: Axis,
-    at: Sequence[float],
-    rows: Sequence[Strip],
-) -> Html:
-    """Draw the rows over a common x axis, each with its own scale, which is written at its right."""
+def strips(x: Axis, at: Sequence[float], rows: Sequence[Strip]) -> Html:
+    """Draw corrections, mrad, over a common x axis, each row with its own scale, which is written at its right."""
     right = PLOT_WIDTH - RIGHT - SCALE_WIDTH
     height = HEAD + ROW * len(rows) + FOOT
-    parts = [label(f"full scale [±{unit}]", PLOT_WIDTH - 2.0, 10.0, class_="axis", anchor="end")]
+    parts = [
+        label(
+            f"full scale [±{CLOSURE_ANGLE.unit}]",
+            PLOT_WIDTH - 2.0,
+            10.0,
+            class_="axis",
+            anchor="end",
+        )
+    ]
     for k, row in enumerate(rows):
         top = HEAD + ROW * k
         middle, half = top + 0.5 * ROW, 0.5 * ROW - 3.0
@@ -97,7 +96,14 @@ def strips(
             parts.append(segment(here, middle, here, y, f"stem {colour}"))
             parts.append(mark("dot", here, y, 1.7, colour))
     parts += _x_axis(x, right, HEAD + ROW * len(rows))
-    return picture(ident, title, description, height, parts)
+    return picture(
+        "corrections",
+        "Corrections of the joint readings by pose, in mrad",
+        "One row per joint, each on its own scale; shaded: one standard deviation of the joint's sensor. The table "
+        "of joints has the same figures.",
+        height,
+        parts,
+    )
 
 
 def _x_axis(x: Axis, right: float, foot: float) -> list[Html]:
@@ -182,15 +188,18 @@ class Range:
         return (max(self.values) - min(self.values)) / (self.high - self.low)
 
 
-def ranges(*, ident: str, title: str, description: str, unit: str, rows: Sequence[Range]) -> Html:
-    """Draw each range as a bar with a tick for each value; its ends are written below it.
+COVERAGE = "Joint ranges and the part that the poses cover"
+
+
+def ranges(rows: Sequence[Range]) -> Html:
+    """Draw each range, deg, as a bar with a tick for each value; its ends are written below it.
 
     Bars are as wide as the picture, minus space for values beyond the range.
     """
     right = PLOT_WIDTH - RIGHT - SCALE_WIDTH
     height = HEAD + ROW * len(rows) + 4.0
     parts = [
-        label(f"end of range [{unit}]", NAME_WIDTH, 10.0, class_="axis"),
+        label(f"end of range [{ANGLE.unit}]", NAME_WIDTH, 10.0, class_="axis"),
         label("covered [%]", PLOT_WIDTH - 2.0, 10.0, class_="axis", anchor="end"),
     ]
     for k, row in enumerate(rows):
@@ -198,7 +207,7 @@ def ranges(*, ident: str, title: str, description: str, unit: str, rows: Sequenc
 
         scale = Axis(
             label="",
-            unit=unit,
+            unit=ANGLE.unit,
             low=min(row.low, *row.values),
             high=max(row.high, *row.values),
             ticks=(),
@@ -219,7 +228,12 @@ def ranges(*, ident: str, title: str, description: str, unit: str, rows: Sequenc
             label(fixed(row.high, 0), high, top + 22.0, anchor="end"),
             label(fixed(100.0 * row.covered, 0), PLOT_WIDTH - 2.0, top + 9.0, anchor="end"),
         ]
-    return picture(ident, title, description, height, parts)
+    least = min(rows, key=lambda row: row.covered)
+    description = (
+        "One bar per joint from end to end of its range, one tick per pose. "
+        f"{least.name.capitalize()} is covered least, {Figure(least.covered, SHARE, places=0).with_unit}."
+    )
+    return picture("coverage", COVERAGE, description, height, parts)
 
 
 def corrections_by_joint(subject: Subject, estimate: Estimate | None) -> Html | None:
@@ -232,14 +246,9 @@ def corrections_by_joint(subject: Subject, estimate: Estimate | None) -> Html | 
     return figure(
         "Corrections that close the loops, joint by joint",
         strips(
-            ident="corrections",
-            title="Corrections of the joint readings by pose, in mrad",
-            description="One row per joint, each on its own scale; shaded: one standard deviation of the "
-            "joint's sensor. The table of joints has the same figures.",
-            unit=CLOSURE_ANGLE.unit,
-            x=pose_axis(subject),
-            at=[float(p.number) for p in subject.used],
-            rows=[
+            pose_axis(subject),
+            [float(p.number) for p in subject.used],
+            [
                 Strip(
                     name=f"joint {j}",
                     values=values[:, j - 1].tolist(),
@@ -264,17 +273,4 @@ def coverage(subject: Subject) -> Html:
         )
         for j, joint in enumerate(subject.procedure.arm.joints, 1)
     ]
-    least = min(rows, key=lambda row: row.covered)
-    title = "Joint ranges and the part that the poses cover"
-    return figure(
-        title,
-        ranges(
-            ident="coverage",
-            title=title,
-            description=f"One bar per joint from end to end of its range, one tick per pose. "
-            f"{least.name.capitalize()} is covered least, "
-            f"{Figure(least.covered, SHARE, places=0).with_unit}.",
-            unit=ANGLE.unit,
-            rows=rows,
-        ),
-    )
+    return figure(COVERAGE, ranges(rows))

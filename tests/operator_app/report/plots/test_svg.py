@@ -101,13 +101,9 @@ def test_a_band_wider_than_the_frame_fills_it_and_no_more():
 def test_strips_scale_each_row_by_its_largest():
     svg = parse(
         strips(
-            ident="s",
-            title="T",
-            description="D",
-            unit="mrad",
-            x=axis("pose", [1.0, 2.0], whole=True),
-            at=[1.0, 2.0],
-            rows=[
+            axis("pose", [1.0, 2.0], whole=True),
+            [1.0, 2.0],
+            [
                 Strip(name="joint 1", values=[0.0, 0.0], band=0.5),
                 Strip(name="joint 2", values=[-8.0, 4.0], band=0.5, odd=True),
             ],
@@ -129,7 +125,7 @@ def test_strips_scale_each_row_by_its_largest():
 def test_ranges_say_what_is_covered():
     row = Range(name="joint 1", low=-10.0, high=30.0, values=[0.0, 10.0])
     assert row.covered == 0.25
-    svg = parse(ranges(ident="r", title="T", description="D", unit="deg", rows=[row]))
+    svg = parse(ranges([row]))
     words = [e.text for e in svg.iter("text")]
     assert words[:2] == ["end of range [deg]", "covered [%]"]
     assert "\u221210" in words
@@ -140,7 +136,7 @@ def test_ranges_say_what_is_covered():
 
 def test_values_beyond_a_range_stay_in_the_picture():
     row = Range(name="joint 2", low=-10.0, high=10.0, values=[-30.0, 5.0])
-    svg = parse(ranges(ident="r", title="T", description="D", unit="deg", rows=[row]))
+    svg = parse(ranges([row]))
     covered, frame = list(svg.iter("rect"))
     left, width = float(covered.get("x", "nan")), float(covered.get("width", "nan"))
     assert left == 74.0

@@ -141,14 +141,14 @@ class Rig:
         return self.peer.enable(list(modes))
 
 
-def parse(document: bytes) -> ValidatedParameters:
+def parse(document: bytes, of: Sequence[AxisSettings] | None = None) -> ValidatedParameters:
     """A tiny schema: serial number on the first line, one offset in counts a line after it."""
     try:
         serial, *offsets = document.decode().split()
         counts = tuple(int(text) for text in offsets)
     except ValueError as error:
         raise ValueError(f"not a parameter document: {error}") from error
-    scales = [settings.scale.counts_per_rad for settings in axes()]
+    scales = [settings.scale.counts_per_rad for settings in of or axes()]
     return ValidatedParameters(
         arm_serial=serial,
         home_offset_counts=counts,

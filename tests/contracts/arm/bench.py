@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 
 from hardware.arm import JointMode
 from hardware.buses.python_can import BusSettings, open_bus
@@ -9,12 +10,12 @@ from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
-from hardware.virtual.parameter_store import ValidatedParameters
 from hardware.virtual.scenarios import scenario
 from hardware.virtual.supervisor_node import ArmLabel
 from operator_app.composition import describe
 from operator_app.config.arm_file import load_arm
 from tests.oracles.profiles import sarcos
+from tests.oracles.virtual_rig import parse
 
 FREE, POSITION = JointMode.FREE, JointMode.POSITION
 TWO_DRIVEN = [FREE, POSITION, FREE, FREE, POSITION, FREE, FREE]
@@ -22,19 +23,6 @@ SERIAL = "SDA-0007"
 PATIENCE_S = 10.0
 SCENARIO = scenario("datasheet", 3)
 MODEL = SCENARIO.arm(load_arm("sarcos_dextrous"))
-
-
-def validate(document: bytes) -> ValidatedParameters:
-    """A schema of this test's own: seven whole numbers, the home offsets in counts."""
-    counts = tuple(int(word) for word in document.split())
-    return ValidatedParameters(
-        arm_serial=SERIAL,
-        home_offset_counts=counts,
-        theta_off_rad=tuple(
-            count / axis.scale.counts_per_rad
-            for count, axis in zip(counts, arm_axes(MODEL), strict=False)
-        ),
-    )
 
 
 @contextmanager
@@ -46,7 +34,7 @@ def controller_on(settings: BusSettings) -> Iterator[VirtualController]:
             SCENARIO.build(MODEL),
             axes=arm_axes(MODEL),
             arm=ArmLabel(model=MODEL.name, serial_number=SERIAL),
-            validate=validate,
+            validate=partial(parse, of=arm_axes(MODEL)),
             # Both ends share a processor, and neither is in real time: either may wait for it.
             heartbeat_timeout_s=PATIENCE_S,
         ) as controller:

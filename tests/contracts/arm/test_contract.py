@@ -51,13 +51,13 @@ def test_stop_in_a_move_stops_everything(driven):
 
 @pytest.mark.sample(1)
 def test_parameters_are_uploaded_and_read_back(driven):
-    document = b"11 -22 33 -44 55 -6 7".ljust(4000)
+    document = b"SDA-0007 11 -22 33 -44 55 -6 7".ljust(4000)
     receipt = driven.upload_parameters(document)
     assert receipt.home_offset_counts == (11, -22, 33, -44, 55, -6, 7)
     assert receipt.sha256 == hashlib.sha256(document).hexdigest()
     assert driven.active_parameters() == document
     with pytest.raises(UploadRefused, match="invalid literal"):
-        driven.upload_parameters(b"eleven")
+        driven.upload_parameters(b"SDA-0007 eleven")
     assert driven.active_parameters() == document
 
 

@@ -154,7 +154,9 @@ def try_to_send_both(before: tuple[Setpoint, ...] | None, *commands: Setpoint) -
     )
 
 
-@pytest.mark.parametrize("harmless", [Setpoint(OFF, 0, CSP), Setpoint(GO, 0, CST)])
+@pytest.mark.parametrize(
+    "harmless", [Setpoint(OFF, 0, CSP), Setpoint(GO, 0, CST), Setpoint(0x1F, 0, CSP)]
+)
 def test_every_joint_is_looked_at(harmless):
     with pytest.raises(CommandRefused, match="joint 2"):
         try_to_send_both(
@@ -207,9 +209,9 @@ def test_every_joint_moves_within_its_own_limits():
     wide = replace(TWO[1], joint=3, lower_counts=-5000, upper_counts=5000)
     admit_move(
         (*TWO, wide),
-        (*SCALES, JointScale(counts_per_rad=1200.0)),
+        (*SCALES, JointScale(counts_per_rad=500.0)),
         [joint_state(FAULT, None), joint_state(FAULT, None), joint_state(ON, JointMode.POSITION)],
-        {3: 4.0},
+        {3: 8.0},
         speed_rad_per_s=1.0,
         in_control=True,
     )

@@ -19,10 +19,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-from in_user_mode_linux import NEVER_RAN, VERDICT, guest
+from in_user_mode_linux import CAN_MODULES, PATIENCE_S, guest, passed_on
 
 BUSYBOX = Path("/bin/busybox")
-PATIENCE_S = 900.0
 
 # In the order in which they need each other.
 MODULES = (
@@ -36,11 +35,7 @@ MODULES = (
     "net/9p/9pnet",
     "net/9p/9pnet_virtio",
     "fs/9p/9p",
-    "net/can/can",
-    "net/can/can-raw",
-    "net/can/can-bcm",
-    "drivers/net/can/dev/can-dev",
-    "drivers/net/can/vcan",
+    *CAN_MODULES,
 )
 """A kernel may have some of them built in, or in one with another."""
 
@@ -117,10 +112,7 @@ def host(command: list[str]) -> int:
             timeout=PATIENCE_S,
             check=False,
         )  # fmt: skip
-    said = done.stdout.replace("\r", "")
-    sys.stdout.write(said)
-    verdicts = [line for line in said.splitlines() if line.startswith(VERDICT)]
-    return int(verdicts[-1].removeprefix(VERDICT)) if verdicts else NEVER_RAN
+    return passed_on(done.stdout.replace("\r", ""))
 
 
 if __name__ == "__main__":

@@ -53,8 +53,13 @@ def host(command: list[str]) -> int:
         env={key: os.environ[key] for key in ("HOME", "PATH", "TMPDIR") if key in os.environ},
         check=False,
     )
-    sys.stdout.write(done.stdout)
-    verdicts = [line for line in done.stdout.splitlines() if line.startswith(VERDICT)]
+    return passed_on(done.stdout)
+
+
+def passed_on(said: str) -> int:
+    """Print what the guest said; return its command's exit code."""
+    sys.stdout.write(said)
+    verdicts = [line for line in said.splitlines() if line.startswith(VERDICT)]
     return int(verdicts[-1].removeprefix(VERDICT)) if verdicts else NEVER_RAN
 
 

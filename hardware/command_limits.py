@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from hardware.arm import DriveState, JointMode
 from hardware.arm_description import JointScale
+from hardware.canopen.objects import CONTROL_PERIOD_S
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,13 +47,12 @@ def joint_limits(
     lower_rad: float,
     upper_rad: float,
     max_speed_rad_per_s: float,
-    period_s: float,
 ) -> JointLimits:
     """Limits of a joint given in radians; the range is rounded inwards.
 
     The largest step includes one count for rounding, so that a move at exactly the largest speed passes.
     """
-    step = max_speed_rad_per_s * period_s * scale.density
+    step = max_speed_rad_per_s * CONTROL_PERIOD_S * scale.density
     lower, upper = sorted((scale.counts_of(lower_rad), scale.counts_of(upper_rad)))
     return JointLimits(
         joint=joint,

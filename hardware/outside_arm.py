@@ -38,9 +38,6 @@ from hardware.errors import (
 )
 from hardware.monitors.admission import admit_move
 
-PERIOD_S = 0.01
-"""Unused by the checks of whole moves."""
-
 
 class OutsideArm:
     """An `ArmInterface` that wraps the one returned by `make`, which is called at `connect`.
@@ -81,7 +78,6 @@ class OutsideArm:
                 lower_rad=joint.lower_rad,
                 upper_rad=joint.upper_rad,
                 max_speed_rad_per_s=joint.max_speed_rad_per_s,
-                period_s=PERIOD_S,
             )
             for number, joint in enumerate(description.joints, 1)
         )

@@ -49,7 +49,6 @@ class Timing:
         Factor by which a simulated arm runs faster than real time; 1 for a real arm.
     """
 
-    period_s: float = CONTROL_PERIOD_S
     heartbeat_period_s: float = HEARTBEAT_PERIOD_S
     heartbeat_timeout_s: float = 1.0
     listen_s: float = 0.35
@@ -68,7 +67,7 @@ class Timing:
     @property
     def tick_s(self) -> float:
         """Wall-clock time between SYNCs."""
-        return self.period_s / self.speed
+        return CONTROL_PERIOD_S / self.speed
 
     def misses(self, pace: Pace) -> int:
         """Consecutive SYNCs that a joint may miss before it is lost."""

@@ -64,22 +64,18 @@ def check_arm(
     identity: ArmIdentity,
     description: ArmDescription,
     profile: BusProfile,
-    *,
-    period_s: float,
 ) -> None:
     """Compare the arm on the bus with its description, in the objects named by the profile.
 
     Raises `WrongArm` with all differences.
     """
     found = list(_arm_differences(access, identity, description, profile.supervisor))
-    limits = limits_of(description, profile, period_s=period_s)
+    limits = limits_of(description, profile)
     for joint, expected in enumerate(description.joints, 1):
         try:
             found += [
                 f"joint {joint} {what}"
-                for what in _joint_differences(
-                    access, joint, expected, profile, limits[joint - 1], period_s
-                )
+                for what in _joint_differences(access, joint, expected, profile, limits[joint - 1])
             ]
         except SdoRefused as refusal:
             if refusal.code not in ABSENT:
@@ -104,9 +100,7 @@ def scale_of(joint: JointDescription, drive: JointProfile) -> JointScale:
     return JointScale(counts_per_rad=drive.direction * per_rad, zero_counts=drive.zero_counts)
 
 
-def limits_of(
-    description: ArmDescription, profile: BusProfile, *, period_s: float
-) -> tuple[JointLimits, ...]:
+def limits_of(description: ArmDescription, profile: BusProfile) -> tuple[JointLimits, ...]:
     """Command limits of every joint, in counts of its drive."""
     return tuple(
         joint_limits(
@@ -115,7 +109,6 @@ def limits_of(
             lower_rad=joint.lower_rad,
             upper_rad=joint.upper_rad,
             max_speed_rad_per_s=joint.max_speed_rad_per_s,
-            period_s=period_s,
         )
         for number, (joint, drive) in enumerate(
             zip(description.joints, profile.joints, strict=True), 1
@@ -158,7 +151,6 @@ def _joint_differences(
     expected: JointDescription,
     profile: BusProfile,
     limits: JointLimits,
-    period_s: float,
 ) -> Iterable[str]:
     node = profile.drives[joint - 1]
     device = access.read_unsigned(node, objects.DEVICE_TYPE)
@@ -174,8 +166,8 @@ def _joint_differences(
         access.read_unsigned(node, objects.CONTROL_PERIOD, 1),
         access.read_signed(node, objects.CONTROL_PERIOD, 2),
     )
-    if abs(value * 10.0**index - period_s) > 1e-9:
-        yield f"has a control period of {value * 10.0**index:g} s, expected {period_s:g} s"
+    if abs(value * 10.0**index - objects.CONTROL_PERIOD_S) > 1e-9:
+        yield f"has a control period of {value * 10.0**index:g} s, expected {objects.CONTROL_PERIOD_S:g} s"
 
 
 def _range_differences(access: ObjectAccess, node: int, limits: JointLimits) -> Iterable[str]:

@@ -15,7 +15,11 @@ import numpy as np
 
 from hardware.arm import ArmInterface, ArmSnapshot, DriveState, MoveResult, Watch
 from hardware.canopen.drive_settings import DriveFacts
-from hardware.canopen.objects import ADVISED_OPERATOR_TIMEOUT_S, MAX_OPERATOR_TIMEOUT_S
+from hardware.canopen.objects import (
+    ADVISED_OPERATOR_TIMEOUT_S,
+    CONTROL_PERIOD_S,
+    MAX_OPERATOR_TIMEOUT_S,
+)
 from hardware.commissioning.clauses import (
     STOPS_WITHIN_S,
     is_still,
@@ -26,6 +30,7 @@ from hardware.commissioning.clauses import (
 from hardware.commissioning.stages import Ask, Bounds, Clause, declined, deg, joints_words
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, ControlDenied, HardwareError, OtherMaster, Stopped
+from hardware.timing import Pace
 
 _WINDOW, _LONG_SYNCS = 5, 1000
 _IN_FLIGHT_S: Final = 0.5
@@ -235,18 +240,17 @@ def _guard(drive: DriveFacts) -> Clause:
 
 def keeps_time(arm: CanopenArm, bounds: Bounds) -> Iterator[Clause]:
     """The mean SYNC period is as configured; any deviation comes from this computer."""
-    period_s = arm.real_period_s
-    if period_s is None:  # fast forward
+    if arm.on_bus.pace is Pace.FAST_FORWARD:
         return
     before, begun = arm.snapshot().sync_count, time.monotonic()
     arm.capture(bounds.samples)
     mean_s = (time.monotonic() - begun) / max(arm.snapshot().sync_count - before, 1)
-    kept = abs(mean_s - period_s) <= PERIOD_TOLERANCE * period_s
+    kept = abs(mean_s - CONTROL_PERIOD_S) <= PERIOD_TOLERANCE * CONTROL_PERIOD_S
     late = "" if kept else ": this computer is too busy, or its adapter too slow"
     yield Clause(
         name="period",
         passed=True if kept else None,
-        text=f"a SYNC every {1e3 * mean_s:.2f} ms, configured {1e3 * period_s:g} ms{late}",
+        text=f"a SYNC every {1e3 * mean_s:.2f} ms, configured {1e3 * CONTROL_PERIOD_S:g} ms{late}",
     )
 
 

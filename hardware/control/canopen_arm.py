@@ -26,7 +26,6 @@ from hardware.canopen.objects import ERROR_CODE, OPERATOR_NODE, emergency_text
 from hardware.control import motion_steps
 from hardware.control.connectable_arm import ConnectableArm
 from hardware.control.connection import Connection
-from hardware.control.trajectory import ACCELERATION_RAD_PER_S2
 from hardware.errors import (
     CommandRefused,
     ControlDenied,
@@ -40,7 +39,6 @@ from hardware.errors import (
 from hardware.monitors.admission import admit_move, not_enabled
 from hardware.timing import Pace, Timing
 
-MODE_SYNCS: Final = 5
 MODE_ATTEMPTS: Final = 6
 
 
@@ -71,7 +69,6 @@ class CanopenArm(ConnectableArm):
         *,
         pace: Pace = Pace.REAL_TIME,
         record_to: Path | None = None,
-        acceleration_rad_per_s2: float = ACCELERATION_RAD_PER_S2,
         timing: Timing | None = None,
         openers: BusOpeners | None = None,
         clock: Callable[[], float] = time.monotonic,
@@ -85,7 +82,6 @@ class CanopenArm(ConnectableArm):
             openers=openers or BusOpeners(),
         )
         super().__init__(on_bus, record_to, clock)
-        self._acceleration = acceleration_rad_per_s2
         self._n = len(description.joints)
 
     def snapshot(self) -> ArmSnapshot:
@@ -134,9 +130,7 @@ class CanopenArm(ConnectableArm):
         if (refused := not_enabled(link.loop.sample)) is not None:
             raise refused
         for _ in range(MODE_ATTEMPTS):
-            link.loop.run(
-                motion_steps.change_modes(link.loop, modes, syncs=MODE_SYNCS), despite=despite
-            )
+            link.loop.run(motion_steps.change_modes(link.loop, modes), despite=despite)
             link.read_modes()
             if link.modes == tuple(modes) and not motion_steps.not_following(
                 link.loop.sample, modes
@@ -169,16 +163,7 @@ class CanopenArm(ConnectableArm):
             in_control=link.in_control,
         )
         result: MoveResult = link.loop.run(
-            motion_steps.move(
-                link.loop,
-                dict(targets_rad),
-                link.scales,
-                speed_rad_per_s=speed_rad_per_s,
-                acceleration_rad_per_s2=self._acceleration,
-                period_s=self.on_bus.timing.period_s,
-                watch=watch,
-                snapshot=link.snapshot,
-            )
+            motion_steps.move(link, dict(targets_rad), speed_rad_per_s=speed_rad_per_s, watch=watch)
         )
         if not result.reached:
             link.require_same_maps()
@@ -191,11 +176,7 @@ class CanopenArm(ConnectableArm):
         link = self._link
         settled: bool = link.loop.run(
             motion_steps.settle(
-                link.loop,
-                link.scales,
-                window=window,
-                spread_rad=spread_rad,
-                timeout_syncs=timeout_syncs,
+                link, window=window, spread_rad=spread_rad, timeout_syncs=timeout_syncs
             )
         )
         return settled
@@ -205,9 +186,7 @@ class CanopenArm(ConnectableArm):
         if samples < 1:
             raise ValueError("a reading needs at least one sample")
         link = self._link
-        reading: Reading = link.loop.run(
-            motion_steps.capture(link.loop, link.scales, samples=samples)
-        )
+        reading: Reading = link.loop.run(motion_steps.capture(link, samples))
         link.require_same_maps()
         return reading
 
@@ -233,12 +212,6 @@ class CanopenArm(ConnectableArm):
     def drive_facts(self) -> tuple[DriveFacts, ...]:
         """The drives' modes, quick stop option and operator time-out."""
         return read_drive_facts(self._link.access, self._link.profile)
-
-    @property
-    def real_period_s(self) -> float | None:
-        """SYNC period; None in fast forward."""
-        setup = self.on_bus
-        return setup.timing.period_s if setup.pace is Pace.REAL_TIME else None
 
     def another(self) -> CanopenArm:
         """Return an unconnected second arm object for the same arm and bus, as another program would have."""

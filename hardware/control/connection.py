@@ -80,7 +80,7 @@ class Connection:
             identifying.scale_of(joint, drive)
             for joint, drive in zip(description.joints, profile.joints, strict=True)
         )
-        self.limits = identifying.limits_of(description, profile, period_s=timing.period_s)
+        self.limits = identifying.limits_of(description, profile)
         self.modes: tuple[JointMode | None, ...] = (None,) * len(profile.joints)
         self.token = 0
         self.in_control = self.took_control = False
@@ -190,9 +190,7 @@ class Connection:
         for _ in range(POSITION_RECHECKS):  # noise, or a joint not yet at rest
             spread = [POSITION_AGREEMENT_RAD] * len(self.scales)
             self.loop.run(
-                motion_steps.settle(
-                    self.loop, self.scales, window=10, spread_rad=spread, timeout_syncs=100
-                )
+                motion_steps.settle(self, window=10, spread_rad=spread, timeout_syncs=100)
             )
             differs = self._differing_positions()
             if differs is None:

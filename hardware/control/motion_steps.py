@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hardware.arm import ArmSnapshot, DriveState, JointMode, MoveResult, Reading, Watch
-from hardware.arm_description import JointScale
+from hardware.arm import DriveState, JointMode, MoveResult, Reading, Watch
 from hardware.canopen.cia402 import (
     CONTROLWORD_ENABLE_OPERATION,
     StatusBit,
@@ -36,10 +36,14 @@ from hardware.errors import (
 )
 from hardware.monitors.admission import not_enabled
 
+if TYPE_CHECKING:
+    from hardware.control.connection import Connection
+
 INCOMPLETE_SYNCS = 200
 """Consecutive incomplete samples after which a move ends."""
 TRANSITION_SYNCS = 50
 """Time for a drive to pass through its whole state machine."""
+MODE_SYNCS = 5
 
 
 def follows_command(statusword: int) -> bool:
@@ -113,9 +117,9 @@ def reset(
 
 
 def change_modes(
-    loop: ControlLoop, modes: Sequence[JointMode], *, syncs: int
+    loop: ControlLoop, modes: Sequence[JointMode]
 ) -> Generator[Setpoints | None, Sample, None]:
-    """Request one mode per joint for `syncs` SYNCs.
+    """Request one mode per joint for `MODE_SYNCS` SYNCs.
 
     The target of a joint that enters position mode is its measured position until its drive follows; a joint already in
     that mode keeps its target.
@@ -126,7 +130,7 @@ def change_modes(
         command.mode != CYCLIC_POSITION and mode == CYCLIC_POSITION
         for command, mode in zip(_last_commands(loop), codes, strict=True)
     ]
-    for _ in range(syncs):
+    for _ in range(MODE_SYNCS):
         raise_alarm(loop)
         commands = list(_last_commands(loop))
         for at, (command, mode) in enumerate(zip(commands, codes, strict=True)):
@@ -142,21 +146,18 @@ def change_modes(
 
 
 def move(
-    loop: ControlLoop,
+    link: Connection,
     targets_rad: Mapping[int, float],
-    scales: Sequence[JointScale],
     *,
     speed_rad_per_s: float,
-    acceleration_rad_per_s2: float,
-    period_s: float,
     watch: Watch | None,
-    snapshot: Callable[[], ArmSnapshot],
 ) -> Generator[Setpoints | None, Sample, MoveResult]:
     """Move joints synchronously along a straight line in joint space.
 
     A non-empty result of `watch` ends the move with that reason. Alarms other than STOP first bring the joints to
     rest along the line, then are raised; after a tripped drive all others hold where they are.
     """
+    loop, scales = link.loop, link.scales
     sample = yield None
     raise_alarm(loop)
     joints = sorted(targets_rad)
@@ -165,8 +166,6 @@ def move(
         np.array([scales[j - 1].to_rad(commands[j - 1].target_counts) for j in joints]),
         np.array([targets_rad[j] for j in joints]),
         speed_rad_per_s=speed_rad_per_s,
-        acceleration_rad_per_s2=acceleration_rad_per_s2,
-        period_s=period_s,
     )
     reason, first, incomplete = "", sample.sync_count, 0
     ending: Exception | None = None
@@ -196,7 +195,7 @@ def move(
                 raise ending
             if ending is None and watch is not None and not path.braking:
                 try:
-                    reason = watch(snapshot()) or ""
+                    reason = watch(link.snapshot()) or ""
                 except Exception as error:  # noqa: BLE001 - raised again when the arm is at rest
                     ending = error
             if reason or ending is not None:
@@ -283,19 +282,14 @@ SYNCS_PER_SAMPLE, EXTRA_SYNCS = 20, 100
 
 
 def settle(
-    loop: ControlLoop,
-    scales: Sequence[JointScale],
-    *,
-    window: int,
-    spread_rad: Sequence[float],
-    timeout_syncs: int,
+    link: Connection, *, window: int, spread_rad: Sequence[float], timeout_syncs: int
 ) -> Generator[Setpoints | None, Sample, bool]:
     """Wait until every joint's spread over the last `window` complete samples is within `spread_rad`."""
-    bounds = np.array([s * scale.density for s, scale in zip(spread_rad, scales, strict=True)])
+    bounds = np.array([s * scale.density for s, scale in zip(spread_rad, link.scales, strict=True)])
     recent: deque[tuple[int, ...]] = deque(maxlen=window)
     for _ in range(timeout_syncs):
         sample = yield None
-        raise_alarm(loop)
+        raise_alarm(link.loop)
         if sample.complete:
             recent.append(sample.counts)
             if len(recent) == window and np.all(np.ptp(np.array(recent), axis=0) <= bounds):
@@ -303,17 +297,16 @@ def settle(
     return False
 
 
-def capture(
-    loop: ControlLoop, scales: Sequence[JointScale], *, samples: int
-) -> Generator[Setpoints | None, Sample, Reading]:
+def capture(link: Connection, samples: int) -> Generator[Setpoints | None, Sample, Reading]:
     """Average complete samples, each with all joints latched on the same SYNC."""
+    scales = link.scales
     rows: list[tuple[int, ...]] = []
     first = 0
     for _ in range(EXTRA_SYNCS + SYNCS_PER_SAMPLE * samples):
         if len(rows) == samples:
             break
         sample = yield None
-        raise_alarm(loop)
+        raise_alarm(link.loop)
         if sample.complete:
             first = first or sample.sync_count
             rows.append(sample.counts)

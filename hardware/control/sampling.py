@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from hardware.arm import ArmSnapshot, Fault, JointState
 from hardware.canopen.cia402 import CONTROLWORD_DISABLE_VOLTAGE, state_of
 from hardware.canopen.cyclic import MAX_LATE_SYNCS, JointFrames, Sample, Setpoint, Setpoints
+from hardware.canopen.objects import CONTROL_PERIOD_S
 from hardware.control.stop_line import StopLatch
 from hardware.monitors.dropout import Dropout
 from hardware.monitors.joint_monitor import JointMonitor
@@ -235,7 +236,7 @@ def build_snapshot(link: Connection, now_s: float) -> ArmSnapshot:
     loop, nodes, view = link.loop, link.loop.nodes, link.loop.view
     listened_s = loop.latency.listened_s
     sample, earlier = view.sample, view.earlier
-    elapsed_s = (sample.sync_count - earlier.sync_count) * link.on_bus.timing.period_s
+    elapsed_s = (sample.sync_count - earlier.sync_count) * CONTROL_PERIOD_S
     joints = tuple(
         JointState(
             joint=joint + 1,

@@ -263,8 +263,7 @@ class StartUp:
     def _check_arm(self, identity: ArmIdentity) -> tuple[int, ...]:
         """Compare all but the PDOs; set heartbeat time-out, following windows and rated torques."""
         access, profile, loop, link = self._access, self._profile, self._loop, self._link
-        description, period_s = link.on_bus.description, self._timing.period_s
-        identifying.check_arm(access, identity, description, profile, period_s=period_s)
+        identifying.check_arm(access, identity, link.on_bus.description, profile)
         loop.heartbeat_timeout_s = heartbeat_timeout_s(access, profile, loop.heartbeat_timeout_s)
         unwatching = check_operator_monitoring(access, profile)
         loop.watch.set_following_windows(following_windows_counts(access, profile, link.scales))

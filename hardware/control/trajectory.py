@@ -16,7 +16,7 @@ from hardware.arm import FloatArray
 from hardware.canopen.objects import CONTROL_PERIOD_S
 
 ACCELERATION_RAD_PER_S2 = 1.0
-"""Default acceleration and deceleration of joints."""
+"""Acceleration and deceleration of joints."""
 SMOOTHING_PERIODS = 10
 """Length of the moving average; the jerk stays below acceleration / (this * period) * 2."""
 
@@ -38,14 +38,13 @@ class Trapezoid:
     ----------
     length
         Distance to go, rad, not negative.
-    speed, acceleration
-        Bounds, rad/s and rad/s^2, positive.
+    speed
+        Bound, rad/s, positive.
     """
 
-    def __init__(self, *, length: float, speed: float, acceleration: float) -> None:
-        self._acceleration = acceleration
-        self._speed = min(speed, math.sqrt(length * acceleration))
-        self._ramp_s = self._speed / acceleration
+    def __init__(self, *, length: float, speed: float) -> None:
+        self._speed = min(speed, math.sqrt(length * ACCELERATION_RAD_PER_S2))
+        self._ramp_s = self._speed / ACCELERATION_RAD_PER_S2
         cruise = length - self._speed * self._ramp_s
         self._cruise_s = cruise / self._speed if self._speed > 0.0 else 0.0
         self._length = length
@@ -57,9 +56,9 @@ class Trapezoid:
         if time_s <= self._brake_from_s:
             return self._planned(time_s)
         distance, speed = self._planned(self._brake_from_s)
-        braking = min(time_s - self._brake_from_s, speed / self._acceleration)
-        distance += (speed - 0.5 * self._acceleration * braking) * braking
-        return distance, speed - self._acceleration * braking
+        braking = min(time_s - self._brake_from_s, speed / ACCELERATION_RAD_PER_S2)
+        distance += (speed - 0.5 * ACCELERATION_RAD_PER_S2 * braking) * braking
+        return distance, speed - ACCELERATION_RAD_PER_S2 * braking
 
     def brake(self, time_s: float) -> None:
         """Decelerate to rest from `time_s` on; further calls change nothing."""
@@ -67,10 +66,10 @@ class Trapezoid:
             return
         _, speed = self.at(time_s)
         self._brake_from_s = time_s
-        self.end_s = min(self.end_s, time_s + speed / self._acceleration)
+        self.end_s = min(self.end_s, time_s + speed / ACCELERATION_RAD_PER_S2)
 
     def _planned(self, time_s: float) -> tuple[float, float]:
-        a, v = self._acceleration, self._speed
+        a, v = ACCELERATION_RAD_PER_S2, self._speed
         if time_s <= 0.0:
             return 0.0, 0.0
         if time_s < self._ramp_s:
@@ -99,7 +98,7 @@ class StraightMove:
     Raises
     ------
     ValueError
-        A limit is not positive or the vectors do not match.
+        The speed is not positive or the vectors do not match.
     """
 
     def __init__(
@@ -108,20 +107,15 @@ class StraightMove:
         end_rad: FloatArray,
         *,
         speed_rad_per_s: float,
-        acceleration_rad_per_s2: float,
-        period_s: float,
     ) -> None:
-        if min(speed_rad_per_s, acceleration_rad_per_s2, period_s) <= 0:
-            raise ValueError("speed, acceleration and period must be positive")
+        if speed_rad_per_s <= 0:
+            raise ValueError("the speed must be positive")
         self._start = np.array(start_rad, dtype=np.float64)
         way = np.asarray(end_rad, dtype=np.float64) - self._start
         self._length = float(np.abs(way).max(initial=0.0))
         self._end = self._start + way
         self._direction = way / self._length if self._length > 0.0 else way
-        self._line = Trapezoid(
-            length=self._length, speed=speed_rad_per_s, acceleration=acceleration_rad_per_s2
-        )
-        self._period_s = period_s
+        self._line = Trapezoid(length=self._length, speed=speed_rad_per_s)
         self._window = deque([0.0] * SMOOTHING_PERIODS, maxlen=SMOOTHING_PERIODS)
         self._step = 0
         self._braking = False
@@ -137,7 +131,7 @@ class StraightMove:
         if self.finished:
             return self._place(self._window[-1])
         self._step += 1
-        time_s = self._step * self._period_s
+        time_s = self._step * CONTROL_PERIOD_S
         distance, _ = self._line.at(time_s)
         self._window.append(distance)
         # At rest once the window is constant; the mean would leave a rounding error.
@@ -150,7 +144,7 @@ class StraightMove:
         """Come to rest within the limits; `next` returns the remaining targets."""
         if not self._braking:
             self._braking = True
-            self._line.brake(self._step * self._period_s)
+            self._line.brake(self._step * CONTROL_PERIOD_S)
 
     def _place(self, distance: float) -> FloatArray:
         if distance >= self._length:

@@ -8,7 +8,7 @@ from fractions import Fraction
 
 from hardware.arm import JointMode
 from hardware.arm_description import JointScale
-from hardware.canopen.objects import CONTROL_PERIOD_S, SensorKind
+from hardware.canopen.objects import SensorKind
 from hardware.command_limits import joint_limits
 from hardware.virtual.sensor_counts import converter_ends
 from solver.chain.arm_model import ArmModel, Joint
@@ -81,7 +81,6 @@ class AxisSettings:
             lower_rad=joint.lower_rad,
             upper_rad=joint.upper_rad,
             max_speed_rad_per_s=joint.max_speed_rad_per_s,
-            period_s=CONTROL_PERIOD_S,
         )
         self.following_window_counts = max(1, scale.to_counts(FOLLOWING_WINDOW_RAD))
         self.max_speed_counts_per_s = round(joint.max_speed_rad_per_s * scale.counts_per_rad)

@@ -119,7 +119,6 @@ def test_limits_from_radians_are_rounded_inwards():
         lower_rad=-1.009,
         upper_rad=2.001,
         max_speed_rad_per_s=3.0,
-        period_s=0.01,
     )
     assert (limits.lower_counts, limits.upper_counts) == (-100, 200)
     assert limits.max_step_counts == 4  # 3 counts a period, and one for rounding
@@ -134,7 +133,6 @@ def test_a_range_on_whole_counts_keeps_them():
             lower_rad=counts * (2 * math.pi / 4000),
             upper_rad=(counts + 10) * (2 * math.pi / 4000),
             max_speed_rad_per_s=1.0,
-            period_s=0.01,
         )
         assert (limits.lower_counts, limits.upper_counts) == (counts, counts + 10)
 
@@ -142,9 +140,7 @@ def test_a_range_on_whole_counts_keeps_them():
 @given(st.floats(0.001, 3.0), st.floats(-2.0, 2.0), st.floats(600.0, 70000.0))
 def test_a_move_at_the_largest_speed_passes_step_by_step(speed, start, counts_per_rad):
     scale = JointScale(counts_per_rad=counts_per_rad)
-    limits = joint_limits(
-        1, scale, lower_rad=-5, upper_rad=5, max_speed_rad_per_s=speed, period_s=0.01
-    )
+    limits = joint_limits(1, scale, lower_rad=-5, upper_rad=5, max_speed_rad_per_s=speed)
     targets = [scale.to_counts(start + k * speed * 0.01) for k in range(50)]
     for previous, target in itertools.pairwise(targets):
         assert not refuse_target(limits, target, previous)

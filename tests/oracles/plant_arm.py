@@ -135,8 +135,6 @@ class PlantArm:
             self._targets[columns],
             np.array(list(targets_rad.values())),
             speed_rad_per_s=speed_rad_per_s,
-            acceleration_rad_per_s2=1.0,
-            period_s=PERIOD_S,
         )
         first, reason = self._syncs, ""
         while not path.finished:

@@ -101,7 +101,7 @@ WANTED = {
 }  # fmt: skip
 """What is wanted instead of another type, by the first word of pydantic's name for the error."""
 
-BOUNDS = {
+LIMITS_IN_WORDS = {
     "greater_than": ("gt", "greater than"),
     "greater_than_equal": ("ge", "at least"),
     "less_than": ("lt", "less than"),
@@ -129,8 +129,8 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
     wanted = WANTED.get(kind.partition("_")[0])
     if wanted and kind.endswith(("_type", "_from_float")):
         return f"must be {wanted}, not {value_in_words(value)}", _number_hint(value, kind)
-    if kind in BOUNDS:
-        name, words = BOUNDS[kind]
+    if kind in LIMITS_IN_WORDS:
+        name, words = LIMITS_IN_WORDS[kind]
         return f"must be {words} {context[name]:g}, not {value:g}", "correct the number"
     if kind in ("too_short", "too_long"):
         word = "at least" if kind == "too_short" else "at most"

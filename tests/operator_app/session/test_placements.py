@@ -236,8 +236,11 @@ def test_that_drives_are_off_is_said_only_where_somebody_has_looked(tmp_path, ty
 
 
 def test_the_app_does_not_call_an_arm_held_that_is_not(tmp_path, types, monkeypatch, ends_with):
-    monkeypatch.setattr(CanopenArm, "close", lambda _: False)
-    monkeypatch.setattr(CanopenArm, "left_powered", (1,))
+    def powered(arm):
+        arm.left_powered = (1,)
+        return False
+
+    monkeypatch.setattr(CanopenArm, "close", powered)
     types("")
     said = ends_with(3, "--plain", "--sessions", tmp_path).err
     assert "the drive of joint 1 is still powered" in said

@@ -72,15 +72,15 @@ def live_quality(
     earlier: LiveQuality | None = None,
 ) -> LiveQuality:
     """Return the quality of poses `q_rad` (m, n), which have these numbers; reuses `earlier` results."""
-    shared = 0
     if earlier is not None and earlier.numbers == numbers[: len(earlier.numbers)]:
-        quality, shared = earlier, len(earlier.numbers)
+        quality = earlier
     else:
         quality = LiveQuality(
             needed=poses_needed(len(model.parameters), model.equations_per_pose),
             x=nominal_vector(model.parameters),
             predicted_m={} if earlier is None else earlier.predicted_m,
         )
+    shared = len(quality.numbers)
     for count in range(shared + 1, len(numbers) + 1):
         # If many poses come at once, as after a resume, only the last estimate is shown.
         last_of_many = count == len(numbers) > shared + 1

@@ -193,12 +193,7 @@ def make_plan(
         visits=visits,
         ranked=ranked,
         predicted_sigma=standard_deviations(total),
-        design=identifiability_of_jacobian(
-            J.reshape(-1, J.shape[-1]),
-            tuple(p.name for p in task.model.parameters),
-            poses=len(chosen_q),
-            spans_rad=np.ptp(chosen_q, axis=0),
-        ),
+        design=identifiability_of_jacobian(J, [p.name for p in task.model.parameters], chosen_q),
     )
 
 

@@ -6,7 +6,7 @@ Jacobian and an unidentifiable parameter merely looks badly conditioned.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,10 +85,7 @@ def identifiability(
     A = np.concatenate(
         [jacobian_at_closed(part, x, here, sigma_rad) for part, here in pose_blocks(model, q)]
     )
-    names = tuple(p.name for p in model.parameters)
-    return identifiability_of_jacobian(
-        A.reshape(-1, A.shape[-1]), names, poses=len(q), spans_rad=np.ptp(q, axis=0)
-    )
+    return identifiability_of_jacobian(A, [p.name for p in model.parameters], q)
 
 
 def _trend(J: FloatArray) -> tuple[tuple[int, float], ...]:
@@ -152,18 +149,12 @@ def jacobian_at_closed(
 
 
 def identifiability_of_jacobian(
-    J: FloatArray,
-    names: tuple[str, ...],
-    *,
-    poses: int,
-    spans_rad: FloatArray,
+    J: FloatArray, names: Sequence[str], q: FloatArray
 ) -> Identifiability:
-    """Compute the figures of a stacked Jacobian (R, P) whose columns are the parameters `names`.
-
-    `spans_rad` (n,): range of each joint's readings over the `poses`.
-    """
+    """Compute the figures of the Jacobian (m, r, P) of poses `q` (m, n) whose columns are the parameters `names`."""
+    poses, spans_rad = len(q), np.ptp(q, axis=0)
     # The R factor has the same singular values and is P x P however many poses there are.
-    R = stacked_triangle([J])
+    R = stacked_triangle([J.reshape(-1, len(names))])
     scale = column_scale(R)
     zero_columns = np.linalg.norm(R, axis=0) <= RANK_TOLERANCE * max(float(scale.max()), 1e-300)
     _, s, Vt = np.linalg.svd(np.where(zero_columns, 0.0, R / scale), full_matrices=True)
@@ -180,7 +171,7 @@ def identifiability_of_jacobian(
         observability=_observability(s, poses),
         directions=directions,
         weakest=_direction(Vt[max(rank - 1, 0)], names, spans_rad),
-        trend=_trend(J.reshape(poses, -1, J.shape[1])) if len(J) % poses == 0 else (),
+        trend=_trend(J),
     )
 
 
@@ -221,7 +212,7 @@ def _immobile(spans_rad: FloatArray) -> tuple[int, ...]:
 
 
 def _immobile_offsets(
-    names: tuple[str, ...],
+    names: Sequence[str],
     spans_rad: FloatArray,
     known: tuple[UnidentifiableDirection, ...],
 ) -> tuple[UnidentifiableDirection, ...]:
@@ -245,7 +236,7 @@ def _immobile_offsets(
 
 
 def _direction(
-    vector: FloatArray, names: tuple[str, ...], spans_rad: FloatArray
+    vector: FloatArray, names: Sequence[str], spans_rad: FloatArray
 ) -> UnidentifiableDirection:
     size = np.abs(vector)
     # Either sign is the same direction: its largest part is positive, on every machine.
@@ -278,7 +269,7 @@ def _immobile_words(joints: tuple[int, ...], spans_rad: FloatArray) -> str:
 
 def identifiability_of_fit(
     fit: LinearFit,
-    names: tuple[str, ...],
+    names: Sequence[str],
     *,
     taken: IntArray,
     without: Collection[int] = (),
@@ -295,6 +286,4 @@ def identifiability_of_fit(
     if lost:
         J = np.swapaxes(left_null_space(system.B[..., lost]), -1, -2) @ J
     J = J[np.argsort(taken, kind="stable")]
-    return identifiability_of_jacobian(
-        J.reshape(-1, len(names)), names, poses=len(q), spans_rad=np.ptp(q, axis=0)
-    )
+    return identifiability_of_jacobian(J, names, q)

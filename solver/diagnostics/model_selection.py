@@ -193,18 +193,16 @@ def drop_unidentifiable(
     estimated again: `x` belongs to other values of the fixed ones.
     """
     x = nearly_closing_parameters(model, q) if x is None else x
-    A = jacobian_at_closed(model, x, q, sigma_rad)
-    J = A.reshape(-1, A.shape[-1])
-    spans = np.ptp(q, axis=0)
+    J = jacobian_at_closed(model, x, q, sigma_rad)
     names = [p.name for p in model.parameters]
     fixture = {*model.ground_side, *model.hand_side}
     left = list(range(len(names)))
     while left:
         here = [names[k] for k in left]
-        found = identifiability_of_jacobian(J[:, left], tuple(here), poses=len(q), spans_rad=spans)
+        found = identifiability_of_jacobian(J[..., left], here, q)
         if not found.directions:
             break
-        del left[_choose(J[:, left], here, found.directions, fixture)]
+        del left[_choose(J[..., left].reshape(-1, len(left)), here, found.directions, fixture)]
     kept = {names[k] for k in left}
     dropped = tuple(name for name in names if name not in kept)
     return (model.without(dropped) if dropped else model), dropped

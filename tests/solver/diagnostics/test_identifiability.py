@@ -17,8 +17,8 @@ from solver.estimators.paper import estimate_paper
 from tests.oracles.loop_oracle import Truth, closed_poses, closure, closure_rates, product
 from tests.solver.conftest import NAMES, loop_of, read_poses
 
-MOVING = np.ones(7)
-"""Spans of joints that all move."""
+MOVING = np.repeat(np.arange(8.0)[:, None], 7, axis=1)
+"""Poses in which all joints move."""
 
 
 def test_condition_at_the_readings_is_that_of_the_closure_as_the_paper_has_it(truth):
@@ -101,7 +101,7 @@ def test_separate_blind_directions_are_named_apart():
     J = np.random.default_rng(8).normal(size=(40, 5))
     J[:, 1] = 0.0
     J[:, 4] = 2.0 * J[:, 3]
-    found = identifiability_of_jacobian(J, ("p", "q", "r", "s", "t"), poses=8, spans_rad=MOVING)
+    found = identifiability_of_jacobian(J.reshape(8, 5, 5), "pqrst", MOVING)
     assert found.rank == 3
     assert found.scaled_condition_number == np.inf
     assert {frozenset(d.parameters) for d in found.directions} == {
@@ -113,9 +113,7 @@ def test_separate_blind_directions_are_named_apart():
 
 
 def test_fewer_rows_than_parameters():
-    found = identifiability_of_jacobian(
-        np.eye(5)[:3], ("p", "q", "r", "s", "t"), poses=1, spans_rad=MOVING
-    )
+    found = identifiability_of_jacobian(np.eye(5)[:3, None], "pqrst", MOVING[:3])
     assert found.rank == 3
     assert {d.parameters for d in found.directions} == {("s",), ("t",)}
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from textual import events
 from textual.app import ComposeResult
@@ -15,11 +14,13 @@ from textual.widgets import Button, Input, OptionList, Static
 from textual.widgets.option_list import Option
 
 from operator_app.safe_output import harmless
-from operator_app.session.ui.user_interface import OneOf, Question, Typed, YesNo
+from operator_app.session.ui.user_interface import OneOf, Question, Titled, Typed, YesNo
 from operator_app.tui.theme import is_compact
 
+Shown = TypeVar("Shown", bound=Titled)
 
-class Dialog(ModalScreen[str | None]):
+
+class Dialog(ModalScreen[str | None], Generic[Shown]):
     """A box with a title; Esc and n return None."""
 
     AUTO_FOCUS = ""
@@ -28,9 +29,9 @@ class Dialog(ModalScreen[str | None]):
         Binding("n", "dismiss_none", show=False),
     ]
 
-    def __init__(self, title: str, text: str) -> None:
+    def __init__(self, question: Shown) -> None:
         super().__init__()
-        self._title, self._text = title, text
+        self._question = question
 
     def on_resize(self, event: events.Resize) -> None:
         """Leave the safety strip and the list of steps uncovered in both layouts."""
@@ -41,8 +42,8 @@ class Dialog(ModalScreen[str | None]):
     def compose(self) -> ComposeResult:
         """Compose the title, the text and the body."""
         with Vertical(id="box") as box:
-            box.border_title = self._plain(self._title)
-            yield Static(self._plain(self._text), id="text")
+            box.border_title = self._plain(self._question.title)
+            yield Static(self._plain(self._question.text), id="text")
             yield from self.body()
 
     def body(self) -> ComposeResult:
@@ -58,7 +59,7 @@ class Dialog(ModalScreen[str | None]):
         self.dismiss(None)
 
 
-class Confirm(Dialog):
+class Confirm(Dialog[YesNo]):
     """A dialog with the buttons Yes and Cancel."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -66,15 +67,11 @@ class Confirm(Dialog):
         Binding("left,right,tab,shift+tab", "other", show=False),
     ]
 
-    def __init__(self, title: str, text: str, yes: str) -> None:
-        super().__init__(title, text)
-        self._yes = yes
-
     def body(self) -> ComposeResult:
         """Two buttons, Cancel first."""
         with Horizontal(id="buttons"):
             yield Button(self._plain("Cancel  Esc"), id="cancel", compact=True)
-            yield Button(self._plain(f"{self._yes}  y"), id="yes", compact=True)
+            yield Button(self._plain(f"{self._question.yes}  y"), id="yes", compact=True)
 
     def on_mount(self) -> None:
         """Give Cancel the focus."""
@@ -94,18 +91,12 @@ class Confirm(Dialog):
         self.query_one("#yes" if here is not None and here.id == "cancel" else "#cancel").focus()
 
 
-class Ask(Dialog):
-    """One line of text; with `expected`, only that text is accepted."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss_none", show=False)]
-
-    def __init__(self, title: str, text: str, *, expected: str = "", value: str = "") -> None:
-        super().__init__(title, text)
-        self._expected, self._value = expected, value
+class Ask(Dialog[Typed]):
+    """One line of text; if one is expected, only that is accepted."""
 
     def body(self) -> ComposeResult:
         """An input line and its error message."""
-        yield Input(value=harmless(self._value), id="answer", compact=True)
+        yield Input(value=harmless(self._question.value), id="answer", compact=True)
         yield Static(self._plain("Enter accepts, Esc cancels"), id="said")
 
     def on_mount(self) -> None:
@@ -114,25 +105,21 @@ class Ask(Dialog):
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Accept the text, or show why it is refused."""
-        if self._expected and event.value.strip() != self._expected:
-            self.query_one("#said", Static).update(
-                self._plain(f"▲ that is not {self._expected}: nothing was sent")
-            )
+        typed, expected = event.value.strip(), self._question.expected
+        if expected and typed != expected:
+            said = self._plain(f"▲ that is not {expected}: nothing was sent")
+            self.query_one("#said", Static).update(said)
             return
-        self.dismiss(event.value.strip())
+        self.dismiss(typed)
 
 
-class Choose(Dialog):
+class Choose(Dialog[OneOf]):
     """A choice of one of several."""
-
-    def __init__(self, title: str, text: str, options: Sequence[tuple[str, str]]) -> None:
-        super().__init__(title, text)
-        self._options = options
 
     def body(self) -> ComposeResult:
         """A list whose first entry changes nothing."""
         cancel = Option(self._plain("Cancel"), id="")
-        rows = [Option(self._plain(text), id=key) for key, text in self._options]
+        rows = [Option(self._plain(text), id=key) for key, text in self._question.options]
         yield OptionList(cancel, *rows, id="options", compact=True)
 
     def on_mount(self) -> None:
@@ -146,31 +133,34 @@ class Choose(Dialog):
         self.dismiss(event.option.id or None)
 
 
-class Read(Dialog):
+class Read(Dialog[Titled]):
     """A text to read; Esc, q, Enter and ? close it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape,q,enter,question_mark,f1", "dismiss_none", show=False)
+        Binding("q,enter,question_mark,f1", "dismiss_none", show=False)
     ]
+
+    def __init__(self, title: str, text: str) -> None:
+        super().__init__(Titled(title=title, text=text))
 
     def compose(self) -> ComposeResult:
         """Scrolling text."""
         with VerticalScroll(id="box", classes="tall") as box:
-            box.border_title = self._plain(self._title)
+            box.border_title = self._plain(self._question.title)
             box.border_subtitle = self._plain("Esc closes")
-            yield Static(self._plain(self._text), id="text")
+            yield Static(self._plain(self._question.text), id="text")
 
     def on_mount(self) -> None:
         """Give the text the focus, so that the arrow keys scroll it."""
         self.query_one("#box").focus()
 
 
-def dialog(question: Question) -> Dialog:
+def dialog(question: Question) -> Dialog[Any]:
     """Return the dialog for a question."""
     match question:
-        case YesNo(title=title, text=text, yes=yes):
-            return Confirm(title, text, yes)
-        case Typed(title=title, text=text, expected=expected, value=value):
-            return Ask(title, text, expected=expected, value=value)
-        case OneOf(title=title, text=text, options=options):
-            return Choose(title, text, options)
+        case YesNo():
+            return Confirm(question)
+        case Typed():
+            return Ask(question)
+        case OneOf():
+            return Choose(question)

@@ -24,30 +24,32 @@ SNAPSHOTS_TRIED = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class YesNo:
-    """A question for a confirmation; `yes` is the label of the button."""
+class Titled:
+    """A text with a title."""
 
     title: str
     text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class YesNo(Titled):
+    """A question for a confirmation; `yes` is the label of the button."""
+
     yes: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Typed:
+class Typed(Titled):
     """A question for a line of text, initially `value`; with `expected`, only that text is accepted."""
 
-    title: str
-    text: str
     expected: str = ""
     value: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OneOf:
+class OneOf(Titled):
     """A question for a choice; each option has a name and a label."""
 
-    title: str
-    text: str
     options: tuple[tuple[str, str], ...]
 
 

@@ -253,7 +253,7 @@ SETTINGS = object_with(
 NODE = object_with({"node": integer(0, 127), "serial_number": integer(0), "device_name?": text})
 RECEIPT = object_with({"slot": text, "length": integer(0), "sha256": text})
 WEAK = object_with({"name": text, "sigma": nullable(number(0.0)), "requested": number(0.0)})
-POSE_MEASUREMENT: Mapping[str, Check] = {
+MEASURED_POSE: Mapping[str, Check] = {
     "number": COUNT,
     "mean_rad": ANGLES,
     "sd_rad": DEVIATIONS,
@@ -290,14 +290,14 @@ EVENTS: Mapping[str, Mapping[str, Check]] = {
     "went_home": {"joints": JOINTS, "q_rad": ANGLES, "stopped?": text},
     "waypoint_skipped": {"waypoint": integer(0), "reason?": text},
     "pose": {
-        **POSE_MEASUREMENT,
+        **MEASURED_POSE,
         "waypoint": integer(-1),
         "note?": text,
         "planned?": boolean,
         "first_sync?": integer(0),
         "taken_utc?": text,
     },
-    "reading": {**POSE_MEASUREMENT, "kind": text, "of?": integer(0)},
+    "reading": {**MEASURED_POSE, "kind": text, "of?": integer(0)},
     "pose_undone": {"number": COUNT},
     "pose_restored": {"number": COUNT},
     "pose_excluded": {"number": COUNT, "text": text},

@@ -13,7 +13,7 @@ from operator_app.calibration.error_model import free_within_tolerance
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import moved_while_read
 from operator_app.calibration.result import Solution
-from operator_app.config.parameter_records import Correction, RvdtRemedy
+from operator_app.config.parameter_records import RvdtRemedy
 from operator_app.messages.finding import Finding, FindingKind
 from operator_app.units import joints_named
 from solver.arrays import BoolArray, FloatArray, IntArray
@@ -230,17 +230,6 @@ class ReadingTable:
             reading_rad=reading,
             add_rad=add,
             sigma_rad=sigma,
-        )
-
-    @property
-    def remedy(self) -> RvdtRemedy:
-        """The corrections as a parameters file states them."""
-        rows = np.rad2deg((self.reading_rad, self.add_rad, self.sigma_rad)).T.tolist()
-        return RvdtRemedy(
-            joint=self.joint,
-            theta_off_deg=math.degrees(self.theta_off_rad),
-            gain=self.gain,
-            table=tuple(Correction(reading_deg=q, add_deg=a, sigma_deg=s) for q, a, s in rows),
         )
 
     def corrected(self, reading_rad: FloatArray) -> FloatArray:

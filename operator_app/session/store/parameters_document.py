@@ -11,13 +11,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from operator_app.calibration.calibrated_arm import side_of
-from operator_app.calibration.rvdt import measured_offsets, reading_tables
+from operator_app.calibration.rvdt import ReadingTable, measured_offsets, reading_tables
 from operator_app.config.parameter_records import (
     FORCED,
     NOT_ACCEPTED,
     CalibratedEntry,
+    Correction,
     DocumentWarning,
     Quality,
+    RvdtRemedy,
     TwoFigures,
     WhichArm,
     WhichFixture,
@@ -113,7 +115,7 @@ def parameters_document(
         pose_set_sha256=state.pose_set().sha256(),
         correlations=correlations_of(tuple(listed), estimate.covariance[np.ix_(rows, rows)]),
         budget=_budget(solution, listed),
-        rvdt=tuple(table.remedy for table in reading_tables(solution)),
+        rvdt=tuple(map(_remedy, reading_tables(solution))),
         forced=" ".join(forced.split()) or None,
         software_version=software_version(),
         utc=utc,
@@ -183,6 +185,19 @@ def _with_measured(table: DhTable, offsets_rad: Mapping[int, float]) -> DhTable:
     for joint, offset in offsets_rad.items():
         theta_off[joint] = offset
     return replace(table, theta_off_rad=theta_off)
+
+
+def _remedy(found: ReadingTable) -> RvdtRemedy:
+    columns = (found.reading_rad, found.add_rad, found.sigma_rad)
+    return RvdtRemedy(
+        joint=found.joint,
+        theta_off_deg=math.degrees(found.theta_off_rad),
+        gain=found.gain,
+        table=tuple(
+            Correction(reading_deg=reading, add_deg=add, sigma_deg=sigma)
+            for reading, add, sigma in np.rad2deg(columns).T.tolist()
+        ),
+    )
 
 
 def _in_spite_of(solution: Solution, reason: str) -> tuple[DocumentWarning, ...]:

@@ -115,7 +115,7 @@ def parameters_document(
         pose_set_sha256=state.pose_set().sha256(),
         correlations=correlations_of(tuple(listed), estimate.covariance[np.ix_(rows, rows)]),
         budget=_budget(solution, listed),
-        rvdt=tuple(map(_remedy, reading_tables(solution))),
+        rvdt=tuple(map(rvdt_remedy, reading_tables(solution))),
         forced=" ".join(forced.split()) or None,
         software_version=software_version(),
         utc=utc,
@@ -187,7 +187,8 @@ def _with_measured(table: DhTable, offsets_rad: Mapping[int, float]) -> DhTable:
     return replace(table, theta_off_rad=theta_off)
 
 
-def _remedy(found: ReadingTable) -> RvdtRemedy:
+def rvdt_remedy(found: ReadingTable) -> RvdtRemedy:
+    """Return corrections as a parameters file states them."""
     columns = (found.reading_rad, found.add_rad, found.sigma_rad)
     return RvdtRemedy(
         joint=found.joint,

@@ -19,6 +19,7 @@ from operator_app.config.parameters_file import save_parameters
 from operator_app.config.poses_file import load_poses
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
+from operator_app.session.store.parameters_document import rvdt_remedy
 from solver.diagnostics.rvdt import Soundness
 from tests.oracles.as_shipped import ARM, HINGE, solved
 from tests.oracles.parameter_documents import VALUES, make_document
@@ -80,7 +81,7 @@ def test_unsensed_joints_have_the_offsets_that_the_loop_measured():
 
 def test_a_table_is_applied_to_readings_from_the_command_line(curved, tmp_path, capsys):
     file = tmp_path / "p.yaml"
-    remedies = tuple(table.remedy for table in reading_tables(curved))
+    remedies = tuple(map(rvdt_remedy, reading_tables(curved)))
     save_parameters(file, replace(make_document(), rvdt=remedies))
     for remedy, read in zip(remedies, reading_tables(curved), strict=True):
         kept = ReadingTable.of(remedy)

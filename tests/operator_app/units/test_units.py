@@ -23,7 +23,6 @@ KEYED = {
     ROOT / "report" / "results" / "plan.py",
     ROOT / "report" / "exports.py",
     ROOT / "session" / "workflow" / "importing.py",
-    ROOT / "calibration" / "rvdt.py",
 }
 """Documents, JSON and options: their keys and names say their units, and are a contract."""
 CONVERSIONS = {"math.degrees", "np.degrees", "np.rad2deg"}

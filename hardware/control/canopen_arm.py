@@ -18,12 +18,11 @@ from hardware.arm import (
 )
 from hardware.arm_description import ArmDescription
 from hardware.buses.python_can import ArmOnBus, BusOpeners, BusSettings
-from hardware.canopen import uploading
 from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.cia402 import TargetState, state_of
 from hardware.canopen.drive_settings import DriveFacts, read_drive_facts
 from hardware.canopen.objects import ERROR_CODE, OPERATOR_NODE, emergency_text
-from hardware.control import motion_steps
+from hardware.control import motion_steps, uploading
 from hardware.control.connectable_arm import ConnectableArm
 from hardware.control.connection import Connection
 from hardware.errors import (
@@ -228,7 +227,7 @@ class CanopenArm(ConnectableArm):
     def upload_parameters(self, document: bytes) -> UploadReceipt:
         """Stage, read back and commit a document, and read the home offsets back.
 
-        Errors as in `hardware.canopen.uploading.upload`.
+        Errors as in `hardware.control.uploading.upload`.
 
         The drives may be off; control is taken if no other node has it.
         """
@@ -239,14 +238,7 @@ class CanopenArm(ConnectableArm):
                     "parameters can be uploaded only in control: take control first"
                 )
             link.take_token()
-        return uploading.upload(
-            link.access,
-            link.profile,
-            document,
-            retry_s=self.on_bus.timing.upload_retry_s,
-            may_repeat=link.may_repeat,
-            explain=link.explain,
-        )
+        return uploading.upload(link, document)
 
     def active_parameters(self) -> bytes:
         """The controller's active parameter document; empty if there is none."""

@@ -14,13 +14,13 @@ from hardware.arm_description import EncoderDescription
 from hardware.buses.acceptance_filters import operator_filters, set_hardware_filters
 from hardware.buses.python_can import ArmOnBus, stamping_clock
 from hardware.buses.shared_bus import SharedBus
-from hardware.canopen import identifying, uploading
+from hardware.canopen import identifying
 from hardware.canopen.cia402 import POWERED_STATES, state_of
 from hardware.canopen.cyclic import Sample, Setpoints, frames_of
 from hardware.canopen.maps import POSITION_AGREEMENT_RAD, check_mapping, check_positions
 from hardware.canopen.objects import MODE_DISPLAY, OPERATOR_NODE, STATUSWORD, TOKEN, Abort
 from hardware.canopen.sdo import ObjectAccess
-from hardware.control import motion_steps
+from hardware.control import motion_steps, uploading
 from hardware.control.control_loop import ControlLoop
 from hardware.control.sampling import build_snapshot
 from hardware.control.start_up import StartUp

@@ -8,7 +8,7 @@ import pytest
 from canopen.sdo.exceptions import SdoCommunicationError
 
 from hardware.arm import DriveState
-from hardware.canopen.uploading import MAX_UPLOADS
+from hardware.control.uploading import MAX_UPLOADS
 from hardware.errors import (
     BusError,
     ControlDenied,

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import threading
-from collections.abc import Callable
+from collections.abc import Sequence
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
 from hardware.arm import UploadReceipt
 from hardware.canopen import objects
@@ -23,6 +24,9 @@ from hardware.errors import (
     UploadUnknown,
 )
 
+if TYPE_CHECKING:
+    from hardware.control.connection import Connection
+
 MAX_UPLOADS = 6
 
 
@@ -38,26 +42,11 @@ def read_document(access: ObjectAccess, profile: BusProfile) -> bytes:
         raise
 
 
-def upload(
-    access: ObjectAccess,
-    profile: BusProfile,
-    document: bytes,
-    *,
-    retry_s: float,
-    may_repeat: Callable[[HardwareError], bool],
-    explain: Callable[[HardwareError], HardwareError],
-) -> UploadReceipt:
-    """Write a document, stage it, read it back and commit it; `retry_s` is the pause between attempts.
+def upload(link: Connection, document: bytes) -> UploadReceipt:
+    """Write a document, stage it, read it back and commit it.
 
     Steps are repeated if an answer is missing or control has lapsed, since nothing is active before the commit, and
     2003h and 2001h show whether a commit was carried out. After an error, the previous document stays active.
-
-    Parameters
-    ----------
-    may_repeat
-        Whether to try again after this error: whether the arm is heard and control is held or was taken again.
-    explain
-        Returns the error, or in its place the host latency that caused it.
 
     Raises
     ------
@@ -70,26 +59,27 @@ def upload(
     UploadUnknown
         It stopped answering after the commit was sent: the outcome is unknown.
     """
-    if profile.supervisor is None:
+    access, supervisor = link.access, link.profile.supervisor
+    if supervisor is None:
         raise UploadRefused(
-            f"The arm of the bus profile {profile.name} has no supervisor that stores parameters. They "
+            f"The arm of the bus profile {link.profile.name} has no supervisor that stores parameters. They "
             "are in parameters.yaml of the session's folder."
         )
-    attempt = _Attempt(access, profile.supervisor, document)
+    attempt = _Attempt(access, supervisor, document)
     for left in reversed(range(MAX_UPLOADS)):
         try:
             if not attempt.committed():
                 attempt.stage()
                 attempt.commit()
-            return _receipt(access, attempt.supervisor, profile)
+            return attempt.receipt(link.profile.drives)
         except (BusError, DuplicateNodeId, SdoRefused) as lost:
-            if left and attempt.is_transient(lost) and may_repeat(lost):
-                threading.Event().wait(retry_s)
+            if left and attempt.is_transient(lost) and link.may_repeat(lost):
+                threading.Event().wait(link.on_bus.timing.upload_retry_s)
                 continue
-            why, known = explain(lost), False
+            why, known = link.explain(lost), False
             with suppress(BusError, DuplicateNodeId, SdoRefused):
                 if attempt.committed():
-                    return _receipt(access, attempt.supervisor, profile)
+                    return attempt.receipt(link.profile.drives)
                 known = not attempt.commit_pending()
             if attempt.commit_sent and not known:
                 raise UploadUnknown(
@@ -97,12 +87,10 @@ def upload(
                     f"{why}"
                 ) from lost
             if why is lost and isinstance(lost, SdoRefused):
-                reason = refusal(access, attempt.supervisor)
+                reason = refusal(access, supervisor)
                 why = UploadRefused(reason or str(lost))
                 if lost.code == Abort.LOCAL_CONTROL:
-                    why = ControlDenied(
-                        access.read_unsigned(attempt.supervisor, objects.TOKEN), reason
-                    )
+                    why = ControlDenied(access.read_unsigned(supervisor, objects.TOKEN), reason)
             raise why from lost
     raise AssertionError("unreachable: the last attempt returns or raises")
 
@@ -111,7 +99,8 @@ class _Attempt:
     """Upload of one document; `commit_sent`: whether a commit was sent whose outcome is not known."""
 
     def __init__(self, access: ObjectAccess, supervisor: int, document: bytes) -> None:
-        self._access, self.supervisor, self._document = access, supervisor, document
+        self._access, self._supervisor, self._document = access, supervisor, document
+        self._sha256 = hashlib.sha256(document).digest()
         self._answer_missed = False
         self.commit_sent = False
 
@@ -130,69 +119,69 @@ class _Attempt:
         if self.commit_pending():
             return
         self.commit_sent = False
-        self._access.write(self.supervisor, objects.DOCUMENT, 0, self._document)
-        self._access.command(self.supervisor, objects.COMMAND, 0, ParameterCommand.STAGE)
-        _compare(self._access, self.supervisor, self._document)
+        self._access.write(self._supervisor, objects.DOCUMENT, 0, self._document)
+        self._access.command(self._supervisor, objects.COMMAND, 0, ParameterCommand.STAGE)
+        self._compare()
 
     def commit(self) -> None:
         """Activate the staged document and check that it is active."""
         try:
             self.commit_sent = True
-            self._access.command(self.supervisor, objects.COMMAND, 0, ParameterCommand.COMMIT)
+            self._access.command(self._supervisor, objects.COMMAND, 0, ParameterCommand.COMMIT)
         except SdoRefused:
             self.commit_sent = self._answer_missed
             raise
         if not self.committed():
             raise BusError(
-                f"Node {self.supervisor} confirmed the commit, but 2003h does not show the document as active. "
+                f"Node {self._supervisor} confirmed the commit, but 2003h does not show the document as active. "
                 "Upload it again."
             )
 
     def committed(self) -> bool:
         """Whether a commit was sent, and the document is active."""
         return (
-            self.commit_sent
-            and not self.commit_pending()
-            and self._access.read(self.supervisor, objects.DIGEST, objects.DIGEST_SHA256)
-            == hashlib.sha256(self._document).digest()
+            self.commit_sent and not self.commit_pending() and self._read_sha256() == self._sha256
         )
 
     def commit_pending(self) -> bool:
         """Whether a commit was sent, and the document is still staged."""
         return self.commit_sent and bool(
-            self._access.read_unsigned(self.supervisor, objects.SLOTS, objects.SLOTS_STAGED)
+            self._access.read_unsigned(self._supervisor, objects.SLOTS, objects.SLOTS_STAGED)
         )
 
+    def receipt(self, drives: Sequence[int]) -> UploadReceipt:
+        """Read back the active document's digest, and the home offsets of the drives."""
+        sha256 = self._read_sha256()
+        active = self._access.read_unsigned(self._supervisor, objects.SLOTS, objects.SLOTS_ACTIVE)
+        return UploadReceipt(
+            slot=Slot(active).name,
+            sha256=sha256.hex(),
+            length=self._read_length(),
+            home_offset_counts=tuple(
+                self._access.read_signed(node, objects.HOME_OFFSET) for node in drives
+            ),
+        )
 
-def _receipt(access: ObjectAccess, supervisor: int, profile: BusProfile) -> UploadReceipt:
-    """Read back the active document's digest and home offsets."""
-    sha256 = access.read(supervisor, objects.DIGEST, objects.DIGEST_SHA256)
-    active = access.read_unsigned(supervisor, objects.SLOTS, objects.SLOTS_ACTIVE)
-    return UploadReceipt(
-        slot=Slot(active).name,
-        sha256=sha256.hex(),
-        length=access.read_unsigned(supervisor, objects.DIGEST, objects.DIGEST_LENGTH),
-        home_offset_counts=tuple(
-            access.read_signed(node, objects.HOME_OFFSET) for node in profile.drives
-        ),
-    )
+    def _compare(self) -> None:
+        """Compare the staged document with the one sent, byte for byte and by digest; if it differs, drop it."""
+        document, staged = self._document, self._access.read(self._supervisor, objects.DOCUMENT)
+        sha256, length = self._read_sha256(), self._read_length()
+        if staged == document and length == len(document) and sha256 == self._sha256:
+            return
+        self._access.command(self._supervisor, objects.COMMAND, 0, ParameterCommand.ROLL_BACK)
+        pairs = enumerate(zip(staged, document, strict=False))
+        at = next((k for k, (a, b) in pairs if a != b), None)
+        where = f"{len(staged)} bytes came back" if at is None else f"byte {at} differs"
+        raise UploadRefused(
+            f"The document read back from the controller differs from the one sent ({where} of "
+            f"{len(document)}). It was dropped; the previous one stays active."
+        )
 
+    def _read_sha256(self) -> bytes:
+        return self._access.read(self._supervisor, objects.DIGEST, objects.DIGEST_SHA256)
 
-def _compare(access: ObjectAccess, supervisor: int, document: bytes) -> None:
-    """Compare the staged document with the one sent, byte for byte and by digest; if it differs, drop it."""
-    staged = access.read(supervisor, objects.DOCUMENT)
-    sha256 = access.read(supervisor, objects.DIGEST, objects.DIGEST_SHA256)
-    length = access.read_unsigned(supervisor, objects.DIGEST, objects.DIGEST_LENGTH)
-    digest = hashlib.sha256(document).digest()
-    if staged == document and length == len(document) and sha256 == digest:
-        return
-    access.command(supervisor, objects.COMMAND, 0, ParameterCommand.ROLL_BACK)
-    at = next((k for k, (a, b) in enumerate(zip(staged, document, strict=False)) if a != b), None)
-    where = f"{len(staged)} bytes came back" if at is None else f"byte {at} differs"
-    raise UploadRefused(
-        f"The document read back from the controller differs from the one sent ({where} of "
-        f"{len(document)}). It was dropped; the previous one stays active."
-    )
+    def _read_length(self) -> int:
+        return self._access.read_unsigned(self._supervisor, objects.DIGEST, objects.DIGEST_LENGTH)
 
 
 def refusal(access: ObjectAccess, supervisor: int) -> str:

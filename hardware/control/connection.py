@@ -128,7 +128,8 @@ class Connection:
     def open(self, press: object | None = None, *, takes_over: bool = False) -> ArmIdentity:
         """Find the nodes, check them, start heartbeat and SYNC.
 
-        A STOP newer than `press` cancels the connection. `takes_over`: see `start_up.require_unused`.
+        A STOP newer than `press` cancels the connection; with `takes_over`, drives that stay enabled in silence may be
+        taken over.
         """
         start_up = StartUp(self)
         try:

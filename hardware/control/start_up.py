@@ -42,7 +42,6 @@ from hardware.errors import (
     OtherMaster,
     Stopped,
 )
-from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Pace
 
 if TYPE_CHECKING:
@@ -51,72 +50,10 @@ if TYPE_CHECKING:
 MARGIN: Final = 1.5
 """Factor on a stated time-out, for reaction time and late answers."""
 POLLS: Final = 10
-"""Readings of the drives' states within `timeout_s`."""
+"""Readings of the drives' states within the time-out."""
 
 _Object = tuple[int, int]
 """Node and index."""
-
-
-def require_unused(
-    access: ObjectAccess,
-    nodes: NodeMonitor,
-    listen: Callable[[float], None],
-    *,
-    takes_over: bool,
-    timeout_s: float,
-) -> None:
-    """Check that no other operator can be using the arm.
-
-    An operator may be silent for the drives' time-out (1016h), and a communication reset would then hit a moving arm.
-    So if drives are enabled or the token is held, it listens for that time: either an operator is heard, or the drives
-    stop.
-
-    Parameters
-    ----------
-    access, nodes
-        Object access and state of the arm's nodes; nodes without answers are ignored.
-    listen
-        Listens for a number of seconds and raises for any operator heard.
-    takes_over
-        Whether drives that stay enabled in silence may be taken over.
-    timeout_s
-        Silence after which an operator is gone, for nodes that do not state their time-out.
-
-    Raises
-    ------
-    ControlDenied
-        The holder of the token is heard.
-    ArmInUse
-        A drive stays enabled beyond its time-out, or is stopped while the token is still held. A stopped drive with a
-        free token is no reason: no operator uses it, and connecting enables nothing.
-    """
-    profile = nodes.profile
-    statuswords = [(node, objects.STATUSWORD) for node in profile.drives]
-    tokens = [] if profile.supervisor is None else [(profile.supervisor, objects.TOKEN)]
-    values = _read_all(access, (*statuswords, *tokens))
-    if values:  # again where a frame may have been lost
-        values |= _read_all(access, [key for key in (*statuswords, *tokens) if key not in values])
-    enabled, holder = _powered(values), _token_holder(values)
-    if not enabled and not holder:
-        return
-    poll_s = timeout_s / POLLS
-    stated = [*enabled, *(node for node, _ in tokens if holder)]
-    timeout_s = max(timeout_s, _stated_timeout_s(access, stated))
-    for _ in range(ceil(timeout_s / poll_s)):
-        listen(poll_s)
-        if holder in nodes.foreign_nodes:
-            raise ControlDenied(holder)
-        # A node without an answer keeps its last value.
-        values |= _read_all(access, [*((node, objects.STATUSWORD) for node in enabled), *tokens])
-        enabled, holder = _powered(values), _token_holder(values)
-        if not enabled and not holder:
-            return
-    obeys = DriveState.OPERATION_ENABLED in enabled.values()
-    if not takes_over and (obeys or (enabled and holder)):
-        named = [
-            f"{profile.who(node)} is in state {state.value}" for node, state in enabled.items()
-        ]
-        raise ArmInUse(named, timeout_s)
 
 
 def _powered(values: Mapping[_Object, int]) -> dict[int, DriveState]:
@@ -181,13 +118,7 @@ class StartUp:
         self._listen(self._timing.listen_s)
         # In fast forward no time passes for the drives, and no other program has that arm.
         if self._link.on_bus.pace is Pace.REAL_TIME:
-            require_unused(
-                access,
-                loop.nodes,
-                self._listen,
-                takes_over=takes_over,
-                timeout_s=self._timing.operator_timeout_s,
-            )
+            self._require_unused(takes_over=takes_over)
             self._listen(0.0)  # other programs' commands so far, before they are cleared
         loop.nodes.expect_boot_up()
         missing = self._send_nmt(NmtCommand.RESET_COMMUNICATION, loop.nodes.wait_for_boot_up)
@@ -219,6 +150,52 @@ class StartUp:
         self._raise_if_cancelled()
         configured = (*self._configured, *zeroed)
         return replace(identity, unwatching=unwatching, configured=configured, zeroed=zeroed)
+
+    def _require_unused(self, *, takes_over: bool) -> None:
+        """Check that no other operator can be using the arm; arguments as in `Connection.open`.
+
+        An operator may be silent for the drives' time-out (1016h), and a communication reset would then hit a moving
+        arm. So if drives are enabled or the token is held, it listens for that time (`Timing.operator_timeout_s` for
+        nodes that do not state theirs): either an operator is heard, or the drives stop.
+
+        Raises
+        ------
+        ControlDenied
+            The holder of the token is heard.
+        ArmInUse
+            A drive stays enabled beyond its time-out, or is stopped while the token is still held. A stopped drive with
+            a free token is no reason: no operator uses it, and connecting enables nothing.
+        """
+        access, profile, timeout_s = self._access, self._profile, self._timing.operator_timeout_s
+        statuswords = [(node, objects.STATUSWORD) for node in profile.drives]
+        tokens = [] if profile.supervisor is None else [(profile.supervisor, objects.TOKEN)]
+        values = _read_all(access, (*statuswords, *tokens))
+        if values:  # again where a frame may have been lost
+            again = [key for key in (*statuswords, *tokens) if key not in values]
+            values |= _read_all(access, again)
+        enabled, holder = _powered(values), _token_holder(values)
+        if not enabled and not holder:
+            return
+        poll_s = timeout_s / POLLS
+        stated = [*enabled, *(node for node, _ in tokens if holder)]
+        timeout_s = max(timeout_s, _stated_timeout_s(access, stated))
+        for _ in range(ceil(timeout_s / poll_s)):
+            self._listen(poll_s)
+            if holder in self._loop.nodes.foreign_nodes:
+                raise ControlDenied(holder)
+            # A node without an answer keeps its last value.
+            values |= _read_all(
+                access, [*((node, objects.STATUSWORD) for node in enabled), *tokens]
+            )
+            enabled, holder = _powered(values), _token_holder(values)
+            if not enabled and not holder:
+                return
+        obeys = DriveState.OPERATION_ENABLED in enabled.values()
+        if not takes_over and (obeys or (enabled and holder)):
+            named = [
+                f"{profile.who(node)} is in state {state.value}" for node, state in enabled.items()
+            ]
+            raise ArmInUse(named, timeout_s)
 
     def _listen(self, for_s: float) -> None:
         """Listen for `for_s` seconds; raise for another operator or master."""

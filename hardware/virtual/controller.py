@@ -124,12 +124,10 @@ class VirtualController:
         self.plant: Plant = plant
         self.supervisor = SupervisorNode(
             arm=arm,
-            axes=axes,
+            group=self.group,
             store=ParameterStore() if store is None else store,
             validate=validate,
             is_heard=lambda node: not self._lost(node),
-            control_changed=self.group.control_changed,
-            set_home_offsets=self.group.set_home_offsets,
             later=self._work.put,
         )
         self._nodes: tuple[VirtualNode, ...] = (*self.drives, self.supervisor)

@@ -171,13 +171,13 @@ class DriveGroup:
     ) -> None:
         if len(drives) != plant.joint_count:
             raise ValueError(f"{len(drives)} axes for a plant of {plant.joint_count} joints")
-        self._drives, self._plant, self._disturbances = tuple(drives), plant, disturbances
+        self.drives, self._plant, self._disturbances = tuple(drives), plant, disturbances
 
     def step(self) -> None:
         """One control period: commands out, readings in, drives trip if need be."""
-        reading = self._plant.step([self._command_of(node) for node in self._drives])
+        reading = self._plant.step([self._command_of(node) for node in self.drives])
         for node, counts, torque, speed in zip(
-            self._drives,
+            self.drives,
             reading.position_counts,
             reading.torque_nm,
             reading.speed_rad_per_s,
@@ -185,7 +185,7 @@ class DriveGroup:
         ):
             with node.lock:
                 node.drive.read(self._disturbances.read(node.number, counts), torque, speed)
-        if any(node.drive.state in _FAULTED for node in self._drives):
+        if any(node.drive.state in _FAULTED for node in self.drives):
             self.quick_stop()
 
     def _command_of(self, node: DriveNode) -> JointCommand:
@@ -202,26 +202,26 @@ class DriveGroup:
 
     def quick_stop(self) -> None:
         """Stop and hold every drive that is enabled."""
-        for node in self._drives:
+        for node in self.drives:
             with node.lock:
                 node.drive.quick_stop()
 
     def lose_heartbeat(self) -> None:
         """All drives lose the operator's heartbeat."""
-        for node in self._drives:
+        for node in self.drives:
             with node.lock:
                 node.drive.lose_heartbeat()
 
     def lose_heartbeat_at(self, joint: int) -> None:
         """One drive loses the operator's heartbeat, if it was in control and has not reacted yet."""
-        node = self._drives[joint - 1]
+        node = self.drives[joint - 1]
         with node.lock:
             if node.drive.in_control and EmergencyCode.HEARTBEAT_LOST not in node.drive.errors:
                 node.drive.lose_heartbeat()
 
     def control_changed(self, holder: int) -> None:
         """Node `holder` took control; 0: control was released."""
-        for node in self._drives:
+        for node in self.drives:
             with node.lock:
                 node.drive.in_control = holder != 0
         if holder == 0:
@@ -229,6 +229,6 @@ class DriveGroup:
 
     def set_home_offsets(self, counts: Sequence[int]) -> None:
         """Set 607Ch of joints 1..n."""
-        for node, offset in zip(self._drives, counts, strict=True):
+        for node, offset in zip(self.drives, counts, strict=True):
             with node.lock:
                 node.home_offset_counts = offset

@@ -7,14 +7,14 @@ request is answered afterwards.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from canopen.sdo.exceptions import SdoAbortedError
 
 from hardware.canopen import objects
 from hardware.canopen.objects import Abort, EmergencyCode, ErrorBit, ParameterCommand, Slot
-from hardware.virtual.axis import AxisSettings
+from hardware.virtual.drive_node import DriveGroup
 from hardware.virtual.node import Value, VirtualNode
 from hardware.virtual.parameter_store import (
     ParameterStore,
@@ -52,12 +52,10 @@ class SupervisorNode(VirtualNode):
     ----------
     arm
         Model and serial number of the arm.
+    group
+        Drives of joints 1..n: they learn who is in control, and their home offsets.
     validate
         Function that strictly parses a document.
-    control_changed
-        Called with the node in control (0: none) on every change.
-    set_home_offsets
-        Function that sets 607Ch of joints 1..n.
     later
         Function that runs work outside the control loop, in order.
 
@@ -71,21 +69,18 @@ class SupervisorNode(VirtualNode):
         self,
         *,
         arm: ArmLabel,
-        axes: Sequence[AxisSettings],
+        group: DriveGroup,
         store: ParameterStore,
         validate: Validate,
         is_heard: Callable[[int], bool],
-        control_changed: Callable[[int], None],
-        set_home_offsets: Callable[[Sequence[int]], None],
         later: Callable[[Callable[[], None]], None],
     ) -> None:
         super().__init__(objects.SUPERVISOR_NODE, serial_number=arm.number)
         self.arm = arm
         self.holder = 0
-        self._axes = tuple(axes)
+        self._group, self._axes = group, tuple(node.axis for node in group.drives)
         self._store, self._validate = store, validate
-        self._is_heard, self._control_changed = is_heard, control_changed
-        self._set_home_offsets, self._later = set_home_offsets, later
+        self._is_heard, self._later = is_heard, later
         self._received: bytes | None = None
         self._staged: tuple[bytes, ValidatedParameters] | None = None
         self._busy = False
@@ -114,7 +109,7 @@ class SupervisorNode(VirtualNode):
                 offsets = self._check(self.active_document).home_offset_counts
             except _Refused as refused:
                 self._refusal = f"active document not used: {refused.text}"
-        self._set_home_offsets(offsets)
+        self._group.set_home_offsets(offsets)
 
     def lapse(self) -> None:
         """Release control, and drop a document that was not committed."""
@@ -150,7 +145,7 @@ class SupervisorNode(VirtualNode):
         self.holder = node
         if not self._busy:
             self._received = self._staged = None
-        self._control_changed(node)
+        self._group.control_changed(node)
 
     # ---- parameters ----------------------------------------------------------------------------------
 
@@ -221,7 +216,7 @@ class SupervisorNode(VirtualNode):
         with self.lock:
             self._active, self.active_document = slot, document
             self._received = self._staged = None
-        self._set_home_offsets(parameters.home_offset_counts)
+        self._group.set_home_offsets(parameters.home_offset_counts)
 
     def _roll_back(self) -> None:
         if self._received is not None:
@@ -234,7 +229,7 @@ class SupervisorNode(VirtualNode):
         slot = self._store.roll_back()
         with self.lock:
             self._active, self.active_document = slot, document
-        self._set_home_offsets(parameters.home_offset_counts)
+        self._group.set_home_offsets(parameters.home_offset_counts)
 
     def _check(self, document: bytes) -> ValidatedParameters:
         try:

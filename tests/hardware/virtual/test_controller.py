@@ -56,15 +56,6 @@ def test_heartbeats_come_every_100_ms_of_the_controllers_own_clock(arm):
     assert [len(arm.peer.seen(0x700 + node)) for node in NODES] == [3] * 8
 
 
-def test_nmt_can_speak_to_one_node(arm):
-    arm.peer.nmt(1, 3)
-    arm.peer.send(0x080)
-    number, data = arm.peer.wait_for(lambda number, _: 0x180 < number < 0x190)
-    assert (number, len(data)) == (0x183, 8)
-    arm.peer.read(16, 0x1000)
-    assert len([n for n, _ in arm.peer.log if 0x180 < n < 0x190]) == 1
-
-
 def test_a_stopped_node_answers_neither_sdo_nor_sync(arm):
     arm.peer.start()
     arm.peer.nmt(2, 3)

@@ -56,6 +56,13 @@ def real(bus: FakeArmBus) -> CanopenArm:
     return make(bus, pace=Pace.REAL_TIME, timing=timing)
 
 
+@pytest.fixture
+def arm(bus):
+    made = real(bus)
+    yield made
+    made.close()
+
+
 def refused(bus: Asked, error: type[E], match: str | None = None) -> E:
     """With what a connection ends that has reset nothing."""
     with pytest.raises(error, match=match) as told:
@@ -82,7 +89,7 @@ def test_a_command_that_comes_late_is_named_before_anything_is_reset(bus):
     refused(bus, OtherMaster, r"Another program .* a command to joint 2 \(202h\)")
 
 
-def test_drives_that_let_go_since_their_operator_was_killed_are_connected_to(bus):
+def test_drives_that_let_go_since_their_operator_was_killed_are_connected_to(arm, bus):
     for drive in bus.drives.values():
         drive.status = ENABLED
     bus.token = 127
@@ -93,10 +100,8 @@ def test_drives_that_let_go_since_their_operator_was_killed_are_connected_to(bus
             drive.status = TRIPPED
 
     after(bus, 3 * 7, STATUSWORD, miss_the_operator)
-    arm = real(bus)
     arm.connect()
     assert bus.reads.count(TOKEN) > 3
-    arm.close()
 
 
 def test_drives_that_stay_enabled_are_named_with_what_to_do_and_not_reset(bus):
@@ -117,17 +122,14 @@ def test_nobody_is_waited_for_shorter_than_the_drives_wait_themselves(bus):
     assert refused(bus, ArmInUse).listened_s == pytest.approx(0.6)
 
 
-def test_whoever_asks_for_it_takes_them_over(bus):
+def test_whoever_asks_for_it_takes_them_over(arm, bus):
     bus.drives[2].status = ENABLED
-    arm = real(bus)
     arm.take_over()
     arm.connect()
     assert bus.resets > 0
-    arm.close()
 
 
-def test_what_this_program_left_stopped_itself_it_connects_to_again(bus):
-    arm = real(bus)
+def test_what_this_program_left_stopped_itself_it_connects_to_again(arm, bus):
     arm.connect()
     arm.take_control()
     arm.stop()
@@ -144,8 +146,7 @@ def test_what_this_program_left_stopped_itself_it_connects_to_again(bus):
     again.close()
 
 
-def test_what_somebody_else_enabled_is_not_taken_for_left_behind(bus):
-    arm = real(bus)
+def test_what_somebody_else_enabled_is_not_taken_for_left_behind(arm, bus):
     arm.connect()
     bus.drives[2].status = ENABLED
     bus.say(0x202, bytes.fromhex("0f000500000008"))
@@ -158,8 +159,7 @@ def test_what_somebody_else_enabled_is_not_taken_for_left_behind(bus):
     assert bus.resets == resets
 
 
-def test_drives_are_taken_over_by_the_connection_it_was_asked_for_only(bus):
-    arm = real(bus)
+def test_drives_are_taken_over_by_the_connection_it_was_asked_for_only(arm, bus):
     arm.take_over()
     bus.dead = {3}
     with pytest.raises(NodeMissing):
@@ -192,22 +192,19 @@ def test_a_token_is_held_though_the_answer_is_lost(bus, look):
     assert refused(bus, ControlDenied).holder == 99
 
 
-def test_a_token_is_waited_for_as_long_as_the_supervisor_waits(bus):
+def test_a_token_is_waited_for_as_long_as_the_supervisor_waits(arm, bus):
     """Its holder was killed: this program's heartbeat has the same node, and must not keep his token alive."""
     for sub, value in ((0, b"\x01"), (1, struct.pack("<L", 127 << 16 | 400))):
         bus.objects[16, 0x1016, sub] = value
     bus.token = 127
     # Of 30 looks; of drives that do not say there are 10.
     after(bus, 20, TOKEN, lambda: setattr(bus, "token", 0))
-    arm = real(bus)
     arm.connect()
     assert arm.snapshot().token == 0
-    arm.close()
 
 
-def test_a_predecessors_token_is_not_this_programs(bus):
+def test_a_predecessors_token_is_not_this_programs(arm, bus):
     bus.token = 127
-    arm = real(bus)
     arm.connect()
     assert arm.snapshot().token == 127
     with pytest.raises(CommandRefused, match="take control"):
@@ -228,12 +225,10 @@ def test_a_token_whose_holder_is_heard_is_his(bus):
     assert refused(bus, ControlDenied).holder == 99
 
 
-def test_an_arm_at_rest_is_asked_once(bus):
-    arm = real(bus)
+def test_an_arm_at_rest_is_asked_once(arm, bus):
     arm.connect()
     before = [data[1:4] for identifier, data in bus.sent[: 7 + 1] if 0x600 < identifier < 0x680]
     assert sorted(before) == sorted([STATUSWORD] * 7 + [TOKEN])
-    arm.close()
 
 
 def test_who_stopped_the_nodes_comes_before_that_they_have_stopped():

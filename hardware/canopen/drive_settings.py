@@ -33,11 +33,12 @@ DESCRIPTION_OBJECTS: Final = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ActivePdo:
-    """A valid PDO of a drive (a TPDO if `sent`, otherwise an RPDO): number, identifier, type and map."""
+class DrivePdo:
+    """A PDO of a drive (a TPDO if `sent`, otherwise an RPDO); type and map are those of a valid one."""
 
     sent: bool
     number: int
+    valid: bool
     cob_id: int
     transmission: int
     entries: tuple[Entry, ...]
@@ -48,51 +49,37 @@ class ActivePdo:
         return f"{'T' if self.sent else 'R'}PDO{self.number}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PdoCapability:
-    """Numbers of a drive's RPDOs (`taken`) and TPDOs (`sent`), valid or not, and bits of each mappable object."""
-
-    taken: tuple[int, ...] = ()
-    sent: tuple[int, ...] = ()
-    bits: tuple[tuple[int, int], ...] = ()
-
-
-NO_PDO_CAPABILITY: Final = PdoCapability()
-
-
-def read_pdo_capability(access: ObjectAccess, node: int) -> PdoCapability:
-    """Read which PDOs a drive has, and the widths of the objects to be mapped."""
-    bits = []
-    for index in (*COMMAND_OBJECTS, *FEEDBACK_OBJECTS):
-        with suppress(SdoRefused):
-            bits.append((index, 8 * len(access.read(node, index))))
-    rpdos, tpdos = (
-        tuple(number for number, _ in read_records(access, node, first))
-        for first in (objects.RPDO1_COMMUNICATION, objects.TPDO1_COMMUNICATION)
-    )
-    return PdoCapability(taken=rpdos, sent=tpdos, bits=tuple(bits))
-
-
-def read_pdos(access: ObjectAccess, node: int) -> tuple[ActivePdo, ...]:
-    """Read the valid PDOs of a drive, RPDOs first."""
+def read_pdos(access: ObjectAccess, node: int) -> tuple[DrivePdo, ...]:
+    """Read the PDOs of a drive, RPDOs first."""
     found = []
     for communication, mapping, sent in (
         (objects.RPDO1_COMMUNICATION, objects.RPDO1_MAP, False),
         (objects.TPDO1_COMMUNICATION, objects.TPDO1_MAP, True),
     ):
         for number, cob_id in read_records(access, node, communication):
-            if cob_id & NOT_VALID:
-                continue
-            transmission = read_number(access, node, communication + number - 1, 2)
-            pdo = ActivePdo(
+            valid = not cob_id & NOT_VALID
+            transmission = (
+                read_number(access, node, communication + number - 1, 2) if valid else None
+            )
+            pdo = DrivePdo(
                 sent=sent,
                 number=number,
+                valid=valid,
                 cob_id=cob_id & IDENTIFIER,
                 transmission=255 if transmission is None else transmission,
-                entries=read_map(access, node, mapping + number - 1) or (),
+                entries=(read_map(access, node, mapping + number - 1) or ()) if valid else (),
             )
             found.append(pdo)
     return tuple(found)
+
+
+def read_widths(access: ObjectAccess, node: int) -> dict[int, int]:
+    """Bits of the objects of a drive that PDOs must carry."""
+    widths = {}
+    for index in (*COMMAND_OBJECTS, *FEEDBACK_OBJECTS):
+        with suppress(SdoRefused):
+            widths[index] = 8 * len(access.read(node, index))
+    return widths
 
 
 def read_description_objects(access: ObjectAccess, node: int) -> tuple[int, ...]:

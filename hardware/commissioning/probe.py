@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -21,13 +21,11 @@ from hardware.buses.shared_bus import SharedBus
 from hardware.canopen import maps, objects
 from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.drive_settings import (
-    NO_PDO_CAPABILITY,
-    ActivePdo,
-    PdoCapability,
+    DrivePdo,
     operator_monitoring_differences,
     read_description_objects,
-    read_pdo_capability,
     read_pdos,
+    read_widths,
 )
 from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import BusError, HardwareError, SdoRefused
@@ -65,8 +63,8 @@ class FoundNode:
         6064h of a drive.
     problems, unread, notes
         Differences from the profile; why reading it stopped early (also one of the problems); remarks.
-    pdos, room
-        Valid PDOs of a drive, and which PDOs and objects are available for setting up others.
+    pdos, widths
+        PDOs of a drive, and the bits of each object that they must carry.
     described
         Objects of a drive that can be compared with an arm file.
     supervises
@@ -81,10 +79,10 @@ class FoundNode:
     position_counts: int | None = None
     heard: bool
     problems: tuple[str, ...] = ()
-    pdos: tuple[ActivePdo, ...] = ()
+    pdos: tuple[DrivePdo, ...] = ()
     described: tuple[int, ...] = ()
     supervises: bool = False
-    room: PdoCapability = NO_PDO_CAPABILITY
+    widths: Mapping[int, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     unread: str = ""
 
@@ -262,7 +260,7 @@ def _ask(access: ObjectAccess, profile: BusProfile, found: FoundNode) -> None:
         found.notes = (NO_OPERATOR_MONITORING.format(node),)
     found.pdos = read_pdos(access, node)
     found.described = read_description_objects(access, node)
-    found.room = read_pdo_capability(access, node)
+    found.widths = read_widths(access, node)
     found.position_counts = access.read_signed(node, objects.POSITION_ACTUAL)
 
 

@@ -15,7 +15,7 @@ from hardware.canopen.bus_profile import (
     JointProfile,
     Pdo,
 )
-from hardware.canopen.drive_settings import ActivePdo
+from hardware.canopen.drive_settings import DrivePdo
 from hardware.canopen.maps import EVERY_SYNC, ON_RECEIPT
 from hardware.canopen.objects import COB_NEXT_PDO, COB_RPDO1, COB_TPDO1
 from hardware.commissioning.probe import FoundNode
@@ -66,12 +66,10 @@ def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> 
     )
 
 
-def _chosen(
-    pdos: Iterable[ActivePdo], wanted: Sequence[int], *, sent: bool
-) -> tuple[ActivePdo, ...]:
+def _chosen(pdos: Iterable[DrivePdo], wanted: Sequence[int], *, sent: bool) -> tuple[DrivePdo, ...]:
     """The fewest usable PDOs that carry the wanted objects, or as many of them as possible."""
-    usable = [pdo for pdo in pdos if pdo.sent is sent and not _unusable(pdo)]
-    left, found = set(wanted), list[ActivePdo]()
+    usable = [pdo for pdo in pdos if pdo.valid and pdo.sent is sent and not _unusable(pdo)]
+    left, found = set(wanted), list[DrivePdo]()
     while left:
         best = max(usable, key=lambda pdo: len(left & _carried(pdo)), default=None)
         if best is None or not left & _carried(best):
@@ -81,11 +79,11 @@ def _chosen(
     return tuple(sorted(found, key=lambda pdo: pdo.number))
 
 
-def _carried(pdo: ActivePdo) -> set[int]:
+def _carried(pdo: DrivePdo) -> set[int]:
     return {index for index, sub, bits in pdo.entries if sub == 0 and bits in FIELD_BITS}
 
 
-def _unusable(pdo: ActivePdo) -> str:
+def _unusable(pdo: DrivePdo) -> str:
     """Why a PDO cannot be used; empty if it can."""
     if pdo.sent and pdo.transmission not in EVERY_SYNC:
         return f"is of transmission type {pdo.transmission}, not 1 (on every SYNC)"
@@ -106,7 +104,7 @@ def _unusable(pdo: ActivePdo) -> str:
 
 def _obstacles(node: FoundNode) -> Iterator[str]:
     """Why a drive cannot be commanded with its current PDOs."""
-    if not node.pdos:
+    if not any(pdo.valid for pdo in node.pdos):
         yield _unread(node)
         return
     for wanted, sent in ((COMMAND_OBJECTS, False), (FEEDBACK_OBJECTS, True)):
@@ -130,16 +128,15 @@ def _unread(node: FoundNode) -> str:
     return text if text.lower().startswith(f"node {node.node}") else f"node {node.node}: {text}"
 
 
-def _pdos(found: Iterable[ActivePdo]) -> tuple[Pdo, ...]:
+def _pdos(found: Iterable[DrivePdo]) -> tuple[Pdo, ...]:
     return tuple(Pdo(number=pdo.number, cob_id=pdo.cob_id, entries=pdo.entries) for pdo in found)
 
 
 def _frames(node: FoundNode, *, sent: bool) -> list[tuple[Entry, ...]]:
     """PDO maps that carry the needed objects in frames of 8 bytes."""
-    bits = dict(node.room.bits)
     frames, left = list[tuple[Entry, ...]](), 0
     for index in FEEDBACK_OBJECTS if sent else COMMAND_OBJECTS:
-        entry = (index, 0, bits.get(index, 0))
+        entry = (index, 0, node.widths.get(index, 0))
         if entry[2] > left:
             frames.append(())
             left = FRAME_BITS
@@ -148,31 +145,33 @@ def _frames(node: FoundNode, *, sent: bool) -> list[tuple[Entry, ...]]:
     return frames
 
 
+def _numbers(node: FoundNode, *, sent: bool) -> list[int]:
+    return [pdo.number for pdo in node.pdos if pdo.sent is sent]
+
+
 def _set_up(node: FoundNode, *, sent: bool) -> tuple[Pdo, ...]:
-    base, numbers = (COB_TPDO1, node.room.sent) if sent else (COB_RPDO1, node.room.taken)
-    frames = _frames(node, sent=sent)
+    base, frames = COB_TPDO1 if sent else COB_RPDO1, _frames(node, sent=sent)
     return tuple(
         Pdo(number=number, cob_id=base + COB_NEXT_PDO * at + node.node, entries=entries)
-        for at, (number, entries) in enumerate(zip(numbers, frames, strict=False))
+        for at, (number, entries) in enumerate(zip(_numbers(node, sent=sent), frames, strict=False))
     )
 
 
 def _configuration_obstacles(node: FoundNode) -> Iterator[str]:
     """Why a drive's PDOs cannot be set up."""
-    if not node.room.bits:
+    if not node.widths:
         yield _unread(node)
         return
-    bits = dict(node.room.bits)
     absent = [
         index
         for index in (*COMMAND_OBJECTS, *FEEDBACK_OBJECTS)
-        if bits.get(index) not in FIELD_BITS
+        if node.widths.get(index) not in FIELD_BITS
     ]
     yield from (f"node {node.node}: {index:04X}h cannot be read" for index in absent)
     if absent:  # how many frames are needed is not known
         return
-    for numbers, sent in ((node.room.taken, False), (node.room.sent, True)):
-        needed = len(_frames(node, sent=sent))
+    for sent in (False, True):
+        needed, numbers = len(_frames(node, sent=sent)), _numbers(node, sent=sent)
         if len(numbers) < needed:
             kind = "TPDO" if sent else "RPDO"
             yield f"node {node.node}: {needed} {kind}s are needed, but it has {len(numbers)}"

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from hardware.canopen.bus_profile import FEEDBACK_OBJECTS, BusProfile, Entry, JointProfile, Pdo
+from hardware.canopen.bus_profile import (
+    COMMAND_OBJECTS,
+    FEEDBACK_OBJECTS,
+    BusProfile,
+    JointProfile,
+    Pdo,
+)
 from hardware.canopen.objects import CONTROLWORD, EMCY, JOINT_MODE, MODE, TARGET_POSITION
 from hardware.errors import HardwareError
 
@@ -56,49 +63,43 @@ class Sample:
         return not self.missing
 
 
-class TpdoDecoder:
-    """Decodes one TPDO of a joint; `indices` are those of the objects in it."""
+class PdoFields:
+    """The objects of `wanted` in a PDO of a joint, in order; all others are padding."""
 
-    def __init__(self, pdo: Pdo) -> None:
-        self._struct, self.indices = _layout(pdo.entries, FEEDBACK_OBJECTS)
-        self._places = tuple(map(FEEDBACK_OBJECTS.index, self.indices))
-
-    def read_into(self, state: list[int], data: bytes | bytearray) -> bool:
-        """Update `state` (statusword, counts, torque); return false for data of another length."""
-        if len(data) != self._struct.size:
-            return False
-        for place, value in zip(self._places, self._struct.unpack(data), strict=True):
-            state[place] = value
-        return True
-
-
-class _RpdoEncoder:
-    """Encodes one RPDO of a joint."""
-
-    def __init__(self, pdo: Pdo) -> None:
+    def __init__(self, pdo: Pdo, wanted: tuple[int, ...]) -> None:
         self.cob_id = pdo.cob_id
-        self._struct, self._known = _layout(pdo.entries, (CONTROLWORD, TARGET_POSITION, MODE))
+        form, known = "<", list[int]()
+        for index, _, bits in pdo.entries:
+            if index in wanted:
+                letter = _LETTERS[bits]
+                form += letter.upper() if index in _UNSIGNED else letter
+                known.append(index)
+            else:
+                form += f"{bits // 8}x"
+        self._struct, self._indices = struct.Struct(form), tuple(known)
 
-    def pack(self, values: dict[int, int]) -> bytes:
-        return self._struct.pack(*(values[index] for index in self._known))
+    def pack(self, values: Mapping[int, int]) -> bytes:
+        """Encode the values by index."""
+        return self._struct.pack(*(values[index] for index in self._indices))
 
-    def unpack(self, data: bytes) -> dict[int, int]:
+    def unpack(self, data: bytes | bytearray) -> dict[int, int] | None:
+        """Decode the values by index; None for data of another length."""
         if len(data) != self._struct.size:
-            return {}
-        return dict(zip(self._known, self._struct.unpack(data), strict=True))
+            return None
+        return dict(zip(self._indices, self._struct.unpack(data), strict=True))
 
 
 class JointFrames:
-    """The frames of one joint: decoders of its TPDOs by identifier, and the identifiers of its RPDOs."""
+    """The frames of one joint: its TPDOs by identifier, and the identifiers of its RPDOs."""
 
     def __init__(self, profile: BusProfile, joint: JointProfile) -> None:
-        self.answers = {pdo.cob_id: TpdoDecoder(pdo) for pdo in joint.answers}
+        self.answers = {pdo.cob_id: PdoFields(pdo, FEEDBACK_OBJECTS) for pdo in joint.answers}
         # A drive acts on each frame on receipt: the target must come before the mode that uses it.
         order = sorted(
             joint.commands,
             key=lambda pdo: (TARGET_POSITION not in pdo.carried, MODE not in pdo.carried),
         )
-        self._commands = tuple(map(_RpdoEncoder, order))
+        self._commands = tuple(PdoFields(pdo, COMMAND_OBJECTS) for pdo in order)
         self.command_ids = frozenset(command.cob_id for command in self._commands)
         self._controlling = {p.cob_id for p in joint.commands if CONTROLWORD in p.carried}
         self._codes = {code: profile.mode_codes[mode] for code, mode in JOINT_MODE.items()}
@@ -122,7 +123,7 @@ class JointFrames:
         found: dict[int, int] = {}
         for command in self._commands:
             if command.cob_id == identifier:
-                found = command.unpack(data)
+                found = command.unpack(data) or {}
         if MODE in found:
             found[MODE] = self._modes.get(found[MODE], found[MODE])
         return found
@@ -140,18 +141,3 @@ def unpack_emergency(data: bytes | bytearray) -> int | None:
 
 class Abandoned(HardwareError):
     """The caller interrupted a command (Ctrl-C); the arm was brought to rest and holds."""
-
-
-def _layout(
-    entries: tuple[Entry, ...], wanted: tuple[int, ...]
-) -> tuple[struct.Struct, tuple[int, ...]]:
-    """Layout of a PDO in which all objects but `wanted` are padding, and the wanted objects in it, in order."""
-    form, known = "<", list[int]()
-    for index, _, bits in entries:
-        if index in wanted:
-            letter = _LETTERS[bits]
-            form += letter.upper() if index in _UNSIGNED else letter
-            known.append(index)
-        else:
-            form += f"{bits // 8}x"
-    return struct.Struct(form), tuple(known)

@@ -47,8 +47,6 @@ class BusMonitor:
         self._commands = {
             identifier: (joint, each) for joint, each in frames for identifier in each.command_ids
         }
-        # Statusword, counts, torque.
-        self._states = {joint: [0, 0, 0] for joint, _ in frames}
         self.frames: Counter[int] = Counter()
         self.positions: dict[int, int] = {}
         self.drives: dict[int, DriveState] = {}
@@ -112,15 +110,12 @@ class BusMonitor:
 
     def _status(self, identifier: int, data: bytes) -> Iterator[str]:
         joint, answer = self._answers[identifier]
-        state = self._states[joint]
-        if not answer.read_into(state, data):
-            return
-        if objects.POSITION_ACTUAL in answer.indices:
-            self.positions[joint] = state[1]
-        if objects.STATUSWORD in answer.indices and self.drives.get(joint) is not state_of(
-            state[0]
-        ):
-            self.drives[joint] = state_of(state[0])
+        values = answer.unpack(data) or {}
+        if (counts := values.get(objects.POSITION_ACTUAL)) is not None:
+            self.positions[joint] = counts
+        word = values.get(objects.STATUSWORD)
+        if word is not None and self.drives.get(joint) is not state_of(word):
+            self.drives[joint] = state_of(word)
             yield f"joint {joint}: drive {self.drives[joint].value}"
 
     def _command(self, identifier: int, data: bytes) -> Iterator[str]:

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from hardware.arm import ArmSnapshot, Fault, JointState
+from hardware.canopen.bus_profile import FEEDBACK_OBJECTS
 from hardware.canopen.cia402 import CONTROLWORD_DISABLE_VOLTAGE, state_of
 from hardware.canopen.cyclic import MAX_LATE_SYNCS, JointFrames, Sample, Setpoint, Setpoints
 from hardware.canopen.objects import CONTROL_PERIOD_S
@@ -144,7 +145,7 @@ class Sampler:
         self._blank = [(0,) * len(joint.answers) for joint in frames]
         self._received = [list(none) for none in self._blank]
         self._closed = [list(none) for none in self._blank]
-        self._states = [[0, 0, 0] for _ in frames]  # statusword, counts, torque
+        self._states = [dict.fromkeys(FEEDBACK_OBJECTS, 0) for _ in frames]
         self._answered_at_s = [now_s] * joints
         self._late_at_s = [0.0] * joints
         self._missed = [0] * joints
@@ -187,8 +188,10 @@ class Sampler:
         if found is None:
             return False
         at, part, answer = found
-        if not answer.read_into(self._states[at], data):
+        values = answer.unpack(data)
+        if values is None:
             return True
+        self._states[at].update(values)
         self._answered_at_s[at] = now_s
         self._late_at_s[at] = late_s
         received = self._received[at]
@@ -227,7 +230,7 @@ class Sampler:
         return tuple(j for j, missed in enumerate(self._missed, 1) if missed >= self._max_misses)
 
     def _columns(self) -> dict[str, tuple[int, ...]]:
-        statuswords, counts, torques = zip(*self._states, strict=True)
+        statuswords, counts, torques = zip(*(state.values() for state in self._states), strict=True)
         return {"statuswords": statuswords, "counts": counts, "torques_per_mille": torques}
 
 

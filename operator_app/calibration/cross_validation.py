@@ -20,14 +20,12 @@ from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
 from solver.diagnostics.cross_validation import HoldOut, far_block, fold_poses, hold_out
+from solver.diagnostics.hypothesis_tests import FAR_SHARE, FOLDS
 from solver.diagnostics.statistics import jackknife
 from solver.errors import SolverError
 from solver.estimators.estimate import Estimate
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.variance_components import Settled, estimate_of, settle
-
-FOLDS = 5
-FAR_SHARE = 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

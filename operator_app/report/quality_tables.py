@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from operator_app.calibration.cross_validation import FOLDS, Checks
+from operator_app.calibration.cross_validation import Checks
 from operator_app.calibration.result import Solution
 from operator_app.messages.calibration import fixed_briefly
 from operator_app.report.table import Cell, Column, FactTable, Headline, figures, words
@@ -22,6 +22,7 @@ from operator_app.units import (
     plural,
     significant,
 )
+from solver.diagnostics.hypothesis_tests import FOLDS
 from solver.estimators.estimate import ClosureSigmas, Estimate
 
 BAR_PER_DECADE, BAR_DECADES = 10, 4

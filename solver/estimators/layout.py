@@ -200,12 +200,32 @@ class Layout:
         return len(self.components) - 1
 
     def _lay_out(self, names: list[str], group: IntArray | None, like: Layout | None) -> None:
-        errors = self.errors
-
         # Functions smooth over all poses: computed once, if at all, and not kept.
         process = cache(partial(pose_process, self.q))
+        gives = self._lay_out_noise()
+        for k, source in enumerate(_SOFT):
+            listed = tuple(names[i] for i in self.soft_index if self.soft_kind[i] == k)
+            if listed and source == OFFSETS:
+                # These parameters are to be identified: their prior uncertainty is stated, not estimated.
+                self.groups.append(Group(source=source, names=listed, fixed=1.0))
+            elif listed and source == PLACEMENT:
+                # The fixture's distance from its nominal placement implies nothing about the arm.
+                far = LARGEST_PLACEMENT_SCALE**2
+                self._group(source, listed, self._scale(PLACEMENT, floor=1.0, wall=far, leap=far))
+            elif listed:
+                self._group(source, listed, self._scale(source))
+        turning = np.flatnonzero(self.accuracy)
+        if len(turning):
+            waves = ("sin", "cos", "sin2", "cos2")
+            names = [f"{wave}_{j + 1}" for j in turning for wave in waves]
+            self._group("encoder_accuracy", names, self._scale("encoder_accuracy"))
+        self._lay_out_curves()
+        self._lay_out_joints(process, like)
+        self._lay_out_deflection(gives, group, process, like)
 
-        for a in errors.analogue:
+    def _lay_out_noise(self) -> dict[str, float]:
+        """Noise that is new in every pose; returns the fixture's stated deflections (rad, m) by component."""
+        for a in self.errors.analogue:
             self._component(
                 VarianceComponent(
                     name=f"rvdt_{a.joint}",
@@ -216,9 +236,9 @@ class Layout:
                     spread_dof=a.spread_dof,
                 )
             )
-        sizes = zip(FIXTURE_NOISE, (errors.give_rad, errors.give_m), strict=True)
-        gives = [(k, s) for k, s in list(sizes)[self.rows != 6 :] if s is not None]
-        for key, stated in gives:
+        sizes = zip(FIXTURE_NOISE, (self.errors.give_rad, self.errors.give_m), strict=True)
+        gives = {k: s for k, s in list(sizes)[self.rows != 6 :] if s is not None}
+        for key, stated in gives.items():
             self._component(
                 VarianceComponent(
                     name=key,
@@ -240,34 +260,26 @@ class Layout:
                     wall=LARGEST_SCALE**2,
                 )
             )
-        for k, source in enumerate(_SOFT):
-            listed = tuple(names[i] for i in self.soft_index if self.soft_kind[i] == k)
-            if listed and source == OFFSETS:
-                # These parameters are to be identified: their prior uncertainty is stated, not estimated.
-                self.groups.append(Group(source=source, names=listed, fixed=1.0))
-            elif listed and source == PLACEMENT:
-                # The fixture's distance from its nominal placement implies nothing about the arm.
-                far = LARGEST_PLACEMENT_SCALE**2
-                self._group(source, listed, self._scale(PLACEMENT, floor=1.0, wall=far, leap=far))
-            elif listed:
-                self._group(source, listed, self._scale(source))
-        turning = np.flatnonzero(self.accuracy)
-        if len(turning):
-            waves = ("sin", "cos", "sin2", "cos2")
-            names = [f"{wave}_{j + 1}" for j in turning for wave in waves]
-            self._group("encoder_accuracy", names, self._scale("encoder_accuracy"))
-        self._lay_out_curves()
-        self._lay_out_joints(process, like)
-        # Deflection: rows of the closure components, and the stated size along them.
+        return gives
+
+    def _lay_out_deflection(
+        self,
+        stated_sizes: dict[str, float],
+        group: IntArray | None,
+        process: Callable[[], PoseProcess],
+        like: Layout | None,
+    ) -> None:
+        """Deflection of the fixture that repeats at the same pose or under the same load."""
+        # Rows of the closure components, and the stated size along them.
         self.gives: list[tuple[slice, float]] = []
         misfit = (self.rows == 6) * [slice(0, 3)] + [slice(self.rows - 3, self.rows)]
-        turn_rad, shift_m = (dict(gives).get(key, 0.0) for key in FIXTURE_NOISE)
+        turn_rad, shift_m = (stated_sizes.get(key, 0.0) for key in FIXTURE_NOISE)
         for rows, stated in zip(misfit[::-1], (shift_m, turn_rad), strict=False):
-            if stated > 0.0 or errors.discrepancy:
+            if stated > 0.0 or self.errors.discrepancy:
                 self.gives.append((rows, stated))
         self.give_basis = _NOTHING
         along = np.repeat((turn_rad, shift_m), (self.rows - 3, 3))
-        self.loaded = loaded_give(errors, along)
+        self.loaded = loaded_give(self.errors, along)
         if self.gives:
             self._smooth_give(group, process, like)
         if self.loaded is not None:

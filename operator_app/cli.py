@@ -169,6 +169,10 @@ class _Parser(argparse.ArgumentParser):
             message = f"there is no command {unknown[1]!r}; {hint}all: {', '.join(COMMANDS)}"
         super().error(harmless(message))
 
+    def print_help(self, file: object = None) -> None:
+        """Print the help on stdout; unlike argparse's own, an `OSError` is raised."""
+        say(self.format_help().removesuffix("\n"))
+
 
 class _CommandParser(_Parser):
     """Parser of a command, with arguments and options in any order.

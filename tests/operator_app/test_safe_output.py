@@ -186,6 +186,12 @@ def test_of_results_nobody_reads_the_exit_code_is_what_was_found(odd_pose, monke
     assert code == (4 if stream is unread else 2)
 
 
+def test_help_on_a_full_disk_is_an_error(monkeypatch):
+    with full() as broken:
+        monkeypatch.setattr("sys.stdout", broken)
+        assert main(["--help"]) == 2
+
+
 def test_who_watches_ends_by_going(monkeypatch):
     with unread() as broken:
         monkeypatch.setattr("sys.stdout", broken)

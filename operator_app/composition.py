@@ -209,7 +209,7 @@ def _print_problem(words: Callable[[], str]) -> None:
 class CutShort:
     """A session that ended early.
 
-    `connected`: an arm was connected; `held`: it confirmed that it is held; `kept`: the session folder exists.
+    `connected`: an arm was connected; `held`: the arm confirmed that it holds; `kept`: the session folder exists.
     """
 
     session: Session

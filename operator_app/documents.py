@@ -77,8 +77,8 @@ def arm_history(
     Parameters
     ----------
     kept_mounted
-        Whether the fixture stays mounted from one session to the next, unless that one has several placements; if not,
-        it counts as remounted for each session.
+        Whether the fixture stays mounted from one session to the next, except before a session with several placements.
+        If false, it counts as remounted for each session.
     interval
         Time between calibrations; None: as in the past.
 

@@ -27,7 +27,7 @@ class SessionError(Exception):
         super().__init__(f"{happened}. {_as_sentence(remedy)}." if remedy else f"{happened}.")
 
     def preceded_by(self, earlier: str) -> None:
-        """Return the error with a message about an earlier event in front."""
+        """Put a message about an earlier event in front of this error's own."""
         self.happened = f"{earlier.removesuffix('.')}. Then: {self.happened}"
         (said,) = self.args
         self.args = (f"{earlier.removesuffix('.')}. Then: {said}",)

@@ -76,7 +76,7 @@ class Stderr:
 
     @property
     def encoding(self) -> str:
-        """The stream's own value."""
+        """Encoding of the underlying stream."""
         return self._stream.encoding or "utf-8"
 
     def isatty(self) -> bool:
@@ -84,7 +84,7 @@ class Stderr:
         return self._stream.isatty()
 
     def fileno(self) -> int:
-        """The stream's own value."""
+        """File descriptor of the underlying stream."""
         return self._stream.fileno()
 
     def write(self, text: str) -> int:

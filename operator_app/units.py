@@ -111,7 +111,10 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """Format of a kind of figure, the same everywhere: called with a value (SI), it returns the figure."""
+    """Display format of one kind of quantity, the same everywhere.
+
+    Calling it with a value in SI units returns a `Figure`.
+    """
 
     quantity: Quantity
     places: int | None = None
@@ -140,7 +143,7 @@ CONDITION = Kind(NUMBER)
 CHI2 = Kind(NUMBER)
 COST = Kind(NUMBER, digits=5)
 PREDICTED = Kind(CLOSURE_LENGTH, places=3)
-"""Closure error of a pose under the estimate from those before it."""
+"""Closure error of a pose with the estimate from the poses before it."""
 
 # Of the arm.
 POSITION = Kind(ANGLE, places=3, signed=True)
@@ -167,7 +170,7 @@ ANGLE_TOLERANCE = Kind(ANGLE, digits=2)
 
 # Of what may be wrong.
 STEP = Kind(ANGLE, places=4, signed=True)
-"""Small enough for a few counts."""
+"""Enough decimal places for a step of a few counts."""
 LOST_COUNTS = Kind(COUNTS, places=0, signed=True)
 LOST_LSB = Kind(LSB, places=0, signed=True)
 SCATTER = Kind(ANGLE, places=3)

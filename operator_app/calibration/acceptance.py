@@ -166,7 +166,10 @@ def _left(diagnosis: Diagnosis) -> float:
 
 
 def _impossible_compliance(diagnosis: Diagnosis) -> bool:
-    """Whether the best explanation is a fixture more compliant than any metal, which would fit anything."""
+    """Whether the best explanation is a fixture more compliant than any metal.
+
+    Such a model would fit any data.
+    """
     best = diagnosis.best
     if best is None or best.candidate.cause is not Cause.GIVES:
         return False
@@ -177,7 +180,10 @@ def _impossible_compliance(diagnosis: Diagnosis) -> bool:
 
 
 def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return one finding for each code, blocking if any of them blocks: a cause found again was only partly removed."""
+    """Return one finding for each code; it blocks if any finding of that code blocks.
+
+    A cause that is found again was only partly removed.
+    """
     found: dict[str, Finding] = {}
     for cause in causes:
         first = found.setdefault(cause.code, cause)
@@ -206,11 +212,11 @@ def little_motion(
     known: Mapping[str, float] = NOTHING_KNOWN,
     narrows: Callable[[str], str] | None = None,
 ) -> tuple[Finding, ...]:
-    """Return the parameters whose sigmas (P,) are large because the poses differ little.
+    """Return the finding that some parameters have large sigmas (P,) because the poses differ little.
 
-    `known`: standard uncertainty (rad, m) of parameters in the files, by name. A larger sigma is reported; it blocks if
-    it is uselessly large. `narrows`: source of error that dominates one parameter's sigma; empty if only other poses
-    help.
+    `known`: standard uncertainty (rad, m) of parameters in the files, by name. A sigma above that is reported, and
+    blocks acceptance if it is too large for any use. `narrows`: returns the source of error that dominates the sigma of
+    a named parameter, empty if only other poses help.
     """
     wide, coarse, refuses = [], [], False
     worst, farthest = "", 0.0
@@ -303,7 +309,8 @@ def proven_by_return(
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
     """Return the causes proven by repeated poses, and the tests' other causes; a cause named by both blocks.
 
-    A slip may not exceed the sigmas that follow from the poses alone, because it has widened them.
+    A proven slip blocks even if it is smaller than the sigmas from the poses alone, because the slip itself has widened
+    these.
     """
     proven: list[Finding] = []
     for returned in since:

@@ -56,7 +56,7 @@ UNEXPLAINED_KINDS = {
     FindingKind.UNEXPLAINED_PATTERN,
     FindingKind.POSES_DO_NOT_FIT,
 }
-"""Cause where no fault explains the readings."""
+"""Kinds of findings for a misfit that no fault explains."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -46,7 +46,7 @@ from solver.loops.endpoint_geometry import Line
 _T = TypeVar("_T")
 
 LEAST_NOISE_RAD = 1e-4
-"""Smallest noise of a reading where some are not used."""
+"""Least standard deviation of a reading in a fit that ignores other readings."""
 
 MODEL_ITERATIONS = 15
 """Iterations after which a correct alternative is near its solution."""
@@ -138,7 +138,7 @@ def solved(alternative: Experiment) -> tuple[float, int]:
 
 
 def tried(work: Callable[[], _T], otherwise: _T) -> _T:
-    """Return the result of `work`; None if the alternative cannot be solved."""
+    """Return the result of `work`, or `otherwise` if the alternative cannot be solved."""
     try:
         with np.errstate(all="ignore"):
             return work()
@@ -147,13 +147,13 @@ def tried(work: Callable[[], _T], otherwise: _T) -> _T:
 
 
 BENDS = 3
-"""Degree of a sensor's smooth curve in addition to the step."""
+"""Degree of the polynomial that models a sensor's smooth deviation in addition to the step."""
 
 
 def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> tuple[int, float] | None:
     """Return the pose from which on a joint's readings (m,) differ from its angles (m,), and by how much, rad.
 
-    Poses are in the order in which they were taken. None where a smooth curve explains it nearly as well.
+    Poses are in the order in which they were taken. None where a smooth curve explains the difference nearly as well.
     """
     m = len(reading_rad)
     if m < 2 * (limits.STEP_EDGE_POSES + BENDS):
@@ -178,11 +178,11 @@ def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> tuple[int, float
 
 
 TURNS_RAD = 0.5e-3
-"""Deflection of an ordinary hinge under load where no hinge is stated."""
+"""Angular compliance of an ordinary hinge, for a fixture whose file states none."""
 
 
 def other_fixtures(stated: Experiment) -> Iterator[Alternative]:
-    """Return fixtures with fewer constraints than the stated one, in which loops that it leaves open may close."""
+    """Return fixtures with fewer constraints, in which loops may close that stay open in the stated fixture."""
     if isinstance(stated.fixture, Rigid):
         yield hinge_instead(stated)
     if isinstance(stated.fixture, Hinge | Rigid):

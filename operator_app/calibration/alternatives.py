@@ -42,10 +42,10 @@ PER_FREEDOM = 4.6
 """Penalty for each equation that an alternative does not use: log of 100."""
 
 LEAST_M = 2e-3
-"""Lengths that differ by less are within a tolerance of each other."""
+"""Two lengths that differ by less are equal within tolerance."""
 
 LEAST_CHANGE_RAD = np.deg2rad(0.05)
-"""Offsets below this count as zero in either unit."""
+"""Offsets below this count as zero, whether the file has degrees or radians."""
 
 SOLVED_ALTERNATIVES = 3
 """Number of the most promising alternatives that are solved completely."""
@@ -213,7 +213,10 @@ def _unread(stated: Experiment) -> Iterator[Alternative]:
 
 
 def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding, float, int]]:
-    """Return a step of the joint that `blind` ignores, with chi2/dof and dof of its readings without that step."""
+    """Return the step in the readings of the joint that `blind` ignores; empty if there is none.
+
+    With it, chi2/dof and dof of the loops if the step is subtracted from the readings.
+    """
     more = [j for j in blind.unsensed if j not in unsensed]
     if len(more) != 1:
         return []

@@ -80,7 +80,7 @@ from solver.loops.closure import ClosureModel
 ESTIMATORS = ("implicit", "paper")
 
 MOST_DIAGNOSED_POSES = 2000
-"""Poses, evenly among all, for tests and verdicts on RVDTs: more do not change a result."""
+"""Largest number of poses, chosen evenly from all, for tests and RVDT verdicts: more do not change a result."""
 
 
 def calibrate(
@@ -362,7 +362,7 @@ def diagnose(fitted: Fitted) -> Diagnosed:
 
 
 def decide(diagnosed: Diagnosed) -> Solution:
-    """Collect the figures of a calibration, its verdict and every notice."""
+    """Collect the results of a calibration, its verdict and every notice."""
     fitted, known = diagnosed.before, diagnosed.known
     prepared = fitted.before.before
     task, loops, whole = prepared.task, prepared.loops, fitted.whole
@@ -426,7 +426,7 @@ def _identifiability(prepared: Prepared, x: FloatArray) -> Identifiability:
 def _require_identifiable(prepared: Prepared, seen: Identifiability, prior: frozenset[str]) -> None:
     """Refuse unidentifiable directions, with the fault that causes them if there is one.
 
-    Directions with a parameter whose uncertainty the arm's file states (`prior`) are no reason.
+    Directions with a parameter whose uncertainty the arm's file states (`prior`) are not refused.
     """
     task, loops, model = prepared.task, prepared.loops, prepared.hard
     known = frozenset[str]() if task.by_paper else prior
@@ -446,7 +446,7 @@ def _require_identifiable(prepared: Prepared, seen: Identifiability, prior: froz
 
 
 def _seen(fitted: Fitted, part: Calibrated) -> Identifiability:
-    """Identifiability at the fit, by its own equations where its loops close."""
+    """Identifiability at the fit, from the fit's own equations if all joints are sensed."""
     screened = fitted.before
     prepared = screened.before
     loops = prepared.loops

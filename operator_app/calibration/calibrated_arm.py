@@ -84,8 +84,8 @@ class CalibratedArm:
     ) -> FloatArray:
         """Pose of the tip, or of frame n, in the base frame at readings (..., n): (..., 4, 4), m.
 
-        Uses the best table or, if `corrected`, the identified one with corrections of the readings. The tip has the
-        orientation of the last frame.
+        Uses the best table for uncorrected readings or, if `corrected`, the identified table with corrections added to
+        the readings. The tip has the orientation of the last frame.
         """
         table, tip_m = self.table(frame), self.table_tip_m
         if corrected:
@@ -103,8 +103,8 @@ class CalibratedArm:
     def tip_with_sigma_m(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tip in the base frame (m, 3), and the standard deviation of its error (m,), m.
 
-        ``sqrt(trace(J C J'))``, J = dp/dx of the parameters without those of the table side, C their covariance; plus
-        the part of the corrections that no table can represent.
+        ``sqrt(trace(J C J'))``, where J = dp/dx for all parameters except those of `ground_side`, and C is their
+        covariance; plus the part of the corrections that no D-H table can represent.
         """
         if self.best is not None:
             return self.best.tool(q_rad)
@@ -121,9 +121,9 @@ class CalibratedArm:
         return np.sqrt(spread_along(self._rates(q_rad, self.free)[1], part))
 
     def rate_m_per_rad(self, joint: int, moved: dict[str, float], q_rad: FloatArray) -> FloatArray:
-        """Rate (m,) of the tip at readings (m, n) with a fixed offset, when other parameters move by `moved` per rad.
+        """Displacement of the tip (m,), m per rad of error in the fixed offset of `joint`, at readings (m, n).
 
-        Of several placements the parameters of the first count.
+        Other parameters change by `moved` per rad. With several placements, the parameters of the first are used.
         """
         plain = {name.partition("[")[0]: rate for name, rate in reversed(moved.items())}
         names = (DhEntry(DhKind.THETA_OFF, joint).name, *self.free)
@@ -131,7 +131,7 @@ class CalibratedArm:
         return np.asarray(np.linalg.norm(self._rates(q_rad, names)[1] @ along, axis=-1))
 
     def _rates(self, q_rad: FloatArray, names: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
-        """Tip by the identified entries (m, 3), m, and its rates with parameters `names` (m, 3, k)."""
+        """Tip by the identified entries (m, 3), m, and its derivatives with respect to `names` (m, 3, k)."""
         point = PointClosure(
             table=self.hand,
             entries=tuple(DhEntry.parse(name) for name in names if name not in TIP_NAMES),
@@ -154,14 +154,14 @@ def T_base_flange(table: DhTable, q_rad: FloatArray) -> FloatArray:
 
 
 MOST_POSES_SAMPLED = 100
-"""Poses of a session, evenly among all, for which a best table is computed."""
+"""Largest number of poses of a session, chosen evenly from all, for which a best table is computed."""
 
 NOTEWORTHY_SHARE = 0.9
-"""If at least this share of the tool's sigma is left without the parameters that only the files state, it is not
-reported separately."""
+"""The tool's sigma without the parameters that only the files state is reported only if it is below this share of the
+whole sigma."""
 
 RANGE_SAMPLES = 300
-"""Poses over the joints' ranges: their rms is known to some 4 %."""
+"""Number of poses over the joints' ranges: enough to know an rms to some 4 %."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -287,7 +287,7 @@ def with_entries(table: DhTable, values: Mapping[str, float]) -> DhTable:
 
 
 NEGLIGIBLE = 2e-3
-"""Rate (m/rad) of the tool below which an offset is neglected: 0.03 mm per degree."""
+"""Displacement of the tool per error of an offset (m/rad), below which the offset is neglected: 0.03 mm per degree."""
 
 
 def offsets_not_sought(model: ClosureModel, arm: ArmModel) -> tuple[int, ...]:

@@ -236,8 +236,8 @@ def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, 
 def _loop(document: ParametersDocument) -> DhLoop:
     """Return the loop a document describes.
 
-    An offset of the first or last joint that was not identified counts as unsensed: only then can equivalent parameters
-    differ in the neighbouring link.
+    A first or last joint whose offset was not identified counts as unsensed: equivalent parameter vectors may then
+    differ in the neighbouring link without a change of that offset.
     """
     entries = tuple(DhEntry.parse(e.entry) for e in document.calibrated)
     known = {e.name for e in entries}

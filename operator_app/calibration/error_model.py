@@ -153,7 +153,7 @@ def approach_of(arm: ArmModel, poses: PoseSet, kept: IntArray) -> FloatArray | N
 
 
 def noise_model(experiment: Experiment) -> NoiseModel:
-    """Return the noise of the mean readings by the sensors' specifications."""
+    """Return the noise of the mean readings, from the sensors' specifications."""
     return NoiseModel(
         joint_variance=variance_of_means(experiment.arm, experiment.poses.sample_counts),
         fixture_variance=_instrument_variance(experiment.fixture),
@@ -166,7 +166,7 @@ def _instrument_variance(fixture: EndpointConstraint) -> FloatArray | None:
 
 
 def distinct_poses(poses: PoseSet, kept: BoolArray) -> tuple[IntArray, IntArray]:
-    """Indices of those kept poses that differ, and for every kept pose which of them it is.
+    """Indices of the distinct poses among those kept, and for every kept pose its place among the distinct ones.
 
     Readings equal to the last digit are taken as one reading written twice, without further information.
     """

@@ -67,7 +67,7 @@ def _led_away(stated: Experiment, paper: Estimate) -> tuple[Finding, ...]:
 def saturated_readings(
     found: tuple[RangeFinding, ...], poses: PoseSet
 ) -> PosesDoNotFitError | None:
-    """Return, as the reason why poses do not fit, readings at the end of full scale; None if there are none."""
+    """Return the error that poses do not fit because readings are at the end of full scale; None if none are."""
     known = tuple(range_finding(f, poses) for f in found if f.fault is ReadingFault.SATURATED)
     return poses_do_not_fit(known) if known else None
 

@@ -26,7 +26,7 @@ RANGE_KINDS = {
     ReadingFault.WHOLE_TURN: (FindingKind.WHOLE_TURN_OFF, FindingKind.WHOLE_TURN_OFF_NOTICE),
     ReadingFault.SATURATED: (FindingKind.SATURATED, FindingKind.SATURATED_NOTICE),
 }
-"""Kinds of a cause of a verdict, whose code names the joint, and of a notice, whose code does not."""
+"""Two kinds of finding for each fault: a cause of the verdict, with the joint in its code, and a notice, without it."""
 
 EXCEEDED_KINDS = {
     "rvdt": FindingKind.RVDT_NOISE_EXCEEDS,
@@ -297,7 +297,7 @@ def left_out_poses(
 ) -> tuple[tuple[Finding, ...], tuple[RangeFinding, ...]]:
     """Return why these poses (indices) were left out, one finding for each reason; and joints outside their ranges.
 
-    The latter are those in poses other than those left out because of their unit.
+    A joint that is outside its range only in poses left out because of their unit is not included.
     """
     joints = {
         k: [f.joint for f in out_of_range if f.fault is ReadingFault.OUTSIDE and k in f.poses]

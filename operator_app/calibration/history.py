@@ -52,7 +52,7 @@ class PastVerification:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EntryHistory:
-    """Calibrations with one fixture and estimator, oldest first, and those of their entries that are on one side.
+    """Calibrations with one fixture and estimator, oldest first, and their entries of one side.
 
     Attributes
     ----------

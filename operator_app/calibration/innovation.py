@@ -27,7 +27,7 @@ NEAREST = 60
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShiftSeen:
-    """Shift of a joint that one reading shows: most likely size and sigma, rad; reduction of chi2 that it explains."""
+    """Shift of a joint seen in one reading: most likely size and sigma, rad, and its reduction of chi2."""
 
     size_rad: float
     sigma_rad: float

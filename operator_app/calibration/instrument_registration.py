@@ -25,8 +25,8 @@ REGISTRATION_STEPS, LARGEST_STEP_RAD, NO_STEP = 25, 0.5, 1e-6
 """Gauss-Newton steps to the placements of base and target: most steps, largest rotation of one, and tolerance."""
 
 POINT_ERROR_M, PRIOR_SIGMAS = 1e-3, 3.0
-"""Error of a point at the arm file's entries, and standard deviations in a tolerance: weights of the target's stated
-place, from which poses with one orientation of the tool would move it by any distance."""
+"""Error of a point computed with the arm file's entries, and number of standard deviations in a tolerance. Both weight
+the target's stated place, which poses with a single orientation of the tool do not determine."""
 
 DIGITS = 4
 """Decimals (m, rad) of a registered placement: it is only a nominal value, the start of the calibration."""

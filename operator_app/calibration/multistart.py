@@ -22,7 +22,7 @@ from solver.loops.closure import ClosureModel
 from solver.loops.point import GROUND
 
 SCREENING_POSES = 600
-"""Poses, evenly among all, that decide which of several starts is the best one."""
+"""Largest number of poses, chosen evenly from all, that decide which of several starts is the best one."""
 
 
 def fit_from_starts(
@@ -120,7 +120,7 @@ def far_from_nominal(
 def local_minimum_causes(
     model: ClosureModel, estimate: Estimate, q: FloatArray, judged: tuple[str, ...]
 ) -> tuple[Finding, ...]:
-    """Return a better solution than `estimate`, or the finding that `estimate` is far from the nominal values.
+    """Return the finding that a better solution exists, or that `estimate` is far from the nominal values.
 
     `q`: readings (m, n) of the used poses, rad. `judged`: names of the identified parameters.
     """

@@ -148,7 +148,10 @@ def _of_parameters(
 
 
 def _of_the_fit(solution: Solution, same: tuple[Finding, ...], *, sound: bool) -> Iterator[Finding]:
-    """Notices about compliance, placements, distances and outliers; only the second and third of a diverged fit."""
+    """Notices about compliance, placements, distances and outliers.
+
+    If the fit diverged, only those about placements and distances.
+    """
     compliance = None if solution.components is None else solution.components.compliance
     if sound and compliance is not None and compliance.gives and not solution.tolerated:
         # An apparent compliance may be errors of link lengths.

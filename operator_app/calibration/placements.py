@@ -98,8 +98,8 @@ MOST_PAIRS = 45
 class Distance:
     """Distance between the points of two placements (given by their numbers), m, and its standard uncertainty.
 
-    `measured` is the value in the fixture's file, if any, which the distance takes into account; `deviation` is its
-    excess over the distance from the poses alone, in sigmas of the difference.
+    `measured`: the measured distance in the fixture's file, if any, which `value_m` takes into account. `deviation`:
+    its excess over the distance from the poses alone, in sigmas of the difference.
     """
 
     between: tuple[int, int]

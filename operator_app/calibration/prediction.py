@@ -39,7 +39,7 @@ from solver.estimators.mixed_fit import MixedFit, fit_mixed, gravity_share
 from solver.loops.closure import ClosureModel
 
 MOST = 1000
-"""Poses of a calibration, evenly among all, used for the prediction: more do not improve it."""
+"""Largest number of poses of a calibration, chosen evenly from all, used for a prediction: more do not improve it."""
 
 FIXTURE = "fixture"
 """Subject of a shift of the fixture."""
@@ -84,8 +84,8 @@ def predict_new_poses(
     Returns
     -------
     Whitened residuals of the new poses, in their order, with at least the stated errors; their test with the sizes of
-    errors estimated in the calibration; and the columns along which a shift would show, by its subject. None if no
-    model fits both.
+    errors estimated in the calibration; and the columns along which a shift would show, by what shifted. None if no
+    model fits both sets of poses.
     """
     solution, old = made.solution, _used(made)
     both = replace(new, poses=concatenated_poses(old, new.poses))

@@ -1,7 +1,8 @@
 """Prior of a loop's unknowns before the first pose of a placement, from the files and from earlier placements.
 
-The arm's own entries follow from earlier poses. Offsets measured from the fixture change within its tolerance when it
-is remounted, and a fixture that was mounted farther from its nominal place may be so again.
+Earlier poses determine the arm's own entries. Offsets that are measured from the fixture change within the fixture's
+tolerance at each remounting. A fixture once mounted farther from its nominal place than its tolerance may be mounted so
+again.
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ class KnownArm:
     placements
         Number of earlier placements.
     placement_ratio
-        Largest distance of the fixture from its nominal placement, as a multiple of its tolerance; at least 1.
+        Deviation of the fixture from its nominal placement, rms over parameters and earlier placements, in units of the
+        standard deviation by its tolerance; at least 1.
     """
 
     names: tuple[str, ...]

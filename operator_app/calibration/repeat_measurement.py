@@ -1,7 +1,7 @@
 """A pose measured twice: whether something slipped in between, and by how much.
 
-The drives do not return exactly, and the other joints follow them: the difference this makes lies along the
-self-motions of the chain. What remains is noise, play, compliance of the fixture, or a slip.
+The drives do not return exactly, and the other joints follow them: this part of the difference between the readings
+lies along the self-motions of the chain. The rest is noise, play, compliance of the fixture, or a slip.
 """
 
 from __future__ import annotations
@@ -58,7 +58,8 @@ class Repeat:
     size_rad, sigma_rad
         Size of that slip and its standard uncertainty.
     chi2_left
-        chi2 that remains after that, with one degree of freedom less: large if the fixture slipped and not a joint.
+        chi2 that remains after subtracting that slip, with one degree of freedom less: large if the fixture slipped and
+        not a joint.
     joint_odds
         Likelihood ratio between a slip of that joint and one of the fixture, each at its most likely size.
     turned_rad, shifted_m

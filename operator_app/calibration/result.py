@@ -62,7 +62,7 @@ class Solution:
     adjudication
         All tests, and the causes that they support.
     assumed
-        Figures of the error model that no file states.
+        Values of the error model that no file states, so that defaults were used.
     hand
         Tool position uncertainty at the poses of the calibration; None in records of earlier versions.
     accuracy

@@ -180,7 +180,7 @@ def rvdt_causes(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> tuple[Findi
 
 
 def _kind_of(verdict: RvdtVerdict, arm: ArmModel) -> FindingKind:
-    """Kind of the finding for an RVDT out of specification, on which the remedy depends; its text states the noise."""
+    """Kind of the finding, and thus its remedy, for an RVDT out of specification; the text states the noise."""
     deviation = measured_deviations((verdict,), arm).get(verdict.joint)
     sensor = arm.joints[verdict.joint - 1].sensor
     if (

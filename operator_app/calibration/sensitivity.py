@@ -38,9 +38,7 @@ class SourceSensitivity:
 def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
     """Return the most effective improvement of each of the least certain parameters.
 
-    Empty without an uncertainty budget.
-
-    It is also empty if the solution has diverged, when smaller errors would not help.
+    Empty without an uncertainty budget, and if the solution has diverged, since smaller errors would not help then.
     """
     if solution.components is None or solution.adjudication.diverged:
         return ()
@@ -72,7 +70,7 @@ def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
 def exceeded_source(found: Calibrated, name: str) -> str:
     """Return the largest source of a parameter's sigma, if that exceeds its specification.
 
-    Empty if it does not: with errors as stated, it is more varied poses that help.
+    Empty if it does not: with errors as stated, only more varied poses would help.
     """
     budget, names = found.components.budget, [p.name for p in found.estimate.parameters]
     if not budget or name not in names:

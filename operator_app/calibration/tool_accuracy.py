@@ -51,8 +51,8 @@ class HandAccuracy:
     Attributes
     ----------
     before
-        Distance between the tool position by the arm file and the calibrated one, in the arm's base frame,
-        without the fixture's placement on table and tool.
+        Distance between the tool position from the arm file and the calibrated one, in the arm's base frame, without
+        the fixture's placement on table and tool.
     after
         Remaining error by the covariance of the parameters, one standard deviation.
     poses
@@ -97,7 +97,7 @@ def spread_of(distances_m: FloatArray) -> Spread:
 
 
 def spread_along(J: FloatArray, C: FloatArray) -> FloatArray:
-    """Return ``trace(J C J')`` (m,), given derivatives J (m, 3, P) by parameters of covariance C (P, P)."""
+    """Return ``trace(J C J')`` (m,): derivatives J (m, 3, P) with respect to parameters, covariance C (P, P)."""
     # One product for all poses: many small ones cost more than all of its arithmetic.
     rows = J.reshape(-1, len(C))
     return np.asarray(np.maximum(((rows @ C) * rows).reshape(len(J), -1).sum(-1), 0.0))

@@ -41,7 +41,7 @@ from solver.loops.closure import ClosureModel
 from solver.loops.placements import Placements
 
 NEWTON_STEPS = 3
-"""Newton steps to the place of a ball's socket, in which the loop is linear."""
+"""Number of Newton steps to the place of a ball's socket; the closure is linear in its coordinates."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,7 +55,7 @@ class Fixed:
     covariance
         Covariance of these, in the same order (P, P).
     rvdt_sd_rad
-        Estimated noise and curve of RVDT joints, by joint.
+        Estimated noise and linearity deviation of RVDT joints, by joint.
     fixture_variance
         Estimated compliance variance of the fixture (6,), or None. This and `rvdt_sd_rad` are used only where they
         are less than stated.
@@ -141,7 +141,7 @@ def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed
 
 
 def _rvdt_sd(found: Sequence[Component]) -> dict[int, float]:
-    """Noise and curve of each RVDT together: at a new reading the curve is a further unknown error."""
+    """Noise and linearity deviation of each RVDT together: at a new reading the latter is a further unknown error."""
     sd: dict[int, float] = {}
     for c in found:
         kind, _, number = c.name.partition("_")
@@ -380,7 +380,7 @@ def verify_new_poses(
 
 
 def may_be_elsewhere(fixture: EndpointConstraint) -> bool:
-    """Whether the fixture stays on the tool, so that poses at a ball's other socket can test the calibration."""
+    """Whether the fixture is a ball that stays on the tool, so that poses in another socket can be a test."""
     return fixture.kind == "ball" and fixture.stays_on_hand
 
 
@@ -408,7 +408,7 @@ def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -
 
 
 def _are_among(new: PoseSet, made_from: PoseSet, *, measured: bool) -> BoolArray:
-    """Whether each new pose (m,) equals one of the others, to the decimals that files have."""
+    """Whether each new pose (m,) equals one of `made_from`, to the decimals that files have."""
     rounded = any(_in_hundredths(p) for p in (new, made_from))
     same_rad = 0.5 * HUNDREDTH_RAD + SAME_READING_RAD if rounded else SAME_READING_RAD
     both = [p.q_rad / same_rad for p in (new, made_from)]

@@ -1,4 +1,4 @@
-"""Files of any kind: finds their kind, all problems of all files at once, and their JSON Schemas."""
+"""Reads files of any kind: finds the kind of each, and all problems of all files at once. Makes JSON Schemas."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def _meanings() -> dict[str, dict[str, str]]:
 
 
 def schema_name(kind: FileKind) -> str:
-    """Return the name of the JSON Schema that stands beside files of a kind."""
+    """Return the name of the JSON Schema file that is written beside files of a kind."""
     return f"sarcal-{kind}.schema.json"
 
 

@@ -71,7 +71,10 @@ class RowModel(StrictModel):
 
 
 class SensorFields(StrictModel):
-    """Common base of all sensors: kind, and the names of the domain object's figures."""
+    """Common base of all sensors.
+
+    Apart from `kind`, its keys are the arguments of the domain object in file units.
+    """
 
     makes: ClassVar[type[Sensor]]
 
@@ -340,7 +343,7 @@ class ArmFile(StrictModel):
 
 PARALLEL_RAD = math.radians(10.0)
 """Neighbouring axes nearer to parallel than this need Hayati's row [9]: a twist error of 0.1 deg would move the foot of
-their common normal, from which s counts, by 1 % of a or more."""
+their common normal, from which s is measured, by 1 % of a or more."""
 
 
 def _is_hayati(row: RowModel) -> bool:

@@ -1,7 +1,7 @@
 """Errors and masses stated in files, and defaults for those that are not stated.
 
-The defaults are what an ordinary workshop achieves. All are one standard deviation, 0 is
-exact: a plain ``tolerance: 0`` or ``give: 0`` sets all figures of that mapping to 0.
+The defaults are what an ordinary workshop achieves. All are one standard deviation, 0 is exact. A plain ``tolerance:
+0`` or ``give: 0`` sets all uncertainties in that mapping to 0.
 """
 
 from __future__ import annotations
@@ -37,7 +37,10 @@ GIVE_MM, GIVE_MRAD = 0.2, 0.2
 
 
 class Uncertain(StrictModel):
-    """Base of mappings of figures, in place of which a file may have a plain 0 that sets them all to 0."""
+    """Base of mappings of uncertainties.
+
+    A file may have a plain 0 in place of the mapping, which sets all its uncertainties to 0.
+    """
 
     # In JSON Schema bounds concern numbers only, keys mappings only.
     model_config = ConfigDict(
@@ -65,7 +68,7 @@ class RowToleranceModel(Uncertain):
     twist_deg: StatedDeg | None = None
 
     def over(self, arm: ToleranceModel) -> RowTolerance:
-        """Return the row's tolerance as a domain object; figures that it does not state are those of the whole arm."""
+        """Return the row's tolerance as a domain object; what it does not state is as for the whole arm."""
         length = arm.length_mm if self.length_mm is None else self.length_mm
         twist = arm.twist_deg if self.twist_deg is None else self.twist_deg
         return RowTolerance(length_m=length / 1e3, twist_rad=math.radians(twist))
@@ -78,7 +81,10 @@ class GiveModel(Uncertain):
     orientation_mrad: StatedMrad = GIVE_MRAD
 
     def compliance(self, held: Sequence[str]) -> Compliance:
-        """Return it as a domain object; `held`: what the fixture constrains: ``position_mm``, ``orientation_mrad``."""
+        """Return the compliance as a domain object.
+
+        `held` is what the fixture constrains: ``position_mm``, ``orientation_mrad``.
+        """
         missing = (key for key in held if key not in self.model_fields_set)
         return Compliance(
             position_m=self.position_mm / 1e3,
@@ -88,14 +94,14 @@ class GiveModel(Uncertain):
 
 
 def assumed_of_rows(arm: ToleranceModel, rows: Sequence[RowToleranceModel]) -> Iterator[str]:
-    """Figures of the table that some rows do not state."""
+    """Return, as text, the default uncertainties that apply to rows whose uncertainty no key states."""
     for key in ToleranceModel.model_fields:
         if key not in arm.model_fields_set and any(getattr(row, key) is None for row in rows):
             yield f"tolerance.{key}: {getattr(arm, key):g}"
 
 
 def assumed_of_joints(key: str, models: Mapping[int, StrictModel]) -> Iterator[str]:
-    """Return, as text, the joints (by number) for which the file does not state the figure `key`."""
+    """Return, as text, the default of `key` and the numbers of the joints for which the file does not state it."""
     silent = [j for j, model in models.items() if key not in model.model_fields_set]
     if silent:
         value = getattr(models[silent[0]], key)

@@ -206,11 +206,10 @@ def find_columns(
 
 
 def numbered_series(names: Sequence[str], count: int) -> tuple[int, ...]:
-    """Return the places of names that differ only in a number, counted from 0 or 1.
+    """Return the places of `count` names that differ only in a number that counts from 0 or 1.
 
-    Empty unless exactly one series does.
-
-    Upper and lower case are distinguished (`Q1` beside `q1` to `q7`), unless a series exists only if they are not.
+    Empty unless there is exactly one such series. Case is ignored only if no series is found otherwise (`Q1` does not
+    belong to `q1` to `q7`).
     """
     wanted = [*range(count)], [*range(1, count + 1)]
     for spelled in (names, [name.casefold() for name in names]):

@@ -226,7 +226,8 @@ MOST_OFF_M, MOST_OFF_SPREADS = 1e-3, 8.0
 beyond both a target has moved, or two were exchanged."""
 
 TRIANGLE_ROUNDS = 5
-"""Iterations of aligning all triangles with their mean; the second changes it by the square of the noise."""
+"""Iterations of aligning all triangles with their mean; the second one changes the mean only by the square of the
+noise."""
 
 
 def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:

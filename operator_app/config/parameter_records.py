@@ -161,7 +161,7 @@ class RvdtRemedy(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwoFigures(StrictRecord):
-    """A figure by both interpretations of eqs. 14 and 15."""
+    """One quantity by both interpretations of eqs. 14 and 15."""
 
     rms: NonNegativeNumber
     as_printed: NonNegativeNumber

@@ -1,10 +1,12 @@
 """The parameters document of a calibration (``sarcal/parameters/3``), for the controller.
 
 The document has the content and the units of its file (degrees, metres, millimetres, milliradians), so that writing and
-reading it changes no bit; `ParametersDocument.table` is in SI units. It is checked when it is written or read. Version
-1 had no `side`, `rvdt` and `forced`. Version 2 was first written without `correlations` and `budget`, which programs of
-that time refuse; any further key means a new version number, for which old programs have a clearer message. Version 3
-adds ``beta_deg`` to rows; a document without it is written as version 2.
+reading it changes no bit; `ParametersDocument.table` is in SI units. It is checked when it is written or read.
+
+Version 1 had no `side`, `rvdt` and `forced`. The first documents of version 2 had no `correlations` and `budget`, and
+programs of that time refuse these keys. Any further key needs a new version number, because old programs report an
+unknown version more clearly than an unknown key. Version 3 adds ``beta_deg`` to rows; a document without ``beta_deg``
+is written as version 2.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The parameters file (``sarcal/parameters/3``.
+"""The parameters file (``sarcal/parameters/3``): reads and writes it, and builds it from a table.
 
-Versions 1 and 2 are also read): reading, writing, and building it from a table.
+Versions 1 and 2 are also read.
 """
 
 from __future__ import annotations

@@ -102,13 +102,13 @@ class JointSpec(StrictRecord):
 
     @property
     def counts_otherwise(self) -> bool:
-        """Whether the counts of its drive differ from those of the arm file's sensor."""
+        """Whether direction, counts per turn or zero of the drive differ from those of the arm file's sensor."""
         return (self.direction, self.counts_per_rev, self.zero_counts) != (1, None, 0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeviceType(StrictRecord):
-    """1000h of a supported drive, compared in the bits of the mask."""
+    """Object 1000h (device type) of a supported drive; only the bits of the mask are compared."""
 
     value: Hexadecimal
     mask: Hexadecimal
@@ -116,7 +116,7 @@ class DeviceType(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModeCodes(StrictRecord):
-    """6060h of position mode and of free mode."""
+    """Values of object 6060h for position mode and for free mode."""
 
     position: ModeCode = CYCLIC_POSITION
     free: ModeCode = CYCLIC_TORQUE

@@ -1,9 +1,11 @@
 """Converts a strict YAML document to a checked model, and reports all problems at once.
 
 Wraps pydantic: its errors become `Problem`s with file, line and key; for an unknown key the one that was probably meant
-is suggested, and a misspelt key is not also reported as missing. A model is a `StrictModel` that builds a domain
-object, or a dataclass derived from `StrictRecord` that is itself one, which is checked when read from a file or written
-to one, but not when made in the program.
+is suggested, and a misspelt key is not also reported as missing.
+
+A model is a `StrictModel` that builds a domain object, or a dataclass derived from `StrictRecord` that is itself a
+domain object. Such a dataclass is checked when it is read from a file or written to one, but not when it is made in the
+program.
 """
 
 from __future__ import annotations

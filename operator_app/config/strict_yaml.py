@@ -42,7 +42,7 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
     Raises
     ------
     ConfigError
-        The file is not a YAML mapping. Problems in spite of which the rest can be read are in the result.
+        The file is not a YAML mapping. Problems that leave the rest readable are in the result instead.
     """
     text = _decode(data, file)
     if text.lstrip().startswith("<"):
@@ -253,7 +253,7 @@ class YamlDocument:
     marks
         Line and column (from 1) of every key and list item, by path; ``()`` is the document.
     problems
-        Problems in spite of which the rest can be read.
+        Problems that leave the rest of the document readable.
     unreadable
         Paths whose values are placeholders because of a problem.
     """

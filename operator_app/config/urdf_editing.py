@@ -95,11 +95,12 @@ def _xml_text(text: str) -> str:
 SAME = 1e-11
 """Origins nearer to each other than this (m, or entries of a rotation) count as equal."""
 OTHER_ARM_M, OTHER_ARM_RAD = 0.05, math.radians(10.0)
-"""Largest difference of a file's rows from the arm's: beyond, it belongs to another arm."""
+"""Largest difference of a file's rows from the arm's; a file beyond this limit belongs to another arm."""
 
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 UR_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
-"""Blocks of UR's kinematics file: pose of each link's joint on the link before; joints turn about z."""
+"""Keys of each block in UR's kinematics file: pose of a link's joint relative to the link before. Joints turn about
+z."""
 
 
 def with_calibration(
@@ -131,8 +132,8 @@ def with_calibration(
 def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray]:
     """Origins (4, 4), by joint, that have to change for the chain to match `table`.
 
-    Of joint j, ``C_j`` leads from frame j-1, seen with all joints at zero, to the file's own frame. With the
-    change d_j of its offset its link is at ``Rz(q_j + d_j) C_j``, so that shapes turn with their joints.
+    With all joints at zero, ``C_j`` leads from frame j-1 to the file's own frame of joint j. If the offset of joint j
+    changes by d_j, its link is at ``Rz(q_j + d_j) C_j`` in frame j-1, so that shapes turn with their joints.
     """
     rows, stated = table.stacked().T, chain.table.stacked().T
     turned = [
@@ -169,7 +170,10 @@ def _inverse(T: FloatArray) -> FloatArray:
 
 
 def _chains(data: bytes, file: str, arm: ArmModel) -> Iterator[UrdfChain]:
-    """Chains between all links fixed to the ends of the arm, which is found by joint names or as the only arm."""
+    """Chains between every link fixed to the arm's base and every link fixed to its tool.
+
+    The arm is found by its joint names or, without these, as the only arm of the file.
+    """
     tree = UrdfTree.read(data, file)
     ends = list(tree.around(arm.joints[0].name, arm.joints[-1].name))
     if not ends:

@@ -16,7 +16,8 @@ from solver.chain.kinematics import DhTable
 MEET_M = 1e-9
 """Distance below which axes count as intersecting."""
 MEETING_SINE, FAR_M = 1e-9, 2.0
-"""Least angle of a tip's axis, and largest distance of its common normal, for a row of its own."""
+"""Least sine of the angle between the tip's and the last joint's axis, and largest distance of their common normal from
+both, with which the last row follows that common normal."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,7 +19,7 @@ CERTAIN = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedSize:
-    """A parameter with a value: `unit` is "rad" or "m"; `share` (0..1) is the poses' share of its information."""
+    """A parameter with a value: `unit` is "rad" or "m"; `share` (0..1) of its information comes from the poses."""
 
     name: str
     size: float

@@ -46,8 +46,8 @@ class DrivePrediction:
     here, region
         Rankings at the current pose and over the reachable region, the best first.
     inexact
-        Joints with a linearity deviation above `INEXACT_RAD`: other joints are preferred as drives, since these would
-        miss planned positions.
+        Joints with a linearity deviation above `INEXACT_RAD`: other joints are preferred as drives, since these joints
+        would miss planned positions.
     """
 
     here: tuple[RankedDrives, ...]
@@ -136,8 +136,8 @@ def choose_drives(
 ) -> DriveChoice:
     """Return the best usable set.
 
-    Without trials, it is the set that reaches most of the region, of those usable at the current pose; with trials, the
-    best of the tried sets by prediction and measurement.
+    Without trials, it is the set that reaches most of the region among those usable at the current pose; with trials,
+    the best of the tried sets by prediction and measurement.
 
     Raises `SessionError` if no set is usable.
     """

@@ -1,6 +1,6 @@
 """Quality of the poses so far, from the paper's estimator (fast, not for export), and prediction of a plan.
 
-As long as the geometry is nominal, the prediction has its errors.
+As long as the geometry is nominal, its errors are also errors of the prediction.
 """
 
 from __future__ import annotations

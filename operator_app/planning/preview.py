@@ -62,7 +62,7 @@ class Preview:
     plan
         Poses, their information, the predicted sigmas.
     poses
-        In visiting order.
+        The planned poses, in visiting order.
     """
 
     arm: ArmModel
@@ -88,7 +88,7 @@ def preview(
     seed: int = 0,
     known_rad: FloatArray | None = None,
 ) -> Preview:
-    """Plan `poses` poses, from home or from the poses of a session, `known_rad` (m, n), the last of which it is at.
+    """Plan `poses` poses that start at home or, given the poses `known_rad` (m, n) of a session, at the last of these.
 
     Raises `SessionError` if no plan can be made, `SolverError` if the captured poses are too few for an estimate.
     """

@@ -26,13 +26,13 @@ from solver.loops.endpoint_geometry import Line
 TRIED_HOMES = 2000
 """Number of poses tried."""
 MIDDLE = 0.6
-"""Share of every range, around its middle, from which they are drawn."""
+"""Share of every range, around its middle, from which the tried poses are drawn."""
 CLEAR = 0.1
-"""Share of a range that a home keeps from either end."""
+"""Least distance of a home from either end of a range, as a share of the range."""
 AS_GOOD = 0.6
 """A pose nearer to the middle of the ranges is preferred if its score is this share of the best."""
 HOME_DISTANCE_RAD = float(np.deg2rad(30.0))
-"""Largest distance of a home from a closed pose: more than an error of measuring the fixture."""
+"""Largest distance of a home from a closed pose. Errors in measuring the fixture cause a smaller one."""
 CONDITION_LIMIT = 100.0
 """Limit of the paper for the scaled condition number from a home."""
 BEST = 2
@@ -60,7 +60,7 @@ def bent_home(arm: ArmModel) -> FloatArray | None:
 def closing_home(
     arm: ArmModel, fixture: EndpointConstraint, from_home: Outlook
 ) -> tuple[FloatArray, Outlook] | None:
-    """Return a home pose (n,) for the fixture, near the arm's and within a degree of a closed pose, and its outlook.
+    """Return a home pose (n,) for the fixture, near the arm's home, within a degree of a closed pose, and its outlook.
 
     None if the arm file's home is good (by `from_home`) or if no pose was found.
     """

@@ -1,7 +1,7 @@
 """Reproduction of the paper's experiment (Giugovaz and Hollerbach, sections 3 and 4) on a simulated specimen.
 
-The original readings are not available: the specimen has the three suspected sources of error, with sizes that give
-the reported residuals. The figures are of similar size, but not those of the same arm.
+The original readings are not available: the specimen has the three suspected sources of error, with sizes that give the
+reported residuals. The results are of similar size as the published ones, but not those of the same arm.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from solver.chain.sensors import NoSensor
 
 PUBLISHED_POSES = 40
 SIGMA_POS_M, SIGMA_ORI_RAD, PUBLISHED_CONDITION = 2.7e-3, 6.6e-3, 28.0
-"""Figures of the paper."""
+"""Values published in the paper."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

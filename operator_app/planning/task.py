@@ -39,7 +39,7 @@ STOP_MARGIN_RAD = float(np.deg2rad(2.0))
 """A move ends when a joint comes this close to the end of its range: the braking distance."""
 
 CURVE_SHARE = 0.5
-"""Share of a sensor's linearity that interim estimates allow for as if it were noise."""
+"""Share of a sensor's specified linearity deviation that interim estimates treat as noise."""
 UNSENSED_SIGMA_RAD = 1.0
 """Noise of a reading that is not used: it carries no information about an offset."""
 

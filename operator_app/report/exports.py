@@ -1,7 +1,7 @@
 """A calibration in the formats of other tools: JSON, CSV, URDF, MATLAB. Computes nothing, writes no file.
 
-Each format states the side of every parameter (arm, ground or tool): only the arm's remain valid when the
-fixture is dismounted. A URDF contains the arm's side alone.
+Each format states the side of every parameter (arm, ground or tool): only the arm's remain valid when the fixture is
+dismounted. A URDF contains only the arm itself.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def _json(found: Calibration) -> bytes:
 
 
 def _rows(found: Calibration) -> list[dict[str, Any]]:
-    """D-H rows 1..n of the arm's side, in deg and m, as in its URDF."""
+    """D-H rows 1..n of the arm itself, without the fixture's entries, in deg and m, as in its URDF."""
     arm = found.by_itself
     columns = arm.table().stacked()
     angles = [kind for kind in DhKind if kind.is_angle]

@@ -28,7 +28,7 @@ MOST_PLACES = 6
 HEAT_STEPS = 5
 
 SEVERAL_SIGMAS = 3.0
-"""Two estimates that differ by more of their sigmas are marked: one of the sigmas is wrong."""
+"""Two estimates that differ by more than this number of sigmas are marked: one of the sigmas must be wrong."""
 
 
 def precision(estimate: Estimate) -> Callable[[Quantity], int]:

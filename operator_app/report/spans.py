@@ -21,7 +21,7 @@ def entry(label: str, *parts: str | Span, column: int = 12) -> Line:
 
 
 short_entry = partial(entry, column=11)
-"""A line with a label in the column of the steps with a drawing."""
+"""A line with a label in the narrower column of steps that have a drawing."""
 
 
 def length(of: Line) -> int:

@@ -200,7 +200,10 @@ def no_facts(s: SessionSnapshot) -> str:
 
 
 class _Same:
-    """Cache key of a snapshot, its calibration; snapshots come 20 times a second."""
+    """Cache key of a snapshot: the parts of it that a calibration depends on.
+
+    Snapshots come 20 times a second.
+    """
 
     def __init__(self, s: SessionSnapshot) -> None:
         self.s = s

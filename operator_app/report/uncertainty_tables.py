@@ -280,7 +280,7 @@ _PER_SI = np.array([np.rad2deg(1.0) if kind.is_angle else 1.0 for kind in DhKind
 
 
 def _correction_data(c: ReadingCorrection) -> dict[str, Any]:
-    """Return one correction; coefficients in deg, of gravity in deg per N m times kg and kg m."""
+    """Return one correction; its coefficients are in deg, those for gravity in deg/(N m) kg and deg/(N m) kg m."""
     found: dict[str, Any] = {
         "source": c.source,
         "joint": c.joint,

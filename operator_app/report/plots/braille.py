@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _DOTS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
 _LAST_BITS = 1e-6
-"""Positions that differ by rounding errors only fall on the same dot on every machine."""
+"""Positions that differ only by rounding errors fall on the same dot on every machine."""
 _ASCII_MARK = {"text": "*", "dim": ".", "accent": "o", "warn": "!", "alarm": "!"}
 
 

@@ -1,4 +1,4 @@
-"""The content of a plot: axes with units and round ticks, bands, lines and marks.
+"""The content of a plot: axes with units and ticks at round numbers, bands, lines and marks.
 
 Values are in the units of their axes.
 """
@@ -17,7 +17,7 @@ Shape = Literal["dot", "square", "triangle"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Axis:
-    """A linear axis from `low` to `high` with its round `ticks`."""
+    """A linear axis from `low` to `high` with `ticks` at round numbers."""
 
     label: str
     unit: str

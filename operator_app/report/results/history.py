@@ -25,7 +25,7 @@ HOW = (
 
 
 FRAMED = 72
-"""Columns in a frame on a terminal of 80."""
+"""Columns available inside a frame on a terminal of 80 columns."""
 
 
 def quantity(name: str) -> Quantity:

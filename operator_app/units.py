@@ -17,7 +17,7 @@ Key = tuple[str | int, ...]
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A display unit: its name, and `per_si`, its number in one SI unit; `json_per_si` is a contract."""
+    """A display unit: its name, and `per_si`, how many of it are one SI unit; `json_per_si` is a contract."""
 
     unit: str
     per_si: float = 1.0

@@ -318,7 +318,7 @@ def _single_cause(diagnosis: Diagnosis) -> bool:
 
 
 def _blocking_when_probable(causes: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """Turn a probable cause into a blocking one, in place of the finding that the fit did not converge."""
+    """Make every probable cause block, in place of the finding that the fit did not converge."""
     return tuple(replace(c, blocking=c.blocking or c.probability > 0.5) for c in causes)
 
 

@@ -103,7 +103,7 @@ def closes(alternative: Experiment, *, far: float) -> bool:
     """Whether a loop closes much better in another fixture than in the file's, beyond what noise explains.
 
     `far` is the mean square closure error in the file's fixture, rotations included: noise makes it a few times larger
-    than in the other one, and a tilting tool a hundred times.
+    than the error in the other fixture, and a tilting tool a hundred times.
     """
     cost = cost_of(alternative)
     return (

@@ -241,7 +241,7 @@ def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding
 def _screened(
     alternatives: Iterator[Alternative], deadline: float, *, below: float
 ) -> list[Alternative]:
-    """The most promising alternatives, judged by their closure error with equal weights."""
+    """Return the alternatives with the smallest closure errors, all components weighted equally."""
     costs: list[tuple[float, Alternative]] = []
     for finding, alternative in alternatives:
         if thread_time() > deadline:

@@ -1,6 +1,6 @@
 """The calibrated arm without its loop: tool position, its uncertainty, and offsets that were fixed.
 
-Parameters of the mounting (`ground_side`, `hand_side`) are replaced when the fixture is; the arm's own remain.
+Parameters of the mounting (`ground_side`, `hand_side`) change with the fixture; the arm's own remain.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class CalibratedArm:
 
     @property
     def table_tip_m(self) -> FloatArray:
-        """The tip in the last frame of `table` to the tip, (3,)."""
+        """The tip in the last frame of ``table("tip")``, (3,)."""
         return self.tip_m if self.best is None else self.best.tip_m
 
     def T_base(
@@ -131,7 +131,7 @@ class CalibratedArm:
         return np.asarray(np.linalg.norm(self._rates(q_rad, names)[1] @ along, axis=-1))
 
     def _rates(self, q_rad: FloatArray, names: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
-        """Tip by the identified entries (m, 3), m, and its derivatives with respect to `names` (m, 3, k)."""
+        """Tip position from the identified entries (m, 3), m, and its derivatives with respect to `names` (m, 3, k)."""
         point = PointClosure(
             table=self.hand,
             entries=tuple(DhEntry.parse(name) for name in names if name not in TIP_NAMES),
@@ -168,8 +168,8 @@ RANGE_SAMPLES = 300
 class HandErrors:
     """Tool position before and after calibration at poses over the ranges of all joints.
 
-    `tip_m`: tool position by the calibrated arm, in the arm's base, (m, 3). `before_m`, `after_m`: distance of the tool
-    position before calibration, and one standard deviation of the remaining error, (m,).
+    `tip_m`: tool position by the calibrated arm, in the arm's base, (m, 3). `before_m` (m,): distance of the tool
+    position by the arm file from `tip_m`. `after_m` (m,): one standard deviation of the remaining error.
     """
 
     tip_m: FloatArray
@@ -307,8 +307,8 @@ def tool_accuracy(
 ) -> HandAccuracy:
     """Summarise the tool position error before and after calibration over the ranges of all joints.
 
-    It includes the uncertainty of fixed offsets, and names those of unknown uncertainty. `as_stated`: parameters known
-    from the files rather than from the poses. `fit`: the calibration at its last linearisation.
+    The summary includes the uncertainty of fixed offsets, and names those of unknown uncertainty. `as_stated`:
+    parameters known from the files rather than from the poses. `fit`: the calibration at its last linearisation.
     """
     errors, q = hand_errors(found, arm), even_poses(arm)
     left = np.sqrt(np.maximum(errors.after_m**2 - found.stated_part_m(q, as_stated) ** 2, 0.0))

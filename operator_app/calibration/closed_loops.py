@@ -27,7 +27,7 @@ class IdentifiableLoops(NamedTuple):
     Attributes
     ----------
     model
-        The loops with all unknowns or, if the others are dropped on request, with those of `identifiable`.
+        The loops with all unknowns or, if the unidentifiable ones are dropped on request, with those of `identifiable`.
     identifiable, unidentifiable
         The loops with the unknowns that the poses identify, and the names of the others.
     q, kept

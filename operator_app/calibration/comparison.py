@@ -1,10 +1,10 @@
 """Comparison of two calibrations of one arm: changes of parameters, and which of them exceed noise.
 
-A hinge loop has eight equivalent parameter vectors; of the second document's, the one nearest to the first document is
-used. A difference counts as drift if it is improbable under both standard deviations, at a level corrected for the
-number of free parameters compared (Bonferroni). Two kinds of differences never count: those of lengths and twists
-corrected within a tolerance, whose sigma is mostly the maker's tolerance in both documents, and those between two
-estimates from the same poses.
+A hinge loop has eight equivalent parameter vectors: of those equivalent to the second document, the one nearest to the
+first document is used. A difference counts as drift if it is improbable under both standard deviations, at a level
+corrected for the number of free parameters compared (Bonferroni). Two kinds of differences never count: those of
+lengths and twists corrected within a tolerance, whose sigma is mostly the maker's tolerance in both documents, and
+those between two estimates from the same poses.
 """
 
 from __future__ import annotations

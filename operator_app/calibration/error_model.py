@@ -122,7 +122,7 @@ def _loads(experiment: Experiment) -> LoadBasis | None:
 def approach_of(arm: ArmModel, poses: PoseSet, kept: IntArray) -> FloatArray | None:
     """Direction of approach of every joint to the kept poses (m, n): 1 or -1, 0 before its first motion.
 
-    It follows from the times of the poses, never from their order in the file; None without times.
+    The directions follow from the times of the poses, never from their order in the file; None without times.
     """
     if poses.utc is None or not all(poses.utc):
         return None

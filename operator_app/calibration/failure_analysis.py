@@ -164,7 +164,7 @@ def explained(error: UnidentifiableError, stated: Experiment) -> UnidentifiableE
 
 
 def _moved(stated: Experiment, joint: int) -> float:
-    """Range (rad) of a joint's angles as the loops determine them without its readings; 0 if they do not."""
+    """Range (rad) of a joint's angles from the loops, without the joint's readings; 0 if the loops do not give it."""
     blind = without_reading(replace(stated, unsensed=stated.arm.unsensed_joints), joint)
     fit = tried(lambda: without_readings(blind, max_iterations=MAX_ITERATIONS), None)
     if (

@@ -222,7 +222,7 @@ def _smooth(joint: int, candidate: Candidate, found: Evidence, scene: FaultModel
 
 
 def _rms_along(joint: int, candidate: Candidate, found: Evidence, scene: FaultModels) -> float:
-    """Size (rms, rad) of columns that act along one joint."""
+    """Displacement (rms over the poses, rad) that a fitted explanation causes along one joint."""
     B = scene.system.B[:, :, joint - 1]
     moved = candidate.moves(found.b, len(B))
     return _rms((moved * B).sum(-1) / np.maximum((B**2).sum(-1), 1e-300))
@@ -247,8 +247,8 @@ def _rms(values: FloatArray) -> float:
 def motion_causes(experiment: Experiment, labels: tuple[str, ...]) -> tuple[Finding, ...]:
     """Return the joints whose readings spread within poses by more than their sensor's noise.
 
-    An RVDT that spreads in most poses is noisy, which its own verdict reports. The mean over samples of a moving arm
-    does not close the loop, even if the fit does not show it.
+    An RVDT whose readings spread in most poses is noisy: the RVDT's own verdict reports this. The mean over samples of
+    a moving arm does not close the loop, even if the fit does not show it.
     """
     arm, sd_rad = experiment.arm, experiment.poses.sd_rad
     if sd_rad is None:

@@ -31,7 +31,8 @@ class OpenLoopCheck:
     solution
         Calibration of the open arm.
     differences
-        All parameters of the arm that both identified, before: in the closed loop, after: on the open arm.
+        Differences of all parameters of the arm that both calibrations identified: `before` is in the closed loop,
+        `after` on the open arm.
     chi2
         chi2 of all differences together.
     left_out

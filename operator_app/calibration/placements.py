@@ -1,7 +1,7 @@
 """Placements of a fixture: finds those that do not differ, and the distances between the sockets of a ball.
 
-The arm's parameters are shared; each placement has its own for the fixture. Where the fixture was not remounted these
-agree within their covariance; two such placements count as one.
+All placements share the arm's parameters; each has its own parameters of the fixture. Where the fixture was not
+remounted between two placements, the latter agree within their covariance, and the two count as one.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ class Repeat:
         chi2 of the part of the difference that no motion of the chain explains, under stated noise, play and
         compliance.
     joint
-        Joint (1-based) whose reading alone explains most of that part.
+        Joint (1-based) of which a slip alone would explain most of that part.
     size_rad, sigma_rad
         Size of that slip and its standard uncertainty.
     chi2_left
@@ -63,7 +63,7 @@ class Repeat:
     joint_odds
         Likelihood ratio between a slip of that joint and one of the fixture, each at its most likely size.
     turned_rad, shifted_m
-        Slip of the fixture, if it was the fixture.
+        Rotation and displacement of the fixture, if the fixture slipped.
     """
 
     difference_rad: FloatArray

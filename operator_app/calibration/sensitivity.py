@@ -1,6 +1,6 @@
 """Sensitivity of the largest sigmas: the largest source of each, and the sigma if that source were halved.
 
-If a source's standard deviation is halved, at unchanged weights, the variance falls by three quarters of its share.
+If a source's standard deviation is halved, at unchanged weights, the variance falls by 3/4 of the source's share.
 """
 
 from __future__ import annotations

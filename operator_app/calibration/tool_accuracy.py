@@ -14,7 +14,7 @@ from solver.loops.closure import ClosureModel, pose_blocks
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TipSigma:
-    """Standard deviation of the distance between the true tool position and the one by the parameters, m.
+    """Standard deviation of the distance between the true tool position and that from the parameters, m.
 
     `rms`, `worst`: root mean square and largest value over the poses of the calibration.
     """
@@ -54,7 +54,7 @@ class HandAccuracy:
         Distance between the tool position from the arm file and the calibrated one, in the arm's base frame, without
         the fixture's placement on table and tool.
     after
-        Remaining error by the covariance of the parameters, one standard deviation.
+        Remaining error from the covariance of the parameters, one standard deviation.
     poses
         Number of poses, evenly spread over all joints' ranges.
     holds_for

@@ -1,4 +1,4 @@
-"""Verification of a calibration with new poses, its parameters being fixed before these were taken."""
+"""Verification of a calibration with new poses; all parameters are fixed before these poses are taken."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class VerificationResult:
     Attributes
     ----------
     verification
-        The test and its figures.
+        The test and its results.
     nominal
         Closure sigmas of the same poses at the nominal parameters, for comparison.
     odd_poses
@@ -151,7 +151,7 @@ def _rvdt_sd(found: Sequence[Component]) -> dict[int, float]:
 
 
 def predict(new: Experiment, fixed: Fixed) -> HeldOutPoses:
-    """Test new poses with parameters alone: curves, sag and compliance are independent in every pose."""
+    """Test new poses with parameters alone: linearity deviation, sag and compliance are independent in each pose."""
     model = freed(new.loop(), fixed.values)
     x, covariance = _in_order(model, fixed)
     return verify(model, x, covariance, new.poses.q_rad, stated_noise(new, fixed))
@@ -167,10 +167,10 @@ def verify_poses(
 ) -> VerificationResult:
     """Test new poses of the same arm in the same fixture, of one calibrated placement or of all of them.
 
-    Curves, sag and compliance are known from the calibration's own poses, and one common shift is searched.
-    `elsewhere`: the new poses may be of other placements, where the place of the fixture is found from them; all other
-    parameters are fixed. Raises `ValueError` if the parameters are not those of this loop (another fixture, or another
-    number of placements).
+    Linearity deviation, sag and compliance are known from the calibration's own poses. One common shift is searched
+    for. `elsewhere`: the new poses may be of other placements, where the place of the fixture is found from them; all
+    other parameters are fixed. Raises `ValueError` if the parameters are not those of this loop (another fixture, or
+    another number of placements).
     """
     fixture, calibrated = (
         with_calibrated_places(fixture, made.solution.model),
@@ -254,7 +254,7 @@ def stated_noise(experiment: Experiment, fixed: Fixed | None = None) -> NoiseMod
     """Return the stated noise of new readings, or the estimate of the calibration `fixed` where that is smaller.
 
     Noise estimated larger than stated is not used: after a slip of the fixture during the calibration every later pose
-    would look good.
+    would pass.
     """
     arm, compliance = experiment.arm, experiment.fixture.compliance
     stated = noise_model(experiment)
@@ -342,7 +342,7 @@ HUNDREDTH_RAD = np.deg2rad(0.01)
 
 
 NAMED = 5
-"""Most poses named one by one."""
+"""Largest number of poses that a message names."""
 
 
 class NoTestError(ValueError):

@@ -18,7 +18,8 @@ MOST_PROBLEMS = 100
 CSV_NUMBER = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 NOT_FINITE = re.compile(r"[-+]?(?:nan|inf|infinity|#n/a|n/a|na)", re.IGNORECASE)
 FORMULA = re.compile(r"'*(?:\s*[=+\-@]|[\t\r\n])")
-"""Text that a spreadsheet takes for a formula, with or without apostrophes before it: one more makes it text."""
+"""Text that a spreadsheet takes for a formula, with or without apostrophes before it. A further apostrophe makes it
+plain text."""
 ESCAPED = re.compile(r"(\\+)u\{([0-9a-f]{1,6})\}")
 LOOKS_ESCAPED = re.compile(r"(\\+)(u\{[0-9a-f]{1,6}\})")
 HIDDEN_CANDIDATE = re.compile(r"(\\*)([^\\])", re.DOTALL)

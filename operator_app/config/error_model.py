@@ -1,7 +1,7 @@
 """Errors and masses stated in files, and defaults for those that are not stated.
 
-The defaults are what an ordinary workshop achieves. All are one standard deviation, 0 is exact. A plain ``tolerance:
-0`` or ``give: 0`` sets all uncertainties in that mapping to 0.
+The defaults are what an ordinary workshop achieves. All are one standard deviation, 0 is exact. A mapping replaced by a
+plain 0, such as ``give: 0``, has 0 for all its uncertainties.
 """
 
 from __future__ import annotations

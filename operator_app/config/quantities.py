@@ -81,7 +81,7 @@ def angle_doubt(value_deg: float) -> str:
 def _limited(
     largest: float, text: str, remedy: str, *, smallest: float | None = None
 ) -> tuple[AfterValidator, WithJsonSchema]:
-    """Refuse a number beyond these limits (by default, either way) with a `text` in which it has a place."""
+    """Refuse a number beyond `largest` (by default, in either direction); `text` is a template for the number."""
     least = -largest if smallest is None else smallest
 
     def check(value: float) -> float:

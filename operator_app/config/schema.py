@@ -278,7 +278,7 @@ def _keys(document: YamlDocument, model: type[M], path: Path) -> list[str]:
 
 
 def _choices(node: dict[str, Any], whole: dict[str, Any], value: Any) -> list[dict[str, Any]]:
-    """Resolve a node of a JSON Schema; of several kinds, only the one that `value` names."""
+    """Resolve a node of a JSON Schema into models; of models with a `kind`, only that of the kind of `value`."""
     if "$ref" in node:
         return [whole["$defs"][node["$ref"].rpartition("/")[2]]]
     # Older versions of pydantic write a reference with a default as allOf of one.

@@ -32,9 +32,9 @@ MOST_SETS = 3
 """Largest number of drive sets of a plan."""
 INEXACT_RAD = float(np.deg2rad(0.5))
 FEWEST_WAYPOINTS = 10
-"""Smallest number of reachable poses."""
+"""Fewest poses of the reachable region; with fewer, no drive joints are chosen."""
 WORTH_A_CHANGE = 0.03
-"""Smallest share of the region that another set has to add."""
+"""Least share of the region that a further drive set of a plan has to add."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

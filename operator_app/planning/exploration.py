@@ -22,7 +22,7 @@ RANGE_END_MARGIN_RAD = float(np.deg2rad(2.0))
 """A move ends when a joint comes this close to the end of its range."""
 
 DEFAULT_SPAN_DEG = 25.0
-"""Half width of the box of drive joints that the procedure does not limit."""
+"""Half width of the box along each drive joint that the procedure does not limit."""
 
 BATCH = 8
 """Waypoints are sorted for short moves within batches of this size."""

@@ -159,7 +159,7 @@ def ball_between(arm: ArmModel, hand_m: FloatArray, base_m: FloatArray | None) -
 def hinge_between(arm: ArmModel, hand: Line, base: Line | None) -> Hinge:
     """Return the hinge in which a line of the tool frame and a line of the base, and their points, coincide.
 
-    Of the two directions along the base's line, it takes the one that closes nearer to the arm's home.
+    Of the two directions along the base's line, the one is used with which the loop closes nearer to the arm's home.
     """
     if base is None:
         return Hinge.between(arm, hand.seen(*_hand_at_home(arm)), hand)

@@ -1,7 +1,7 @@
 """Reproduction of the paper's experiment (Giugovaz and Hollerbach, sections 3 and 4) on a simulated specimen.
 
 The original readings are not available: the specimen has the three suspected sources of error, with sizes that give the
-reported residuals. The results are of similar size as the published ones, but not those of the same arm.
+reported residuals. The results are similar in size to the published ones, but not those of the same arm.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 STEP_RAD = math.radians(2.0)
 BOUNDS = Bounds(samples=10, still_rad=math.radians(0.5), near_rad=math.radians(0.5))
-"""Step of a drive joint in a fixture, where other joints follow."""
+"""Step of a drive joint in a fixture, where other joints follow; and limits of comparisons with an arm in a fixture."""
 
 
 class ConnectedArm:

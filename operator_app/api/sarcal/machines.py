@@ -69,7 +69,7 @@ class Arm:
         return self._model.home_rad
 
     def fk(self, q_rad: ArrayLike) -> FloatArray:
-        """Pose of frame n in the arm's base frame, by the figures in its file: before any calibration.
+        """Pose of frame n in the arm's base frame, from the values in its file: before any calibration.
 
         For readings (n,) or (m, n), rad, returns T_base_flange (4, 4) or (m, 4, 4), lengths in m; `Result.fk` with
         ``frame="flange"`` returns the calibrated one. Raises TypeError or ValueError for invalid readings of this arm.

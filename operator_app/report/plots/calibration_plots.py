@@ -155,7 +155,7 @@ def _closure(
 
 
 def rvdt_deviations(subject: Subject, joint: int, found: RvdtFigures) -> Picture:
-    """Return the plot of one RVDT's readings minus the angles by the loops, with linearity deviation and limits."""
+    """Return the plot of one RVDT's readings minus the angles from the loops, with linearity deviation and limits."""
     grid = np.linspace(found.curve.low, found.curve.high, CURVE_POINTS)
     curve = found.curve(grid)
     allowed = _rvdt(subject, joint).linearity_rad
@@ -218,7 +218,7 @@ def _of_rvdt(
 ) -> Picture:
     """Return the plot of values (m,) over angles (m,), with a band about zero.
 
-    `known_rad` (k, 3) are the corrections of a curve, by reading, with their standard deviations.
+    `known_rad` (k, 3): readings, the corrections at these readings, and the standard deviations of the corrections.
     """
     x_label, y_label = labels
     x, y = _scaled(at_rad, ANGLE), _scaled(values_rad, CLOSURE_ANGLE)

@@ -83,8 +83,8 @@ def run_controller(
 ) -> Iterator[VirtualController]:
     """Run the virtual controller of an arm on a bus, with parameters in the folder `slots` or in memory.
 
-    The plant is this arm in `fixture` (default: the packaged hinge) and `placement`. `script`: faults at given
-    SYNCs. The operator calls `VirtualController.attend` of an `attended` controller while it waits.
+    The plant is this arm in `fixture` (default: the packaged hinge) and `placement`. `script`: faults at given SYNCs.
+    If the controller is `attended`, the operator program calls `VirtualController.attend` while it waits.
     """
     fixture = load_fixture("hinge") if fixture is None else fixture
     chosen = virtual_arm(arm, fixture, choices, placement)

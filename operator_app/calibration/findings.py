@@ -248,7 +248,7 @@ def motion_causes(experiment: Experiment, labels: tuple[str, ...]) -> tuple[Find
     """Return the joints whose readings spread within poses by more than their sensor's noise.
 
     An RVDT whose readings spread in most poses is noisy: the RVDT's own verdict reports this. The mean over samples of
-    a moving arm does not close the loop, even if the fit does not show it.
+    a moving arm does not close the loop, even if the fit does not show this.
     """
     arm, sd_rad = experiment.arm, experiment.poses.sd_rad
     if sd_rad is None:

@@ -1,7 +1,8 @@
 """Accepted calibrations and verifications of one arm over time: scatter, shifts, and when the next calibration is due.
 
-Pure: takes documents and verdicts. Offsets of the arm itself are tested over all sessions; parameters of the mounting
-restart with each mounting. Each fixture and estimator has systematic errors of its own, and therefore its own history.
+Only documents and verdicts are used; no file is read. Offsets of the arm itself are tested over all sessions;
+parameters of the mounting restart with each mounting. Each fixture and estimator has systematic errors of its own, and
+therefore its own history.
 """
 
 from __future__ import annotations

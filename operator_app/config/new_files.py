@@ -91,7 +91,7 @@ def fixture_file(fixture: Hinge | Ball, *, name: str, arm: ArmModel) -> bytes:
 
 
 def _placed(key: str, value: Any) -> Any:
-    """Return a length or an angle of a placement (SI units) as its key states it; an offset not stated is 0."""
+    """Return a length or an angle of a placement (SI units) in the unit of its key; 0 for an offset not stated."""
     if isinstance(value, tuple):
         return [_placed(key, part) for part in value]
     return _millimetres(value) if key.endswith("_mm") else _degrees(value or 0.0)

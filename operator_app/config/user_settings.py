@@ -76,7 +76,10 @@ def load_settings() -> UserSettings:
 
 
 def settings_if_right() -> tuple[UserSettings, str]:
-    """Return the user's settings and a warning; if the file is invalid, defaults, which are not used for the bus."""
+    """Return the user's settings and an empty text; if the file is invalid, default settings and a warning.
+
+    A bus is not taken from these: `usual_bus` refuses an invalid file.
+    """
     try:
         return load_settings(), ""
     except ConfigError:

@@ -307,7 +307,7 @@ def return_tests(
 def proven_by_return(
     since: tuple[Finding, ...], by_tests: tuple[Finding, ...]
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
-    """Return the causes proven by repeated poses, and the tests' other causes; a cause named by both blocks.
+    """Return the blocking causes that repeated poses prove, and the tests' other causes.
 
     A proven slip blocks even if it is smaller than the sigmas from the poses alone, because the slip itself has widened
     these.

@@ -91,7 +91,7 @@ class CalibrationComparison:
     Attributes
     ----------
     drifts
-        One entry for each parameter that both identified and that can be compared.
+        One entry for each parameter that both calibrations identified and that can be compared.
     level, threshold_sigmas
         False-alarm probability over all free parameters, and the corresponding change in sigmas.
     scale_before, scale_after

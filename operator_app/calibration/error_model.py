@@ -161,7 +161,7 @@ def noise_model(experiment: Experiment) -> NoiseModel:
 
 
 def _instrument_variance(fixture: EndpointConstraint) -> FloatArray | None:
-    """Variance of the endpoint measurement along the closure components (6,), None without one."""
+    """Variance (6,) of the endpoint measurement along the closure components; None without an instrument."""
     return fixture.endpoint_variance() if isinstance(fixture, Measured) else None
 
 

@@ -1,4 +1,4 @@
-"""Predicts new poses from a calibration's own poses, with both in one error model at stated sizes."""
+"""Predicts new poses from a calibration's own poses, with both in one error model with errors of stated size."""
 
 from __future__ import annotations
 

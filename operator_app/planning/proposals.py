@@ -38,7 +38,8 @@ CONDITION_LIMIT = 100.0
 BEST = 2
 """Number of closed poses for which a calibration is predicted."""
 AXES = frozen(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 1.0], [1.0, -1.0, 1.0]]))
-"""Directions of a hinge axis in the tool, none along the last joint: the fixture is not known yet."""
+"""Directions of a hinge axis in the tool that are tried while the fixture is not known; none is along the last
+joint."""
 
 
 def bent_home(arm: ArmModel) -> FloatArray | None:

@@ -68,13 +68,13 @@ class ArmIdentity:
     speaks
         Protocol of its nodes, as text for the operator.
     by_hand
-        Whether only a person moves it: no hardware stop is required, and `ArmInterface.move` waits until the joints
-        have reached their targets.
+        Whether only a person moves the arm. Then no hardware stop is required, and `ArmInterface.move` waits until the
+        joints have reached their targets.
     unwatching
         Joints whose drives do not report that they monitor the operator's heartbeat.
     configured, zeroed
-        Sentences on what was written into drives; `zeroed` are those on torques and offsets set to 0, which a
-        communication reset may not restore.
+        Sentences on what was written into drives. `zeroed` are those on torques and offsets set to 0; a communication
+        reset may not restore the former values.
     keeps_parameters
         Whether a controller stores a parameter document; if not, nothing is uploaded.
     """
@@ -137,7 +137,7 @@ class HostLatency:
     longest_s: float = 0.0
 
     def with_event(self, by_s: float, *, new: bool) -> HostLatency:
-        """Return this with a `new` latency, or the last one extended."""
+        """Return a copy with a `new` latency of `by_s`, or with the last one extended to `by_s`."""
         last_s = by_s if new else max(by_s, self.last_s)
         return HostLatency(
             times=self.times + new, last_s=last_s, longest_s=max(last_s, self.longest_s)
@@ -160,7 +160,7 @@ class ArmSnapshot:
     stopped, stopped_for
         Whether STOP is latched, and why if no person pressed it.
     late_s
-        Part of the oldest joint's age that is host latency.
+        Host latency contained in the age of the oldest joint state.
     lateness
         Host latency of the whole connection.
     """
@@ -265,7 +265,7 @@ class ArmInterface(Protocol):
         """Clear the latch and drive faults; causes no motion, and the drives stay disabled."""
 
     def upload_parameters(self, document: bytes) -> UploadReceipt:
-        """Stage a document, read it back and commit it, also with the drives off.
+        """Stage a document, read it back and commit it; the drives may be off.
 
         May raise `UploadRefused` with the reason.
         """
@@ -292,6 +292,6 @@ class PowerReporting(Protocol):
 
 @runtime_checkable
 class Recordable(Protocol):
-    """An arm that records its bus to the file `record_to` from the next connection on; None for none."""
+    """An arm that records its bus to the file `record_to` from the next connection on; no recording if None."""
 
     record_to: Path | None

@@ -67,7 +67,7 @@ def joint_limits(
 def refuse_command(
     joint: int, *, in_control: bool, drive: DriveState, mode: JointMode | None
 ) -> str:
-    """Why every target of a joint is refused in this state, of which `mode` is 6061h; empty if targets are allowed."""
+    """Why a joint in this state gets no target at all; `mode` is its 6061h. Empty if targets are allowed."""
     if not in_control:
         return f"joint {joint}: the program that sent this does not control the arm"
     if drive is not DriveState.OPERATION_ENABLED:

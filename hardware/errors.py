@@ -104,7 +104,7 @@ class ObjectMismatch:
 
 
 class MappingMismatch(HardwareError):
-    """Nodes differ from the profile; `differences` are sentences, with the nodes that do not answer."""
+    """Nodes differ from the profile; `differences` are sentences, also on nodes that do not answer."""
 
     def __init__(self, found: Sequence[ObjectMismatch], silent: Sequence[str] = ()) -> None:
         self.found = tuple(found)

@@ -1,7 +1,7 @@
 """Text lines from an instrument: over TCP, from standard input, or from a growing file.
 
-Lines received before the question belong to another pose and are discarded. Over TCP the question is sent as a line,
-which an instrument may ignore.
+Each measurement starts with a question to the instrument. Lines received before it belong to another pose and are
+discarded. Over TCP the question is sent as a line; an instrument may ignore it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ CHUNK_BYTES = 64 * 1024
 KEPT_BYTES = 1024 * 1024
 """Bytes buffered; older ones are dropped."""
 IN_TRANSIT = 16 * 1024 * 1024
-"""More bytes than a connection can hold: what follows them was sent after the question."""
+"""More bytes than a connection can buffer: any that follow were sent after the question."""
 
 
 class LineStream:
@@ -124,7 +124,7 @@ class LineStream:
 
 
 def require_short(length: int, name: str) -> None:
-    """Raise `InstrumentError` for a line without end on the port `name`."""
+    """Raise `InstrumentError` if `length` characters came from the port `name` without an end of line."""
     if length >= LONGEST:
         raise InstrumentError(
             f"{name} sends no lines: {length} characters without an end of line. It must send one JSON "
@@ -245,7 +245,7 @@ class StdinLines(LinePort):
 
     @cached_property
     def _stream(self) -> LineStream:
-        """The reader, which starts when it is needed first."""
+        """The reader, started on first use."""
         return LineStream(self._descriptor)
 
     def open(self) -> str:

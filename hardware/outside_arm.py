@@ -1,6 +1,6 @@
 """Wraps an arm of another package with this program's limits, STOP latch and error messages.
 
-Commands that the limits refuse do not reach it, nothing moves while STOP is latched, a STOP pressed during a
+Commands that the limits refuse do not reach the arm, nothing moves while STOP is latched, a STOP pressed during a
 command is sent again after it, and exceptions and invalid readings become errors that name the package.
 """
 

@@ -36,7 +36,7 @@ class Timing:
     boot_timeout_s
         Time-out for a node to boot, and to start.
     operator_timeout_s
-        Silence after which another operator is gone, for nodes that do not state their time-out.
+        Silence after which another operator counts as gone, for nodes that do not state their time-out.
     upload_retry_s
         Pause between attempts to upload; a lapsed token is granted again after the next heartbeat (100 ms).
     answer_timeouts_s
@@ -86,9 +86,10 @@ of the program is real-time too, since the thread that holds the interpreter blo
 def real_time_priority() -> Iterator[None]:
     """Give this thread and those it starts real-time scheduling; no change if that is not allowed.
 
-    Niceness is not enough: Linux shares the processor between terminal sessions (autogroup), so a nice program in
-    another session still gets as much of it as the program that moves the arm. Root is allowed it, and others by
-    ``ulimit -r`` (rtprio in limits.conf). The kernel limits real-time threads to 95 % of a processor.
+    Niceness is not enough: Linux shares the processor between terminal sessions (autogroup), so a low-priority (niced)
+    program in another session still gets as much time as the program that moves the arm. Root may use real-time
+    scheduling; other users need an rtprio limit (``ulimit -r``, limits.conf). Real-time threads get at most 95 % of a
+    processor.
     """
     if sys.platform != "linux":
         yield
@@ -127,10 +128,10 @@ REPORTED_S = 0.3
 class LatencyMonitor:
     """Accumulates host latency; the receiving thread calls it for every poll of the bus.
 
-    On a busy computer the receiving thread may not run for a second while frames wait in a queue. Silences exclude
-    that time, and a frame's age counts from its arrival: the difference between its stamp and now on the stamping
-    clock. Since that clock may be set, a frame is never older than the last moment the queue was empty; without a
-    usable stamp it counts as arrived when it is read.
+    On a busy computer the receiving thread may not run for a second while frames wait in a queue. Silences exclude that
+    time, and a frame's age counts from its arrival: the difference between its stamp and now on the stamping clock.
+    Since the stamping clock may be set, no frame counts as older than the last moment at which the queue was empty;
+    without a usable stamp it counts as arrived when it is read.
 
     Parameters
     ----------

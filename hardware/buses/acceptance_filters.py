@@ -1,7 +1,7 @@
 """Acceptance filters of both ends of an arm's bus.
 
-Adapters, kernels and the loopback bus drop other frames before they wake a process. Where none of these can filter,
-every frame is received, and unknown ones are ignored.
+Adapters, kernels and the loopback bus drop frames that no filter passes before these wake a process. Where none of
+these can filter, every frame is received, and unknown ones are ignored.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def set_hardware_filters(bus: can.BusABC, filters: list[CanFilter]) -> None:
     reader that empties the queue would stop while answers are left. The in-process bus has no such readers.
 
     Adapters with room for fewer filters (Kvaser, SYSTEC and Vector have room for one) fall back to python-can's filter,
-    as `_is_filtered` then shows: their filters are removed again.
+    which `_is_filtered` then shows. The filters of such adapters are removed again.
     """
     if isinstance(bus, VirtualBus):
         bus.set_filters(filters)
@@ -83,7 +83,7 @@ def _covering(identifiers: Iterable[int]) -> CanFilter:
 
 
 def _joints(base: int, joints: int) -> CanFilter:
-    """One mask that passes nodes 0 to `joints`, up to the next power of two."""
+    """One mask that passes `base` + node for nodes 0 to `joints`, and for those up to the next power of two."""
     return _filter(base, _ALL_BITS & ~((1 << joints.bit_length()) - 1))
 
 

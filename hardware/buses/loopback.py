@@ -98,8 +98,8 @@ def decode_frame(datagram: bytes, tag: bytes) -> can.Message | None:
 def filter_program(filters: CanFilters) -> bytes:
     """Classic BPF program (struct sock_filter, Linux) that passes datagrams whose frame a filter matches.
 
-    python-can's rule: ``identifier & mask == id & mask``, and the kind of identifier (11 or 29 bits) if the filter
-    names it.
+    python-can's rule: ``identifier & mask == id & mask``, and the identifier length (11 or 29 bits) if the filter
+    states it.
     """
     code = list[bytes]()
     for wanted in filters:
@@ -253,7 +253,7 @@ class LoopbackBus(can.BusABC):
 
 
 def _arrival_s(ancillary: list[tuple[int, int, bytes]]) -> float:
-    """Return the kernel's time of arrival, or the current time without one."""
+    """Return the kernel's time stamp of arrival, or the current time if there is none."""
     for level, kind, value in ancillary:
         if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(value) >= 16:
             seconds, nanoseconds = struct.unpack_from("@qq", value)

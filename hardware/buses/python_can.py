@@ -1,9 +1,9 @@
 """Settings of a CAN bus and of its arm; opens the bus through python-can, with errors that state a remedy.
 
-Settings use python-can's names and sources, in order of precedence: command-line options
-(``-i/--interface -c/--channel -b/--bitrate``), the environment (``CAN_INTERFACE``, ``CAN_CHANNEL``,
-``CAN_BITRATE``, ``CAN_CONFIG``) and ``can.conf``; by default the interface is ``virtual``. It may also name an arm
-of another package (`hardware.arm_plugins`), which has a channel but no CAN bus.
+Settings use python-can's names and sources, in order of precedence: command-line options (``-i/--interface -c/--channel
+-b/--bitrate``), the environment (``CAN_INTERFACE``, ``CAN_CHANNEL``, ``CAN_BITRATE``, ``CAN_CONFIG``) and ``can.conf``;
+by default the interface is ``virtual``. The interface may also be the name of an arm of another package
+(`hardware.arm_plugins`). Such an arm has a channel but no CAN bus.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def bus_settings(
     *,
     otherwise: BusSettings | None = None,
 ) -> BusSettings:
-    """Settings from options, the environment and ``can.conf``; interface `otherwise` if none of them names one.
+    """Settings from options, the environment and ``can.conf``; `otherwise` if none names an interface.
 
     Raises `BusSettingsError` for an unknown interface, an invalid bitrate or a missing channel.
     """

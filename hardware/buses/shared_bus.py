@@ -35,8 +35,8 @@ class Recording:
     Parameters
     ----------
     path
-        File to record to, in the format of its suffix (``.blf``, ``.asc``, ``.log``, ...). If it exists it is kept, and
-        a numbered one (``bus-2.blf``) is written instead.
+        File to record to, in the format of its suffix (``.blf``, ``.asc``, ``.log``, ...). An existing file is kept,
+        and a numbered one (``bus-2.blf``) is written instead.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ _MAX_SKIPPED = 200
 """Consecutive frames of other kinds after which `receive` returns."""
 _RECORDER_POLL_S = 0.05
 QUEUE_FULL_PAUSE_S = 0.0005
-"""A queue of ten frames at 1 Mbit/s has room again after 0.13 ms."""
+"""Pause before sending again: a queue of ten frames at 1 Mbit/s has room again after 0.13 ms."""
 
 
 def queue_is_full(error: BaseException) -> bool:

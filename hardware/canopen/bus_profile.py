@@ -20,7 +20,7 @@ Entry = tuple[int, int, int]
 COMMAND_OBJECTS: Final = (objects.CONTROLWORD, objects.TARGET_POSITION, objects.MODE)
 """Objects that the RPDOs of a joint carry together."""
 FEEDBACK_OBJECTS: Final = (objects.STATUSWORD, objects.POSITION_ACTUAL, objects.TORQUE_ACTUAL)
-"""Objects that its TPDOs carry on every SYNC."""
+"""Objects that the TPDOs of a joint carry together on every SYNC."""
 ZERO_OBJECTS: Final = frozenset({0x6071, 0x60B0, 0x60B1, 0x60B2, 0x60FF, *range(0x0001, 0x0020)})
 """Further objects allowed in an RPDO, always sent as 0: target torque, velocity, offsets, dummy entries."""
 FIELD_BITS: Final = (8, 16, 32, 64)

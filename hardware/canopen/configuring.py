@@ -1,9 +1,9 @@
 """Writes a bus profile's PDOs into the drives, and 0 into torques and offsets that drives would add to commands.
 
-PDOs by the procedure of CiA 301 in pre-operational: PDO invalid, map count 0, entries, count, PDO valid.
-PDOs that are already right are left alone. Nothing is stored (1010h), so a communication reset restores the drive's own
-PDOs. `hardware.canopen.maps` compares afterwards. Torques and offsets are read before anything is enabled: in free mode
-a joint obeys a target torque and its offset, which our RPDOs may not carry.
+PDOs by the procedure of CiA 301 in pre-operational: PDO invalid, map count 0, entries, count, PDO valid. PDOs that are
+already right are left alone. Nothing is stored (1010h), so a communication reset restores the drive's own PDOs.
+`hardware.canopen.maps` compares afterwards. Torques and offsets are read before anything is enabled: in free mode a
+joint obeys target torque and torque offset, and our RPDOs need not carry them.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ _ADDED_OBJECTS: Final = (TARGET_TORQUE, TORQUE_OFFSET, POSITION_OFFSET)
 
 
 ObjectWrite = tuple[int, int, int, int, str]
-"""Index, sub-index, value, size in bytes, and what is required: the end of the message of a refusal."""
+"""Index, sub-index, value, size in bytes, and the requirement, with which the message ends if the drive refuses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +160,7 @@ def plan_changes(access: ObjectAccess, profile: BusProfile) -> tuple[PdoChange, 
 def _change(
     access: ObjectAccess, profile: BusProfile, node: int, records: PdoRecords
 ) -> PdoChange | str | None:
-    """The change of a drive's PDO to the profile's; None if they are equal, a sentence if it does not exist."""
+    """Change that makes a drive's PDO that of the profile; None if equal, a sentence if the drive lacks it."""
     pdo, communication, mapping, types = records
     cob_id, entries = read_number(access, node, communication, 1), read_map(access, node, mapping)
     if cob_id is None or entries is None:

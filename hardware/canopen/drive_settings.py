@@ -74,7 +74,7 @@ def read_pdos(access: ObjectAccess, node: int) -> tuple[DrivePdo, ...]:
 
 
 def read_widths(access: ObjectAccess, node: int) -> dict[int, int]:
-    """Bits of the objects of a drive that PDOs must carry."""
+    """Widths, in bits, of the objects of a drive that PDOs must carry."""
     widths = {}
     for index in (*COMMAND_OBJECTS, *FEEDBACK_OBJECTS):
         with suppress(SdoRefused):
@@ -95,8 +95,8 @@ def read_description_objects(access: ObjectAccess, node: int) -> tuple[int, ...]
 HEARTBEAT_TIMEOUT_PERIODS = 2.5
 """Heartbeat periods without a heartbeat after which a node counts as silent."""
 FOLLOWING_FRACTION, FOLLOWING_RAD = 1 / 3, math.radians(1.0)
-"""Fraction of a drive's following error window (6065h), and upper limit. In moves without fault the virtual
-arms' joints are at most 0.11 deg from their targets; their drives trip at 3 deg."""
+"""Limit of a joint's distance from its target: fraction of its following error window (6065h), and upper bound. In
+moves without fault the virtual arms' joints are at most 0.11 deg from their targets; their drives trip at 3 deg."""
 MIN_WINDOW_COUNTS = 10.0
 """Smallest window: below it sensor noise counts as an error."""
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from hardware.canopen.sdo import ObjectAccess
 
 POSITION_AGREEMENT_RAD = 0.01
-"""Limit between position by PDO and by SDO: RVDT noise, and creep of a joint at rest between the two."""
+"""Largest difference between position by PDO and by SDO: RVDT noise, and creep of a joint between the two readings."""
 
 NOT_VALID, EXTENDED, GENERATES_SYNC = 1 << 31, 1 << 29, 1 << 30
 """Flag bits of a COB-ID."""
@@ -31,8 +31,9 @@ EVERY_SYNC = (objects.TPDO_EVERY_SYNC,)
 _SYNC_COUNTER = 0x1019
 """Synchronous counter overflow value; if not 0, SYNC carries a counter."""
 MAX_PDOS, PDOS_PER_AXIS, MAX_ABSENT_PDOS = 512, 64, 16
-"""CiA 301 has 512 PDOs each way, 64 for each axis (CiA 402). Which exist must be tried: on the first axis until
-so many in a row are absent, on the others if their first exists."""
+"""CiA 301 has 512 PDOs in each direction, CiA 402 assigns 64 of them to each axis. To find those that exist, each must
+be read: on the first axis until MAX_ABSENT_PDOS in a row are absent, on the others likewise if their first PDO
+exists."""
 INHIBIT_S, MAX_INHIBIT_S = 1e-4, 0.5 * objects.CONTROL_PERIOD_S
 """Unit of 1800h sub 3, and the inhibit time from which a TPDO may miss a SYNC."""
 INHIBIT, SYNC_START = 3, 6

@@ -75,7 +75,7 @@ MAX_OPERATOR_TIMEOUT_S: Final = 10.0
 ADVISED_OPERATOR_TIMEOUT_S: Final = 2.0
 """Advised limit of that time-out; `sarcal arm-check` reports a longer one."""
 CONTROL_PERIOD_S: Final = 0.01
-"""Time of one SYNC (60C2h)."""
+"""Period of SYNC (60C2h)."""
 
 # ---- PDOs --------------------------------------------------------------------------------------
 TPDO_EVERY_SYNC: Final = 1

@@ -20,12 +20,14 @@ from hardware.errors import BusError, DuplicateNodeId, FramesLost, HardwareError
 ANSWER_TIMEOUT_S = 1.0
 READ_ATTEMPTS = 3
 COMMAND_TIMEOUT_FACTOR = 5.0
-"""A command is answered when it is done: a document is parsed, or written to a disk."""
+"""Factor on the time-out of a command, which is answered only when it is done: a document is parsed, or written to
+disk."""
 MIN_UNANSWERED, MAX_UNANSWERED_FRACTION = 8, 0.1
-"""Access stops when more requests than both are unanswered. A connection needs 600: with 1 % of all frames lost
-2 connections in 10,000 are refused, with 10 % all."""
+"""Access stops when at least this number, and more than this fraction, of all requests are unanswered. A connection
+needs 600 requests: if 1 % of all frames are lost, 2 connections in 10,000 are refused; if 10 % are lost, all."""
 UNIQUENESS_REQUESTS, DUPLICATE_FRACTION = 20, 0.75
-"""With every tenth frame doubled each way, one single device in 10^8 answers so many requests twice."""
+"""Test requests to a node, and the fraction answered twice that shows two devices. If every tenth frame is doubled in
+each direction, one single device in 10^8 reaches this fraction."""
 _IN_TRANSIT_S = 0.02
 _ABORT, _GENERAL_ERROR = 0x80, 0x08000000
 
@@ -225,7 +227,7 @@ class ObjectAccess:
 def _context_chain(
     error: BaseException | None, outer: BaseException | None
 ) -> Iterator[BaseException]:
-    """An exception and its contexts, the last first, up to `outer`."""
+    """Yield an exception and those that it was raised in (`__context__`), the latest first, as far as `outer`."""
     while error is not None and error is not outer:
         yield error
         error = error.__context__

@@ -205,7 +205,7 @@ def _move(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
 
 
 def _turn(bench: Bench, joint: int) -> Iterator[Clause]:
-    """Move a joint there and back twice, during which it is halted, interrupted and stopped."""
+    """Move a joint there and back twice; on the way it is halted, interrupted and stopped."""
     arm, speed, bounds = bench.arm, bench.speed_rad_per_s, bench.moving
     start = arm.capture(bench.bounds.samples).mean_rad
     home = float(start[joint - 1])

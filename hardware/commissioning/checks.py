@@ -40,7 +40,7 @@ ENOUGH: Final = "that is enough"
 
 @dataclass(slots=True)
 class OnTheWay:
-    """A watch that acts once after part of the motion, and stores the position where it did."""
+    """A watch that acts once after part of the motion, and stores the joint's position at that moment."""
 
     joint: int
     after_rad: float
@@ -80,7 +80,7 @@ class Turn:
         return OnTheWay(joint=self.joint, after_rad=self.part_rad, act=act, start_rad=start)
 
     def ran_on(self, watch: OnTheWay) -> str:
-        """Travel after the watch acted, as text."""
+        """Text on how far the joint still moved after the watch acted."""
         here = float(self.arm.capture(1).mean_rad[self.joint - 1])
         at = watch.start_rad if watch.at_rad is None else watch.at_rad
         return f"came to rest after a further {deg(abs(here - at))}"
@@ -188,7 +188,7 @@ def moved_alone(before: np.ndarray, after: np.ndarray, joint: int, bounds: Bound
 
 
 HOLDS_AFTER_STOP: Final = 5
-"""605Ah from which the drive stays in *quick stop active*; below, it releases the joint."""
+"""From this value of 605Ah on, the drive stays in *quick stop active*; below it, the drive releases the joint."""
 PERIOD_TOLERANCE: Final = 0.2
 """Relative tolerance of the mean SYNC period."""
 

@@ -164,7 +164,7 @@ def keeps_within_limits(
 ) -> Iterator[Clause]:
     """Targets beyond the range and speeds above the limit are refused.
 
-    If not, the test ends the move at its first sample.
+    If a command is not refused, the test ends the move at its first sample.
     """
     here = arm.snapshot().joints[joint - 1].position_rad
     margin = math.radians(2.0)

@@ -1,7 +1,7 @@
 """Finds the nodes on a bus and compares their set-up with a bus profile; enables nothing.
 
-It listens first, and sends nothing if another master is heard. Otherwise every node number is asked for its device
-type, and the nodes that answer for their identity and set-up.
+It listens first, and sends nothing if another master is heard. Otherwise it requests the device type of every node
+number, then identity and set-up of the nodes that answer.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ LISTEN_S: Final = 1.2
 ANSWERS_S: Final = 0.6
 NODES: Final = range(1, 127)
 MAX_NAMED: Final = 6
-"""Kinds of foreign frames named in a message."""
+"""Largest number of different foreign frames named in a message."""
 NO_OPERATOR_MONITORING: Final = (
     "node {}: it has no 1016h, so it may go on without the operator's heartbeat: keep a hand on the hardware stop, "
     "and test it (sarcal arm-check)"
 )
 _POLL_S: Final = 0.02
 _MAX_ANSWER_PERIODS: Final = 10
-"""Limit of the wait for answers, in such silences."""
+"""Longest wait for answers, as a multiple of the silence that ends the wait."""
 _READ_DEVICE_TYPE: Final = bytes(
     [0x40, objects.DEVICE_TYPE & 0xFF, objects.DEVICE_TYPE >> 8, 0, 0, 0, 0, 0]
 )
@@ -62,7 +62,7 @@ class FoundNode:
     position_counts
         6064h of a drive.
     problems, unread, notes
-        Differences from the profile; why reading it stopped early (also one of the problems); remarks.
+        Differences from the profile; why reading the node stopped early (also one of the problems); remarks.
     pdos, widths
         PDOs of a drive, and the bits of each object that they must carry.
     described

@@ -34,8 +34,8 @@ class DraftRefused(Exception):
 def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> BusProfile:
     """Profile of the drives found, joints in order of node numbers; `DraftRefused` if it is not possible.
 
-    It uses the drives' current PDOs or, with `configure`, the fewest PDOs that carry the objects needed, with CiA 301's
-    identifiers, to be written at every connection.
+    The profile uses the drives' current PDOs or, with `configure`, the fewest PDOs that carry the objects needed, with
+    CiA 301's identifiers, to be written at every connection.
     """
     drives = [node for node in nodes if node.drive]
     if not drives:

@@ -183,7 +183,7 @@ class ConnectableArm:
 
 
 def release_arm(loop: ControlLoop) -> Sample | None:
-    """Set all joints to position mode, then switch the drives off, which blocks the valves. Lifts no STOP.
+    """Set all joints to position mode, then switch the drives off, which blocks the valves. Does not release STOP.
 
     Returns the last sample; None if the arm did not answer.
     """

@@ -40,7 +40,7 @@ from hardware.monitors.admission import admit
 from hardware.monitors.joint_monitor import ENCODER_COUNTS, RVDT_COUNTS, JointMonitor
 
 POSITION_RECHECKS: Final = 3
-"""Repetitions of a differing position comparison by PDO and SDO, if the maps are unchanged."""
+"""How often positions by PDO and SDO that differ are compared again, if the maps are unchanged."""
 
 
 class Connection:
@@ -128,8 +128,8 @@ class Connection:
     def open(self, press: object | None = None, *, takes_over: bool = False) -> ArmIdentity:
         """Find the nodes, check them, start heartbeat and SYNC.
 
-        A STOP newer than `press` cancels the connection; with `takes_over`, drives that stay enabled in silence may be
-        taken over.
+        A STOP newer than `press` cancels the connection; with `takes_over`, drives that stay enabled although no
+        operator is heard may be taken over.
         """
         start_up = StartUp(self)
         try:
@@ -250,7 +250,7 @@ class Connection:
         return True
 
     def explain(self, error: HardwareError) -> HardwareError:
-        """Return the error or, if host latency since control was taken explains it, that latency."""
+        """Return the error or, if host latency since control was taken explains it, the error for that latency."""
         late = self._late_since_control()
         refused = isinstance(error, SdoRefused) and error.code != Abort.LOCAL_CONTROL
         if late is None or refused or isinstance(error, DuplicateNodeId | FramesLost):

@@ -29,14 +29,14 @@ from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import LatencyMonitor, Pace, Timing, raise_loop_priority
 
 SWITCH_INTERVAL_S = 0.0005
-"""Python's default of 5 ms would let a busy thread delay a SYNC by as much."""
+"""Python's thread switch interval: with the default of 5 ms, a busy thread could delay a SYNC by as much."""
 FRAMES_AT_A_TIME = 200
-"""Frames handled before heartbeat and SYNC are due, on a bus with a frame always waiting."""
+"""Limit of the frames handled in a row, so that SYNC is not delayed on a bus where a frame is always waiting."""
 MAX_SAMPLE_AGE_S = 0.1
 """A sample older than this is taken again before the next command. Without host latency it is a few ms old."""
 IDLE_GROWTH, MAX_IDLE_POLL_S = 1.1, 0.02
-"""A new task does not wake the loop while it waits for a frame. Each idle wait is a tenth longer than the one
-before, so that a task waits at most a tenth of the idle time before it."""
+"""A new task does not wake the loop while the loop waits for a frame. Each idle wait is a tenth longer than the one
+before, so that a task waits at most a tenth of the idle time that preceded it."""
 SYNCS_AFTER_STOP = 20
 """SYNCs after STOP in fast forward, in which the drives come to rest."""
 

@@ -76,8 +76,8 @@ def drive_to(
 ) -> Generator[Setpoints | None, Sample, tuple[int, ...]]:
     """Bring all drives to a state, in position mode at their current positions.
 
-    A drive that has reached it keeps its controlword; if it leaves the state, that is an alarm. Returns the joints that
-    did not reach it in time.
+    A drive that has reached the state keeps its controlword; if it leaves the state again, that is an alarm. Returns
+    the joints that did not reach it in time.
     """
     sample = yield None
     positions = sample.counts
@@ -278,7 +278,7 @@ def _next_controlword(status: int, target: TargetState, previous: int) -> int:
 
 
 SYNCS_PER_SAMPLE, EXTRA_SYNCS = 20, 100
-"""Limit of a reading in SYNCs: per sample, and in addition; frames may be lost."""
+"""A reading may take this many SYNCs per sample, and EXTRA_SYNCS in addition, since frames may be lost."""
 
 
 def settle(

@@ -26,9 +26,8 @@ class CommandSender:
     """Sends commands in the control loop's thread.
 
     STOP sends its own frames; its latch is checked before and after the commands, so that quick stop is the last
-    command on the bus. After uncommanded motion all drives are stopped, and the drive of that joint, which does not
-    hold, is switched off, which blocks its valve. A drive that was switched off at the drive itself is not enabled
-    again.
+    command on the bus. After uncommanded motion all drives are stopped. The drive of that joint does not hold, so it is
+    switched off; this blocks the joint's valve. A drive that was switched off at the drive itself is not enabled again.
 
     Parameters
     ----------

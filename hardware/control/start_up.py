@@ -263,7 +263,8 @@ class StartUp:
     ) -> tuple[int, ...]:
         """Send an NMT command; return the nodes that `wait` still reports after a second attempt.
 
-        NMT commands are not acknowledged, and command or heartbeat may be lost: nodes that are heard get it twice.
+        NMT commands are not acknowledged, and command or heartbeat may be lost. So nodes that are heard but have not
+        complied get the command again.
         """
         self._command_nodes(command)
         missing = wait(self._timing.boot_timeout_s)

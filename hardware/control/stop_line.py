@@ -67,8 +67,8 @@ class StopLine:
     Parameters
     ----------
     bus
-        Handle used for STOP only; `close` shuts it down. None if the adapter opens only once: STOP then uses the
-        shared handle, past its lock.
+        Handle used for STOP only; `close` shuts it down. None if the adapter opens only once: STOP then uses the shared
+        handle without taking its lock.
     spare
         Shared bus: sends the frames that `bus` does not accept, and records those sent.
     frames

@@ -24,8 +24,8 @@ SMOOTHING_PERIODS = 10
 def coming_to_rest_s(speed_rad_per_s: float) -> float:
     """Braking distance of a joint divided by its current speed, s, in a move of this speed.
 
-    Half the deceleration time (the mean speed is half), half the moving average and two control periods of delay.
-    It holds for a free joint too, as long as its motion is proportional to the drives'.
+    The sum of half the deceleration time (the mean speed is half), half the length of the moving average, and two
+    control periods of delay. Valid for a free joint too, as long as its motion is proportional to that of the drives.
     """
     delay_s = (0.5 * (SMOOTHING_PERIODS - 1) + 2.0) * CONTROL_PERIOD_S
     return 0.5 * speed_rad_per_s / ACCELERATION_RAD_PER_S2 + delay_s

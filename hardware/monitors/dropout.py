@@ -26,7 +26,8 @@ from hardware.canopen.objects import CYCLIC_POSITION
 CONFIRMED_SYNCS: Final = 10
 """After this many answers as commanded, no answer from before the command can still arrive."""
 DROPOUT_SYNCS: Final = 2
-"""Before that, consecutive answers that make a dropout; no command is sent to the joint meanwhile."""
+"""Before that, number of consecutive *disabled* answers that count as a dropout; meanwhile the joint gets no
+command."""
 NOT_FOLLOWING_SYNCS: Final = 50
 """0.5 s without bit 12: longer than a mode change, during which a drive may report either."""
 
@@ -136,7 +137,7 @@ class DropoutMonitor:
 
 
 def _priority(dropout: Dropout) -> int:
-    """Order by likely cause: a drive in fault stops its neighbours, so a stopped drive may only be such a neighbour."""
+    """Order by likely cause: a drive in fault stops its neighbours, so a stopped drive may just be such a neighbour."""
     if dropout.state in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE):
         return 0
     return 2 if dropout.state is DriveState.QUICK_STOP_ACTIVE else 1

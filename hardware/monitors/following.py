@@ -117,7 +117,7 @@ class _Joint:
 
 
 class StandstillMonitor:
-    """Checks every sample after a quick stop; `windows_counts` is each joint's limit from rest, empty for no check.
+    """Checks every sample after a quick stop; `windows_counts` limits the distance from rest, empty for no check.
 
     A stopped drive holds a target of its own, which the operator does not know, so the reference is the position where
     the joint came to rest. A drive whose quick stop ends without power (605Ah below 5) reports that in its state

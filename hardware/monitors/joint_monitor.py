@@ -41,7 +41,7 @@ RVDT_COUNTS = 64.0
 COUPLED_FRACTION, COUPLED_NOISE = 0.1, 0.6
 """A real jerk moves another joint by more than this part of the jump plus this part of its own threshold."""
 MOTION_FACTOR = 6.0
-"""Threshold in motion over that at rest: targets arrive with some jitter."""
+"""Ratio of the threshold in motion to that at rest: targets arrive with some jitter."""
 JERK_SYNCS = 15
 """After a drive is enabled or its mode changes its joint may jerk for this long: no detection."""
 QUIET_SYNCS, ECHO_SYNCS = 10, 2
@@ -180,7 +180,7 @@ class JointMonitor:
         self._continuity = ContinuityMonitor(allowed_counts)
 
     def set_following_windows(self, windows_counts: Sequence[float]) -> None:
-        """Set each joint's limit of distance from its target, or once stopped from rest.
+        """Set the limit of each joint's distance from its target or, once it is stopped, from its rest position.
 
         To be called before SYNC starts.
         """
@@ -192,7 +192,7 @@ class JointMonitor:
         return "" if self.divergence is None else str(divergence_error(self.divergence))
 
     def stop_cause(self) -> HardwareError:
-        """Error that states why STOP is latched: uncommanded motion, or a press."""
+        """Error that states why STOP is latched: uncommanded motion, or the operator pressed STOP."""
         found = self.divergence
         return stop_latched_error() if found is None else divergence_error(found)
 

@@ -78,7 +78,7 @@ def _describe_sdo(data: bytes) -> str:
 _CANCEL_POLL_S = 0.05
 """How soon a wait notices `cancelled`."""
 _TIMEOUT_FACTOR = 5
-"""Limit of a wait in wall-clock time over its time-out, in case no thread receives any more."""
+"""Longest wait in wall-clock time, as a multiple of its time-out, in case no thread receives any more."""
 
 
 class NodeMonitor:

@@ -53,7 +53,7 @@ class AxisSettings:
     limits
         Command limits; the speed limit is the overspeed trip level as well.
     max_torque_nm, following_window_counts
-        Trip levels of torque, which is the rated one too, and of the following error (6065h).
+        Trip levels of torque (also the rated torque) and of the following error (6065h).
     max_speed_counts_per_s
         607Fh.
     home_offset_limit_counts

@@ -80,7 +80,7 @@ class VirtualController:
     sync_count
         SYNCs answered so far.
     tracker
-        Tracker of an open arm, which is not on the bus; None with a fixture.
+        Tracker of an open arm; the tracker is not on the bus. None with a fixture.
     failure
         Error that ended the control loop; None if there is none. The context manager raises it on exit.
     """

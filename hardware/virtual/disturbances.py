@@ -32,7 +32,7 @@ class FrameFaults:
 
 
 class FaultyWire:
-    """One direction of a faulty bus; reproducible for a seed, except for when late frames arrive.
+    """One direction of a faulty bus; reproducible for a seed, except for the times at which late frames arrive.
 
     `delays`: whether frames may be late.
     """

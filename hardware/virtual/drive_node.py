@@ -27,7 +27,7 @@ _REGISTER: Final = {
 RPDO1: Final = pdo_struct(JOINT_PRODUCT, objects.RPDO1_MAP)
 """Controlword, target position in counts, mode: acted on when received."""
 TPDO1: Final = pdo_struct(JOINT_PRODUCT, objects.TPDO1_MAP)
-"""Statusword, position in counts, torque in per mille of rated: sent on every SYNC."""
+"""Statusword, position in counts, torque in per mille of rated torque: sent on every SYNC."""
 _HIGHEST_I16: Final = 2**15 - 1
 _HIGHEST_I32: Final = 2**31 - 1
 

@@ -46,7 +46,7 @@ class FaultDescription:
     kept
         What remains of the session.
     at_connect
-        Whether it shows while the arm is being connected, so that it must be injected before.
+        Whether the fault shows while the arm is being connected, so that it must be injected before that.
     """
 
     broken: str
@@ -83,7 +83,7 @@ _DIVERGED = (
     "reset (R, or `sarcal reset`) and go on: the first pose is measured again before anything else."
 )
 _COUNT_LOSS = ("joint {joint} jumped", "joint {joint} has shifted by")
-"""The second when the first pose is repeated: in position mode the drive compensates its sensor's loss."""
+"""The second one when the first pose is repeated: in position mode the drive moves the joint by the lost counts."""
 _COUNT_LOSS_KEPT = (
     f"{ALL_POSES}; if a joint in position mode is reported when the first pose is repeated, none since then "
     "(for a degree: at the next pose, from the 11th on; for less: at the end, and the verdict refuses to mix them)"

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from hardware.virtual.controller import VirtualController
 
 RIPPLE_COUNTS = 10.0
-"""Standard deviation: ten times the noise of an RVDT's converter."""
+"""Standard deviation of the noise of fault ``ripple``: ten times that of an RVDT's converter."""
 SLOW_HEARTBEAT_S = 5.0
 MISSED_ANSWERS = 10
 SLIP_M = 1e-3
@@ -100,7 +100,7 @@ def _override(arm: VirtualController, joint: int, index: int, subindex: int, val
 
 
 def _cut_cable(arm: VirtualController, node: int) -> None:
-    """A node neither sends nor receives."""
+    """Stop a node from sending and receiving."""
     arm.disturbances.cut_since_s.setdefault(node, arm.now_s())
 
 
@@ -116,7 +116,7 @@ def _swap_tpdo_id(arm: VirtualController, joint: int) -> None:
 
 
 def _report_speed(arm: VirtualController, joint: int) -> None:
-    """Map the speed into TPDO1 in place of the position, as 1A00h then shows."""
+    """Map the speed into TPDO1 in place of the position; the map in 1A00h then shows it."""
     _override(arm, joint, objects.TPDO1_MAP, 2, objects.VELOCITY_ACTUAL << 16 | 32)
     arm.drives[joint - 1].reports_speed = True
 
@@ -133,7 +133,7 @@ def _restart_node(arm: VirtualController, joint: int) -> None:
 
 
 def _stop_watching(arm: VirtualController, joint: int) -> None:
-    """Ignore the loss of the operator's heartbeat, as 1016h then shows."""
+    """Make a drive ignore the loss of the operator's heartbeat; its 1016h then reads 0."""
     _override(arm, joint, objects.HEARTBEAT_CONSUMER, 1, 0)
     _flag("ignores_heartbeat")(arm, joint)
 
@@ -153,7 +153,7 @@ def _collide(arm: VirtualController, joint: int) -> None:
 
 
 def _diverge(arm: VirtualController, joint: int) -> None:
-    """Move 5 deg from the target without reporting a following error."""
+    """Let a joint move 5 deg from its target; the drive reports no following error."""
     _flag("sees_no_following_error")(arm, joint)
     arm.disturbances.diverged_counts[joint] = 0
 

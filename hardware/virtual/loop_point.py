@@ -25,7 +25,8 @@ class ChainPoint(ABC):
     error
         (k,) closure error, whose components each subclass states.
     jacobian
-        (k, n + 1) derivative of `error` by theta_0, theta'_1 .. theta'_n; column 0 is zero without a hinge.
+        (k, n + 1) derivative of `error` with respect to theta_0, theta'_1 .. theta'_n; column 0 is zero without a
+        hinge.
     axes_z, origins_m
         (n + 2, 3) z axis and origin of frames -1 .. n, in frame -1.
     """
@@ -126,7 +127,7 @@ class LoopPoint(ChainPoint):
 
 
 class BallPoint(ChainPoint):
-    """Point `tip_m` (3,) of the last link constrained to `ground_m` (3,) of the base: ball minus socket, m.
+    """Point `tip_m` (3,) of the last link constrained to `ground_m` (3,) of the base; error: ball minus socket, m.
 
     Frame -1 is the base: row 0 of the table is empty, and theta_0 stays zero.
     """

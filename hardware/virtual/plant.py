@@ -43,9 +43,9 @@ DAMPING_NM_S_PER_RAD, HINGE_DAMPING_NM_S_PER_RAD = 5.0, 0.5
 """Viscous damping of every joint and of the hinge: it keeps every step solvable."""
 GRAVITY_M_PER_S2 = 9.81
 PAPER_DOWN = frozen([-1.0, 0.0, 0.0])
-"""In frame 0, the arm's base: z_0, the first shoulder axis, is level."""
+"""Direction of gravity in frame 0, the arm's base: z_0, the first shoulder axis, is horizontal."""
 UPRIGHT_DOWN = frozen([0.0, 0.0, -1.0])
-"""For an arm file without a direction of gravity: the first axis is vertical."""
+"""Direction of gravity if the arm file states none: the first axis is vertical."""
 PAPER_TORQUE_NM = 100.0
 """Torque limit of the paper's arm in its file."""
 

@@ -12,7 +12,7 @@ from canopen.sdo.exceptions import SdoAbortedError
 from hardware.canopen.objects import Abort
 
 SEGMENTS: Final = 127
-"""Largest number of segments in a block, and that of this server."""
+"""Largest number of segments in a block, and the number that this server uses."""
 
 _UPLOAD, _DOWNLOAD, _TAKEN, _CRC, _SIZED, _LAST = 0xC0, 0xA0, 0xA2, 0x04, 0x02, 0x80
 _END: Final = struct.Struct("<BH5x")

@@ -62,7 +62,7 @@ class LinearityDeviation:
         )
 
     def peak_rad(self) -> float:
-        """Largest deviation over full scale: at an end or where the slope vanishes."""
+        """Largest absolute deviation in the full-scale range: at an end, or where the slope vanishes."""
         series = np.zeros(LEGENDRE_DEGREES[-1] + 1)
         series[list(LEGENDRE_DEGREES)] = self.coefficients_rad
         roots = legendre.legroots(legendre.legder(series)) if np.any(series) else np.zeros(0)

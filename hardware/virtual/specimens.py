@@ -32,7 +32,7 @@ OFFSET_TOLERANCE_RAD = float(np.deg2rad(10.0))
 NEAR_HOME_RAD = float(np.deg2rad(15.0))
 """Largest difference of a specimen's start pose from that of the nominal files."""
 RANGE_MARGIN_RAD = float(np.deg2rad(3.0))
-"""Distance of that pose from the ends of the ranges."""
+"""Smallest distance of the start pose from the ends of the ranges."""
 MAX_DRAWS = 200
 
 
@@ -206,9 +206,9 @@ def open_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) ->
 def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) -> Truth:
     """Return the truth of the same arm and fixture, mounted again within the tolerance of the fixture file.
 
-    Both sides change, the tool's only if it does not stay on the tool; so do theta_off of the first and the last
-    joint, which are measured from the fixture. `ValueError` if the arm closes near home in none of the placements
-    drawn.
+    The fixture's ground side changes, and its tool side unless that stays on the tool. So does theta_off of the first
+    and the last joint, which are measured from the fixture. `ValueError` if the arm closes near home in none of the
+    placements drawn.
     """
     arm, model = stated.arm, stated.fixture.model(stated.arm)
     if not isinstance(model, DhLoop | PointClosure):

@@ -208,20 +208,20 @@ PLACEMENT_ENTRIES = ("a_0", "s_0", "alpha_0", "s_1", "a_7", "s_7", "alpha_7")
 
 # Spread of a `wild` truth around the paper's, half widths of uniform draws.
 WILD_POSE_RAD = float(np.deg2rad(25.0))
-"""Of every joint of the true home pose (and so of the offsets) before the loop is closed again."""
+"""Largest change of every joint of the true home pose (and so of the offsets) before the loop is closed again."""
 WILD_HINGE_M, WILD_HINGE_RAD = 0.04, float(np.deg2rad(15.0))
-"""Of the hinge's lengths and angles."""
+"""Largest changes of the hinge's lengths and angles."""
 SMALLEST_CROSSING_RAD = float(np.deg2rad(20.0))
 """Smallest angle between the hinge axis and its neighbours (D-H degenerates for parallel axes)."""
 
 # Motion that a `wild` truth must allow, relative to home, without a singularity.
 WILD_DRIVES = [0, 4]
-"""Two joints, from 0, and the ranges of their angles that the arm must cover."""
+"""The two drive joints (indices from 0); below, the ranges of their angles, from home, that the arm must cover."""
 LOWEST_RAD, HIGHEST_RAD = frozen(np.deg2rad([-30.0, -70.0])), frozen(np.deg2rad([48.0, 0.0]))
 ROOM_RAD = frozen(np.deg2rad([72.0] * 5 + [57.0] * 2))
-"""Largest distance of each joint from home on the way."""
+"""Largest distance of each joint from home while the drives cover their ranges."""
 MAX_GRADIENT = 4.0
-"""Largest motion of a joint over that of the drives; infinite at a singularity."""
+"""Largest ratio of a joint's motion to that of the drives; infinite at a singularity."""
 
 
 def draw_wild_loop(rng: np.random.Generator) -> LoopTruth:

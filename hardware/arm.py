@@ -66,7 +66,7 @@ class ArmIdentity:
     serial_number
         Serial number of the supervisor, e.g. ``SDA-0007``.
     speaks
-        Protocol of its nodes, as text for the operator.
+        Protocol of the arm's nodes, as text for the operator.
     by_hand
         Whether only a person moves the arm. Then no hardware stop is required, and `ArmInterface.move` waits until the
         joints have reached their targets.

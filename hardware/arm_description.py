@@ -31,15 +31,15 @@ class JointScale:
         return abs(self.counts_per_rad)
 
     def counts_of(self, angle_rad: float) -> float:
-        """Count of an angle, with fraction."""
+        """Count that corresponds to an angle, not rounded."""
         return angle_rad * self.counts_per_rad + self.zero_counts
 
     def to_counts(self, angle_rad: float) -> int:
-        """Nearest count; ValueError or OverflowError if not finite."""
+        """Count nearest to an angle; ValueError or OverflowError if the angle is not finite."""
         return round(self.counts_of(angle_rad))
 
     def to_rad(self, counts: float) -> float:
-        """Angle of a count, or of a mean of counts."""
+        """Angle that corresponds to a count, or to a mean of counts."""
         return (counts - self.zero_counts) / self.counts_per_rad
 
 
@@ -69,7 +69,7 @@ class RvdtDescription:
 
     @property
     def full_scale_microdegrees(self) -> int:
-        """Full scale as in 2100h sub 2."""
+        """Full scale in millionths of a degree, as in 2100h sub 2."""
         return round(math.degrees(self.full_scale_rad) * 1e6)
 
 

@@ -48,7 +48,7 @@ def joint_limits(
     upper_rad: float,
     max_speed_rad_per_s: float,
 ) -> JointLimits:
-    """Limits of a joint given in radians; the range is rounded inwards.
+    """Limits of a joint in counts, from limits in radians; the range is rounded inwards.
 
     The largest step includes one count for rounding, so that a move at exactly the largest speed passes.
     """

@@ -313,7 +313,7 @@ class Stopped(HardwareError):
 
 
 class StopLatched(Stopped):
-    """STOP is latched by this program, which has already reported why: it was pressed, or the arm was silent."""
+    """STOP is latched, and this program has already reported why: STOP was pressed, or the arm was silent."""
 
 
 class CommandRefused(HardwareError):

@@ -269,7 +269,7 @@ class StdinLines(LinePort):
 
 
 class GrowingFile(LinePort):
-    """Lines that another program appends to a file, below a heading; it is opened for every poll."""
+    """Lines that another program appends to a file, below a heading; the file is opened for every poll."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(f"file:{path}")

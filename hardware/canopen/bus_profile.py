@@ -15,7 +15,7 @@ from hardware.arm import JointMode
 from hardware.canopen import objects
 
 Entry = tuple[int, int, int]
-"""Index, sub-index, bits."""
+"""Entry of a PDO map: index, sub-index, length in bits."""
 
 COMMAND_OBJECTS: Final = (objects.CONTROLWORD, objects.TARGET_POSITION, objects.MODE)
 """Objects that the RPDOs of a joint carry together."""
@@ -40,13 +40,13 @@ class Pdo:
 
     @property
     def carried(self) -> frozenset[int]:
-        """Indices of the objects in it."""
+        """Indices of the objects that the PDO carries."""
         return frozenset(index for index, _, _ in self.entries)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointProfile:
-    """One joint on the bus.
+    """Set-up of one joint's drive on the bus.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class JointProfile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusProfile:
-    """An arm of joints 1..n on the bus.
+    """Set-up of the nodes of an arm with joints 1..n.
 
     Attributes
     ----------
@@ -82,9 +82,9 @@ class BusProfile:
     serial_number
         Serial number of an arm without supervisor.
     device_type, device_type_mask
-        Required 1000h of the drives, within the mask.
+        Value of 1000h required of every drive, in the bits of the mask.
     mode_codes
-        6060h of each joint mode.
+        Value of 6060h for each joint mode.
     configures_pdos
         Whether PDOs that differ are rewritten in the drives at every connection; otherwise the drives are refused.
     compared
@@ -92,7 +92,7 @@ class BusProfile:
     slowest_heartbeat_ms
         Upper limit of 1017h: the loss of a node with a longer period would be noticed too late.
     heartbeat_timeout_s, sdo_timeout_s
-        Time-outs of this arm; None uses the program's.
+        Time-outs of this arm; None uses the program's defaults.
     """
 
     name: str
@@ -140,7 +140,7 @@ class BusProfile:
 
 
 def format_map(entries: Iterable[Entry]) -> str:
-    """Format a map: ``6041h(16) + 6064h(32)``."""
+    """Format a PDO map: ``6041h(16) + 6064h(32)``."""
     return " + ".join(map(format_entry, entries)) or "nothing"
 
 

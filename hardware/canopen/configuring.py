@@ -1,9 +1,9 @@
 """Writes a bus profile's PDOs into the drives, and 0 into torques and offsets that drives would add to commands.
 
-PDOs by the procedure of CiA 301 in pre-operational: PDO invalid, map count 0, entries, count, PDO valid. PDOs that are
-already right are left alone. Nothing is stored (1010h), so a communication reset restores the drive's own PDOs.
-`hardware.canopen.maps` compares afterwards. Torques and offsets are read before anything is enabled: in free mode a
-joint obeys target torque and torque offset, and our RPDOs need not carry them.
+PDOs are written by the procedure of CiA 301 in pre-operational: PDO invalid, map count 0, entries, count, PDO valid.
+PDOs that are already right are left alone. Nothing is stored (1010h), so a communication reset restores the drive's own
+PDOs. `hardware.canopen.maps` compares afterwards. Torques and offsets are read before anything is enabled: in free mode
+a joint obeys target torque and torque offset, and our RPDOs need not carry them.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ ObjectWrite = tuple[int, int, int, int, str]
 
 @dataclass(frozen=True, slots=True)
 class PdoChange:
-    """Change of one PDO of one drive: its description, and the writes that invalidate, set up and validate it."""
+    """Change of one PDO of a drive: text on the change, and the writes that invalidate, set up and validate the PDO."""
 
     text: str
     node: int
@@ -123,7 +123,7 @@ def zero_residual_torques(access: ObjectAccess, profile: BusProfile) -> Iterator
 def _nonzero_objects(
     access: ObjectAccess, joint: JointProfile
 ) -> Iterator[tuple[int, int, int, int]]:
-    """Node, index, value and size in bytes of objects that are not 0 and not sent as 0 in an RPDO."""
+    """Yield node, index, value and size in bytes of each added object that is not 0 and that no RPDO sends as 0."""
     sent = frozenset[int]().union(*(pdo.carried for pdo in joint.commands))
     for index in _ADDED_OBJECTS:
         if index in sent:
@@ -139,7 +139,7 @@ def _nonzero_objects(
 
 
 def plan_changes(access: ObjectAccess, profile: BusProfile) -> tuple[PdoChange, ...]:
-    """Changes to be written; reads only. `PdoSetupFailed` if a drive has no such PDO."""
+    """Changes that `configure` would write; this function only reads. `PdoSetupFailed` if a drive has no such PDO."""
     changes, missing = list[PdoChange](), list[str]()
     for joint in profile.joints:
         for number, index, value in conflicting_pdos(access, joint.node, profile, joint):

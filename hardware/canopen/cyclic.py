@@ -79,11 +79,11 @@ class PdoFields:
         self._struct, self._indices = struct.Struct(form), tuple(known)
 
     def pack(self, values: Mapping[int, int]) -> bytes:
-        """Encode the values by index."""
+        """Encode values, given by object index."""
         return self._struct.pack(*(values[index] for index in self._indices))
 
     def unpack(self, data: bytes | bytearray) -> dict[int, int] | None:
-        """Decode the values by index; None for data of another length."""
+        """Decode data to values by object index; None for data of the wrong length."""
         if len(data) != self._struct.size:
             return None
         return dict(zip(self._indices, self._struct.unpack(data), strict=True))
@@ -135,7 +135,7 @@ def frames_of(profile: BusProfile) -> tuple[JointFrames, ...]:
 
 
 def unpack_emergency(data: bytes | bytearray) -> int | None:
-    """Error code of an emergency message; None for data of another length."""
+    """Error code of an emergency message; None for data of the wrong length."""
     return int(EMCY.unpack(data)[0]) if len(data) == EMCY.size else None
 
 

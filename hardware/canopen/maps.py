@@ -26,7 +26,7 @@ NOT_VALID, EXTENDED, GENERATES_SYNC = 1 << 31, 1 << 29, 1 << 30
 """Flag bits of a COB-ID."""
 IDENTIFIER = 0x1FFFFFFF
 ON_RECEIPT = (254, 255)
-"""Transmission types of RPDOs: STOP must not wait for a SYNC."""
+"""Transmission types allowed for RPDOs: STOP must not wait for a SYNC."""
 EVERY_SYNC = (objects.TPDO_EVERY_SYNC,)
 _SYNC_COUNTER = 0x1019
 """Synchronous counter overflow value; if not 0, SYNC carries a counter."""
@@ -118,7 +118,7 @@ def pdo_records(joint: JointProfile) -> Iterator[PdoRecords]:
 
 
 def pdo_name(communication: int, number: int) -> str:
-    """``TPDO1``, ``RPDO3``; `communication` is the index of its record."""
+    """Name of a PDO, e.g. ``TPDO1``; `communication` is the index of its communication record."""
     return f"{'T' if communication >= objects.TPDO1_COMMUNICATION else 'R'}PDO{number}"
 
 

@@ -167,7 +167,7 @@ REFUSAL: Final = 0x2004
 """Text of the last refusal; aborts with 08000024h if there is none."""
 TOKEN: Final = 0x2010
 """Node in control, 0 = free. Writing a node number takes control (its heartbeat must be heard, and no other
-node be in control), writing 0 releases it. It lapses with the holder's heartbeat."""
+node be in control), writing 0 releases it. Control lapses when the holder's heartbeat is lost."""
 ARM: Final = 0x2020
 """The arm: sub 1 model, sub 2 serial number (both text), sub 3 number of joints."""
 ARM_MODEL: Final = 1
@@ -176,7 +176,7 @@ ARM_JOINTS: Final = 3
 
 
 class ParameterCommand(IntEnum):
-    """Values of 2002h. All need the control token; a refusal aborts the SDO transfer, with its text in 2004h."""
+    """Values of 2002h. All need the control token. If refused, the SDO transfer is aborted; 2004h has the reason."""
 
     STAGE = 1
     """Check the document in 2000h against the schema, this arm and its limits."""

@@ -73,7 +73,7 @@ class Bench:
 
     @property
     def moving(self) -> Bounds:
-        """Limits for motions of `step_rad`."""
+        """Limits of comparisons for motions of `step_rad`."""
         return replace(self.bounds, near_rad=0.5 * self.step_rad)
 
     def step_target(self, joint: int) -> float:

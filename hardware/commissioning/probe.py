@@ -32,7 +32,7 @@ from hardware.errors import BusError, HardwareError, SdoRefused
 from hardware.monitors.node_monitor import describe_master_frame
 
 LISTEN_S: Final = 1.2
-"""Several heartbeats of an operator, and one of the slowest node allowed."""
+"""Time in which an operator sends several heartbeats, and the slowest node allowed sends one."""
 ANSWERS_S: Final = 0.6
 NODES: Final = range(1, 127)
 MAX_NAMED: Final = 6
@@ -241,7 +241,7 @@ def _read_node(
 
 
 def _ask(access: ObjectAccess, profile: BusProfile, found: FoundNode) -> None:
-    """Ask a node for its identity, and a drive for its set-up."""
+    """Read the identity of a node and, if it is a drive, its set-up."""
     node = found.node
     with suppress(SdoRefused):
         found.device_name = access.read_text(node, objects.DEVICE_NAME)

@@ -24,7 +24,7 @@ FRAME_BITS: Final = 64
 
 
 class DraftRefused(Exception):
-    """No profile is possible; `reasons` are sentences, each with its node."""
+    """No profile is possible; `reasons` are sentences that name the node."""
 
     def __init__(self, reasons: Sequence[str]) -> None:
         self.reasons = tuple(reasons)
@@ -133,7 +133,7 @@ def _pdos(found: Iterable[DrivePdo]) -> tuple[Pdo, ...]:
 
 
 def _frames(node: FoundNode, *, sent: bool) -> list[tuple[Entry, ...]]:
-    """PDO maps that carry the needed objects in frames of 8 bytes."""
+    """PDO maps that carry the needed objects in frames of at most 8 bytes."""
     frames, left = list[tuple[Entry, ...]](), 0
     for index in FEEDBACK_OBJECTS if sent else COMMAND_OBJECTS:
         entry = (index, 0, node.widths.get(index, 0))

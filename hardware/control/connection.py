@@ -59,7 +59,7 @@ class Connection:
     modes
         6061h of each drive as last read; None for neither position nor free.
     token
-        Holder of the control token as last read or written; OPERATOR_NODE may stand for an earlier operator.
+        Holder of the control token as last read or written; OPERATOR_NODE may also mean an earlier operator.
     in_control, took_control
         Whether this program is in control now, and whether it has been in this connection.
     """
@@ -199,7 +199,7 @@ class Connection:
         raise MappingChanged(differs)
 
     def _differing_positions(self) -> MappingMismatch | None:
-        """Positions that differ by SDO and PDO; None if there are none, or a node does not answer."""
+        """Return which positions differ between SDO and PDO; None if none does, or a node does not answer."""
         counts = self.loop.view.sample.counts
         try:
             if self._compares_positions:

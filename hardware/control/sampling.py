@@ -181,7 +181,7 @@ class Sampler:
     ) -> bool:
         """Take in a frame; return whether it is a TPDO of a joint. `late_s` is the accumulated host latency.
 
-        A TPDO of another length is ignored.
+        A TPDO of the wrong length is ignored.
         """
         found = self._parts.get(identifier)
         if found is None:

@@ -1,4 +1,4 @@
-"""Joint drives on the bus (frames and objects of a `Drive`), and the group of them with the plant they move.
+"""Joint drives on the bus (frames and objects of a `Drive`), and the group of all drives with the plant they move.
 
 TPDO1 and RPDO1 are packed by `struct`, as the EDS file maps them, since every SYNC needs them.
 """

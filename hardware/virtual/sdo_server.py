@@ -45,7 +45,7 @@ _UPLOADED: Final = 0x43
 _ABORTED: Final = 0x80
 _EXPEDITED, _SIZED, _LAST, _TOGGLE = 0x02, 0x01, 0x01, 0x10
 _GOES_ON: Final = 0x03
-"""Subcommand bits of a block upload; 0 where it is initiated."""
+"""Subcommand bits of a block upload; 0 in the request that initiates it."""
 
 
 class Deferred(Exception):

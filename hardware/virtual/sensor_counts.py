@@ -81,7 +81,7 @@ class JointSensor:
     noise_counts
         Standard deviation of the noise before rounding.
     lowest_counts, highest_counts
-        Saturation; infinite for an encoder.
+        Counts at which the sensor saturates; infinite for an encoder.
     curve, zero_rad
         Linearity deviation and electrical zero of an RVDT.
     """

@@ -78,7 +78,7 @@ _ARM: Mapping[bool | None, str] = {
     False: "the arm did not answer: keep clear, its state is unknown. ",
     None: "",
 }
-"""By whether the arm confirmed that it is held; None: none was connected."""
+"""Words on the arm, by whether it confirmed that it is held; None: no arm was connected."""
 
 
 def farewell(sessions: Sessions, folder: Path, reason: str, *, plain: bool = False) -> str:

@@ -20,7 +20,7 @@ STAGES = ("look", "hold", "move", "free", "leave", "silence")
 """Names of `hardware.commissioning.stages.Stage`; copied, so that --help does not load the bus."""
 FORMATS = ("yaml", "json", "csv", "urdf", "mat")
 NEW_POSES = 12
-"""Number of poses without a file."""
+"""Number of new poses to capture unless ``--poses`` states it."""
 FAULT_HELP = "help"
 
 

@@ -14,7 +14,7 @@ from operator_app.commands.options import (
 )
 
 PLANNED_POSES = 12
-"""Poses of a plan if the procedure is for explored ones."""
+"""Number of poses of a planned capture if the procedure file describes an explored one."""
 TRIES = 24
 OF_WHAT = {
     "arm": ("urdf", "base", "tip"),

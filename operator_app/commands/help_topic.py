@@ -92,7 +92,7 @@ def _contents(found: Manual) -> str:
 
 
 OWN = ("positional arguments", "options")
-"""Groups made by argparse; others are shared, and shown once."""
+"""Option groups made by argparse; other groups belong to several commands and are shown once."""
 
 INTRODUCTION = """\
 # Commands

@@ -70,7 +70,7 @@ ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
     "--sessions DIR": {"type": a_path, "default": Path("sessions")},
     "--record FILE": {"type": a_path},
 }
-"""Further arguments of theirs, for argparse."""
+"""Further arguments to argparse for some of these options."""
 
 
 def option(parser: argparse._ActionsContainer, usage: str, words: str, **more: Any) -> None:

@@ -33,7 +33,7 @@ MAPS = {
     True: "These PDOs are written into the drives at every connection, before anything is enabled, and\n"
     "  not stored in them (pdo_maps: configured). The first connection shows whether the drives accept them.",
 }
-"""By --configure."""
+"""Text on the PDOs of a draft, by whether ``--configure`` is given."""
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -53,7 +53,7 @@ def _module_name(command: str) -> str:
 
 
 def declare(command: str, parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments and options of a command, without loading what it works with."""
+    """Declare the arguments and options of a command, without importing the module that does its work."""
     kind = "bus" if command in ON_A_BUS else "file"
     arguments = importlib.import_module(f"operator_app.commands.{kind}_arguments")
     getattr(arguments, _module_name(command))(parser)

@@ -111,7 +111,7 @@ def _open_loop(
 def _open_arm(
     args: argparse.Namespace, judged: Opening, wanted: int | None
 ) -> tuple[Measured, PoseSet]:
-    """Capture poses of the open arm in a session of their own, on the bus of the calibration's session."""
+    """Capture poses of the open arm in a separate session, on the bus of the calibration's session."""
     choices = replace(
         judged.choices,
         poses=OPEN_POSES if wanted is None else wanted,

@@ -33,7 +33,7 @@ class RunResult:
     """Result of a run.
 
     `exported` is None if the calibration was not accepted; `capture` states how a planned capture ended; `advice` is a
-    hinge placement that would make its imprecise parameters more precise.
+    hinge placement that would make the imprecise parameters more precise.
     """
 
     solution: Solution
@@ -109,7 +109,7 @@ def _advice(session: Session, solution: Solution, end: CampaignEnd | None) -> st
 
 
 _WORD = "mounted"
-"""Word to be typed, since an Enter may be left from before, and the arm moves afterwards."""
+"""Word to be typed: an Enter typed earlier must not count as the confirmation, since the arm moves afterwards."""
 
 
 def next_placement(

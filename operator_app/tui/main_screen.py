@@ -95,7 +95,7 @@ class StepRail(Lines, can_focus=False):
     def _action_at(self, x: int, y: int) -> str:
         """Return the action of a click.
 
-        Subclasses override this, because a handler of theirs would be called in addition.
+        Subclasses override this method, because Textual would call their own click handler in addition to this one.
         """
         number = y // 3 + 1
         return f"step_{number}" if number <= len(Step) else ""
@@ -135,9 +135,9 @@ class StepRow(StepRail, can_focus=False):
 
 
 SELDOM = 4
-"""The frame around a step is repainted every so many snapshots, or at once on news."""
+"""The frame around a step is shown again once in this many snapshots, or at once if something important has changed."""
 HINT_ROWS, MOST_HINT_ROWS = 2, 4
-"""Rows of the next action, and of a long refusal at most; the log has the rest."""
+"""Rows for the next action, and the most rows for a long refusal; the log shows the rest."""
 VIEWS = (ConnectView, FixtureView, ModesView, CaptureView, CalibrateView, ResultsView, ExportView)
 
 

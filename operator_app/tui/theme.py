@@ -50,7 +50,7 @@ ASCII = str.maketrans(
 )  # fmt: skip
 """ASCII replacements of one character each, so that nothing moves. Braille is replaced where it is drawn."""
 PLUS_MINUS = "±", "+-"
-"""The only replacement of two characters: it precedes a figure, and nothing behind it is aligned."""
+"""The only replacement of two characters: it precedes a figure, and nothing after it is aligned."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

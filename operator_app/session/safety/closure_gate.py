@@ -4,7 +4,7 @@ With S and Q the covariances of the unknowns phi and of the readings q, the most
 
     min (phi - phi_0)' S^-1 (phi - phi_0) + (q - reading)' Q^-1 (q - reading),   c(phi, q, u) = 0,
 
-by Newton's iteration on the reduced equations (`solver.closing`); the minimum is chi2 with as many degrees of
+found by Newton's iteration on the reduced equations (`solver.closing`). The minimum is chi2 with as many degrees of
 freedom as a pose has equations.
 """
 
@@ -25,10 +25,10 @@ from solver.closing import reduced_equations, unsensed_step
 from solver.loops.closure import ClosureModel
 
 GATE_ROUNDS, LONGEST_STEP, CLOSURE_TOLERANCE = 40, 0.5, 1e-6
-"""Most steps, the longest step (rad, m), and the error (rad, m) below which a loop is closed."""
+"""Largest number of steps, longest step (rad, m), and closure error (rad, m) below which a loop is closed."""
 
 LEAST_READING_RAD = float(np.deg2rad(0.1))
-"""Least standard deviation of a reading here, because this model has no deflections."""
+"""Smallest standard deviation assumed for a reading, because this model contains no deflections."""
 
 UNKNOWN_RAD = math.pi
 """Standard deviation of an ignored reading."""
@@ -110,7 +110,7 @@ def loop_at_reading(
     unsensed_joints: tuple[int, ...] = (),
     known: KnownArm | None = None,
 ) -> LoopAtReading:
-    """Return the loop at a reading (n,), with the prior from its files and from what is `known` of the arm."""
+    """Return the loop at a reading (n,), with the prior from its files and from `known`, what is known of the arm."""
     model, stated = free_within_tolerance(fixture.model(arm, unsensed_joints=unsensed_joints), arm)
     errors = np.stack(
         [

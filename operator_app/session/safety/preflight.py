@@ -42,7 +42,7 @@ def require_plausible_readings(
 
     Returns
     -------
-    Joints (1-based) of which a shift since the last pose would not show at the current pose.
+    Joints (1-based) whose shift since the last pose, if any, would not show at the current pose.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def _closure_results(
 
 
 def _arm_from_earlier_placements(state: SessionState, procedure: Procedure) -> KnownArm | None:
-    """Return what earlier placements determine of the arm; None in the first one."""
+    """Return what earlier placements determine of the arm; None in the first placement."""
     earlier = tuple(p for p in state.used_poses if p.placement != state.placement)
     if not earlier or not procedure.fixture.fixture.holds_hand:
         return None
@@ -102,20 +102,20 @@ FALSE_REFUSAL_PROBABILITY_KNOWN_ARM = 1e-5
 """That probability if earlier placements have determined the offsets and the error of the hinge placement."""
 
 RESET_PROBABILITY = 1e-2
-"""Probability of the chi2 increase from using a counter, below which a counter at zero was reset.
+"""A counter at zero was reset if using its reading raises chi2 by an amount less probable than this.
 
 A joint is at zero by chance in one of 30,000 positions. Within ten times that distance chance is ten times as
 likely, and the limit is ten times lower.
 """
 
 HOME_AT_ZERO_RAD = float(np.deg2rad(5.0))
-"""Distance of a joint's home from zero within which it is often at zero."""
+"""A joint whose home is within this distance of zero is often at zero."""
 
 RESET_PROBABILITY_HOME_AT_ZERO = 1e-6
 """`RESET_PROBABILITY` of joints whose home is at zero."""
 
 EXPLAINED_PROBABILITY = 1e-2
-"""Probability of the remaining chi2 above which one joint alone explains the closure error."""
+"""One joint alone explains the closure error if the chi2 without its reading has at least this probability."""
 
 MAX_NAMED_JOINTS = 3
 

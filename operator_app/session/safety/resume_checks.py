@@ -96,7 +96,7 @@ INNOVATION_PROBABILITY = 1e-6
 """Probability of refusal by the innovation check: none of 105 arms three times worse than stated is refused."""
 
 CHI2_RATIO_TO_WORST_POSE = 4.0
-"""Limit relative to the largest chi2 of the session's poses: a wrong model raises both."""
+"""Limit of chi2, relative to the largest one of the session's poses: a wrong model raises both."""
 
 SHIFT_RAD = float(np.deg2rad(2.0))
 """Shift of a joint that has to be detectable before the arm moves far."""
@@ -111,10 +111,10 @@ By chance a joint is that close in one of 300 positions.
 """
 
 REMAINDER_PROBABILITY = 1e-3
-"""Probability of the chi2 remaining after a joint's shift, below which the joint is not named."""
+"""A joint is not named if the chi2 that remains after its shift is less probable than this."""
 
 JOINT_ODDS = 100.0
-"""Likelihood ratio to the fixture above which a joint is named."""
+"""A joint is named if its shift is this many times as likely as a shift of any other joint."""
 
 NEW_SESSION_REMEDY = (
     "find out what has changed, then start a new session: poses before and after it do not match"
@@ -287,8 +287,8 @@ def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConst
 def parameters_from_poses(state: SessionState, procedure: Procedure) -> Fixed | None:
     """Return the parameters determined by the poses so far; None with too few poses.
 
-    They are those of the recorded calibration or, without one, of a quick fit, as shifts to be found are degrees or
-    millimetres.
+    They are those of the recorded calibration or, without one, of a quick fit, which is precise enough to find shifts
+    of degrees or millimetres.
     """
     known = journal_calibration(state)
     if isinstance(known, StoredCalibration):

@@ -23,7 +23,8 @@ from solver.chain.rotations import rotation_matrix
 from solver.chain.sensors import NoSensor
 
 FIXTURE_MOVED_M, FIXTURE_TURNED_RAD = 4e-3, float(np.deg2rad(1.0))
-"""More than the compliance of a slender fixture (paper, section 4); the verdict tests for smaller changes."""
+"""Larger changes of the fixture are refused: a slender fixture deflects less (paper, section 4). The verdict tests for
+smaller ones."""
 
 
 def check_repeat(state: SessionState, procedure: Procedure) -> str:
@@ -140,7 +141,7 @@ def _check_target_again(state: SessionState, procedure: Procedure) -> str:
 
 
 def _joint_variance(arm: ArmModel, samples: int) -> FloatArray:
-    """Variance (n,), rad^2, of the mean of this many readings, including backlash."""
+    """Variance (n,), rad^2, of the mean of `samples` readings, including backlash."""
     return np.array(
         [
             0.0

@@ -16,7 +16,7 @@ from hardware.virtual import SCENARIOS
 from operator_app.session.store.journal_format import JournalEvent
 
 Check = Callable[[Any, int | None], str]
-"""Check: from a value and the number of joints (None: not known yet) to the problem of the value ("" for none)."""
+"""Function of a value and the number of joints (None: not known yet) that returns what is wrong with the value."""
 
 MAX_INTEGER = 2**53
 """Larger integers have no exact double."""
@@ -29,7 +29,7 @@ UTC = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,9})?Z")
 def event_problem(event: JournalEvent, joints: int | None, captured: int = 0) -> tuple[str, str]:
     """Return the first invalid key of an event, and its problem; two empty strings for a valid event.
 
-    `captured`: number of the last pose before it.
+    `captured`: number of the last pose captured before the event.
     """
     if not _is_time(event.utc):
         return "utc", f"{_quoted(event.utc)} is not a time such as 2026-01-31T12:00:00.000Z"
@@ -116,7 +116,7 @@ def joint_key(value: Any, joints: int | None) -> str:
 
 
 def one_of(*options: str) -> Check:
-    """Accept one of these texts."""
+    """Return a check that accepts one of these texts."""
 
     def check(value: Any, _: int | None) -> str:
         if isinstance(value, str) and value in options:
@@ -127,12 +127,12 @@ def one_of(*options: str) -> Check:
 
 
 def nullable(other: Check) -> Check:
-    """Accept null and what `other` accepts."""
+    """Return a check that accepts null and what `other` accepts."""
     return lambda value, joints: "" if value is None else other(value, joints)
 
 
 def list_of(item: Check) -> Check:
-    """Accept a list of such items."""
+    """Return a check that accepts a list of items that pass `item`."""
 
     def check(value: Any, joints: int | None) -> str:
         if not isinstance(value, list):
@@ -144,7 +144,7 @@ def list_of(item: Check) -> Check:
 
 
 def per_joint(item: Check) -> Check:
-    """Accept a list with one such item for each joint."""
+    """Return a check that accepts a list with one item for each joint, each of which passes `item`."""
 
     def check(value: Any, joints: int | None) -> str:
         if problem := list_of(item)(value, joints):
@@ -163,7 +163,7 @@ def endpoint(value: Any, joints: int | None) -> str:
 
 
 def mapping_of(key: Check, item: Check) -> Check:
-    """Accept an object with such keys and values."""
+    """Return a check that accepts an object whose keys pass `key` and whose values pass `item`."""
 
     def check(value: Any, joints: int | None) -> str:
         if not isinstance(value, dict):
@@ -177,7 +177,7 @@ def mapping_of(key: Check, item: Check) -> Check:
 
 
 def object_with(checks: Mapping[str, Check]) -> Check:
-    """Accept an object with these keys and any others."""
+    """Return a check that accepts an object with these keys and any others."""
 
     def check(value: Any, joints: int | None) -> str:
         if not isinstance(value, dict):

@@ -33,7 +33,7 @@ CHECKSUM = re.compile(rb',"sum":"([0-9a-f]{16})"\}')
 JOURNAL_VERSION = re.compile(r"sarcal/journal/([1-9][0-9]{0,8})")
 BEGINNINGS = (b'{"schema":"sarcal/journal/', b'{"seq":1,"utc":"')
 MAX_CHANGED_BYTES = 3
-"""Number of bytes in which a damaged first line may differ from one of these."""
+"""Number of bytes in which a damaged first line may differ from one of `BEGINNINGS`."""
 LONE_SURROGATE = re.compile("[\ud800-\udfff]")
 
 

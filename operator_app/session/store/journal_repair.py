@@ -153,7 +153,7 @@ def examine_lines(raw: bytes) -> tuple[tuple[RepairedLine, ...], bool]:
 def _recover(line: bytes, before: str, after: list[bytes]) -> tuple[bytes, str, str] | None:
     """Return the original line, its checksum, and what was restored; None if no restored line matches a checksum.
 
-    `after` are the lines that follow; it is corrected if a damaged newline has split or joined lines.
+    `after` are the lines that follow; this list is corrected if a damaged newline has split or joined lines.
     """
     chain = _checksum_if_stated(line, before)
     if chain is not None:

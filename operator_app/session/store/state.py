@@ -50,7 +50,7 @@ class CapturedPose(MeasuredPose):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckReading(MeasuredPose):
-    """A pose measured to check the calibration, not part of it; `number` counts them from 1.
+    """A pose measured to check the calibration, not part of it; `number` counts check readings from 1.
 
     `kind` is ``verification``, or ``return`` if pose number `of` was measured again after `after` captures.
     """
@@ -253,7 +253,7 @@ class SessionState:
         )
 
     def wanted_poses(self, capture: CapturePlan) -> int:
-        """Number of poses that the procedure requires; planned poses are in addition to explored ones."""
+        """Number of poses that the procedure requires; those of a plan come in addition to explored ones."""
         used = self.used_poses
         if capture.strategy != "planned":
             return capture.poses + len(used) - len(self.poses_here)

@@ -17,7 +17,7 @@ from solver.diagnostics.statistics import intervals
 from solver.loops.point import TIP
 
 Truths = Callable[[int], Mapping[str, float]]
-"""True values, rad and m, by the names of unknowns, of one mounting of the fixture (from 1)."""
+"""Returns the true value, rad or m, of each unknown by name, for a placement of the fixture (from 1)."""
 
 
 def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int = 1) -> Solution:

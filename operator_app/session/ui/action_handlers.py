@@ -28,7 +28,7 @@ def task(
 def _ask(
     context: ActionContext, question: YesNo | Typed, then: Callable[[ActionContext], None]
 ) -> None:
-    """Do `then` once the question is answered, whatever the answer's text."""
+    """Ask a question and, once it is answered, call `then` whatever the text of the answer."""
     context.ask(question, lambda again, _: then(again))
 
 
@@ -119,7 +119,7 @@ def go(context: ActionContext, waypoint: int | None) -> None:
 
 
 def home(context: ActionContext) -> None:
-    """Go home, after a question, since the path outside the box is not known to be clear."""
+    """Go home after the operator has agreed, since nobody has checked that the path outside the box is clear."""
     s = context.s
     ways = [
         (j, s.procedure.arm.home_rad[j - 1] - s.arm.joints[j - 1].position_rad)

@@ -110,7 +110,7 @@ def unsensed(context: ActionContext) -> None:
 
 MAX_IN_FOOTER = 6
 LEAST_IMPORTANT = ("quit", "back")
-"""Left out of the footer first."""
+"""Actions that the footer leaves out first."""
 
 
 def _at(*steps: Step) -> frozenset[Step]:

@@ -1,6 +1,6 @@
 """Guards of steps and actions: pure functions that return what a snapshot lacks, () for nothing.
 
-The workflow checks everything that could do harm once more.
+Where harm is possible, the workflow repeats the check itself.
 """
 
 from __future__ import annotations

@@ -346,7 +346,7 @@ class Runner:
     def stop_quietly(self) -> bool:
         """Send a quick stop; return whether it was sent.
 
-        It ends every task but a connection, which the operator may have asked for in the same moment.
+        All tasks end except connecting, which the operator may have requested at the same moment.
         """
         for job in tuple(self._waiting_jobs):
             if not job.uncancellable and job.kind is not TaskKind.CONNECT:

@@ -1,4 +1,4 @@
-"""Actions, and the interface that full screen and plain mode must have for them.
+"""Actions, and the interface that full screen and plain mode implement for them.
 
 The guard of an action is checked when it is chosen, and again when its question is answered.
 """
@@ -18,7 +18,8 @@ from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKin
 from operator_app.session.ui.steps import Step
 
 SNAPSHOTS_TRIED = 4
-"""Snapshots tried before an action is refused for stale data, which a busy computer may have for a moment."""
+"""Snapshots tried before an action is refused because of stale data: on a busy computer they may be stale for a
+moment."""
 
 # -- questions -------------------------------------------------------------------------------------
 
@@ -156,7 +157,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OnScreen(Entry):
-    """An action of the full screen only, which carries it out: selection, views, themes, steps."""
+    """An action that only the full screen has and carries out: selection, views, themes, steps."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -172,7 +173,7 @@ class Action(Entry):
     prompt
         Text in plain mode; by default label and help.
     rows
-        Function that returns rows; plain mode lists the action once for each.
+        Function that returns rows; plain mode lists the action once for each row.
     """
 
     work: Callable[[ActionContext], None]

@@ -44,7 +44,7 @@ from solver.chain.poses import PoseSet
 from solver.loops.placements import Placements
 
 CANDIDATES_PER_POSE = 4
-"""Candidates for each pose, where straight moves have to be checked for obstacles first."""
+"""Candidate targets for each new pose if only those with a clear straight path can be used."""
 
 
 def connect(session: Session, listener: Listener, *, measuring: bool = True) -> ArmIdentity:
@@ -67,7 +67,7 @@ def connect(session: Session, listener: Listener, *, measuring: bool = True) -> 
 def _clear_lost_heartbeat(session: Session) -> bool:
     """Reset drives that tripped on a lost operator heartbeat, which stay disabled; return whether there were any.
 
-    Resets nothing if any drive has another fault, which may have its cause in the arm.
+    Resets nothing if any drive has another fault: the cause of that may be in the arm.
     """
     faults = session.arm.snapshot().faults
     if not faults or any(f.code != EmergencyCode.HEARTBEAT_LOST for f in faults):
@@ -221,7 +221,7 @@ def _repeat_first_pose(
 
     Returns
     -------
-    The drives' angles at the start of each move of a planned capture, by which it can go back.
+    The drives' angles at the start of each move of a planned capture, so that the arm can go back the same way.
 
     Raises
     ------
@@ -336,8 +336,8 @@ def verify(
 def _new_targets(session: Session, solution: Solution, poses: int) -> Iterator[Mapping[int, float]]:
     """Yield targets for new poses, different from the session's poses.
 
-    For drives without a box in the procedure, they are only targets to which the calibrated loop has a clear straight
-    path.
+    If the procedure has no box for a drive, only targets to which the calibrated loop has a clear straight path are
+    yielded.
     """
     known = {box.joint for box in session.procedure.capture.exploration}
     model, x = solution.model, solution.estimate.x

@@ -1,4 +1,4 @@
-"""The drive joints of a session: selects them, explores the box (their allowed angles), brings an arm outside it home.
+"""Selects the drive joints of a session, explores the box (their allowed angles), brings an arm outside the box home.
 
 Inside the box the drives may move without asking. An arm outside it moves only if the operator agrees, and then only
 once: straight home, slowly.
@@ -55,8 +55,8 @@ def drives_of(session: Session, listener: Listener | None = None) -> tuple[int, 
 def choose(session: Session, *, may_move: bool = True) -> DriveChoice:
     """Rank the sets of drive joints at the current pose and record the best usable one.
 
-    With `trial` in the procedure, the best ones are moved by 1.5 deg first, which enables the drives, unless nothing
-    may move.
+    With `trial` in the procedure, the joints of the best sets are moved by 1.5 deg first, unless `may_move` is false.
+    For this the drives are enabled.
     """
     arm, model = session.model, session.fixture.model(session.model)
     here = session.arm.snapshot().positions_rad
@@ -120,7 +120,7 @@ BOX_MARGIN_RAD = float(np.deg2rad(5.0))
 """Tolerance at the edge of the box: the loop may close a little beside the stated home."""
 
 RESET_COUNTER_RAD = float(np.deg2rad(0.25))
-"""Largest reading of a reset counter, with the motion of a joint when its drive is enabled."""
+"""Largest reading of a reset counter, including the motion of a joint when its drive is enabled."""
 
 HOMING_SPEED_RAD_PER_S = float(np.deg2rad(5.0))
 """Slow enough for a person beside the arm to react."""

@@ -1,6 +1,6 @@
 """Makes sessions from the poses in a file or an array, without an arm.
 
-Report, compare, verify and export work with them; only resuming with an arm is refused.
+Report, compare, verify and export work with such sessions; only resuming with an arm is refused.
 """
 
 from __future__ import annotations

@@ -39,10 +39,10 @@ LATER: frozenset[Kind] = frozenset({"profile"})
 """Kinds that are not in journals of earlier versions."""
 
 MOST_POSES = 100_000
-"""Limit of a procedure file."""
+"""Largest number of poses in a procedure file."""
 
 PLANNED_POSES = 12
-"""Poses of a plan if the procedure is for explored ones."""
+"""Number of poses of a planned capture if the procedure file describes an explored one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -32,7 +32,7 @@ from solver.design.actions import Capture, ChangeDrives, Finished, GoTo, Phase, 
 from solver.design.campaign import Campaign
 
 SAME_BRANCH_RAD = float(np.deg2rad(6.0))
-"""Free joints farther from their last position, with the drives back, are on another branch of the loop."""
+"""If a free joint is farther from its last position once the drives are back, the loop is on another branch."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

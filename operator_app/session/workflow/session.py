@@ -61,7 +61,7 @@ class Session(Logbook):
     instruct
         Function called with instructions for the person who moves the arm by hand.
     unresolved_joints
-        Joints (1-based) of which a shift since the last pose would not show at the current pose.
+        Joints (1-based) whose shift since the last pose, if any, would not show at the current pose.
     held
         Whether the arm confirmed, at the last `let_go`, that no drive follows commands any longer.
     """

@@ -1,1 +1,1 @@
-"""One module per step: its panels, and their lines for a snapshot."""
+"""One module per step, with its panels; each panel turns a snapshot into lines."""

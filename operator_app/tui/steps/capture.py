@@ -30,7 +30,7 @@ ACCEPTABLE, PAPER = 100, 28
 
 
 class StillPanel(Lines):
-    """The target of the motion, and whether the arm stands still."""
+    """The target of the motion, and whether the arm is at standstill."""
 
     TITLE = "Next pose"
     HELP = (

@@ -127,7 +127,7 @@ class ResultsPlot(Lines):
     words_from = 1
     """First page of words and tables, which need the whole width."""
     framed = True
-    """Whether a frame has the title; without one it is the first line."""
+    """Whether the frame shows the title; without a frame the title is the first line."""
 
     def count_pages(self, s: SessionSnapshot) -> None:
         """Return the number of pages: plots, text, the table of joints and other tables."""

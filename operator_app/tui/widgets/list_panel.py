@@ -100,7 +100,7 @@ _DRIVES = {
 
 
 class JointTable(ListPanel):
-    """One row for each joint. `show_wanted`: whether it has a mark, the sensor and the requested mode."""
+    """One row for each joint. `show_wanted`: whether the row has a mark, the sensor and the requested mode."""
 
     TITLE = "Joints"
     HELP = (

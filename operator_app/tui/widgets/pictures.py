@@ -93,7 +93,7 @@ def _below(x: Axis, width: int) -> str:
 
 SPARKS = "▁▂▃▄▅▆▇█"
 LARGEST_BAR_RATIO = 30.0
-"""Largest ratio of the highest bar to the lowest: one bad first value does not flatten the rest."""
+"""Largest ratio of the highest bar to the lowest, so that one bad first value does not flatten the rest."""
 
 
 def sparkline(values: Sequence[float], width: int) -> Span:
@@ -114,7 +114,7 @@ _TURN, _TILT = np.deg2rad(35.0), np.deg2rad(18.0)
 _AXIS_M = 0.16
 """Half the length at which the hinge axis is drawn."""
 VISIBLE_RAD = 0.015
-"""Smallest rotation that is redrawn, rad: less moves the drawing by less than a dot, and RVDT noise is as large."""
+"""Smallest rotation that is redrawn, rad: a smaller one moves the drawing by less than a dot, and may be RVDT noise."""
 
 
 def _view() -> FloatArray:

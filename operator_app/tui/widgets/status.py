@@ -165,7 +165,7 @@ def _drives(s: SessionSnapshot, *, short: bool) -> list[Span]:
 
 
 LOG_ROWS = 4
-"""Least rows of the log while there is an alarm."""
+"""Fewest rows of the log while there is an alarm."""
 SHOWS_ALL = " … ({key} shows all of it)"
 MARKS = {Level.INFO: ("", "dim"), Level.WARNING: ("▲ ", "warn"), Level.ALARM: ("■ ", "alarm")}
 

@@ -1,4 +1,4 @@
-"""The `ArmInterface` protocol that the workflow uses, and its data.
+"""The `ArmInterface` protocol that the workflow uses, and the data that it exchanges.
 
 Joints are numbered from 1. Angles are sensor coordinates (the measured theta of the paper, without offsets),
 continuous and never wrapped; counts are the drive's 6064h.

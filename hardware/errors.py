@@ -46,7 +46,7 @@ class FramesLost(BusError):
 
 
 class HostLatencyExceeded(BusError):
-    """The operator's computer was late since it took control: `times` times, by at most `longest_s`."""
+    """The operator's computer was late since control was taken: `times` times, by at most `longest_s`."""
 
     def __init__(self, times: int, longest_s: float) -> None:
         self.times, self.longest_s = times, longest_s

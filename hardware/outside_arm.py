@@ -49,7 +49,7 @@ class OutsideArm:
     description
         The arm file's joints, whose ranges and speeds are the limits.
     keeps_parameters
-        Whether it stores a parameter document, according to its offer.
+        Whether the arm stores a parameter document, according to its `ArmOffer`.
     record_to
         File to record the next connection to; None for none.
     """

@@ -32,7 +32,7 @@ class Timing:
     Attributes
     ----------
     listen_s
-        Time to listen for another operator before anything is sent: three of its heartbeats.
+        Time to listen for another operator before anything is sent: three periods of an operator's heartbeat.
     boot_timeout_s
         Time-out for a node to boot, and to start.
     operator_timeout_s
@@ -138,7 +138,7 @@ class LatencyMonitor:
     clock
         Monotonic time, s.
     stamps
-        Clock of the frame stamps; None if it is not one of this computer's.
+        Clock that stamps frames; None if it is not a clock of this computer.
     arm_waits
         Whether the arm's time stands still while the host is busy (`Pace.FAST_FORWARD`), so that there is no latency.
     """

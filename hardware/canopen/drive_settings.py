@@ -146,7 +146,7 @@ def _unsupported_modes(
 
 
 def operator_timeout_s(access: ObjectAccess, node: int) -> float | None:
-    """Silence of node 127 after which a drive stops by itself (1016h); None if it does not monitor it."""
+    """Silence of node 127 after which a drive stops by itself (1016h); None if the drive does not monitor that node."""
     for entry in _heartbeat_consumers(access, node) or ():
         if entry >> 16 & 0x7F == objects.OPERATOR_NODE and entry & 0xFFFF:
             return (entry & 0xFFFF) * 1e-3

@@ -64,11 +64,11 @@ class FoundNode:
     problems, unread, notes
         Differences from the profile; why reading the node stopped early (also one of the problems); remarks.
     pdos, widths
-        PDOs of a drive, and the bits of each object that they must carry.
+        PDOs of a drive, and the width in bits of each object that its PDOs must carry.
     described
         Objects of a drive that can be compared with an arm file.
     supervises
-        Whether it has the supervisor's objects 2020h (arm) and 2010h (control token).
+        Whether the node has the supervisor's objects 2020h (arm) and 2010h (control token).
     """
 
     node: int

@@ -55,7 +55,7 @@ class CanopenArm(ConnectableArm):
     timing
         Periods and time-outs of the control loop.
     openers
-        How to open the bus, if not from its settings.
+        Functions that open the bus; by default from its settings.
     clock
         Monotonic time of this computer, s.
     """

@@ -85,7 +85,7 @@ class ConnectableArm:
         return self._recording_failure if link is None else link.recording_failure
 
     def take_over(self) -> None:
-        """Let the next connection reset enabled drives after their operator has been silent for its time-out."""
+        """Let the next connection reset enabled drives whose operator has been silent for the drives' time-out."""
         self._takes_over = True
 
     def connect(self) -> ArmIdentity:
@@ -202,7 +202,7 @@ def release_arm(loop: ControlLoop) -> Sample | None:
 
 
 def _until_off(loop: ControlLoop) -> Generator[Setpoints | None, Sample, Sample]:
-    """Exchange at most 50 SYNCs, until the drives report that they are off or, under STOP, stopped."""
+    """Exchange at most 50 SYNCs, until the drives report that they are off or, if STOP is latched, stopped."""
     sample = yield None
     for _ in range(motion_steps.TRANSITION_SYNCS):
         motion_steps.raise_alarm(loop)

@@ -57,7 +57,7 @@ class ControlLoop:
     watch, latch
         Monitors of the joints, and the STOP latch, which may outlive the connection.
     clock, stamps
-        Monotonic time, s, and the clock of the frame stamps if it is one of this computer's.
+        Monotonic time, s; and the clock that stamps frames, if this computer has it.
 
     Attributes
     ----------

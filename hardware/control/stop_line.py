@@ -46,7 +46,7 @@ class StopLatch:
 
     @property
     def cause(self) -> Divergence | None:
-        """Uncommanded motion for which it is latched; None if a person pressed it, or it is not latched."""
+        """Uncommanded motion for which STOP is latched; None if a person pressed STOP, or STOP is not latched."""
         pressed = self._pressed
         return None if pressed is None or pressed is self._released else pressed.cause
 

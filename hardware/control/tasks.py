@@ -22,7 +22,7 @@ _ALIVE_POLL_S = 0.2
 class LoopTask:
     """Steps to run; `despite`: alarms to ignore; `abandoned`: whether the caller was interrupted.
 
-    `outcome` is their result, or the error that ended them.
+    `outcome` is the result of the steps, or the error that ended them.
     """
 
     steps: Steps

@@ -22,7 +22,7 @@ EDS_FILES: Final[Mapping[int, Path]] = {
     JOINT_PRODUCT: Path(__file__).with_name("joint.eds"),
     SUPERVISOR_PRODUCT: Path(__file__).with_name("supervisor.eds"),
 }
-"""Electronic data sheet (CiA 306) of every device type, by the product code of its 1018h."""
+"""Electronic data sheet (CiA 306) of every device type, by product code (1018h)."""
 
 
 def node_dictionary(node: int) -> ObjectDictionary:
@@ -52,7 +52,7 @@ def variables(dictionary: ObjectDictionary) -> dict[tuple[int, int], ODVariable]
 
 
 def pdo_struct(product: int, index: int) -> struct.Struct:
-    """Layout of a PDO of a device type, as the mapping record at `index` has it."""
+    """Layout of a PDO of a device type, as defined by the mapping record at `index`."""
     entries = variables(_parsed(product))
     form = "<"
     for sub in range(1, int(entries[index, 0].default or 0) + 1):

@@ -42,19 +42,19 @@ class Dropout:
 
     @property
     def not_following(self) -> bool:
-        """Whether it is still enabled and reports that it does not follow (6041h, bit 12 = 0)."""
+        """Whether the drive is still enabled and reports that it does not follow (6041h, bit 12 = 0)."""
         return self.state is DriveState.OPERATION_ENABLED
 
     @property
     def controlword(self) -> int:
-        """Controlword that does not enable it again: quick stop if the drive may be holding, otherwise off."""
+        """Controlword that does not enable the drive again: quick stop if the drive may be holding, otherwise off."""
         holds = self.not_following or self.state is DriveState.QUICK_STOP_ACTIVE
         return CONTROLWORD_QUICK_STOP if holds else CONTROLWORD_DISABLE_VOLTAGE
 
 
 @dataclass(slots=True)
 class _Joint:
-    """SYNCs since the command to enable at which its drive was enabled, disabled, following or not following."""
+    """Numbers of SYNCs since the command to enable at which the drive was enabled, disabled, following or not."""
 
     enabled_syncs: int = 0
     disabled_syncs: int = 0

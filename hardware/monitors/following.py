@@ -92,7 +92,7 @@ STRETCH_SYNCS: Final = 10
 
 @dataclass(slots=True)
 class _Joint:
-    """SYNCs since the stop, rest position, SYNCs away from it; before rest, the travel since the last comparison."""
+    """A joint after a stop: SYNCs since the stop, rest position, SYNCs away from rest; until rest, travel of the last stretch."""
 
     stopped_syncs: int = 0
     rest_counts: int = 0

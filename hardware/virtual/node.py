@@ -1,7 +1,7 @@
 """A virtual CANopen node (boot, NMT, heartbeat, EMCY, object access), and the controller's network.
 
-`canopen.LocalNode` lacks much of this and sends heartbeats from a separate timer; here the controller's loop
-sends them, so that they stop when it hangs.
+`canopen.LocalNode` lacks much of this and sends heartbeats from a separate timer; here the controller's loop sends the
+heartbeats, so that they stop when the loop hangs.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ RESTING_RAD = 1e-13
 BOUND_HINGE_NM_PER_RAD = 6e4
 """Stiffness of a blocked hinge: that of ten servos."""
 MAX_NEWTON_STEP_RAD = 0.1
-"""Largest step near a fold, where a joint would jump: the chain must be able to follow it."""
+"""Largest Newton step: near a fold, where a joint would jump, the chain must be able to follow the step."""
 PRESLIDING_RAD = 1e-3
 """Elastic motion of a joint before it slides."""
 SERVO_NM_PER_RAD = 6e3

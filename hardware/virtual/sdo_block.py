@@ -94,7 +94,7 @@ class BlockUpload:
         return _BEGIN.pack(_UPLOAD | _CRC | _SIZED, index, subindex, len(self._data))
 
     def answer(self, frame: bytes) -> list[bytes]:
-        """Frames that answer a client frame; none for its last."""
+        """Frames that answer a client frame; none for the client's last frame."""
         step, ended = frame[0] & 3, self._acknowledged >= len(self._data)
         if step == _Step.END and ended:
             return []

@@ -82,7 +82,7 @@ class Plain:
     def run(self) -> str:
         """Show menus until the operator quits. Ctrl-C means STOP.
 
-        If STOP is latched or no arm is connected, it quits.
+        If STOP is already latched or no arm is connected, Ctrl-C quits.
         """
         self._terminal.say(
             "sarcal, plain mode. Type a number and Enter. While the arm moves, Enter stops it; "

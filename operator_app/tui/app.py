@@ -169,7 +169,7 @@ class SarcalApp(App[str]):
             threading.Thread(target=leave, args=(reason,), daemon=True).start()
 
     def _watch_terminal(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Leave when the terminal is gone: SIGHUP reaches only a process whose controlling terminal it was."""
+        """Leave when the terminal is gone: SIGHUP is sent only if this was the controlling terminal."""
         terminal = select.poll()
         terminal.register(sys.__stdin__ or 0, 0)  # a hang-up is reported unasked
         terminal.poll()

@@ -27,7 +27,7 @@ UTC = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,9})?Z")
 
 
 def event_problem(event: JournalEvent, joints: int | None, captured: int = 0) -> tuple[str, str]:
-    """Return the first invalid key of an event, and its problem; two empty strings for a valid event.
+    """Return the first invalid key of an event, and what is wrong with its value; two empty strings for a valid event.
 
     `captured`: number of the last pose captured before the event.
     """

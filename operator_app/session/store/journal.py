@@ -1,7 +1,7 @@
 """The journal: an append-only file with one checksummed line for each event, on disk when `append` returns.
 
-All other files of a session can be made from it again. If another program deletes, moves, replaces or changes the
-file, everything is written to a new session folder beside it.
+All other files of a session can be made again from the journal. If another program deletes, moves, replaces or changes
+the file, everything is written to a new session folder beside it.
 """
 
 from __future__ import annotations

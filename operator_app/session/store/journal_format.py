@@ -1,4 +1,4 @@
-"""Format of a journal on disk: lines of JSON, each with a checksum over it and all lines before; files beside it.
+"""Format of a journal on disk: JSON lines, each with a checksum over itself and all earlier lines; files beside it.
 
 Distinguishes an incomplete last line (power cut), a damaged line (changed later), a file that is not a
 journal, and a journal of a newer version.
@@ -51,7 +51,8 @@ class JournalEvent:
 class JournalContents:
     """Events of a journal. `torn` is the message about an incomplete last line ("": none).
 
-    `file` is its name in messages, `chain` the last checksum, and `whole_bytes` the number of bytes in complete lines.
+    `file` is the journal's name in messages, `chain` the last checksum, and `whole_bytes` the number of bytes in
+    complete lines.
     """
 
     events: tuple[JournalEvent, ...]
@@ -66,7 +67,7 @@ class BadLineError(Exception):
 
 
 def format_line(event: JournalEvent, chain: str) -> tuple[bytes, str]:
-    """Return the line of an event that follows one with checksum `chain`, and its own checksum.
+    """Return the line of an event that follows a line with checksum `chain`, and the checksum of the new line.
 
     Raises
     ------

@@ -73,7 +73,7 @@ def parameters_document(
 ) -> ParametersDocument:
     """Return the parameters document of a session's calibration.
 
-    For a calibration that was not accepted, the first warning in it says so and gives the reason `forced`.
+    For a calibration that was not accepted, the first warning in the document says so and gives the reason `forced`.
     """
     arm, fixture = procedure.arm, procedure.fixture
     estimate, turned = solution.estimate, solution.estimate.sigmas.orientation_rad

@@ -192,7 +192,7 @@ def _answer(
 
 
 def _end_with_parent() -> None:
-    """End this process when standard input ends: the parent never writes there, so it must have ended."""
+    """End this process when standard input ends: the parent never writes there, so the parent has ended."""
     while os.read(0, 1):
         pass
     os._exit(1)

@@ -65,9 +65,9 @@ def add_message(
     time: str,
     resolving_tasks: frozenset[TaskKind] = frozenset(),
 ) -> SessionSnapshot:
-    """Add a message; an alarm with the text of an existing one replaces it.
+    """Add a message; an alarm replaces an existing alarm with the same text.
 
-    `resolving_tasks` resolve an alarm when they succeed; without any, only the operator acknowledges it.
+    `resolving_tasks` resolve the alarm when they succeed; without any, only the operator can acknowledge it.
     """
     number = s.messages[-1].number + 1 if s.messages else 1
     message = Message(

@@ -96,7 +96,7 @@ class PoseQuality:
         )
 
     def _loop_of(self, state: SessionState) -> ClosureModel:
-        """The loop of all poses; an instrument is registered once there are enough of them."""
+        """The loop of all poses; an instrument is registered once there are enough poses."""
         session, model = self._session, self._nominal_loop
         if session.fixture.holds_hand:
             return model

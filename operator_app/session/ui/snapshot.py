@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 STALE_S = 0.1
 """Older data are marked as stale and not used."""
 LOST_S = 1.0
-"""A longer silence of the arm raises an alarm and stops it."""
+"""After a longer silence of the arm, an alarm is raised and the arm stopped."""
 HUNG_S = 10.0
 """Limit in place of `LOST_S` while the host is late."""
 

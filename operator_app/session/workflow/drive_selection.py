@@ -39,7 +39,7 @@ KEPT_CANDIDATES = 6
 def drives_of(session: Session, listener: Listener | None = None) -> tuple[int, ...]:
     """Return the drive joints listed in the procedure or, if there are none, those chosen before.
 
-    If none, choose them now.
+    If none were chosen, choose them now.
     """
     named = session.procedure.position_joints
     if named is not None:

@@ -111,7 +111,7 @@ class ImportedSession:
 
     @property
     def model(self) -> ClosureModel:
-        """The closed loops of its poses."""
+        """Model of the closed loops of the session's poses."""
         own = self.procedure
         return Experiment(
             arm=own.arm,

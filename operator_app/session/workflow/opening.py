@@ -71,7 +71,7 @@ class Choices:
     placements: int | None = None
 
     def over(self, earlier: Choices) -> Choices:
-        """Return these choices, with `earlier` ones where these are None."""
+        """Return these choices; those that are None are replaced by those of `earlier`."""
         own = {f.name: getattr(self, f.name) for f in fields(self)}
         return replace(earlier, **{name: value for name, value in own.items() if value is not None})
 
@@ -103,7 +103,7 @@ class Rig:
     Attributes
     ----------
     opening
-        The opening for the arm as it really is, completed by environment and defaults, as it goes into the journal.
+        The opening with the actual arm, completed from environment and defaults, as recorded in the journal.
     simulated
         Whether no real arm can move.
     instrument

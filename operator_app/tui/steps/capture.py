@@ -26,7 +26,7 @@ from operator_app.units import (
 from solver.chain.arm_model import Joint
 
 ACCEPTABLE, PAPER = 100, 28
-"""Scaled condition numbers: the paper's limit, and its result."""
+"""Scaled condition numbers: the limit that the paper states, and the one that it reached."""
 
 
 class StillPanel(Lines):

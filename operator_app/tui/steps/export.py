@@ -67,7 +67,7 @@ class FilePanel(Lines):
 
 
 class DiffPanel(TablePanel):
-    """New values beside the active ones."""
+    """New parameters beside those active in the controller."""
 
     TITLE = "Difference from the controller's active parameters"
     HELP = "Every calibrated parameter: the controller's present value, the new value, the change."

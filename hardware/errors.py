@@ -321,7 +321,7 @@ class CommandRefused(HardwareError):
 
 
 class UploadRefused(HardwareError):
-    """The supervisor refused a parameter document; its previous one stays active."""
+    """The supervisor refused a parameter document; the previous document stays active."""
 
 
 class UploadUnknown(HardwareError):

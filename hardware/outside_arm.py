@@ -204,7 +204,7 @@ class OutsideArm:
             self._connected.hold()
 
     def stop(self) -> None:
-        """Latch, and stop the arm. From any thread."""
+        """Latch STOP and stop the arm. May be called from any thread."""
         self._latch.press()
         with self._translated_errors():
             self._connected.stop()

@@ -128,10 +128,10 @@ REPORTED_S = 0.3
 class LatencyMonitor:
     """Accumulates host latency; the receiving thread calls it for every poll of the bus.
 
-    On a busy computer the receiving thread may not run for a second while frames wait in a queue. Silences exclude that
-    time, and a frame's age counts from its arrival: the difference between its stamp and now on the stamping clock.
-    Since the stamping clock may be set, no frame counts as older than the last moment at which the queue was empty;
-    without a usable stamp it counts as arrived when it is read.
+    On a busy computer the receiving thread may be suspended for a second while frames wait in a queue. Silences exclude
+    that time, and a frame's age counts from its arrival: the difference between its stamp and now on the stamping
+    clock. Since the stamping clock may be set, no frame counts as older than the last moment at which the queue was
+    empty; without a usable stamp it counts as arrived when it is read.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ DEFAULT_INTERFACE = "virtual"
 _SERIAL = frozenset({"slcan", "serial", "robotell", "seeedstudio"})
 """Adapters on a serial line: opening a second handle, or closing it, closes the first as well."""
 _HOST_STAMPED = frozenset({"socketcan", "loopback", "udp_multicast", "virtual"})
-"""Interfaces whose frames this computer stamps on arrival by its time of day."""
+"""Interfaces whose frames this computer stamps on arrival, with its time of day."""
 _OWN_CHANNEL = frozenset({"virtual", "loopback"})
 _NO_CAN_IN_KERNEL = frozenset({errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT})
 _NOT_ALLOWED = frozenset({errno.EPERM, errno.EACCES})

@@ -23,7 +23,7 @@ from hardware.canopen.objects import CONTROL_PERIOD_S
 from hardware.errors import BusError
 
 REORDER_S: Final = 0.5
-"""Delay of a frame up to which it is still written in order."""
+"""Longest delay of a frame that is still written in order."""
 _WRITE_ERRORS = (OSError, ValueError, struct.error)
 
 

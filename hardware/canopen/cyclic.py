@@ -34,7 +34,7 @@ class Setpoint:
 
 
 Setpoints = tuple[Setpoint, ...]
-"""One for each joint 1..n."""
+"""Setpoints of joints 1..n."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -98,7 +98,7 @@ FOLLOWING_FRACTION, FOLLOWING_RAD = 1 / 3, math.radians(1.0)
 """Limit of a joint's distance from its target: fraction of its following error window (6065h), and upper bound. In
 moves without fault the virtual arms' joints are at most 0.11 deg from their targets; their drives trip at 3 deg."""
 MIN_WINDOW_COUNTS = 10.0
-"""Smallest window: below it sensor noise counts as an error."""
+"""Smallest limit of the distance from the target: below it, sensor noise would count as an error."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -37,9 +37,9 @@ COB_RPDO1: Final = 0x200
 COB_SDO_FROM_SERVER: Final = 0x580
 COB_SDO_TO_SERVER: Final = 0x600
 COB_HEARTBEAT: Final = 0x700
-"""All but NMT and SYNC are bases: add the node number."""
+"""All COB-IDs but those of NMT and SYNC are bases, to which the node number is added."""
 COB_NEXT_PDO: Final = 0x100
-"""Difference between consecutive PDOs of the predefined connection set."""
+"""Difference between the identifiers of consecutive PDOs of the predefined connection set."""
 
 
 def node_of(identifier: int, base: int) -> int:
@@ -152,7 +152,7 @@ DOCUMENT: Final = 0x2000
 """DOMAIN. Reads the document written last until it is committed, dropped or refused, then the active one;
 without either, reading aborts with 08000024h (no data)."""
 DIGEST: Final = 0x2001
-"""Digest of 2000h by the supervisor: sub 1 SHA-256 (32 bytes), sub 2 length."""
+"""Digest of 2000h, computed by the supervisor: sub 1 SHA-256 (32 bytes), sub 2 length."""
 DIGEST_SHA256: Final = 1
 DIGEST_LENGTH: Final = 2
 COMMAND: Final = 0x2002
@@ -195,7 +195,7 @@ class Slot(IntEnum):
 
 
 class SlotState(IntEnum):
-    """2003h subs 2 and 3."""
+    """State of slot A or B: 2003h subs 2 and 3."""
 
     EMPTY = 0
     WHOLE = 1
@@ -203,7 +203,7 @@ class SlotState(IntEnum):
 
 
 class SensorKind(IntEnum):
-    """2100h sub 1."""
+    """Kind of sensor: 2100h sub 1."""
 
     NONE = 0
     ENCODER = 1

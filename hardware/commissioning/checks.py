@@ -34,7 +34,7 @@ from hardware.timing import Pace
 
 _WINDOW, _LONG_SYNCS = 5, 1000
 _IN_FLIGHT_S: Final = 0.5
-"""Time for an interrupt to arrive."""
+"""Time allowed for an interrupt to arrive."""
 ENOUGH: Final = "that is enough"
 
 

@@ -65,7 +65,7 @@ class Bounds:
 
 
 BENCH: Final = Bounds(samples=100, still_rad=math.radians(0.1), near_rad=math.radians(0.5))
-"""For an arm without fixture."""
+"""Limits for an arm without fixture."""
 
 
 def declined(joint: int | None = None) -> Clause:

@@ -91,9 +91,9 @@ class ConnectableArm:
     def connect(self) -> ArmIdentity:
         """Find the nodes, check that they are the arm described, start heartbeats and SYNC.
 
-        A STOP latched before remains latched; one pressed while connecting cancels the connection.
+        A STOP latched before the call remains latched; a STOP pressed during the call cancels the connection.
 
-        Closes the connection again if it raises a `HardwareError`.
+        If a `HardwareError` is raised, the connection is closed again.
         """
         if self._connection is not None:
             raise ValueError("this arm is connected already")

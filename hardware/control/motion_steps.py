@@ -1,7 +1,7 @@
 """Motions and readings as steps, SYNC by SYNC: enable, change modes, move, hold, reset, settle, read.
 
 Each is a generator (`hardware.control.tasks.Steps`): it yields the commands of the next SYNC, receives the sample of
-that SYNC, and returns a result. If one ends early, joints in position mode stay at their last targets.
+that SYNC, and returns a result. If the steps end early, joints in position mode stay at their last targets.
 """
 
 from __future__ import annotations

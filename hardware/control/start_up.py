@@ -164,7 +164,7 @@ class StartUp:
             The holder of the token is heard.
         ArmInUse
             A drive stays enabled beyond its time-out, or is stopped while the token is still held. A stopped drive with
-            a free token is no reason: no operator uses it, and connecting enables nothing.
+            a free token does not raise it: no operator uses that drive, and connecting enables nothing.
         """
         access, profile, timeout_s = self._access, self._profile, self._timing.operator_timeout_s
         statuswords = [(node, objects.STATUSWORD) for node in profile.drives]

@@ -51,7 +51,7 @@ class StopLatch:
         return None if pressed is None or pressed is self._released else pressed.cause
 
     def press(self, cause: Divergence | None = None) -> None:
-        """Latch, from any thread; a second press keeps the first one's cause."""
+        """Latch STOP. May be called from any thread; a second press keeps the cause of the first one."""
         self._pressed = _Press(self.cause or cause)
 
     def release(self, press: object | None) -> bool:

@@ -1,4 +1,4 @@
-"""Passes steps from the caller's thread to the control loop and their results back, Ctrl-C included."""
+"""Passes steps from the caller's thread to the control loop, and their results back; handles Ctrl-C meanwhile."""
 
 from __future__ import annotations
 

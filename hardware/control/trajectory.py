@@ -1,8 +1,8 @@
 """Synchronised straight move of several joints with bounded jerk, which can brake at any time.
 
-The distance along the straight line in joint space is that of the joint with the largest travel. It follows a
-trapezoidal speed profile; a moving average over `SMOOTHING_PERIODS` positions bounds the jerk, stays on the line
-and comes to rest exactly at its end.
+The distance along the straight line in joint space is the travel of the joint that moves farthest. This distance
+follows a trapezoidal speed profile. A moving average over `SMOOTHING_PERIODS` positions bounds the jerk; the joints
+stay on the line and come to rest exactly at its end.
 """
 
 from __future__ import annotations

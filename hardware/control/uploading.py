@@ -57,7 +57,7 @@ def upload(link: Connection, document: bytes) -> UploadReceipt:
     BusError
         The supervisor does not answer.
     UploadUnknown
-        It stopped answering after the commit was sent: the outcome is unknown.
+        The supervisor stopped answering after the commit was sent: the outcome is unknown.
     """
     access, supervisor = link.access, link.profile.supervisor
     if supervisor is None:

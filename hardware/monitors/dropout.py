@@ -1,8 +1,9 @@
 """Detects drives that leave *operation enabled*, or stop following, without a command from this program.
 
-A drive that trips sends an emergency. One that is disabled at the drive itself shows it in its statusword only, and the
-next repeated command would enable it again, although it may have been switched off on purpose. So it is not enabled
-again, and all others stop as after a trip: in a closed chain they would push against a joint that does not follow.
+A drive that trips sends an emergency. A drive that is disabled at the drive itself reports that in its statusword only,
+and the next repeated command would enable it again, although it may have been switched off on purpose. So it is not
+enabled again, and all others stop as after a trip: in a closed chain they would push against a joint that does not
+follow.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ DROPOUT_SYNCS: Final = 2
 """Before that, number of consecutive *disabled* answers that count as a dropout; meanwhile the joint gets no
 command."""
 NOT_FOLLOWING_SYNCS: Final = 50
-"""0.5 s without bit 12: longer than a mode change, during which a drive may report either."""
+"""0.5 s without bit 12: longer than a mode change, during which a drive may set or clear that bit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -37,7 +37,7 @@ class Divergence:
 
 
 class FollowingMonitor:
-    """Compares every sample with the commands; `windows_counts` is each joint's limit, empty for no check."""
+    """Compares every sample with the commands; `windows_counts` limits each joint's distance, empty for no check."""
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
         self._windows = tuple(windows_counts)
@@ -92,7 +92,7 @@ STRETCH_SYNCS: Final = 10
 
 @dataclass(slots=True)
 class _Joint:
-    """A joint after a stop: SYNCs since the stop, rest position, SYNCs away from rest; until rest, travel of the last stretch."""
+    """A joint after a stop: SYNCs since the stop, rest position, SYNCs away from it; until rest, the last travel."""
 
     stopped_syncs: int = 0
     rest_counts: int = 0

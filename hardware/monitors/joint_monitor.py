@@ -39,7 +39,8 @@ ENCODER_COUNTS = 4.0
 RVDT_COUNTS = 64.0
 """Threshold at rest: 12 times the noise (two converter steps), 1.9 deg for 12 bits over 120 deg."""
 COUPLED_FRACTION, COUPLED_NOISE = 0.1, 0.6
-"""A real jerk moves another joint by more than this part of the jump plus this part of its own threshold."""
+"""A real jerk moves another joint by more than COUPLED_FRACTION of the jump plus COUPLED_NOISE of that joint's
+threshold."""
 MOTION_FACTOR = 6.0
 """Ratio of the threshold in motion to that at rest: targets arrive with some jitter."""
 JERK_SYNCS = 15

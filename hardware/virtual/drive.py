@@ -1,6 +1,6 @@
 """Behaviour of one drive: states, modes, limits, trips.
 
-Time is counted in control periods: `command` is the joint's command for the next one, `read` takes in the sensors at
+Time is counted in control periods: `command` is the joint's command for the next period, `read` takes in the sensors at
 its end.
 """
 
@@ -19,8 +19,8 @@ from hardware.virtual.axis import AxisSettings, JointCommand
 class Drive:
     """A CiA 402 axis in cyclic position or cyclic torque mode.
 
-    After a quick stop or the loss of the operator's heartbeat it holds: position mode at the measured position.
-    After any other trip its valve is blocked.
+    After a quick stop or the loss of the operator's heartbeat the drive holds: position mode at the measured position.
+    After any other trip the joint's valve is blocked.
 
     Parameters
     ----------

@@ -83,7 +83,8 @@ _DIVERGED = (
     "reset (R, or `sarcal reset`) and go on: the first pose is measured again before anything else."
 )
 _COUNT_LOSS = ("joint {joint} jumped", "joint {joint} has shifted by")
-"""The second one when the first pose is repeated: in position mode the drive moves the joint by the lost counts."""
+"""The second one appears when the first pose is repeated: in position mode the drive moves the joint by the lost
+counts."""
 _COUNT_LOSS_KEPT = (
     f"{ALL_POSES}; if a joint in position mode is reported when the first pose is repeated, none since then "
     "(for a degree: at the next pose, from the 11th on; for less: at the end, and the verdict refuses to mix them)"
@@ -373,7 +374,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
     }
 )
-"""In the order of bus, nodes, sensors, mechanics, people."""
+"""All faults by name, in the order bus, nodes, sensors, mechanics, people."""
 
 
 OPERATOR_SIDE: Mapping[str, FaultDescription] = MappingProxyType(

@@ -1,7 +1,7 @@
 """The arm in its fixture as a quasi-static compliant closed chain.
 
-Hydraulic joints at calibration speeds are damped far above their inertia. In each control period the increment D of
-the true angles (first the hinge's, or an unused angle without a hinge; then the joints') minimises
+At calibration speeds, the damping of hydraulic joints far outweighs their inertia. In each control period the increment
+D of the true angles (first the hinge's, or an unused angle without a hinge; then the joints') minimises
 
     1/2 sum_position k (target - theta - D)^2 + 1/2 e(theta + D)' K e(theta + D)
         + 1/2 sum d D^2 / dt - gravity' D + friction(D)
@@ -77,7 +77,7 @@ class Loads:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def of(self, arm: ArmModel) -> Loads:
-        """Loads for another arm: masses halfway along it; masses and friction in proportion to its drives' torque.
+        """Return loads for another arm: masses halfway along it, masses and friction in proportion to drive torque.
 
         Masses are scaled by the weakest drive: in a closed chain any drive may carry them.
         """
@@ -241,7 +241,7 @@ class Plant:
         self._angles = angles
 
     def _rub(self, increment: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Dry friction (n + 1,) N m against an increment, and its derivative: elastic at first, then sliding."""
+        """Dry friction (n + 1,), N m, and its derivative with respect to the increment: first elastic, then sliding."""
         deflection = (self._bristle + increment) / PRESLIDING_RAD
         slope = np.where(np.abs(deflection) < 1.0, self._friction / PRESLIDING_RAD, 0.0)
         return self._friction * np.clip(deflection, -1.0, 1.0), slope
@@ -249,7 +249,7 @@ class Plant:
     def _gravity(self) -> FloatArray:
         """Torque (n + 1,) of the uncompensated masses about every joint axis, N m.
 
-        Frame 0 stands on the table, so gravity has no torque about the hinge coordinate: entry 0 is zero.
+        Frame 0 is fixed to the table, so gravity has no torque about the hinge coordinate: entry 0 is zero.
         """
         axes = self._point.base_axes
         moment = self._lever @ self._point.origins_m @ (axes @ self._across @ axes.T)

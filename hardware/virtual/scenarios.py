@@ -39,7 +39,7 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt
 
 ENCODER_COUNTS_PER_REV = 400_000
-"""Encoders of the paper's arm (section 3); scenario `exact` has them on the wrist too."""
+"""Counts of the encoders of the paper's arm (section 3); scenario `exact` has such encoders on the wrist too."""
 
 
 class _Stream(IntEnum):

@@ -1,7 +1,7 @@
 """Simulated tracker of the virtual open arm, with the line protocol of instruments.
 
-It answers ``{"measure": "12"}`` with ``{"pose": "12", "x_m": ..., ..., "rz_deg": ...}``: position of the target in its
-own frame, and orientation as a rotation vector.
+It answers ``{"measure": "12"}`` with ``{"pose": "12", "x_m": ..., ..., "rz_deg": ...}``: position of the target in the
+tracker's own frame, and orientation as a rotation vector.
 """
 
 from __future__ import annotations

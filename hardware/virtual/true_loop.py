@@ -29,7 +29,7 @@ class Truth(ABC):
 
     @property
     def joint_count(self) -> int:
-        """Joints n of the arm."""
+        """Number n of joints of the arm."""
         return self.table.links - 1
 
     @property

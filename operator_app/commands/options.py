@@ -12,7 +12,7 @@ from hardware.virtual import DEFAULT_SCENARIO, SCENARIOS
 from operator_app.exit_codes import UsageError
 
 MOST_POSES = 100_000
-"""Limit of poses files and procedures."""
+"""Largest number of poses in a poses file or a procedure."""
 
 
 def pose_count(text: str) -> int:

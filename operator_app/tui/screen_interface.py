@@ -126,7 +126,7 @@ class ScreenInterface:
 
     @property
     def sessions(self) -> Sessions:
-        """The sessions on disk."""
+        """The object that opens and closes sessions."""
         return self.app.source
 
     def snapshot(self) -> SessionSnapshot | None:

@@ -39,7 +39,7 @@ class ClosureFit:
     """The most probable way to close the loop at one reading.
 
     `chi2`: chi2 of the necessary changes; infinite if the loop does not close at all. `dof`: equations of the pose
-    minus ignored readings. `q_rad`: joint angles (n,) at which it closes.
+    minus ignored readings. `q_rad`: joint angles (n,) at which the loop closes.
     """
 
     chi2: float

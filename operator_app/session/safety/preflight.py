@@ -99,7 +99,7 @@ It is this small because files can be far off: offsets by 25 deg, hinges by 40 m
 """
 
 FALSE_REFUSAL_PROBABILITY_KNOWN_ARM = 1e-5
-"""That probability if earlier placements have determined the offsets and the error of the hinge placement."""
+"""The same, if earlier placements have determined the offsets and the error of the hinge placement."""
 
 RESET_PROBABILITY = 1e-2
 """A counter at zero was reset if using its reading raises chi2 by an amount less probable than this.

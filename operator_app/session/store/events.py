@@ -21,7 +21,7 @@ Check = Callable[[Any, int | None], str]
 MAX_INTEGER = 2**53
 """Larger integers have no exact double."""
 MAX_ANGLE_RAD = 20.0 * math.pi
-"""As in a poses file: sensor angles may exceed one turn, not ten."""
+"""Limit of sensor angles, as in a poses file: they may exceed one turn, but not ten."""
 MOST_JOINTS_RECORDED = 100
 UTC = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,9})?Z")
 

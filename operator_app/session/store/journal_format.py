@@ -25,11 +25,11 @@ JOURNAL_SCHEMA = "sarcal/journal/1"
 """Version of the format, in the first line; journals of earlier versions have no such key."""
 
 MAX_BYTES = 256 * 1024 * 1024
-"""About ten thousand poses with a calibration after each."""
+"""Size limit of a journal: about ten thousand poses with a calibration after each."""
 
 LINE_KEYS = ("seq", "utc", "event", "data", "sum")
 CHECKSUM = re.compile(rb',"sum":"([0-9a-f]{16})"\}')
-"""End of a line."""
+"""Checksum at the end of a line."""
 JOURNAL_VERSION = re.compile(r"sarcal/journal/([1-9][0-9]{0,8})")
 BEGINNINGS = (b'{"schema":"sarcal/journal/', b'{"seq":1,"utc":"')
 MAX_CHANGED_BYTES = 3

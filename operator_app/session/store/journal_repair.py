@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 TAIL = len(',"sum":"0123456789abcdef"}')
 MAX_BIT_SEARCH_BYTES = 40_000
-"""Longest line, in bytes, in which a flipped bit is searched for: a few seconds."""
+"""Longest line, in bytes, in which a flipped bit is searched for; the search takes a few seconds."""
 NEWLINE = 0x0A
 BITS = tuple(1 << k for k in range(8))
 EVENT_NAME = re.compile(rb'"event":"([a-z_]{1,40})"')

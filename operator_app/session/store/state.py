@@ -92,7 +92,7 @@ UNSOLVED: Mapping[str, Any] = {
     "solved_utc": "",
     "exported": {},
 }
-"""Fields without results, for a changed set of poses."""
+"""Values of the result fields while there are no results, for a changed set of poses."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -299,7 +299,7 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
 
 
 def by_name(name: str) -> Action | OnScreen:
-    """Return an action."""
+    """Return the action of this name."""
     return next(a for a in ACTIONS if a.name == name)
 
 

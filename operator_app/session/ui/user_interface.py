@@ -77,7 +77,7 @@ class UserInterface(Protocol):
 
     @property
     def sessions(self) -> Sessions:
-        """The sessions."""
+        """The object that opens and closes sessions."""
 
     def snapshot(self) -> SessionSnapshot | None:
         """Return a fresh snapshot."""

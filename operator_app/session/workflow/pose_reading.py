@@ -42,7 +42,7 @@ SOURCES = "tcp:HOST:PORT, file:PATH (a growing CSV file) or stdin"
 
 
 class TargetLostError(SessionError):
-    """The instrument does not see the target at this pose, for the reason `why` that it gives."""
+    """The instrument does not see the target at this pose; `why` is the reason that the instrument gives."""
 
     def __init__(self, why: str) -> None:
         super().__init__(

@@ -326,7 +326,7 @@ class Session(Logbook):
     def let_go(self) -> bool:
         """Release the arm, holding its position, so that it can be connected again.
 
-        False if it did not confirm that it holds.
+        False if the arm did not confirm that it holds.
 
         Before that, the journal gets what only the arm object knows: why the arm was stopped and how late this computer
         was.

@@ -37,7 +37,8 @@ class Divergence:
 
 
 class FollowingMonitor:
-    """Compares every sample with the commands; `windows_counts` limits each joint's distance, empty for no check."""
+    """Compares every sample with the commands; `windows_counts` limits the distance from the target, empty for no
+    check."""
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
         self._windows = tuple(windows_counts)

@@ -16,7 +16,8 @@ from hardware.virtual import SCENARIOS
 from operator_app.session.store.journal_format import JournalEvent
 
 Check = Callable[[Any, int | None], str]
-"""Function of a value and the number of joints (None: not known yet) that returns what is wrong with the value."""
+"""Function of a value and the number of joints (None: not known yet); returns what is wrong with the value ("":
+nothing)."""
 
 MAX_INTEGER = 2**53
 """Larger integers have no exact double."""

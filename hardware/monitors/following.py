@@ -37,8 +37,7 @@ class Divergence:
 
 
 class FollowingMonitor:
-    """Compares every sample with the commands; `windows_counts` limits the distance from the target, empty for no
-    check."""
+    """Compares every sample with the commands; `windows_counts` limits distances from target, empty for no check."""
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
         self._windows = tuple(windows_counts)

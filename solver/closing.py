@@ -71,7 +71,7 @@ class ReducedEquations:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rates:
-    """Derivatives of the unsensed angles of linearised poses by parameters, joint angles and displacements.
+    """Derivatives of linearised poses' unsensed angles with respect to parameters, joint angles and displacements.
 
     Attributes
     ----------
@@ -225,9 +225,9 @@ def reduced_jacobian(
 def left_null_space(N: FloatArray) -> FloatArray:
     """Orthonormal E (..., k, k - U) with ``E' N = 0`` for N of shape (..., k, U) and rank U.
 
-    Householder's reflections turn column after column into the first axes; the others are then at right
-    angles to them all. A hinge has one column, so its reflection is written down and not computed: for a
-    unit column (a, b') with s = sign(a),
+    Householder's reflections turn the columns of N, one after the other, into the first axes; the images of the
+    other axes are then orthogonal to all columns. A hinge has one column, so its reflection has a closed form: for
+    a unit column (a, b') with s = sign(a),
 
         H = [-s a  -s b'; -s b  1 - b b' / (1 + |a|)],      E = H without its first column.
     """

@@ -29,7 +29,7 @@ class UnidentifiableDirection:
     Attributes
     ----------
     parameters
-        Names of the parameters that take part, the heaviest first.
+        Names of the parameters that take part, the one with the largest weight first.
     weights
         Their components in the column-scaled unit vector, same order.
     reason
@@ -54,7 +54,7 @@ class UnidentifiableDirection:
 class UnidentifiableError(SolverError):
     """The pose set leaves some parameters undetermined; `directions` names them.
 
-    `code` and `note` are the reason where it is known: too few poses, or a stuck sensor, that of joint `stuck_joint`
+    `code` and `note` are the reason where it is known: too few poses, or a stuck sensor of joint `stuck_joint`
     (1-based, 0 if none).
     """
 

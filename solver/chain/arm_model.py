@@ -1,4 +1,4 @@
-"""An arm as data: D-H rows, ranges, sensors, limits. Any serial arm; knows no file and no controller."""
+"""Data of a serial arm: D-H rows, ranges, sensors, limits; independent of file formats and controllers."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Joint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RowTolerance:
-    """Uncertainty of one D-H row in the maker's table: standard deviation of s and a, of alpha and beta.
+    """Uncertainty of one D-H row in the maker's table: standard deviations of s and a, and of alpha and beta.
 
     0 is exact. The uncertainty matters for entries that are fixed instead of identified.
     """
@@ -83,7 +83,7 @@ class ArmModel:
     hayati_rows
         Rows that join parallel axes: they have beta_j in place of s_j, which is not unique there.
     assumed
-        Figures of its error model that are defaults and not in its file, as ``key: value``.
+        Values in the arm's error model that are defaults, because its file does not state them, as ``key: value``.
     """
 
     name: str
@@ -130,7 +130,7 @@ class ArmModel:
         )
 
     def maker_entries(self, row: int) -> tuple[DhEntry, ...]:
-        """Lengths and twists in a row of the maker's table: a, s and alpha, or a, alpha and beta."""
+        """Entries for length and twist in a row of the maker's table: a, s, alpha; in a Hayati row a, alpha, beta."""
         ours = (
             (DhKind.A, DhKind.ALPHA, DhKind.BETA)
             if row in self.hayati_rows
@@ -145,7 +145,7 @@ class ArmModel:
         )
 
     def linearity_rad(self) -> FloatArray:
-        """Largest systematic deviation of each sensor by its specification, shape (n,)."""
+        """Largest linearity deviation that the specification of each RVDT allows, shape (n,); 0 for other sensors."""
         return np.array(
             [j.sensor.linearity_rad if isinstance(j.sensor, Rvdt) else 0.0 for j in self.joints]
         )

@@ -7,8 +7,8 @@ and Hayati's beta_j [9] takes the place of s_j.
 A chain of L links has L+1 frames; frame 0 of the arrays below is the frame in which the chain starts (the
 paper's frame -1 for a hinge loop, whose first link is link 0).
 
-Every array may have leading axes (starts, poses, ...) before the last one, which counts links; they
-broadcast, so one parameter row serves many poses and many starts are evaluated in one call.
+The last axis of every array counts links. Leading axes (starts, poses, ...) broadcast, so one parameter row
+serves many poses and many starts are evaluated in one call.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class DhTable:
 
     @classmethod
     def from_stacked(cls, rows: FloatArray) -> DhTable:
-        """Table of the columns (5, links) of `stacked`."""
+        """Build the table from an array (5, links) as returned by `stacked`."""
         return cls(**dict(zip(cls.__dataclass_fields__, rows, strict=True)))
 
     @property
@@ -162,16 +162,16 @@ def forward(
 
 _AXIS = np.array([{DhKind.A: 0, DhKind.ALPHA: 0, DhKind.BETA: 1}.get(kind, 2) for kind in DhKind])
 _TURNS = np.array([kind.is_angle for kind in DhKind])
-"""Axis along or about which each kind (5,) of entry moves the links after it (z is that of the frame before), and which
-are angles."""
+"""By `DhKind` (5,): axis along or about which an entry moves the links after it (z belongs to the frame before the
+link), and whether the entry is an angle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entries:
-    """D-H entries whose screws are needed, in the order given; how each acts is worked out once.
+    """D-H entries whose screws are needed, in the order given, with the axis of each, determined once.
 
-    `frame`, `axis`: frame and axis (C,), x 0, y 1 or z 2, about or along which each entry moves the links after it.
-    `turning`, `sliding`: which of them are angles, and which are lengths.
+    `frame`, `axis`: index (C,) of the frame, and of its axis (x 0, y 1, z 2), about or along which each entry moves the
+    links after it. `turning`, `sliding`: indices of the entries that are angles, and of those that are lengths.
     """
 
     frame: IntArray
@@ -196,12 +196,12 @@ NO_ENTRIES = Entries.of((), ())
 
 
 def jacobian(frames: Frames, entries: Entries) -> FloatArray:
-    """Screw Jacobian of the last frame for some D-H entries, shape (..., 6, C): `screws`, poses first."""
+    """Screw Jacobian of the last frame for some D-H entries, shape (..., 6, C): `screws` with the poses' axes first."""
     return np.ascontiguousarray(poses_first(screws(frames, entries), 1, 0))
 
 
 def screws(frames: Frames, entries: Entries) -> FloatArray:
-    """Screws of the last frame for each of some D-H entries.
+    """Screw of the last frame for each of the D-H entries.
 
     Returns
     -------

@@ -27,7 +27,7 @@ class PoseSet:
     samples
         Number of samples averaged, shape (m,); None where not recorded.
     endpoint
-        Measured endpoint, shape (m, 3): x, y, z (m); or (m, 6): and a rotation vector (rad). None
+        Measured endpoint: x, y, z (m), shape (m, 3), or also a rotation vector (rad), shape (m, 6). None
         without an instrument.
     utc, notes
         Time and operator's note of each pose, length m, "" where there is none; None where not recorded.
@@ -106,7 +106,7 @@ class PoseSet:
 
     @property
     def sample_counts(self) -> IntArray:
-        """Readings in the mean of each pose (m,); one where not recorded."""
+        """Number of readings averaged at each pose (m,); 1 where not recorded."""
         return np.ones(len(self), dtype=np.int64) if self.samples is None else self.samples
 
     @property

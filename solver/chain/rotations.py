@@ -19,9 +19,8 @@ def skew(v: FloatArray) -> FloatArray:
 def rotation_vector(R: FloatArray) -> FloatArray:
     """Logarithm of rotations, shape (..., 3, 3) to (..., 3), rad, length in [0, pi].
 
-    Goes through the unit quaternion (the largest of its four components is taken from the diagonal,
-    the others follow), which keeps full precision at zero and near pi, where the trace and the
-    antisymmetric part lose theirs.
+    Computed through the unit quaternion: its largest component comes from the diagonal, and the other three follow.
+    This keeps full precision at zero and near pi, where the trace and the antisymmetric part lose precision.
     """
     d = np.diagonal(R, axis1=-2, axis2=-1)
     trace = d.sum(-1)

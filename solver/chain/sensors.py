@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from solver.chain.arm_model import ArmModel
 
 DITHER = 0.5
-"""Noise (rms, in counts) from which rounding errors of repeated readings average out too."""
+"""Least noise (rms, in counts) with which the rounding errors of repeated readings average out too."""
 
 
 def _variance_of_mean(resolution_rad: float, noise_counts: float, samples: int) -> float:
@@ -42,11 +42,11 @@ class Encoder:
 
     @property
     def sigma_rad(self) -> float:
-        """Standard deviation of one reading: count^2/12 and the stated noise."""
+        """Standard deviation of one reading: rounding (variance count^2/12) and the stated noise."""
         return self.resolution_rad * math.sqrt(1.0 / 12.0 + self.noise_counts**2)
 
     def variance_of_mean_rad2(self, samples: int) -> float:
-        """Variance of the mean of `samples` readings of a joint that stands still."""
+        """Variance of the mean of `samples` readings of a joint at standstill."""
         return _variance_of_mean(self.resolution_rad, self.noise_counts, samples)
 
 
@@ -72,11 +72,11 @@ class Rvdt:
 
     @property
     def sigma_rad(self) -> float:
-        """Standard deviation of one reading: LSB^2/12 and the stated noise, without the linearity deviation."""
+        """Standard deviation of one reading: rounding (variance LSB^2/12) and noise, without linearity deviation."""
         return self.resolution_rad * math.sqrt(1.0 / 12.0 + self.noise_lsb**2)
 
     def variance_of_mean_rad2(self, samples: int) -> float:
-        """Variance of the mean of `samples` readings of a joint that stands still."""
+        """Variance of the mean of `samples` readings of a joint at standstill."""
         return _variance_of_mean(self.resolution_rad, self.noise_lsb, samples)
 
     @property
@@ -92,22 +92,22 @@ class Rvdt:
 
 @dataclass(frozen=True, slots=True)
 class NoSensor:
-    """A joint that is not sensed."""
+    """No sensor: the joint's angle is not measured."""
 
 
 Sensor = Encoder | Rvdt | NoSensor
 
 
 SHAPE_WEIGHTS = (1.0, 1.0, 0.5, 0.35, 0.25, 0.18, 0.14, 0.11, 0.09)
-"""Prior sizes of Legendre P2..P10: a transformer's linearity deviation is mostly a bow and an S, and higher terms fall
-with the square of the order."""
+"""Relative prior sizes of Legendre polynomials P2..P10: a transformer's linearity deviation is mostly a bow (P2) and an
+S (P3), and higher terms fall with the square of the degree."""
 
 LOWEST = 2
-"""Degree of the first of them: all are orthogonal to every straight line, as a linearity deviation is."""
+"""Lowest degree of these polynomials: from 2 on they are orthogonal to every line, as a linearity deviation is."""
 
 
 def _power_series() -> FloatArray:
-    """Coefficients (11, 9) of 1, x, ..., x^10 in the shapes, times their prior sizes."""
+    """Coefficients (11, 9) of 1, x, ..., x^10 in each shape, times the prior size of the shape."""
     powers = np.zeros((len(SHAPE_WEIGHTS) + LOWEST, len(SHAPE_WEIGHTS)))
     for k, weight in enumerate(SHAPE_WEIGHTS):
         series = np.polynomial.legendre.leg2poly(np.eye(k + LOWEST + 1)[k + LOWEST])
@@ -116,7 +116,7 @@ def _power_series() -> FloatArray:
 
 
 _POWERS = _power_series()
-"""At this low degree, powers lose three of sixteen digits, and all shapes are one matrix product."""
+"""With powers, all shapes are one matrix product; at this low degree only three of sixteen digits are lost."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,15 +1,15 @@
 """Gravity in a serial arm: torque about every joint, linear in the mass and first moment of each link.
 
-A link's weight enters only by its mass m and its first moment h = m c (mass times centre), and both
+A link's weight enters only through its mass m and its first moment h = m c (mass times centre), and both
 enter linearly (Khalil & Dombre, *Modeling, Identification and Control of Robots*, 2002, section 9.4:
 the gravity part of the dynamic model). The generalised force of gravity on joint j, from all links k >= j, is
 
     tau_j = sum_k  z_{j-1} . ((p_{k-1} - p_{j-1}) m_k + R_k h_k) x g,
 
-with z_{j-1} and p_{j-1} the joint's axis and a point on it, and g the gravity vector. A link's centre is seen from its
-own joint: from p_{k-1}, in axes R_k with z along the joint's axis and x where ``theta + theta_off`` turns it (frame k-1
-turned with the joint). So the centre does not depend on the link's own length or twist, which for the first and last
-link belong to the fixture. The torque that holds the arm up is ``-tau``: the g(q) of most textbooks and of pinocchio's
+with z_{j-1} and p_{j-1} the axis of joint j and a point on it, and g the gravity vector. The centre of mass of link k
+is expressed relative to p_{k-1}, in axes R_k: frame k-1 rotated about the axis of joint k by ``theta + theta_off``. So
+the centre does not depend on the link's own length or twist, which for the first and last link belong to the fixture.
+The torque that holds the arm up is ``-tau``: the g(q) of most textbooks and of pinocchio's
 ``computeGeneralizedGravity``.
 """
 
@@ -35,7 +35,7 @@ class LinkMasses:
     mass_kg
         (n,).
     centre_m
-        (n, 3): centre of mass of link j from p_{j-1}, in frame j-1 turned with the joint.
+        (n, 3): centre of mass of link j relative to p_{j-1}, in frame j-1 rotated with joint j.
     mass_sd_kg
         (n,): standard deviation of the masses.
     centre_sd_m
@@ -71,7 +71,7 @@ class LinkMasses:
 
     @property
     def moments_sd(self) -> FloatArray:
-        """Square roots (n, 4, 4) of the covariance of `moments`, whose errors are ``moments_sd @ z``, z ~ N(0, I).
+        """Square roots (n, 4, 4) of the covariances of `moments`: their errors are ``moments_sd @ z``, z ~ N(0, I).
 
         An error of the mass changes the first moment too (h = m c), an error of the centre the first moment alone.
         """
@@ -89,8 +89,8 @@ class LinkMasses:
 
 
 UNSTATED_KG, UNSTATED_CENTRE_M = 1.0, 0.1
-"""Mass of each link and spread of its centre where no file states them; they give the shapes of sag, whose size is
-stated separately."""
+"""Mass of each link and standard deviation of its centre where no file states them. They determine only the shapes of
+sag; its size is stated separately."""
 
 
 def unstated_masses(links: int) -> LinkMasses:

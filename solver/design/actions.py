@@ -26,7 +26,7 @@ class GoTo:
     Attributes
     ----------
     targets_rad
-        Targets of the drive joints (1-based).
+        Target of each drive joint, by joint (1-based).
     why
         Reason, as text.
     trace_rad
@@ -76,7 +76,7 @@ Action = GoTo | Capture | ChangeDrives | Finished
 def path_watch(
     trace_rad: FloatArray | None, tolerance_rad: float, ranges: Ranges
 ) -> Callable[[FloatArray], str | None]:
-    """Check readings (n,) during one move: return a sentence if the move should end, otherwise None.
+    """Return a check of readings (n,) during one move: it returns a sentence if the move should end, otherwise None.
 
     `trace_rad`: predicted readings (t, n); None to watch the ranges only. `ranges`: joint ranges, narrowed by the
     stopping distance.
@@ -106,7 +106,7 @@ def path_watch(
 def moves_along(
     route: Sequence[Leg], drives: tuple[int, ...], goal: str, *, of: str = ""
 ) -> list[GoTo | ChangeDrives]:
-    """Return moves along a route, with the changes of drives on it; `drives` are in position mode before it."""
+    """Return the moves along a route and its changes of drives; `drives` are in position mode before the first."""
     moves: list[GoTo | ChangeDrives] = []
     for leg in route:
         if leg.drives != drives:

@@ -1,7 +1,8 @@
 """A planned calibration as a policy: explore, calibrate, plan with the estimate, visit poses, stop.
 
-`propose` returns the next action; `observe` takes the result of a move, and `captured` a measured pose. It never
-touches an arm: the session feeds it and keeps the journal; the same readings lead to the same proposals.
+`propose` returns the next action; `observe` takes the result of a move, and `captured` a measured pose. The policy
+never touches an arm: the session carries out the actions and keeps the journal. The same readings lead to the same
+proposals.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ class Campaign:
         Poses (m, n) of an earlier campaign on the same loop that still count, and how many of them
         were planned: with enough of them nothing is explored again.
     at_rad
-        Readings where the arm stands (n,); the start by default.
+        Readings at the arm's present pose (n,); those at the start by default.
     """
 
     def __init__(
@@ -208,7 +209,7 @@ class Campaign:
         return max(float(np.abs(step).max(initial=0.0)) for step in newton_step(error, still))
 
     def _try_plan(self) -> bool:
-        """Make a plan from where the arm stands; False when it cannot be made (yet)."""
+        """Make a plan from the arm's present pose; False when no plan can be made (yet)."""
         if self.estimate is None:
             return False
         left = self.poses - self._taken

@@ -24,9 +24,9 @@ RESTART_WORK = 400_000
 """Small problems have bad local optima and are cheap: they are started again, up to this many
 candidates times poses times unknowns altogether. Among thousands of candidates one start is within a percent."""
 MAX_SWEEPS = 10
-"""Most rounds of exchanges."""
+"""Largest number of rounds of exchanges."""
 WORTHWHILE = 1e-9
-"""An exchange that gains less log det than this is rounding."""
+"""A gain of log det smaller than this is due to rounding."""
 
 
 class TooFewCandidatesError(ValueError):
@@ -89,8 +89,9 @@ def choose_poses(
     allowed
         (m,): which candidates may be chosen; all by default.
     q, apart_rad
-        Joint angles (m, n) of the candidates and the least distance (Euclidean, rad) between chosen ones. Without it
-        the best set repeats a few poses, which averages sensor noise but not a sensor's linearity deviation.
+        Joint angles (m, n) of the candidates and the least distance (Euclidean, rad) between chosen ones. Without a
+        least distance, the best set repeats a few poses, which averages sensor noise but not a sensor's linearity
+        deviation.
     """
     m, _, N = root.shape
     P = N if parameters is None else parameters

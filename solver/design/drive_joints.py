@@ -1,8 +1,8 @@
 """Which joints should drive a closed chain: ranking of drive sets, predicted or measured by trial motions.
 
-Predicted at one pose or over a region from the conditioning of the passive joints' Jacobian and from
-the poses that the drives reach; by trial, as in the paper, from the measured motion of the other joints. Every ranking
-has its reasons as text.
+A ranking is predicted, at one pose or over a region, from the conditioning of the passive joints' Jacobian and from
+the poses that the drives reach. By trial, as in the paper, it follows from the measured motion of the other joints.
+Every ranking has its reasons as text.
 """
 
 from __future__ import annotations

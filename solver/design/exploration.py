@@ -26,7 +26,7 @@ REACH_RAD = float(np.deg2rad(28.0))
 CAPTURE_EVERY = 3
 """Steps between captured poses, with two drives or more."""
 RAY_MARGIN_RAD = float(np.deg2rad(5.0))
-"""Distance of every joint from the ends of its range."""
+"""Least distance of every joint from the ends of its range."""
 MOST_RATE = 2.5
 """Largest allowed ratio of a passive joint's motion to the drives'; more means a fold is near. Where the start already
 exceeds it, up to twice as much is allowed."""
@@ -83,7 +83,7 @@ class Explorer:
         self.failure = ""
 
     def propose(self) -> tuple[GoTo | Capture, ...]:
-        """Return the next move, and a capture where the pose at its end is worth it.
+        """Return the next move, followed by a capture where the pose at its end is to be measured.
 
         Empty when exploration is over (`failure` is the reason if it failed).
         """

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 SPACING = 0.75
 """New poses are at least this share of a step from all others; a disc packing at this distance leaves few gaps."""
 SHORT = 0.8
-"""Steps of the second ring; just longer than the spacing."""
+"""Length of the tangent steps of the second ring, as a share of a step; just longer than the spacing."""
 TOUCHING = 1.7
-"""Poses within this many steps are neighbours: beyond the six around a pose, no further ring."""
+"""Poses within this many steps are neighbours: the six around a pose are, those of the next ring are not."""
 BENT = 0.35
 """A neighbour farther from the tangent plane than this share of its distance is on another sheet."""
 LEAST_SPACING_SHARE = 0.2

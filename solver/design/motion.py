@@ -46,14 +46,14 @@ class MotionLimits:
     most_rate: float
 
     def eased(self, share: float) -> MotionLimits:
-        """Return limits with this share of the least leverage, and so much more of the rate."""
+        """Return limits with the least leverage times `share`, and the largest rate divided by it."""
         return MotionLimits(
             least_leverage=share * self.least_leverage, most_rate=self.most_rate / share
         )
 
 
 LIMITS = MotionLimits(least_leverage=0.2, most_rate=5.0)
-"""Limits of every path, as long as there is one within them."""
+"""Limits of every path, as long as some path keeps them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -172,7 +172,7 @@ def drive_straight(
 ) -> DriveTraces:
     """Predict b moves from closed poses `q` (b, n), `u` (b, U) to drive angles `targets_rad` (b, d).
 
-    `drives`: joints (1-based) in position mode; the rest is free. `steps`: points each line is divided into.
+    `drives`: joints (1-based) in position mode; the rest is free. `steps`: number of steps along each line.
     """
     columns = [j - 1 for j in drives]
     held = held_still(drives, q.shape[-1])

@@ -99,7 +99,7 @@ class PathGraph:
         return np.asarray((layers == label[source]).any(axis=0))
 
     def distances(self, sources: Sequence[int]) -> FloatArray:
-        """Cheapest paths between poses, (len(sources), len(sources)), inf where there is none."""
+        """Costs of the cheapest paths between poses, (len(sources), len(sources)), inf where there is none."""
         from scipy.sparse.csgraph import dijkstra
 
         size, layers, count = self.manifold.size, len(self.drive_sets), len(sources)
@@ -118,7 +118,7 @@ class PathGraph:
         target: int,
         drives: tuple[int, ...],
     ) -> tuple[Leg, ...] | None:
-        """Find a path and check it along its whole length: its legs; None if no path passes.
+        """Find a path, check it along its whole length, and return its legs; None if no path passes.
 
         `model`, `x`, `ranges`: loops, parameters (P,) and ranges against which the trace is checked. `drives`: the
         drive joints in position mode at the source.
@@ -146,7 +146,7 @@ class PathGraph:
         return np.asarray(usable[i] & usable[j] & (volume[i] * volume[j] * carried > 0.0))
 
     def _thresholds(self) -> tuple[FloatArray, FloatArray]:
-        """Least leverage and largest rate for every pose (m,); pose 0 is where the arm stands."""
+        """Least leverage and largest rate for every pose (m,); pose 0 is the arm's present pose."""
         least = np.full(self.manifold.size, self.limits.least_leverage)
         most = np.full(self.manifold.size, self.limits.most_rate)
         least[0] *= AT_START

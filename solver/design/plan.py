@@ -1,6 +1,6 @@
-"""From an estimate to a plan: which poses to visit, in which order, with which drive joints.
+"""Makes a plan from an estimate: which poses to visit, in which order, with which drive joints.
 
-Combines manifold, drive ranking, paths and D-optimal choice, inside the region where the estimate predicts the free
+It combines manifold, drive ranking, paths and D-optimal choice, inside the region where the estimate predicts the free
 joints reliably.
 """
 
@@ -48,7 +48,7 @@ class PlanningTask:
     ranges
         Ranges of the arm's joints, sensor coordinates.
     margin_rad
-        Distance of planned poses and paths from the ends of the ranges, scalar or (n,).
+        Least distance of planned poses and paths from the ends of the ranges, scalar or (n,).
     noise
         Noise of the readings, for interim estimates.
     errors_at
@@ -102,7 +102,7 @@ class PosePlan:
     visits
         Indices of the chosen candidates in visiting order.
     ranked
-        Drive sets over the region, best first; empty when the task named them.
+        Drive sets ranked over the region, best first; empty when the task states its drive sets.
     predicted_sigma
         Standard deviations (P,) with all chosen and captured poses; inf if undetermined.
     design
@@ -296,7 +296,7 @@ def _trusted(
 FAR_RAD = 1e3
 """Replaces an infinite distance: large, but small enough that sums keep the digits of the others."""
 MOST_ROUNDS = 50
-"""Most sweeps of 2-opt; ten are many."""
+"""Largest number of sweeps of 2-opt; more than ten are rare."""
 
 
 def visiting_order(distances: FloatArray) -> tuple[int, ...]:

@@ -18,8 +18,8 @@ from solver.estimators.error_model import ErrorModel
 from solver.loops.closure import ClosureModel
 
 EFFECTS = 40
-"""Combinations of effects used in planning, those that poses determine best: on the packaged arms they carry 99.9 % of
-the information, and a choice among 3,000 poses takes one second."""
+"""Number of combinations of effects used in planning, those that the poses determine best: on the packaged arms they
+carry 99.9 % of the information, and a choice among 3,000 poses takes one second."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

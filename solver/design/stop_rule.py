@@ -22,7 +22,7 @@ part leaves rounding of some 1e-13."""
 
 
 WORTHWHILE_SHARE = 0.05
-"""Poses are worth taking while all that are left bring the worst parameter nearer to the request by this share."""
+"""More poses are worth taking if all that are left would bring the worst parameter nearer to the request by this."""
 
 
 class PrecisionStatus(Enum):
@@ -58,7 +58,7 @@ class StopDecision:
     weak
         Parameters less precise than requested, the worst (largest ratio of sigma to request) first.
     text
-        One sentence.
+        The decision in one sentence.
     """
 
     standing: PrecisionStatus

@@ -18,10 +18,10 @@ from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, STEP_EDGE_POSES
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 
 AT_POSES = 0.4
-"""Share of the continuous statistic's alarms that steps at poses show, by simulation of 10 to 300 poses."""
+"""Alarms of steps at poses, as a share of the alarms of the continuous statistic; simulated for 10 to 300 poses."""
 
 AT_ONCE = 400_000
-"""Steps that are evaluated at once, in numbers of the matrix of their fitted part: memory stays bounded."""
+"""Elements of the largest matrix for the suspects that are evaluated at once; this limits the memory needed."""
 
 FREE = 1e-7
 """Share of a column's square that the fit must leave for a step along it to be detectable."""
@@ -29,7 +29,7 @@ FREE = 1e-7
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Suspect:
-    """Quantity that may have changed: `columns` (m, r, d) are the misclosure's derivatives by it.
+    """Quantity that may have changed: `columns` (m, r, d) are the misclosure's derivatives with respect to it.
 
     `share` is its share of the false alarms, relative to other suspects. `of_reading`: only a reading may have
     shifted, not the geometry of the loop.
@@ -48,7 +48,7 @@ class ChangePoint:
     Attributes
     ----------
     suspect
-        Its name.
+        Name of the suspect.
     pose
         First pose after the step, index in time order.
     size
@@ -150,12 +150,12 @@ def step_threshold(poses: int, dof: int, false_alarm: float) -> float:
     """Return the value that the largest chi2 over all poses k exceeds by chance with probability `false_alarm`.
 
     The statistic is the square of a standardised Brownian bridge in `dof` dimensions, evaluated between the shares h
-    and 1-h of the poses; the tail of its maximum (Csorgo & Horvath 1997, eq. 1.3.26):
+    and 1-h of the poses. The tail of its maximum is (Csorgo & Horvath 1997, eq. 1.3.26)
 
         P(max > x) ~ x^(d/2) e^(-x/2) / (2^(d/2) Gamma(d/2)) ((1 - d/x) T + 4/x),
         T = log((1-h)^2 / h^2).
 
-    This counts steps at any instant between poses, more than half of its alarms: `AT_POSES` corrects for that.
+    This formula also counts steps at instants between poses, more than half of its alarms; `AT_POSES` corrects it.
     """
     from scipy.special import chdtri, gammaln
 

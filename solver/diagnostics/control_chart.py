@@ -20,16 +20,16 @@ from solver.arrays import FloatArray, IntArray
 from solver.diagnostics.limits import CONTROL_CHART_FALSE_ALARM_PROBABILITY
 
 BASELINE = 4
-"""Sessions before the first that is tested."""
+"""Number of sessions before the first that is tested."""
 
 RECENT = 3
-"""Sessions, including the tested one, that the EWMA averages and the baseline leaves out where possible."""
+"""Number of sessions, with the tested one, that the EWMA averages and the baseline leaves out where possible."""
 
 LAMBDA = 0.3
 """Weight of the newest value in the EWMA; the Handbook has 0.2 to 0.3."""
 
 PRIOR_DOF = 8.0
-"""Degrees of freedom of the common ratio of observed to stated scatter; entries differ by about 25 % from it."""
+"""Degrees of freedom of the common ratio of observed to stated scatter; single quantities differ from it by 25 %."""
 
 SHEWHART_SHARE = 0.1
 """Part of the false-alarm probability for single sessions: a shift of six times the scatter shows in both charts."""

@@ -61,7 +61,7 @@ class HoldOut:
     sigmas
         sigma_pos and sigma_ori over all poses held out, each closed with the parameters of the rest.
     inside_sigmas
-        The same figures for the fitted poses, as a mean over the parts (rms): the two should be similar.
+        sigma_pos and sigma_ori of the fitted poses, as rms over the parts: these should be similar to `sigmas`.
     """
 
     parts: tuple[Chi2Test, ...]
@@ -70,7 +70,7 @@ class HoldOut:
 
     @staticmethod
     def upgraded_record(data: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Convert a record to the current format; those of earlier versions have the estimates of the parts too."""
+        """Convert a record to the current format; records of earlier versions also have the estimates of the parts."""
         parts = [part.get("verification", {"chi2": part})["chi2"] for part in data["parts"]]
         return {**data, "parts": parts}
 
@@ -128,7 +128,7 @@ def fold_poses(q: FloatArray, folds: int) -> tuple[IntArray, ...]:
 def far_block(q: FloatArray, share: float = 0.2) -> IntArray:
     """Indices of a block of poses far from the rest: extrapolation, not interpolation.
 
-    The pose farthest from the middle of the set, in units of each joint's spread, and its nearest
+    The block is the pose farthest from the middle of the set, in units of each joint's range, and its nearest
     neighbours.
 
     Raises `ValueError` if `share` leaves no pose on one side.
@@ -254,7 +254,7 @@ def predicted_residuals(
 
 
 def shifted(left: WhitenedResiduals, subjects: Mapping[str, FloatArray]) -> CommonShift | None:
-    """Return the most significant shift along `columns` (m, r, c), common to all poses; None if none is significant."""
+    """Return the most significant shift common to all poses, given columns (m, r, c) by subject; None without one."""
     from scipy.special import chdtri
 
     found = []

@@ -1,7 +1,7 @@
 """Diagnosis of a fit: tests against the stated error model, and the faults that best explain a failed test.
 
-All of it uses one linear fit at the stated variances. Faults are compared only when a test fires; the best is fitted,
-and this is repeated until the residuals are as stated.
+All of it uses one linear fit at the stated variances. Faults are compared only when a test fires; the one that explains
+the residuals best is fitted, and this is repeated until the residuals are as stated.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class Explanation:
 
     @property
     def chi2_per_dof(self) -> float:
-        """chi2/dof that it leaves at stated variances."""
+        """chi2/dof that remains at the stated variances after the cause is fitted."""
         return self.evidence.chi2 / max(self.evidence.dof, 1)
 
 
@@ -99,7 +99,7 @@ class Diagnosis:
     Attributes
     ----------
     tests
-        All of them.
+        All tests that were made.
     rounds
         For each accepted cause, the explanations that were compared.
     suspected_entries
@@ -205,7 +205,7 @@ def _residual_tests(
 def _explanations(
     scene: FaultModels, left: WhitenedResiduals, odd: Outliers
 ) -> Iterator[CauseRanking]:
-    """Fit the best explanation of the residuals, one after the other, until no test fires."""
+    """Repeatedly find and fit the best explanation of the remaining residuals, until no test fires."""
     persistent_faults = tuple(scene.persistent_faults())
     for _ in range(limits.MOST_CAUSES_FITTED):
         found = _ranked(left, (*_changes(scene, left, odd), *persistent_faults))

@@ -1,4 +1,4 @@
-"""One possible fault of arm, fixture or readings: derivatives of the misclosures by it, and its natural size."""
+"""One possible fault of arm, fixture or readings: derivatives of the misclosures with respect to it, natural size."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ class Cause(Enum):
 
 
 class PeakDeviation(NamedTuple):
-    """Largest deviation of a sensor over the poses, rad, its standard deviation, and what it is measured from."""
+    """Largest deviation of a sensor over the poses, from the best line or the true angle, and its sd; rad."""
 
     peak: float
     sd: float
     from_line: bool
 
     def beyond(self, stated: float) -> bool:
-        """Whether it exceeds the stated value by more than chance would explain."""
+        """Whether the peak exceeds the stated value by more than chance would explain."""
         return self.peak - CERTAIN_SIGMAS * self.sd > stated
 
 
@@ -53,7 +53,7 @@ class Candidate:
     cause, subject
         Kind of cause, and its joint, entry or side.
     columns, natural
-        Derivatives (m, r, c) of the misclosures by each coefficient, and its natural size (c,).
+        Derivatives (m, r, c) of the misclosures with respect to each coefficient, and its natural size (c,).
     own
         Poses (p,) with separate columns: then `columns` are (p, r, c), each with its own coefficient, and `natural` is
         (p * c,).
@@ -67,13 +67,13 @@ class Candidate:
         The deviation in every pose is ``shapes @ b`` (m,), or b itself; it counts as a cause only if larger (rms) than
         `least`.
     most_stated
-        Largest deviation that the files state, where they do: only what exceeds it by `CERTAIN_SIGMAS` of its own
-        sigmas counts as a cause.
+        Largest deviation that the files state, where they do: only a deviation that exceeds it by `CERTAIN_SIGMAS`
+        standard deviations counts as a cause.
     measured
-        The sensor's linearity deviation as measured by the loops without these readings, which is more accurate; None
-        if not measured.
+        The sensor's linearity deviation as measured by the loops without this sensor's readings, which is more
+        accurate; None if not measured.
     lines
-        (m, 2), orthonormal: the straight lines of a sensor's offset and gain.
+        (m, 2), orthonormal: the constant and the straight line of a sensor's offset and gain.
     entries
         Names of the parameters that changed their value, one per column; empty where none did.
     """
@@ -115,7 +115,7 @@ class Candidate:
         return out
 
     def deviation(self, b: FloatArray, covariance: FloatArray) -> PeakDeviation:
-        """Largest deviation over the poses, including the gain or from the best line, whichever is more certain.
+        """Largest deviation over the poses, with the gain included or from the best line, whichever is more certain.
 
         The loop determines a sensor's linearity deviation far better than its gain.
         """

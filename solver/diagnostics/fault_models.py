@@ -1,7 +1,7 @@
 """Models of all faults of arm, fixture and readings, as columns of the linear fit.
 
-A column is the derivative of the misclosures by a quantity that the fit took as exact, so faults are compared without a
-refit.
+A column is the derivative of the misclosures with respect to a quantity that the fit took as exact, so faults are
+compared without a refit.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ SCALE = 1e-2
 
 
 LENGTHS_SHARE = 0.1
-"""Share of the false alarms: a metal link hardly ever changes its length in mid-session."""
+"""Share of the false alarms for a changed length, relative to other suspects: a metal link hardly ever changes its
+length during a session."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -54,7 +55,7 @@ class FaultModels:
         order: IntArray,
         measured: Mapping[int, PeakDeviation],
     ) -> FaultModels:
-        """Return the faults of a fit."""
+        """Return the fault models of a fit at the stated variances, with poses in the given `order` (m,)."""
         return cls(
             arm=arm,
             design=stated.design,
@@ -81,7 +82,7 @@ class FaultModels:
                 yield side, np.array([names.index(name) for name in own])
 
     def joint(self, j: int) -> FloatArray:
-        """Derivatives (m, r, 1) of the misclosures by the reading of joint j."""
+        """Derivatives (m, r, 1) of the misclosures with respect to the reading of joint j."""
         return self.system.B[:, :, j - 1, None]
 
     def _along(
@@ -93,7 +94,7 @@ class FaultModels:
         return Candidate(cause=cause, subject=str(j), columns=columns, natural=natural)
 
     def changes(self) -> dict[str, Candidate]:
-        """Candidates of a change in mid-session, by the name of what changed, as if in all poses."""
+        """Candidates for a change during the session, by the name of what changed; `from_pose` sets its first pose."""
         design, parameters = self.design, self.design.model.parameters
         found = {
             f"joint {j}": Candidate(
@@ -190,7 +191,7 @@ class FaultModels:
                 )
 
     def linearity_curve(self, j: int) -> Candidate | None:
-        """Line and curve of joint j's sensor; None where it has none."""
+        """Candidate: line and curve of joint j's RVDT; None for any other sensor."""
         sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]
         if not isinstance(sensor, Rvdt):
             return None

@@ -23,7 +23,7 @@ ENTRIES = ("lengths", "twists")
 """Sources that are entries of the maker's table."""
 
 FOLDS, FAR_SHARE = 5, 0.2
-"""Number of parts predicted by the rest, and the share of a block far from it."""
+"""Number of parts of the poses, each predicted by the rest, and share of the poses in a block far from the rest."""
 
 SEEN = 1e-6
 """Share of a column's square that the fit must leave for it to be tested."""
@@ -79,7 +79,7 @@ class HypothesisTest:
 def pull_tests(
     stated: LinearFit, false_alarm: float = FALSE_ALARM_PROBABILITY
 ) -> list[HypothesisTest]:
-    """Test the largest pull of a toleranced entry, and their sum of squares."""
+    """Test the largest pull of the toleranced entries, and the sum of squares of their pulls."""
     # The first of all effects are these.
     listed = [n for g in stated.design.groups if g.source in ENTRIES for n in g.names]
     own = np.array([n in stated.design.errors.tolerance for n in listed], dtype=bool)
@@ -104,7 +104,7 @@ def scale_tests(scene: FaultModels, left: WhitenedResiduals) -> list[HypothesisT
 
 
 def prediction_test(stated: LinearFit) -> HypothesisTest:
-    """Test predictions of each fifth of the poses, and of a block far from the rest, by all the others."""
+    """Test how the other poses predict each fifth of the poses, and a block far from the rest; return the worst."""
     q = stated.design.q
     parts = (*fold_poses(q, FOLDS), far_block(q, FAR_SHARE)) if len(q) >= 2 * FOLDS else ()
     worst = HypothesisTest(code="PREDICTION", statistic=0.0, threshold=np.inf)
@@ -142,8 +142,8 @@ def without_curves_in_specification(
 ) -> Iterable[HypothesisTest]:
     """Return the tests without those of linearity deviations within their specification.
 
-    A specification bounds the largest deviation only. The assumed size of the whole curve may be exceeded by ripples
-    within it.
+    A specification bounds the largest deviation only. Ripples within the specification may exceed the size assumed
+    for the whole curve.
     """
     for test in tests:
         joint = test.code.removeprefix("VARIANCE_CURVE_")
@@ -163,7 +163,7 @@ def _as_stated(j: int, scene: FaultModels, left: WhitenedResiduals) -> bool:
 
 
 ROUNDS = 100
-"""Most rounds of setting poses aside, approximately."""
+"""Approximate upper limit of the number of rounds in which poses are set aside."""
 
 ALIKE = 0.5
 """Poses set aside with the worst one exceed the threshold by at least this share of its excess."""

@@ -35,12 +35,12 @@ NOT_AT_ALL_DEG = 0.05
 
 TREND_POINTS = 10
 TREND_FLOOR = 1e-12
-"""Ratio of eigenvalues: a condition number of 1e6."""
+"""Least ratio of eigenvalues of the normal equations for a point of the trend: a condition number of 1e6."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identifiability:
-    """Figures of one Jacobian.
+    """Identifiability indices of one Jacobian.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Identifiability:
     condition_number
         Ratio of largest to smallest singular value without column scaling (1 m : 1 rad).
     observability
-        Indices O1..O5 of the literature, for the scaled Jacobian with `m` poses.
+        Observability indices O1..O5 of the literature, for the scaled Jacobian of m poses.
     directions
         The unidentifiable directions, by name. Empty when the rank is full.
     weakest
@@ -78,9 +78,10 @@ def identifiability(
     *,
     sigma_rad: FloatArray | None = None,
 ) -> Identifiability:
-    """Compute the figures of the pose set `q` (m, n) at the parameters `x` (P,), on the nearest closed loops.
+    """Compute the identifiability indices of the pose set `q` (m, n) at the parameters `x` (P,).
 
-    Poses that cannot be closed with these parameters are used as they are.
+    The Jacobian is evaluated at the closed loop nearest to each pose; a pose that cannot be closed with these
+    parameters is used unchanged.
     """
     A = np.concatenate(
         [jacobian_at_closed(part, x, here, sigma_rad) for part, here in pose_blocks(model, q)]
@@ -125,7 +126,7 @@ def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> 
 def well_conditioned_at_readings(paper: Estimate, q: FloatArray) -> bool:
     """Whether the readings `q` (m, n) show, without closing the loops, that all directions are identifiable.
 
-    It uses the paper's estimate, whose covariance is, up to a factor, the inverse of the normal equations.
+    This follows from the paper's estimate: its covariance is, up to a factor, the inverse of the normal equations.
     """
     sd = paper.standard_deviation
     if not (sd > 0.0).all() or _immobile(np.ptp(q, axis=0)):
@@ -151,7 +152,7 @@ def jacobian_at_closed(
 def identifiability_of_jacobian(
     J: FloatArray, names: Sequence[str], q: FloatArray
 ) -> Identifiability:
-    """Compute the figures of the Jacobian (m, r, P) of poses `q` (m, n) whose columns are the parameters `names`."""
+    """Compute the identifiability indices of the Jacobian (m, r, P) of poses `q` (m, n), with columns `names`."""
     poses, spans_rad = len(q), np.ptp(q, axis=0)
     # The R factor has the same singular values and is P x P however many poses there are.
     R = stacked_triangle([J.reshape(-1, len(names))])
@@ -190,7 +191,7 @@ def _observability(s: FloatArray, poses: int) -> tuple[float, float, float, floa
 
 
 def _sparse_basis(null: FloatArray) -> FloatArray:
-    """Basis of the row space of `null` (k, P) with as few entries as elimination leaves.
+    """Basis of the row space of `null` (k, P) with as few non-zero entries as elimination leaves.
 
     A raw null vector mixes every unidentifiable direction with every other; pivoting separates
     those that share no parameter, so that each can be named.

@@ -38,11 +38,11 @@ CURVATURE_FALSE_ALARM_PROBABILITY = 0.01
 """Chance of reporting a straight RVDT as curved."""
 
 REMOUNT_FALSE_ALARM_PROBABILITY = 1e-6
-"""Probability that placements of an untouched fixture differ by more: beyond this level it was remounted."""
+"""Probability that placements of an untouched fixture differ so much; less probable differences mean a remounting."""
 
 REPEAT_REFUSAL_PROBABILITY = 1e-4
-"""A repeated pose less likely than this refuses the calibration, however wide the sigmas are: the slip itself may have
-widened them."""
+"""The calibration is refused if a repeated pose is less likely than this, however wide the sigmas are: the slip itself
+may have widened them."""
 
 # Probabilities of a cause
 
@@ -55,7 +55,7 @@ POSSIBLE_CAUSE_PROBABILITY = 0.1
 # Misfit: chi2/dof at stated variances, and ratios of it
 
 CHI2_PER_DOF_SECOND_START = 2.0
-"""Beyond this a fit is restarted elsewhere: where poses differ little, even a local optimum leaves no more."""
+"""Beyond this a fit is restarted elsewhere: where poses differ little, even a wrong local optimum may leave no more."""
 
 CHI2_PER_DOF_EXPLAINED = 2.0
 """A cause that leaves at most this is the whole explanation."""
@@ -65,10 +65,10 @@ CHI2_PER_DOF_ALTERNATIVE = 3.0
 
 CHI2_PER_DOF_REFUSED = 4.0
 """Beyond this no sigma is valid: readings with twice the stated scatter lead to another calibration once the fault is
-repaired, reported or not."""
+repaired, whether it was reported or not."""
 
 CHI2_PER_DOF_GROSS = 30.0
-"""Beyond this a fit has no information about its readings, and no second cause is searched."""
+"""Beyond this a fit has no information about its readings, and no second cause is searched for."""
 
 ALTERNATIVE_CHI2_RATIO = 10.0
 """An alternative model has to reduce chi2/dof by at least this factor."""
@@ -86,9 +86,9 @@ POSE_CHI2_UNPREDICTED = 20.0
 """chi2 of a new pose beyond which the poses before it do not predict it: the largest of 3,000 sound ones was 10."""
 
 POSE_CHI2_RATIO_UNPREDICTED = 6.0
-"""A new pose counts as unpredicted only if its chi2 is also this many times the largest of the poses before, which is
-large where errors exceed their statement. With errors three times as large as stated, 4 of 100 sound planned sessions
-repeat their first pose; as stated, none."""
+"""A new pose counts as unpredicted only if its chi2 is also this many times the largest chi2 of the poses before it,
+which is large where errors exceed the stated ones. With errors three times as large as stated, 4 of 100 sound planned
+sessions repeat their first pose; with errors as stated, none does."""
 
 # Sigmas and ratios of standard deviations
 
@@ -104,18 +104,18 @@ MOST_COMPLIANCE_M = 0.01
 
 USELESS_SIGMA_RAD = np.deg2rad(10.0)
 USELESS_SIGMA_M = 0.03
-"""Uncertainty of a parameter measured by protractor and tape measure: a wider sigma refuses."""
+"""Uncertainty of a parameter measured by protractor and tape measure: a calibration with a wider sigma is refused."""
 
 COARSE_SIGMA_RAD = np.deg2rad(1.0)
 COARSE_SIGMA_M = 0.01
 """A wider sigma is reported."""
 
 MOTION_NOISE_LEAST_SHARE = 0.2
-"""Motion noise of fixture and joints is taken to be at least this share of its statement (standard deviation): poses
-determine it no better, and a statement is hardly ever five times too large."""
+"""Motion noise of fixture and joints is taken to be at least this share of the stated standard deviation: poses
+determine it no better, and a stated value is hardly ever five times too large."""
 
 STATED_VARIANCE_SHARE = 0.1
-"""Share of a stated variance that remains where the poses show less: other places may differ."""
+"""Share of a stated variance that remains where the poses show less: elsewhere in the workspace it may be larger."""
 
 LEARNED_VARIANCE_FACTOR = 2.0
 """Variances estimated from other poses are known to this factor."""
@@ -130,8 +130,8 @@ LEAST_INFORMATION_SHARE = 0.5
 """A parameter counts as known from the files if the poses contribute a smaller share of its information."""
 
 WELL_CONDITIONED = 100.0
-"""Scaled condition number at the readings (the paper: acceptable below) with which no direction is unidentifiable:
-noise does not imitate 1 % of a direction that no pose determines."""
+"""Scaled condition number at the readings (the paper: acceptable below) below which all directions are identifiable:
+noise does not make a direction that no pose determines look 1 % as well determined as the best one."""
 
 # Poses
 
@@ -139,7 +139,7 @@ FEW_DOF = 30
 """With fewer degrees of freedom no test has power."""
 
 REFUSED_DOF = 10
-"""With fewer even the sigmas are wrong: with four poses, 95 % intervals held the true value in 82 %."""
+"""With fewer, even the sigmas are wrong: with four poses, 95 % intervals held the true value in 82 % of cases."""
 
 FLIPPED_SHARE_REFUSED = 0.25
 """With more of the poses on the other branch it is unknown which branch is meant."""
@@ -163,21 +163,21 @@ MOST_CAUSES_FITTED = 4
 """Largest number of causes fitted one after the other; a pose set with more is not usable."""
 
 MOST_CAUSES_REPORTED = 5
-"""Most causes reported at once; one that refuses is reported in any case."""
+"""Largest number of causes reported at once; a cause for which the calibration is refused is always reported."""
 
 MOST_SOURCES_REPORTED = 3
-"""Most sources reported at once that exceed their specification."""
+"""Largest number of sources beyond their specification that are reported at once."""
 
 # Readings
 
 RANGE_SLACK_RAD = np.deg2rad(1.0)
-"""Uncertainty of an arm's stops: readings may lie outside their range by this"""
+"""Uncertainty of an arm's stops: readings may lie outside their range by this, plus `RANGE_SLACK_SIGMAS`."""
 
 RANGE_SLACK_SIGMAS = 6.0
-"""and by this many sigmas of the sensor."""
+"""Sigmas of the sensor by which readings may lie outside their range, in addition to `RANGE_SLACK_RAD`."""
 
 FAR_OUT_OF_RANGE_SHARE = 0.1
-"""A reading outside its range by more than this share of it is not from this arm."""
+"""A reading outside its range by more than this share of the range is not from this arm."""
 
 SATURATED_SIGMAS = 3.0
 SATURATED_POSES = 3
@@ -191,10 +191,10 @@ MOTION_SPREAD_RAD = np.deg2rad(0.05)
 """Samples of one pose that spread by more than both show motion; less averages out below the encoder errors."""
 
 SAME_READING_RAD = 1e-5
-"""Readings that differ by less in every joint count as the same, written with three decimals of a degree."""
+"""Readings that differ by less in every joint count as the same: files have three decimals of a degree."""
 
 SAME_POINT_M = 1e-6
-"""Measured points that differ by less in every coordinate count as the same, written with three decimals of a mm."""
+"""Measured points that differ by less in every coordinate count as the same: files have three decimals of a mm."""
 
 # RVDTs
 
@@ -203,7 +203,7 @@ RVDT_LEAST_SPAN = 0.15
 """Least number of poses, and share of full scale that they have to cover, to distinguish a curve from a line."""
 
 RVDT_NOISE_RATIO = 1.25
-"""Ratio to its specification that noise must certainly exceed to be out of it; whole LSB do not resolve less."""
+"""Noise is out of specification if it certainly exceeds this multiple of it; readings in whole LSB resolve no less."""
 
 RVDT_HARMFUL_RATIO = 3.0
 """Deviations (rms) of this many times the sensor's noise impair the calibration."""
@@ -219,24 +219,27 @@ NO_CLOSURE_RAD = 0.03
 
 ALTERNATIVE_FIXTURE_POSES = 20
 ALTERNATIVE_CLOSURE_M = 2e-3
-"""This many poses that close to this (rms) in another fixture count as closed in it,"""
+"""At least this many poses that close to within this (rms) in another fixture count as closed in it, if
+`ALTERNATIVE_CLOSURE_RATIO` is reached as well."""
 
 ALTERNATIVE_CLOSURE_RATIO = 30.0
-"""if the closure error (rms, m and rad alike) in the stated fixture is this many times as large."""
+"""Least ratio of the closure error (rms, m and rad alike) in the stated fixture to that in the other fixture."""
 
 STUCK_JOINT_TURN_RAD = np.deg2rad(3.0)
-"""A joint that has turned by this according to the loop did not stand still,"""
+"""A joint with a constant reading has moved if its angles, as the loops determine them, span more than this; see
+`STUCK_JOINT_CORRECTION_RAD`."""
 
 STUCK_JOINT_CORRECTION_RAD = np.deg2rad(0.5)
-"""if the loop closes without its reading with corrections of the other joints (rms) this small."""
+"""The loops determine the joint's angles only if corrections of the other joints (rms) no larger than this close them
+without its reading."""
 
 STUCK_JOINT_CORRECTION_RATIO = 4.0
-"""A joint has turned without a reading where the loop closes with corrections this many times smaller than with the
-joint at rest,"""
+"""A joint has turned without a change of its reading if the loop then closes with corrections this many times smaller
+than with the joint at rest, and if `STUCK_JOINT_MOTION_SHARE` is reached as well."""
 
 STUCK_JOINT_MOTION_SHARE = 0.1
-"""and where the joint at rest needs corrections of this share of the motion: the placement is known roughly, and
-four drives of a ball hardly overdetermine a turn."""
+"""Least corrections with the joint at rest, as a share of the motion: the placement is known only roughly, and four
+drives of a ball hardly overdetermine a rotation."""
 
 STEP_RESIDUAL_SHARE = 0.25
 """A step of a joint's reading leaves less than this share of the squares that a smooth curve leaves."""

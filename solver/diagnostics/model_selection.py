@@ -26,10 +26,10 @@ from solver.estimators.paper import closure_problem
 from solver.loops.closure import ClosureModel
 
 SIZES = np.logspace(-2.0, 3.0, 21)
-"""Tried sizes of an explanation, in units of its natural one."""
+"""Sizes of an explanation that are tried, in units of its natural size."""
 
 STRIDE = 4
-"""Step of a first search for the maximum, of which there is one, where each size is expensive."""
+"""Step through `SIZES` of a first search for the single maximum, used where each size is expensive."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -43,7 +43,7 @@ class Evidence:
     chi2, dof
         Remaining chi2 and its degrees of freedom, at stated variances.
     size
-        Standard deviation of the coefficients, in units of the natural one.
+        Standard deviation of the coefficients, in units of their natural sizes.
     b, covariance
         Coefficients (c,) and their covariance (c, c); for columns of single poses only the variances (c,).
     moved

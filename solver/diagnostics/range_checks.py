@@ -231,7 +231,7 @@ def _whole_turns(arm: ArmModel, q: FloatArray, joint: int) -> bool:
 
 
 def _pinned(reading: FloatArray, middle_rad: float, sensor: Rvdt) -> IntArray:
-    """Poses in which an RVDT is saturated at an end of full scale: more than one identical reading there."""
+    """Poses in which an RVDT is saturated: `SATURATED_POSES` or more readings at the same end of full scale."""
     end = 0.5 * sensor.full_scale_rad
     near = limits.SATURATED_SIGMAS * sensor.sigma_rad
     for side in (-1.0, 1.0):

@@ -51,8 +51,8 @@ class RvdtVerdict:
     treat_as_unsensed
         Whether the calibration is better without the joint's reading.
     share
-        Share of the squared closure error at the readings that correcting this joint removes
-        (0..1, negative if it grows); 0 when the poses cannot decide.
+        Share of the squared closure error at the readings that correcting this joint's readings removes
+        (0..1, negative if the error grows); 0 when the poses cannot decide.
     figures
         Measured figures; None when the poses cannot decide.
     noise
@@ -98,10 +98,10 @@ def rvdt_verdicts(
     noise
         Noise of single readings by joint, where known.
     samples
-        Readings in each pose's mean (m,).
+        Number of readings averaged at each pose (m,).
     variances
-        Variances of the other sources by component, from a fit with the readings. The larger of these and the stated
-        ones count, because part of a source that seems too small may have been attributed to the sensor.
+        Variances of the other sources by component, from a fit with the readings. The larger of each of these and the
+        stated one counts, because part of a source that seems too small may have been attributed to the sensor.
     x0, near
         Start: parameters (P,) and the other unknowns of a fit with the readings.
     """
@@ -277,7 +277,7 @@ def _share(
     figures: RvdtFigures,
     offsets_rad: dict[int, float],
 ) -> float:
-    """Share of the squared closure error, all readings used, that correcting one joint removes."""
+    """Share of the squared closure error, with all readings in use, that correcting one joint's readings removes."""
     known = known | {f"theta_off_{j}": float(wrap_angle(v)) for j, v in offsets_rad.items()}
     whole = np.array([known.get(p.name, p.nominal) for p in sensed.parameters])
     better = q.copy()

@@ -22,7 +22,7 @@ LEAST_BEND = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RvdtFigures:
-    """Measured figures of one RVDT, over the range that the poses cover.
+    """Measured properties of one RVDT, over the range that the poses cover.
 
     Attributes
     ----------
@@ -94,8 +94,8 @@ def measure(
 
     Raises `ValueError` if there are too few poses to fit any curve.
 
-    `noise`: noise of a single reading; None where only the scatter about the curve is known, which is an upper bound
-    because it includes the loop's slow errors. `samples`: readings in each pose's mean.
+    `noise`: noise of a single reading; None where only the scatter about the curve is known. That scatter is an upper
+    bound, because it includes the loop's slow errors. `samples`: number of readings averaged at each pose.
     """
     from scipy.special import chdtri
 
@@ -180,7 +180,7 @@ class SingleNoise:
 
     @property
     def determined(self) -> bool:
-        """Whether there is a figure; otherwise only `high` is known."""
+        """Whether the noise is known to a useful interval; otherwise only its upper limit `high` is."""
         return self.low > 0.0 and self.high <= NOISE_INTERVAL_RATIO * self.low
 
 
@@ -196,7 +196,7 @@ def single_noise(
     sd_rad
         Spread of the single readings of each pose (m,), where recorded.
     samples
-        Readings in each pose's mean (m,).
+        Number of readings averaged at each pose (m,).
     """
     if sd_rad is not None and np.any(sd_rad[samples > 1]):
         return _of_spread(sd_rad / sensor.resolution_rad, samples)
@@ -232,13 +232,13 @@ def _of_spread(sd_lsb: FloatArray, samples: IntArray) -> SingleNoise:
 def spread_of(noise_lsb: float) -> float:
     """Mean square spread (LSB^2) of rounded readings of a joint at an arbitrary angle.
 
-    Half the mean square difference of two readings. Rounded, a difference d becomes one of its two
-    neighbours with the mean square ``d^2 + f (1 - f)``, f the fraction of d; as a Fourier series, and
-    over d of variance ``2 noise^2``:
+    It is half the mean square difference of two readings. Rounding turns a difference d into one of the two
+    nearest integers, with mean square ``d^2 + f (1 - f)``, f the fractional part of d. As a Fourier series,
+    averaged over d with variance ``2 noise^2``, this is
 
         S = noise^2 + 1/12 - sum_k exp(-4 pi^2 k^2 noise^2) / (2 pi^2 k^2)
 
-    which exceeds the noise by 1/12 where that is large, and is 0 without noise.
+    S exceeds ``noise^2`` by 1/12 where the noise is large, and is 0 without noise.
     """
     k = np.arange(1, TERMS + 1)
     less = np.exp(-((2.0 * np.pi * k * noise_lsb) ** 2)) / (2.0 * np.pi**2 * k**2)

@@ -81,15 +81,15 @@ class SmoothCurve:
         return np.asarray(self.basis(abscissa) @ self.coefficients)
 
     def by_points(self, abscissa: FloatArray) -> FloatArray:
-        """Derivatives (k, m) of the curve at `abscissa` (k,) by the points, from which its scatter follows."""
+        """Derivatives (k, m) of the curve at `abscissa` (k,) with respect to the points: they give its scatter."""
         return np.asarray(self.basis(abscissa) @ self.smoother)
 
 
 def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -> SmoothCurve:
     """Fit points (m,) with the degree, from `least_degree` up, whose leave-one-out error is smallest.
 
-    A higher degree must improve on the best lower one by more than its standard error, so that noise
-    is not fitted; and against a straight line the chosen curve is tested as a whole.
+    A higher degree must improve on the best lower one by more than the standard error of the improvement, so that
+    noise is not fitted. The chosen curve as a whole is tested against a straight line.
 
     Raises `ValueError` if there are fewer than eight points, or they cover no range.
     """

@@ -49,9 +49,10 @@ def with_found_motion_noise(fit: LinearFit) -> LinearFit:
 
 
 def sensor_noise_with_found_motion(fit: LinearFit) -> tuple[FloatArray, FloatArray]:
-    """Variances (K,) of `fit` and their standard errors, for noise without the floors at its statement.
+    """Variances (K,) of `fit`, with the noise estimated again without priors, and their standard errors.
 
-    Floors keep sigmas from being too small, but shift variance from a sensor's noise to fixture and joints.
+    Priors at the stated sizes keep sigmas from being too small, but shift variance from a sensor's noise to fixture and
+    joints.
     """
     design, v = fit.design, fit.v.copy()
     noise = design.noise_components
@@ -141,8 +142,8 @@ class Scale:
 def learned_scales(fit: LinearFit, found: Derivatives) -> tuple[Scale, ...]:
     """Return the scale of every family of errors whose size is estimated.
 
-    The variances of `fit` are at the posterior mean of the sizes, `found` are the derivatives with these: the
-    logarithm of a size is normal about its mode (Laplace's approximation; method, section 10).
+    The variances of `fit` are at the posterior mean of the sizes; `found` are the derivatives of the likelihood. The
+    logarithm of a size is taken as normal about its mode (Laplace's approximation; method, section 10).
     """
     components = fit.design.components
     learned = [k for k, c in enumerate(components) if c.scaled]

@@ -87,7 +87,7 @@ def sigmas_at(false_alarm: float, count: int = 1) -> float:
 
 
 def chi2_test(chi2: float, dof: int) -> Chi2Test:
-    """Test a weighted sum of squares by its degrees of freedom.
+    """Test a weighted sum of squares against its degrees of freedom.
 
     Raises `ValueError` if no degree of freedom is left.
     """

@@ -6,7 +6,7 @@ At the solution of a calibration the misclosures of all poses are
 
 with dx the parameters (those with a prior are among b) and V_i, Z_i at given sizes. In coordinates
 whitened by V_i, P = I - U U' projects out everything that dx and b explain. For further columns G the
-score is G'Pw, its covariance G'PG, and chi2 falls by s'(G'PG)^-1 s if they are fitted (Rao 1948) without a refit.
+score is G'Pw, its covariance G'PG, and chi2 falls by s'(G'PG)^-1 s if they are fitted (Rao 1948): no refit is needed.
 
 Columns that belong to one pose each (`OwnColumns`) are block diagonal: with T the block's own square and W its
 projection on the fitted columns, C = T - W W', and the matrix inversion lemma needs only a matrix of the size of the
@@ -38,7 +38,7 @@ class WhitenedResiduals:
     white
         (m, r): ``L^-1 w`` minus its fitted part, P w.
     to_x
-        (P, K): from coefficients of `U` to the parameters (rad, m).
+        (P, K): maps coefficients of `U` to changes of the parameters (rad, m).
     dof
         Number of equations minus number of parameters without a prior.
     """
@@ -122,7 +122,7 @@ class WhitenedResiduals:
         )
 
     def with_drawn(self, G: FloatArray, sd: FloatArray) -> WhitenedResiduals:
-        """Return the residuals with further columns G (m, r, c), whose coefficients have the size `sd` (c,)."""
+        """Return the residuals with further columns G (m, r, c), whose coefficients are random with `sd` (c,)."""
         m, r, K = self.U.shape
         s, C = self.score(G * sd)
         values, vectors = np.linalg.eigh(C + np.eye(len(s)))
@@ -134,7 +134,7 @@ class WhitenedResiduals:
 
 
 ROUNDING = 1e-13
-"""Share of a direction taken by the fit's columns that is distinguishable from zero."""
+"""Least eigenvalue of ``I - W' W`` (see `OwnColumns.solved`) that is distinguishable from zero."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -146,7 +146,7 @@ class OwnColumns:
     poses
         (p,) indices.
     white, turn
-        (p, r, c): rotated columns; (p, c, c): takes coefficients of these to those of the original columns.
+        (p, r, c): columns before rotation; (p, c, c): maps coefficients of the rotated columns to those of these.
     own, score
         (p * c,): squares and scores of the rotated columns.
     inside
@@ -213,7 +213,7 @@ class OwnColumns:
         return np.asarray(left.to_x @ (self.inside.T @ solved.b))
 
     def drawn(self, left: WhitenedResiduals) -> WhitenedResiduals:
-        """Return the residuals if their coefficients are random with variance 1: additional noise of these poses."""
+        """Return the residuals if the columns' coefficients are random with variance 1, as noise of these poses."""
         solved = self.solved(1.0)
         b = (self.turn @ solved.b.reshape(len(self.poses), -1, 1))[..., 0]
         white = left.white + left.U @ (self.inside.T @ solved.b)
@@ -240,8 +240,8 @@ class OwnColumns:
 class SolvedColumns:
     """Coefficients of the rotated columns (p * c,), the reduction of chi2, and log det (1 + variance C).
 
-    Their covariance is ``D + D W back' back W' D`` with D = diag(1 / total); `back` (K, K) is the inverse root of the
-    rest of the fit's columns with this noise on these poses.
+    The coefficients have the covariance ``D + D W back' back W' D`` with D = diag(1 / total), W the `inside` of
+    `OwnColumns`, and ``back' back = (I - W' D W)^-1``, (K, K).
     """
 
     b: FloatArray

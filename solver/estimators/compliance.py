@@ -1,8 +1,8 @@
 """Gravity's torque on every joint, and the displacements of a fixture of unknown compliance.
 
 Each half of a fixture has a compliance, constant in that half's own axes. It is symmetric and
-positive: C = S M S, S one size for angles and one for positions, M of mean I and with the second moments
-of a Wishart matrix of nu degrees of freedom,
+positive: C = S M S, where S is diagonal, with one size for angles and one for positions, and M has mean I and the
+second moments of a Wishart matrix of nu degrees of freedom,
 
     E[M_ik M_jl] = d_ik d_jl + (d_ij d_kl + d_il d_kj) / nu,
 
@@ -34,8 +34,8 @@ class Pulled:
     """Loads on a fixture at m poses, under uncertain masses and centres.
 
     `pull` (m, k, a): wrenches S W for a unit of each uncertain coefficient (a), in the frame of the deflection.
-    `halves`: each half's share of the compliance, and its axes (m, k, k) in that frame; None where its axes are those
-    of the frame. The axes rotate angles and positions separately, and S with them.
+    `halves`: each half's share of the compliance, and the rotation (m, k, k) of its axes in that frame; None where its
+    axes are those of the frame. A rotation acts on angles and positions separately, so it commutes with S.
     """
 
     pull: FloatArray
@@ -50,8 +50,8 @@ class Pulled:
 def compliance_sizes(give: tuple[float, float], *, rotations: int) -> FloatArray:
     """S (k,) for which unit moments and forces cause the stated deflection (rms of each component).
 
-    Let a and b be the squares of its two sizes. The covariance in the module's docstring, summed over three components,
-    is
+    Let a and b be the squares of the two sizes in S. The covariance in the module's docstring, summed over three
+    components, is
 
         a^2 (1 + 4 / nu) + 3 a b / nu = 3 give_rad^2,   b^2 (1 + 4 / nu) + 3 a b / nu = 3 give_m^2.
     """
@@ -75,9 +75,9 @@ def blocks(k: int) -> list[slice]:
 
 
 def covariance(one: Pulled, two: Pulled, s: FloatArray) -> FloatArray:
-    """Covariance (k m, k m') of the displacements at two sets of poses, as in the module's docstring.
+    """Covariance (k m, k m') of the displacements at two sets of poses: the formula in the module's docstring.
 
-    The rotation of a half's axes does not affect the first term.
+    Its first term does not depend on how the axes of the fixture's halves are rotated.
     """
     k, a, b = len(s), len(one.pull), len(two.pull)
     seen = (one.pull.reshape(a * k, -1) @ two.pull.reshape(b * k, -1).T).reshape(a, k, b, k)
@@ -132,8 +132,8 @@ class ArmPoses:
     def arm_rows(self) -> FloatArray:
         """D-H rows 1..n (5, n) of the arm alone.
 
-        The offsets of the first and the last joint are those of the arm's file: calibrated ones count from the
-        fixture's axis, which is no reference for gravity.
+        The offsets of the first and the last joint are those of the arm's file: calibrated offsets are
+        measured from the fixture's axis, which is no reference for gravity.
         """
         rows = self.model.arm_rows().copy()
         ends = {f"{DhKind.THETA_OFF.symbol}_{j}" for j in (1, rows.shape[1])}
@@ -150,7 +150,7 @@ class ArmPoses:
         return 1 + 4 * len(self.masses.mass_kg) + len(self.masses.tilted)
 
     def torques(self, poses: slice) -> FloatArray:
-        """Gravity's torque (m, n, s): as stated, from uncertain moments, from a tilted base."""
+        """Gravity's torque (m, n, s): from the stated masses, from each uncertain moment, from a tilted base."""
         arm, masses = self.arm(poses), self.masses
         rates = torque_rates(arm, np.vstack((masses.down, masses.tilted)))
         stated, *tilts = (rates * masses.moments).sum((-1, -2))

@@ -13,7 +13,7 @@ from solver.estimators.layout import FIXTURE_NOISE
 from solver.estimators.linear_fit import LinearFit
 
 COMPLIANCE_LEVEL = 0.01
-"""Probability of the data below which the fixture counts as more compliant than stated."""
+"""p-value below which the fixture counts as more compliant than stated."""
 
 NORMAL_95 = 1.959963984540054
 """Standard normal deviate of a two-sided 95 % interval."""
@@ -63,14 +63,14 @@ class ComplianceTest:
 
 
 LEAST_LEFT = 1e-12
-"""Share of a variance's information below which the uncertainty of the others removes all of it."""
+"""If less than this share of a variance's information remains, given the other variances, none counts as remaining."""
 
 MOST_CERTAIN = 1e6
-"""Least relative uncertainty of a standard deviation."""
+"""Largest ratio of a variance to its standard error that `interval` uses."""
 
 
 def components(design: LinearModel, v: FloatArray, error: FloatArray) -> tuple[Component, ...]:
-    """Report noise and curve of every analogue sensor and the fixture's noise, by variances v (K,) and their errors."""
+    """Report each analogue sensor's noise and curve and the fixture's noise, from variances v (K,) and their errors."""
     stated, out = design.stated_variances(), []
     for k, c in enumerate(design.components):
         kind = c.name.split("_")[0]
@@ -107,7 +107,7 @@ def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | 
 
 
 def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -> FloatArray:
-    """Standard errors (K,); a component at its floor does not widen those of others, but others widen its own."""
+    """Standard errors (K,) of variances v; one at its floor does not widen the others' errors, but they widen its."""
     inner = v > floor * (1.0 + 1e-9)
     size = np.sqrt(np.maximum(np.diagonal(information), 1e-300))
     scaled = information / np.outer(size, size)
@@ -125,7 +125,8 @@ def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -
 def interval(variance: float, error: float) -> tuple[float, float]:
     """95 % interval of a variance with standard error `error`, by Satterthwaite's approximation.
 
-    It is distributed as chi2 with 2 v^2 / s^2 degrees of freedom, exactly if there is no other component.
+    The estimate v, with standard error s, is taken as chi2-distributed with 2 v^2 / s^2 degrees of freedom; this is
+    exact if there is no other component.
     """
     from scipy.special import chdtri
 

@@ -4,7 +4,7 @@ At one linearisation the reduced closure of all poses reads
 
     w + A dx + Z b + B n + E' f = 0,     n ~ N(0, S),  f ~ N(0, F),  b_l ~ N(0, g_l I),
 
-with dx the parameters without a prior, and w after the expected play and sag.
+with dx the steps of the parameters without a prior; w includes the expected play and sag.
 Noise (n, f) is new in every pose, effects b are drawn once: deviations of toleranced entries, harmonics
 of encoders, curves of analogue sensors, sag and compliance as smooth functions of the pose. A variance component scales
 one or more groups; the stated size is the median of its prior (`solver.estimators.layout` has both).
@@ -95,7 +95,7 @@ class Whitened:
 class NoiseSource:
     """Noise of one source, new in every pose, with the variance `rates` (m, n + k) along joints and closure components.
 
-    `component`: index of the variance component that scales it; None where its size is fixed.
+    `component`: index of the variance component that scales `rates`; None where the variance is fixed.
     """
 
     source: str
@@ -144,7 +144,7 @@ class LinearModel(Layout):
     def noise_sources(self, poses: slice) -> Iterator[NoiseSource]:
         """Yield every source of the noise that is new in every pose.
 
-        Smooth functions of the pose leave out a part of play, sag and deflection. It is noise of the stated size.
+        The part of play, sag and deflection that smooth functions of the pose cannot follow is noise of stated size.
         """
         n, errors = self.model.joint_count, self.errors
         shape = (len(self.q[poses]), n + self.rows)
@@ -182,7 +182,7 @@ class LinearModel(Layout):
         return np.asarray(sum(s.variance(v) for s in self.noise_sources(poses)))
 
     def noise_rates(self, poses: slice) -> FloatArray:
-        """Rates of the noise's variance along joints and closure components with each component (m, n + k, K)."""
+        """Derivatives (m, n + k, K) of the variance along joints and closure components with respect to `v` (K,)."""
         rates = np.zeros(
             (len(self.q[poses]), self.model.joint_count + self.rows, len(self.components))
         )
@@ -206,7 +206,7 @@ class LinearModel(Layout):
     # ---- columns
 
     def parts(self) -> Iterator[slice]:
-        """Whitened poses, in chunks."""
+        """Yield slices of poses that are whitened together."""
         for first in range(0, len(self.q), CHUNK):
             yield slice(first, min(first + CHUNK, len(self.q)))
 
@@ -244,7 +244,7 @@ class LinearModel(Layout):
         return Whitened(poses=poses, M=M, w=w, L_inverse=L_inverse, C=C, noise=noise)
 
     def effects_at(self, b: FloatArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Joint corrections (m, n) and fixture displacement (m, k) of effect coefficients (unscaled).
+        """Joint corrections (m, n) and fixture displacement (m, k) caused by effect coefficients b (unscaled).
 
         Corrections include the expected play and sag.
         """
@@ -268,7 +268,7 @@ class LinearModel(Layout):
 class State:
     """Parameters x (P,), joint corrections e (m, n), unsensed angles u (m, U), and where loops are linearised.
 
-    They are linearised where they close, with the fixture's deflection attributed to the joints: `closed_q` (m, n) and
+    Loops are linearised where they close, with the fixture's deflection attributed to the joints: `closed_q` (m, n) and
     `closed_u` (m, U). A loop left open by the deflection would close better with a smaller arm: the estimated scale
     would have a bias of the order of the noise squared, which dominates with many poses.
     """
@@ -283,7 +283,7 @@ class State:
 class Linearisation:
     """Equations of `design` at `state`, computed for the requested poses at each request.
 
-    The Jacobians of a hundred thousand poses are never in memory together. The last result is kept, which covers all
+    The Jacobians of a hundred thousand poses are never in memory together. The last result is kept; it covers all
     poses if there are few.
     """
 

@@ -69,11 +69,11 @@ class ErrorModel:
     give_rad, give_m
         Deflection of the fixture along each closure component; None without a fixture.
     tolerance
-        Standard deviation (rad, m) of entries of the maker's table that are corrected within it.
+        By name, standard deviation (rad, m) of entries of the maker's table that are corrected within it.
     distances
         Measured distances between points of the loop.
     prior
-        Standard deviation (rad, m) of the identified parameters whose uncertainty a file states.
+        By name, standard deviation (rad, m) of the identified parameters whose uncertainty a file states.
     discrepancy
         Whether a smooth misfit without a stated source is estimated.
     loads
@@ -197,7 +197,7 @@ class MeasuredDistance:
 def distance_and_rates(
     first: Sequence[int], second: Sequence[int], x: FloatArray
 ) -> tuple[float, FloatArray]:
-    """Return the distance between two points, m, and its derivatives (P,) by the parameters x (P,)."""
+    """Return the distance between two points, m, and its derivatives (P,) with respect to x (P,)."""
     apart = x[list(second)] - x[list(first)]
     value = float(np.linalg.norm(apart))
     rates = np.zeros_like(x)

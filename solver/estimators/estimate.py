@@ -1,6 +1,6 @@
 """Result of any estimator, its closure error, and the check that there are enough poses.
 
-sigma_pos and sigma_ori (paper, eqs. 14 and 15) are those of the loops at the measured joints.
+sigma_pos and sigma_ori (paper, eqs. 14 and 15) are computed at the measured joint angles.
 """
 
 from __future__ import annotations
@@ -143,10 +143,10 @@ def require_enough_poses(model: ClosureModel, poses: int, *, known: int = 0) -> 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwoReadings:
-    """One figure by each of the two interpretations of the paper's formula.
+    """One standard deviation by each of the two interpretations of the paper's formula.
 
-    `rms` divides inside the root, sqrt(sum / (k m)), the only interpretation that leads to figures of the paper's size;
-    `as_printed` divides outside it, sqrt(sum) / (k N).
+    `rms` divides inside the root, sqrt(sum / (k m)), the only interpretation that gives values of the paper's size;
+    `as_printed` divides outside the root, sqrt(sum) / (k m). k: components, m: poses.
     """
 
     rms: float

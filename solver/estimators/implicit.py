@@ -1,6 +1,6 @@
 """The implicit estimator: the noise is that of the joint sensors, and every loop closes exactly.
 
-Unknown are the parameters *and* each pose's joint corrections e (implicit loop method of Wampler,
+The unknowns are the parameters *and* each pose's joint corrections e (implicit loop method of Wampler,
 Hollerbach & Arai 1995; the Gauss-Helmert model of geodesy). At corrected joints q + e and current
 unsensed angles u the loop error is linearised,
 
@@ -12,7 +12,7 @@ multiplied by E', the left null space of J_u, and the stacked system
     A = E' J_x,  B = E' J_q,  F = E' S_f E,  w = E' (c - J_q e)
 
 is solved with scaled columns. Lagrange multipliers then give e_new, u and the next linearisation. Weights must be
-evaluated at the corrected joints: with weights from the measured ones it is a different estimator.
+evaluated at the corrected joints; weights from the measured joints would make it a different estimator.
 """
 
 from __future__ import annotations

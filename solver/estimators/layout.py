@@ -33,7 +33,7 @@ LEAST_NOISE_SHARE = 1e-3
 """Smallest standard deviation of an analogue reading, as a share of the stated one."""
 
 LEAST_GIVE = 1e-8
-"""Smallest deflection (rad, m) of a fixture; that of one stated to be rigid."""
+"""Smallest deflection (rad, m) of a fixture, also assumed for one stated to be rigid."""
 
 LARGEST_PLACEMENT_SCALE = 100.0
 """Largest distance of a fixture from its stated place, in stated tolerances."""
@@ -52,19 +52,19 @@ FIRST_GIVE = 5e-4
 """Start of the search for a deflection that is not stated (rad, m)."""
 
 LARGEST_SCALE = 10.0
-"""Largest size of lengths, twists, encoder errors, play and sag in stated sizes. More is a fault, which the tests
-diagnose: without bounds a fit of many poses would explain any fault by these."""
+"""Largest size of lengths, twists, encoder errors, play and sag, in units of the stated size. A larger one is a fault,
+for the tests to diagnose: without bounds a fit of many poses would explain any fault by these errors."""
 
 LARGEST_DISCREPANCY = 5.0
-"""Largest discrepancy, in the unit below: a larger one is diagnosed as a fault."""
+"""Largest discrepancy, in units of `UNIT_DISCREPANCY`: a larger one is diagnosed as a fault."""
 
 UNIT_DISCREPANCY = 1e-3
 """Unit of the discrepancy: 1 mm and 1 mrad."""
 
 NON_REPEATABLE_SHARE = 0.4
 """Share of a stated deflection or play that does not repeat at the same pose. The whole stated size enters once more as
-the repeatable part (smooth in the pose, or on one side of a joint). The data determine the first well and the
-second poorly, so each has a separate scale."""
+the repeatable part (smooth in the pose, or on one side of a joint). The data determine the non-repeatable
+part well and the repeatable one poorly, so each has a separate scale."""
 
 FIXTURE_NOISE = ("fixture_rad", "fixture_m")
 """Components of the part of a fixture's deflection that does not repeat: rotation, translation."""
@@ -78,10 +78,11 @@ class VarianceComponent:
     """One variance to be estimated, with its start value, floor and upper limit.
 
     `stated` is the value in the files. With `scaled`, the logarithm of the ratio of its size to the stated one has a
-    normal prior (method, section 10): the poses determine it where they can, otherwise the stated value does. Where a
-    specification bounds an amplitude, `soft` is the mean variance of a prior and `wall` a value it never exceeds;
-    otherwise both are ``inf``. `leap` is a value that one step may reach from any other. `spread_variance` is an
-    estimate with `spread_dof` degrees of freedom, from spreads within poses or from a specification.
+    normal prior (method, section 10): the poses determine the size where they can, otherwise the stated value does.
+    Where a specification bounds an amplitude, `soft` is the mean variance of a prior and `wall` a limit that the
+    variance never exceeds; otherwise both are ``inf``. `leap` is a value to which one step may raise the variance from
+    any lower one. `spread_variance` is an estimate of the variance with `spread_dof` degrees of freedom, from spreads
+    within poses or from a specification.
     """
 
     name: str
@@ -97,7 +98,7 @@ class VarianceComponent:
 
     @property
     def source(self) -> str:
-        """Name in an uncertainty budget: that of the groups it scales, if any."""
+        """Name in an uncertainty budget: the one of the groups that this component scales, if any."""
         kind, _, which = self.name.partition("_")
         if kind in _OF_RVDTS:
             return f"rvdt_{_OF_RVDTS[kind]}_{which}"
@@ -112,8 +113,8 @@ _OF_RVDTS = {"rvdt": "noise", "curve": "curve", "gain": "gain"}
 class Group:
     """Columns that share a variance ``fixed + sum of rates * components``.
 
-    `source` is its name in an uncertainty budget, `names` are those of the columns; `rates` are pairs of a component
-    and its factor.
+    `source` is the group's name in an uncertainty budget, `names` are the names of the columns; `rates` are pairs of a
+    component's index and its factor.
     """
 
     source: str
@@ -127,10 +128,10 @@ class Group:
 
 
 class Layout:
-    """Groups and components of a closure model with stated errors; readings `q` (m, n), rad.
+    """Groups and components of a closure model with stated errors, for readings `q` (m, n), rad.
 
     `like` is a layout of the same poses, whose smooth functions are reused. `floors`, `walls`, `leaps`,
-    `quietest` and `scaled` (K,) are the corresponding values of the components, `index` their places by name. `column`
+    `quietest` and `scaled` (K,) are the corresponding values of the components, `index` their indices by name. `column`
     (P,): column of each parameter, those without a prior first.
     """
 
@@ -383,7 +384,7 @@ class Layout:
         wall: float = LARGEST_SCALE**2,
         leap: float = 0.0,
     ) -> int:
-        """Return the variance component of a source whose size is the stated one unless the poses show otherwise."""
+        """Add a component for a source whose size is as stated unless the poses show otherwise; return its index."""
         return self._component(
             VarianceComponent(
                 name=name, start=1.0, floor=floor, stated=1.0, scaled=True, wall=wall, leap=leap
@@ -392,12 +393,12 @@ class Layout:
 
     @property
     def motion_components(self) -> list[int]:
-        """Components of the noise of fixture and joints."""
+        """Indices of the components that scale the noise of fixture and joints."""
         return [k for name, k in self.index.items() if name in (*FIXTURE_NOISE, "joint_play")]
 
     @property
     def noise_components(self) -> list[int]:
-        """Components of noise, which is new in every pose."""
+        """Indices of the components that scale noise, which is new in every pose."""
         return [*range(len(self.errors.analogue)), *self.motion_components]
 
     def start_variances(self) -> FloatArray:
@@ -405,7 +406,7 @@ class Layout:
         return np.array([c.start for c in self.components])
 
     def stated_variances(self) -> FloatArray:
-        """Components (K,) as the files state them, all of it independent between poses; no discrepancy."""
+        """Components (K,) as the files state them: deflection and play independent between poses, no discrepancy."""
         return np.array([c.stated for c in self.components])
 
     def as_stated(self, v: FloatArray) -> FloatArray:

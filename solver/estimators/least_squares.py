@@ -22,8 +22,8 @@ WELL_SEEN = 1e-6
 """Where the reciprocal condition of the scaled triangle is above this, all directions are determined."""
 
 LAST_SHARE = 1e-12
-"""A step that would lower the cost by less than this share of it is the last. It is taken without evaluation: it is
-1e-5 of the parameters' standard deviations, and the remaining error is a fraction of that."""
+"""A step that would lower the cost by less than this share of the cost is the last. It is taken without evaluation: its
+size is 1e-5 of the parameters' standard deviations, and the remaining error is a fraction of that."""
 
 LEFT_SHARE = 1e-14
 """A step is also the last if its successor would lower the cost by less than this share: undamped steps shrink by a
@@ -45,8 +45,8 @@ class Triangle:
 
     ``|r + J dx|^2 = |b + T dx|^2 + rest`` for every dx, and ``J' J = T' T``.
 
-    `T`: upper triangle of the QR factors of J, (P, P). `b`: residuals rotated into its rows (P,). `rest`: square of the
-    residuals that no dx changes.
+    `T`: upper triangle of the QR factors of J, (P, P). `b`: residuals rotated into the rows of T (P,). `rest`: sum of
+    squares of the part of the residuals that no dx changes.
     """
 
     T: FloatArray
@@ -82,7 +82,7 @@ class Triangle:
         return -(Vt.T @ (gain * beta)) / scale, lower
 
     def covariance(self) -> FloatArray:
-        """``(J' J)^-1`` (P, P); its pseudo-inverse where some directions may be undetermined."""
+        """``(J' J)^-1`` (P, P); the pseudo-inverse where some directions may be undetermined."""
         from scipy.linalg import lapack
 
         if not self._well_seen():

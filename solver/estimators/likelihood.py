@@ -1,8 +1,8 @@
-"""Derivatives of the restricted likelihood of a mixed model by its variances.
+"""Derivatives of the restricted likelihood of a mixed model with respect to its variances.
 
-Restricted likelihood (Patterson & Thompson 1971) estimates variances from the part that no parameter can explain, so
-degrees of freedom are accounted for. Its derivatives need the inverse of the mixed-model equations and per-pose blocks
-only.
+Restricted likelihood (Patterson & Thompson 1971) estimates variances from the part of the data that no parameter can
+explain, so degrees of freedom are accounted for. Its derivatives need only the inverse of the mixed-model equations and
+blocks of single poses.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Derivatives:
 
 
 def likelihood_derivatives(fit: LinearFit) -> Derivatives:
-    """Differentiate the restricted log-likelihood by every component, at `fit`."""
+    """Differentiate the restricted log-likelihood with respect to every variance component, at `fit`."""
     design, K = fit.design, len(fit.v)
     hard, width = design.hard, design.width
     # Rates of the logarithm of each effect column's variance.

@@ -25,7 +25,7 @@ np.empty(2 << 20)
 every round to the system and having them zeroed again. Without effect on other C libraries."""
 
 LEAST_RESOLVED_SHARE = 1e-3
-"""Least share of its own noise that a misclosure predicted by the others keeps; below, it is degenerate."""
+"""Least diagonal element of the Cholesky factor of ``I - N N'`` for which the matrix counts as regular."""
 
 
 class LinearFit:
@@ -36,8 +36,8 @@ class LinearFit:
     Attributes
     ----------
     unit, change
-        Unit of each parameter's column (P,), and the estimate in these units times it: the step dx of a parameter
-        without a prior, the deviation from the nominal value of one with a prior.
+        Unit of each parameter's column (P,), and change of each parameter (P,), rad and m: the step dx if it has no
+        prior, the deviation from its nominal value if it has one.
     b
         Predicted coefficients of the effects, unscaled (width - hard,).
     half
@@ -146,7 +146,7 @@ class LinearFit:
 
     @cached_property
     def derivatives(self) -> Derivatives:
-        """Derivatives of the likelihood by the variances, without their priors."""
+        """Derivatives of the likelihood with respect to the variances, without their priors."""
         return likelihood_derivatives(self)
 
     # ---- uncertainty of the parameters
@@ -177,8 +177,8 @@ class LinearFit:
     def budget(self) -> dict[str, FloatArray]:
         """Contribution of each source to the variance of every parameter (P,); their sum is the covariance's diagonal.
 
-        The estimate is linear in all errors, ``H^-1 M'`` times them, so each source's share is exact: the reduction of
-        the variance without this source and with the same weights.
+        The estimate is linear in all errors, ``H^-1 M'`` times them, so each contribution is exact: the amount by which
+        the variance would fall without this source, at the same weights.
         """
         design, gain = self.design, self._gain()
         found: dict[str, FloatArray] = {}
@@ -223,7 +223,7 @@ class LinearFit:
         return Gw + GM @ self.coefficients, GG - GM @ self.H_inverse @ GM.T
 
     def moved_by(self, G: FloatArray) -> FloatArray:
-        """Derivatives (P, k) of the parameters by the coefficients of further columns G (m, r, k) of the equations.
+        """Derivatives (P, k) of the parameters with respect to the coefficients of further columns G (m, r, k).
 
         ``-H^-1 M'G``: their change when the coefficient of one column is 1.
         """
@@ -333,7 +333,7 @@ def inverse_root(H: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _triangular_root(H: FloatArray) -> FloatArray | None:
-    """Upper triangular K with ``H^-1 = K K'``, by halves: products are far faster than triangular inverses.
+    """Upper triangular K with ``H^-1 = K K'``, computed by halves: products are far faster than triangular inverses.
 
     With ``H = R'R``, K is the inverse of R; None where H is not positive definite.
     """

@@ -1,9 +1,9 @@
 """Deflections under load, from static equilibrium: a few columns instead of a free function of the pose.
 
 A joint's drive carries the arm, so its twist follows gravity's torque: sag of joint j is a compliance
-times tau_j(q). Its size is unknown but its sign is known: half-normal, |z| with z ~ N(0, 1), it is
-sqrt(2 / pi) on average, and that part of the sag is its expected value. The error of the gravity compensation, dtau,
-acts on the fixture alone: joints in free mode carry no torque, so at rest, for a virtual motion of these,
+times tau_j(q). The size of the compliance is unknown but its sign is known: it is taken as half-normal, |z| with
+z ~ N(0, 1), and its mean sqrt(2 / pi) gives the expected sag. The error of the gravity compensation, dtau,
+acts on the fixture alone: joints in free mode carry no torque, so at rest, for a virtual motion of the free joints,
 
     J_f' F + dtau_f = 0,     N' F = 0
 
@@ -14,12 +14,12 @@ moment). Written ``F = E y`` with ``E' N = 0``, and with friction that limits th
     F = -E (K K' + rho^2 I)^-1 K dtau_f,     K = E' J_f,
 
 linear in dtau, which is linear in the errors of masses and centres (`solver.chain.statics`): F = W z,
-z ~ N(0, I). A pose file does not state which joints were in position mode: every set of as many as the loop has degrees
-of freedom is possible, and W holds the columns of all sets with equal weights.
+z ~ N(0, I). A pose file does not state which joints were in position mode: every set of as many joints as the loop has
+degrees of freedom is possible, and W holds the columns of all sets with equal weights.
 
 Each half of the fixture has a compliance (`solver.estimators.compliance`). The leading eigenvectors
-of the displacements' covariance are the columns (Nystroem's from poses far apart), of the stated size over the poses,
-and `missed` is the variance that so few columns leave out.
+of the displacements' covariance (by Nystroem's method, from poses far apart) are the columns, scaled to the stated size
+over the poses; `missed` is the variance that so few columns leave out.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ TOOL_SIDE_COMPLIANCE = 0.5
 """Compliance of the fixture's half on the tool, as a share of that on the table."""
 
 MOST_DRIVE_SETS = 8
-"""Sets of joints in position mode that are evaluated, evenly among all."""
+"""Largest number of sets of joints in position mode that are evaluated, chosen evenly from all."""
 
 HALF_NORMAL_MEAN = np.sqrt(2.0 / np.pi)
 """Mean of a compliance whose mean square is 1: half-normal, since none is negative."""
@@ -80,11 +80,11 @@ class LoadBasis:
     sag_expected
         (m, n) expected twist of every joint; zero where gravity has no lever arm.
     sag, sag_missed
-        (m, n, c) deviations of its twist from that, and (m, n) variance that the columns leave out: all of it for a
-        joint on which gravity has no lever arm.
+        (m, n, c) columns of the deviation of each twist from the expected one, and (m, n) variance that these columns
+        leave out: all of it for a joint on which gravity has no lever arm.
     all_give, rows
-        (M, k, c) deflection along the closure components in units of the stated one, and the rows (m,) of these poses.
-        `all_give` is by far the largest array, and is shared by every selection of poses.
+        (M, k, c) deflection along the closure components in units of the stated one, and the index (m,) of each pose in
+        it. `all_give` is by far the largest array, and is shared by every selection of poses.
     give_missed
         (m, k) variance of the deflection that these columns leave out.
     side
@@ -180,7 +180,7 @@ class Gravity:
         return cls(part=part, size=size, turn=size[..., None] * leading, rate=rate)
 
     def sags(self, torque: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Expected twist (m, n), its columns (m, n, c), variance left out by them (m, n), and side of play (m, n)."""
+        """Expected twist (m, n), columns of deviations (m, n, c), variance they miss (m, n), side of play (m, n)."""
         found = []
         for cut in _cuts(len(torque)):
             some = torque[cut]
@@ -290,7 +290,7 @@ def _gives(
 ) -> tuple[FloatArray, FloatArray]:
     """Deflection (m, k, c) in units of the stated one, and the variance left out (m, k).
 
-    `torque` is that of all poses if there are few, else None.
+    `torque`: gravity's torque at all poses if they are few, else None.
     """
     m, k = len(part.q), part.model.components
     centres = farthest(part.q, CENTRES)
@@ -334,7 +334,7 @@ def _gives(
 
 
 def _pulled(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> Pulled:
-    """Wrenches (m, k, 4 n, sets) on table and tool side, and the axes of each half."""
+    """Combine wrenches (m, k, 4 n, sets) with the share and the axes of each half of the fixture."""
     axes = part.model.fixture_axes(part.x, part.q[poses], part.u[poses])
     share = np.array([1.0, TOOL_SIDE_COMPLIANCE]) / np.hypot(1.0, TOOL_SIDE_COMPLIANCE)
     halves = []

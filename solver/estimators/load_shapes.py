@@ -1,7 +1,7 @@
 """Effects that repeat at the same pose: sides of play, sag and deflection, as shapes over the poses.
 
-They follow from the load where masses are stated (`solver.estimators.load_effects`), and are any smooth function where
-they are not. Shapes have coefficients ~ N(0, 1); the rest of a stated variance is independent in every pose.
+Where masses are stated they follow from the load (`solver.estimators.load_effects`); otherwise they are smooth
+functions of the pose. Shapes have coefficients ~ N(0, 1); the rest of a stated variance is independent in every pose.
 
 The smooth functions are a Gaussian process over joint space with several scales at once and a linear part, in low rank:
 its values at all poses are ``Phi b`` with b ~ N(0, I) and ``Phi`` (m, k), made from poses far apart (Nystroem), so its
@@ -41,9 +41,9 @@ CONSTANT, LINEAR = 0.5, 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PoseBasis:
-    """Smooth columns.
+    """Smooth functions of the pose, as columns.
 
-    `phi`: values (m, k). `missed`: share (m,) of the variance at each pose that so few columns leave out.
+    `phi`: values (m, k). `missed`: variance (m,) at each pose that so few columns leave out.
     """
 
     phi: FloatArray
@@ -54,7 +54,7 @@ class PoseBasis:
 class PoseProcess:
     """The process as a low-rank approximation, before the few columns are chosen.
 
-    `values` (m, c): one column for each centre. `turn` (c, c): takes these to orthogonal columns, the largest first.
+    `values` (m, c): one column for each centre. `turn` (c, c): takes `values` to orthogonal columns, the largest first.
     `variance` (m,): variance of the process itself.
     """
 
@@ -121,9 +121,10 @@ class Shapes:
 def sides_of_play(q: FloatArray, errors: ErrorModel) -> Shapes:
     """Sides of play: the side to which the load acts, where it is known, and the side of approach.
 
-    It is unknown which of the two a joint follows. With probability p it is the load, and the link rests on the side to
-    which gravity moves it: the expected side is p times that one, and the rest of the variance, 1 - p^2, is a deviation
-    from it. Otherwise it is the approach, and since link or drive may lead, both sides are equally likely.
+    It is unknown which of the two a joint follows. With probability p = 1 - `BY_APPROACH` it follows the load, and the
+    link rests on the side to which gravity moves it: the expected value is p times that side, and the rest of the
+    variance, 1 - p^2, is that of the deviation from it. Otherwise the joint follows the approach, and since link or
+    drive may lead, both sides are equally likely.
     """
     by_load = np.ones_like(q) if errors.loads is None else errors.loads.side
     signed = errors.signed and errors.loads is not None
@@ -181,7 +182,7 @@ class LoadedGive:
         return np.asarray(scale[:, None] * self.loads.give_at(poses))
 
     def missed(self, poses: slice) -> FloatArray:
-        """Variance (m, k) that they leave out."""
+        """Variance (m, k) that these shapes leave out."""
         return np.asarray((1.0 - UNMODELLED_SHARE) * self.sizes**2 * self.loads.give_missed[poses])
 
 

@@ -1,8 +1,8 @@
 """The iteration: parameters, effects and joint corrections together, with one scoring step in each round.
 
 Each round linearises the loops where they close, solves the mixed-model equations for
-everything at once, moves the variances by one scoring step and relinearises, unless the change is too small for a
-visible nonlinearity (`solver.estimators.implicit` has the derivation; it is the same round without effects).
+everything at once, moves the variances by one scoring step and relinearises, unless the change is too small for
+nonlinearity to matter. `solver.estimators.implicit` has the derivation: its rounds are the same, without effects.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from solver.loops.closure import ClosureModel, unsensed_at_readings
 
 MAX_ROUNDS = 40
 SETTLED_SIGMA, SETTLED_BESIDE_VARIANCES_SIGMA = 1e-3, 2e-3
-"""Largest change of a parameter, in standard errors, that the last round may leave; the second where variances are
-estimated too, which are far less certain."""
+"""Largest error of a parameter, in standard errors, that the last round may leave. The second applies where variances,
+which are far less certain, are estimated too."""
 
 STEADY_VARIANCE_SIGMA, CREEPING_VARIANCE_SIGMA = 1e-1, 2e-2
-"""The same of every variance. The second applies to variances that converge slowly, where one round shows little of
-what is left."""
+"""Largest step of a variance, in standard errors, with which the iteration may end. The second applies to variances
+that converge slowly, where one step is a small part of what is left."""
 
 RELINEARISE_SIGMA = 1e-4
-"""Largest error of linearisation, in standard errors of a parameter, up to which the next round uses the same one."""
+"""Largest error of a linearisation, in standard errors of a parameter, with which the next round still uses it."""
 
 LEAST_GAIN = 0.3
 """Slope of the log-likelihood along a step, about twice the gain left, below which the iteration ends."""
@@ -43,8 +43,9 @@ COMPARABLE_SIGMA = 3.0
 """Largest change of a parameter, in standard errors, between rounds whose slopes are compared."""
 
 SIGN_TEST_SIGMA, SIGN_TEST_VARIANCE_SIGMA, DOUBTFUL_SIGN_SHARE = 0.1, 0.5, 0.25
-"""The test for the sign of gravity is made once the changes of parameters and of variances (standard errors) are below
-the first two, and where the share found differs from one half by the third, or by what is left of the variances."""
+"""The sign of gravity is tested once the changes of parameters and of variances (in standard errors) are below the
+first two. The test decides once `gravity_share` differs from one half by the third, or by the last step of the
+variances."""
 
 FREE_ROUNDS = 20
 NEGLIGIBLE_GAIN = 0.1
@@ -54,14 +55,14 @@ CHI2_LARGE_START = 4.0
 """chi2/dof from which the search starts at large variances."""
 
 CHI2_GIVE_UP = 30.0
-"""chi2/dof at large variances from which variances are not estimated: such a misfit is a fault, which the tests
+"""chi2/dof at large variances from which variances are not estimated: such a misfit is a fault, for the tests to
 diagnose."""
 
 CURVATURE_SHARE = 3.0
-"""Error of a Newton step as a share of it, per rad or m of its largest component: the error grows by the square."""
+"""Error of a Newton step as a share of the step, per rad or m of its largest component: the error is quadratic."""
 
 LEAST_MOTION_SHARE, TINY = 1e-3, 1e-200
-"""Directions in which joints move a loop by less than this share stay open; avoids a division by zero."""
+"""Directions in which joints move a loop by less than the first stay open; the second avoids a division by zero."""
 
 POSES_FOR_VARIANCES = 600
 """Number of poses from which variances are estimated: more improve them by a few per cent."""
@@ -82,7 +83,8 @@ class MixedFit:
     fit
         The linear fit at the solution.
     found
-        Derivatives of the likelihood there, from the poses that determined the variances; None if these were given.
+        Derivatives of the likelihood at the solution, from the poses that determined the variances; None if the
+        variances were given.
     """
 
     x: FloatArray
@@ -95,7 +97,7 @@ class MixedFit:
     converged: bool
 
     def derivatives(self) -> Derivatives:
-        """Derivatives of the likelihood by the variances at the solution."""
+        """Derivatives of the likelihood with respect to the variances at the solution."""
         return with_priors(self.fit) if self.found is None else self.found
 
 
@@ -280,9 +282,9 @@ def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: Near | None
 
 
 def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[State, float, float]:
-    """Solution of one linearisation, and the largest change of a parameter in standard errors.
+    """Solution of one linearisation, the largest change of a parameter, and the remaining error of linearisation.
 
-    That change is the remaining error of linearisation.
+    The change and the error are in standard errors of the parameter.
     """
     old = at.state
     x = np.where(design.soft, design.nominal, old.x) + fit.change

@@ -65,7 +65,7 @@ def estimate_paper(
 def closure_problem(model: ClosureModel, q: FloatArray) -> Problem:
     """Return the closure errors of the poses `q` (m, n), rad, as a least-squares problem, a block of poses at a time.
 
-    It gives the closure error c and the paper's C = dc/dphi (eqs. 5, 6 and 13) at parameters (P,).
+    The problem gives the closure error c and the paper's C = dc/dphi (eqs. 5, 6 and 13) at parameters (P,).
     """
     blocks = pose_blocks(model, q)
 

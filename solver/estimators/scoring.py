@@ -24,10 +24,11 @@ OVERSHOOT_SHARE = 0.5
 """A step overshot where the slope at its end is below minus this share of that at its start."""
 
 LEAST_SHARE = 0.1
-"""A step that was shortened to less than this share is given up."""
+"""A step that was shortened to less than this share is not shortened further."""
 
 LIKELIHOOD_FALL = 3.0
-"""Fall of the log-likelihood in a round beyond what relinearisation explains."""
+"""Largest fall of the log-likelihood in a round that relinearisation explains; after a larger one the step is
+shortened."""
 
 NEWTON_SIGMA = 0.3
 """Largest step, in standard errors, for which the observed curvature is used (Newton) rather than the expected."""
@@ -37,7 +38,7 @@ LEAST_CURVATURE = 0.05
 
 
 SCALE_SD = float(np.log(2.0))
-"""Standard deviation of the logarithm of a source's size over its statement: a factor of two is one sigma."""
+"""Standard deviation of the logarithm of a source's size over the stated size: a factor of two is one sigma."""
 
 FAST_SHARE = 0.3
 """Convergence is fast where a step is below this share of the one before."""
@@ -79,8 +80,8 @@ def scale_spread(fit: LinearFit, found: Derivatives) -> FloatArray:
 class ScoringStep:
     """Step from variances to better ones.
 
-    `change`: (K,): change of the variances, within their bounds. `largest`: largest change in standard errors. `slope`:
-    rise of the log-likelihood along the whole step with the slope at its start; about twice the possible gain.
+    `change` (K,): change of the variances, within their bounds. `largest`: largest change in standard errors. `slope`:
+    rise of the log-likelihood over the whole step if its slope stayed as at the start; about twice the possible gain.
     """
 
     change: FloatArray

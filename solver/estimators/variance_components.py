@@ -54,12 +54,12 @@ class VarianceComponents:
     repeatability
         Covariance (P, P) of the parameters from noise alone: the scatter if the same poses were taken again.
     budget
-        Contribution of each source to the variance of every parameter (P,), by source; their sum is that of the
+        Contribution of each source to the variance of every parameter (P,), by source; their sum is the variance of the
         estimate.
     stated_chi2, stated_dof
         Misfit at the stated variances, none of them fitted, and its expectation.
     iterations, converged
-        Rounds of the iteration.
+        Number of rounds of the iteration, and whether they converged.
     variances
         Every estimated variance component, by its name in the error model.
     signed
@@ -102,7 +102,7 @@ class Calibrated:
     linear, order
         The fit, with its poses in canonical order, and the caller's index of each of them (m,).
     found
-        Derivatives of the likelihood by the variances at the solution.
+        Derivatives of the likelihood with respect to the variances at the solution.
     unsensed
         Unsensed angles (m, U), rad, in the caller's order.
     """
@@ -249,7 +249,7 @@ def settle(
 def _near(
     model: ClosureModel, errors: ErrorModel, x: FloatArray, nominal: FloatArray
 ) -> FloatArray:
-    """Bring each angle that has a prior within half a turn of its mean: 181 deg near 180 deg, not -179 deg."""
+    """Bring each angle that has a prior within half a turn of the prior's mean: 181 deg near 180 deg, not -179 deg."""
     known = [p.is_angle and errors.knows(p.name) for p in model.parameters]
     return np.where(known, nominal + wrap_angle(x - nominal), x)
 

@@ -168,8 +168,8 @@ class ArmLoop(ClosureModel):
     def columns(self, frames: Frames, lever_m: FloatArray | None = None) -> FloatArray:
         """Screws (..., 6, P_entries + links) of the unknown entries, then of every link's angle.
 
-        They are the screws of the chain's end, or of a point of its last link at `lever_m` (..., 3) from there, in the
-        chain's first frame: ``v_tip = v_end + w x lever``.
+        The screws are those of the chain's end, or of the point of its last link at `lever_m` (..., 3) from the end, in
+        the chain's first frame: ``v_tip = v_end + w x lever``.
         """
         J = jacobian(frames, self._moved)
         if lever_m is not None:
@@ -179,7 +179,7 @@ class ArmLoop(ClosureModel):
     def loop_error(
         self, residual: FloatArray, J: FloatArray, jac_own: FloatArray | None = None
     ) -> LoopError:
-        """Assemble the loop error from `columns` (..., k, P_entries + links) and those of all of `OWN` (..., k, O)."""
+        """Assemble the loop error from `columns` (..., k, P_entries + links) and the columns of `OWN` (..., k, O)."""
         split = len(self.entries)
         jac_x, jac_theta = J[..., :split], J[..., split:]
         jac_q = jac_theta[..., 1 - self.FIRST_LINK :]

@@ -31,8 +31,8 @@ class LoopError:
     """Closure error of every pose, with the unsensed angles as explicit variables.
 
     `residual`: c (..., m, k): rotation vector (rad), then position (m), of the end point in the frame on the fixture.
-    Zero when the loop closes. `jac_x`, `jac_q`, `jac_u`: its exact derivatives by the parameters, the paper's C =
-    dc/dphi (..., m, k, P), by the joint angles (..., m, k, n) and by the unsensed angles (..., m, k, U).
+    Zero when the loop closes. `jac_x`, `jac_q`, `jac_u`: exact derivatives of c with respect to the parameters, the
+    paper's C = dc/dphi (..., m, k, P), to the joint angles (..., m, k, n) and to the unsensed angles (..., m, k, U).
     """
 
     residual: FloatArray
@@ -59,7 +59,7 @@ class ReducedError:
     residual
         (..., m, r) in the fixture frame: for a hinge dx, dy (rad), then x, y, z (m) of eq. 13.
     jac_x
-        Its exact derivative by the parameters (..., m, r, P), the paper's C for these rows.
+        Exact derivative of `residual` with respect to the parameters (..., m, r, P), the paper's C for these rows.
     rotation_rows
         Number of the r rows that are rotations; they come first.
     unsensed
@@ -85,11 +85,11 @@ class ConstrainedPart(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToolConstraint:
-    """Where a fixture constrains the tool, and where on the table.
+    """Where on the tool and where on the table a fixture acts.
 
-    `ground`, `hand`: the lines constrained by a hinge, in the frames of `constrained_axis_entries`; their points are
-    those of any fixture. `rotation`: mean (3, 3) of the tool's rotations over the poses, in the frame of `ground`; with
-    a rigid fixture it is a rotation itself.
+    `ground`, `hand`: lines of the table and of the tool that a hinge makes coincide, in the frames of
+    `constrained_axis_entries`; other fixtures use the points only. `rotation`: mean (3, 3) of the tool's rotation
+    matrices over the poses, in the frame of `ground`; the mean is itself a rotation only with a rigid fixture.
     """
 
     ground: Line
@@ -171,9 +171,9 @@ class ClosureModel(ABC):
         return u[..., self.unsensed_joints.index(joint) - len(self.unsensed_joints)]
 
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
-        """Closure error with the unsensed angles eliminated: the loop error where there are none.
+        """Closure error with the unsensed angles eliminated; the loop error itself if there are none.
 
-        Without `rates` its Jacobian has no columns.
+        Without `rates` the Jacobian has no columns.
 
         Raises `ValueError` if arm joints are unsensed and have to be solved for (`loop`).
         """
@@ -224,7 +224,7 @@ class ClosureModel(ABC):
 
     @abstractmethod
     def arm_rows(self) -> FloatArray:
-        """Nominal rows 1..n (4, n): theta_off, s, a, alpha; ValueError where poses have different tables."""
+        """Nominal rows 1..n (5, n): theta_off, s, a, alpha, beta; ValueError where poses have different tables."""
 
     @property
     def constrained_part(self) -> ConstrainedPart | None:
@@ -247,12 +247,12 @@ class ClosureModel(ABC):
         return None
 
     def stands_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Place of the fixture and its axis (3,), in the frame of `drawn`; None: no drawing."""
+        """Position and axis (3,) of the fixture, in the frame of `drawn`; None: no drawing."""
         return None
 
 
 def pose_blocks(model: ClosureModel, q: FloatArray) -> tuple[tuple[ClosureModel, FloatArray], ...]:
-    """Cut the poses `q` (m, n) into blocks: loops of some poses and their joint angles (m_k, n)."""
+    """Cut the poses `q` (m, n) into blocks: the model of each block's poses, and their joint angles (m_k, n)."""
     if len(q) <= BLOCK_POSES:
         return ((model, q),)
     cuts = np.split(np.arange(len(q)), np.arange(BLOCK_POSES, len(q), BLOCK_POSES))

@@ -73,9 +73,9 @@ class DhLoop(ArmLoop):
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
         """Eliminate the hinge angle and express the loop in frame -1 (paper, eqs. 10 to 13).
 
-        The two rotations are the swing that carries z_-1 onto z_7. To first order they are
-        eq. 12's ``dx = -R23``, ``dy = R13``; unlike those they do not vanish again when the tool is upside down, so a
-        pose on the flipped branch does not look closed.
+        The two rotations are the swing that carries z_-1 onto z_7. To first order they equal
+        ``dx = -R23``, ``dy = R13`` of eq. 12. Unlike dx and dy, the swing does not vanish again when the tool is upside
+        down, so a pose on the flipped branch does not look closed.
 
         Raises `ValueError` if arm joints are unsensed; eqs. 10-13 eliminate the hinge only.
         """
@@ -146,7 +146,7 @@ class DhLoop(ArmLoop):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Link 0, and the entries of joint 1 that are measured from its common normal: s_1 and theta_off_1."""
+        """Entries of link 0, and those measured from its common normal with joint 1's axis: s_1 and theta_off_1."""
         return tuple(
             e.name
             for e in self.entries
@@ -191,10 +191,11 @@ class DhLoop(ArmLoop):
 def _swing(
     n: ComplexArray, nz: FloatArray, w: ComplexArray, wz: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Rotation in the xy plane that carries z onto a unit vector, and its rates.
+    """Rotation vector in the xy plane that carries z onto a unit vector, and its rates.
 
     With vectors perpendicular to z as complex numbers, x + iy, the swing is ``i f n``, f the angle between z and
-    the vector divided by its sine. Spatial angular increments w turn n by ``dn = i (w_z n - n_z w)``, so that
+    the vector, divided by the sine of that angle. Spatial angular increments w turn n by ``dn = i (w_z n - n_z w)``, so
+    that
 
         d(i f n) = f (n_z w - w_z n) + i g Im(n* w) n,   g = 1 + n_z (n_z - f) / sine^2.
 

@@ -1,8 +1,9 @@
 """Converts the geometry of a fixture into the D-H entries of a loop.
 
 A hinge is a line fixed in the tool that coincides with a line fixed in the table. Seen in the arm's base frame with
-joint 1's offset and s_1 taken as zero (both only turn and shift that frame along z_0), and likewise in the frame before
-the last link, the lines are four vectors; their common normals with z_0 and z_{n-1} are the D-H entries.
+joint 1's offset and s_1 taken as zero (they only turn that frame about z_0 and shift it along z_0), and likewise in the
+frame before the last link, the lines are four vectors, a point and a direction each. The common normals of the lines
+with z_0 and z_{n-1} determine the D-H entries.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ class Line:
 
 
 def constrained_axis_entries(ground: Line, hand: Line, n: int) -> dict[str, float]:
-    """D-H entries of links 0, 1 and n, by name, with alpha_0 and alpha_n in [0, pi], of two lines that coincide.
+    """D-H entries of links 0, 1 and n, by name, with alpha_0 and alpha_n in [0, pi], for two lines that coincide.
 
     Where neighbouring axes are parallel (Hayati [9]) the common normal is not unique: any will do, here the one
     through the tool's or the table's point.
@@ -69,7 +70,7 @@ def constrained_axis_entries(ground: Line, hand: Line, n: int) -> dict[str, floa
 def constrained_frame_entries(R: FloatArray, p_m: FloatArray, n: int) -> dict[str, float]:
     """D-H entries of a rigid loop whose tool frame (s_n = a_n = alpha_n = 0) is fixed at `R`, `p_m`.
 
-    Both are in the frame of a constrained axis' `ground` and do not include theta_off_n.
+    `R` and `p_m` are in the frame of `ground` in `constrained_axis_entries`, and do not include theta_off_n.
     """
     hand = Line(point_m=np.zeros(3), direction=np.array([0.0, 0.0, 1.0]))
     found = constrained_axis_entries(Line(point_m=p_m, direction=R[:, 2]), hand, n)

@@ -27,8 +27,8 @@ class MeasuredClosure(ArmLoop):
 
     base_* is the placement of the arm's base frame in the instrument's frame, and tip_* that of the target in the
     flange frame: a point, and a rotation vector applied to the nominal rotation, ``R = exp(r) R_nominal`` (so that it
-    stays small and its components are ordinary angles). `own` lists the unknown ones of base_x .. tip_rz; position-only
-    measurements do not determine tip_r*.
+    stays small and its components are ordinary angles). `own` lists which of base_x .. tip_rz are unknown;
+    position-only measurements do not determine tip_r*.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class MeasuredClosure(ArmLoop):
     endpoint_m
         Measured positions of the target in the instrument's frame (m, 3); None before binding.
     endpoint_rotation
-        Its measured orientations (m, 3, 3); None for position only.
+        Measured orientations of the target (m, 3, 3); None for position only.
     """
 
     OWN: ClassVar[tuple[str, ...]] = BASE + TIP_POINT + TIP_TURN
@@ -93,7 +93,7 @@ class MeasuredClosure(ArmLoop):
         return replace(self, endpoint_m=position_m, endpoint_rotation=rotation)
 
     def predicted(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Position (..., m, 3) and orientation (..., m, 3, 3) of the target, instrument's frame."""
+        """Position (..., m, 3) and orientation (..., m, 3, 3) of the target in the instrument's frame."""
         own = self.own_values(x)
         frames = self.frames(x, q, self.initial_unsensed(x, q))
         R_base = rotation_matrix(own[..., 3:6]) @ self.base_rotation
@@ -175,7 +175,7 @@ class MeasuredClosure(ArmLoop):
         return (self.endpoint_m[0] - own[:3]) @ R_base, np.zeros(3)
 
     def _own_columns(self, own: FloatArray, R_hand: FloatArray, swung: FloatArray) -> FloatArray:
-        """Derivatives (..., m, 6, 12) of the target's rotation and position by base_x .. tip_rz.
+        """Derivatives (..., m, 6, 12) of the target's rotation and position with respect to base_x .. tip_rz.
 
         `R_hand` is the flange in the instrument's frame, `swung` the vector from base to target.
         """

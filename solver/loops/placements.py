@@ -3,11 +3,12 @@
 The arm's parameters are shared; those of the fixture carry the placement's number: ``ground_x[2]``. With a single
 placement names have no number.
 
-Some entries of joints 1 and n are measured from the hinge: theta_off_1 from the common normal of its axis and joint 1's
-axis, s_1 from that normal's foot, theta_off_n to the normal with joint n's axis. So they belong to the placement
-(`ClosureModel.ground_side`, `hand_side`), with names like ``theta_off_1[2]``. No information is lost: a rotation of
-joint 1's zero is a rotation of all placements about its axis, which no closed loop determines. If the tool keeps its
-half of the fixture (a ball, while sockets change), `same_hand` shares that side too, including theta_off_n.
+Some entries of joints 1 and n are measured from the hinge axis: theta_off_1 from its common normal with joint 1's axis,
+s_1 from the foot of that normal, theta_off_n to its common normal with joint n's axis. So these entries belong to the
+placement (`ClosureModel.ground_side`, `hand_side`), with names like ``theta_off_1[2]``. No information is lost: a
+rotation of joint 1's zero is a rotation of all placements about joint 1's axis, which no closed loop determines. If the
+tool keeps its half of the fixture (a ball, while sockets change), `same_hand` shares that side too, including
+theta_off_n.
 """
 
 from __future__ import annotations
@@ -102,7 +103,7 @@ class Placements(ClosureModel):
         return self._columns[self.numbers.index(number)]
 
     def of(self, number: int) -> tuple[ClosureModel, IntArray]:
-        """Model of one placement and the indices of its parameters in the whole vector; ValueError if none."""
+        """Model of one placement and the indices of its parameters in the whole vector; ValueError if unknown."""
         return self.models[self.numbers.index(number)], self.columns(number)
 
     def arm_rows(self) -> FloatArray:
@@ -170,10 +171,10 @@ class Placements(ClosureModel):
     def _gathered(
         self, parts: list[NDArray[Any]], trailing: int, *, by_parameters: bool = False
     ) -> NDArray[Any]:
-        """Put values (..., m_k, <trailing>) of all placements where their poses are.
+        """Put values (..., m_k, <trailing>) of each placement at the indices of its poses.
 
-        `by_parameters`: the last axis is that of the placement's parameters, and becomes that of all parameters; with
-        no column it stays empty.
+        `by_parameters`: the last axis counts the placement's parameters, and is expanded to all parameters; if it is
+        empty, it stays empty.
         """
         first, axis = parts[0], -1 - trailing
         spread = by_parameters and first.shape[-1] > 0
@@ -193,7 +194,7 @@ class Placements(ClosureModel):
     def equivalents(self, x: FloatArray) -> FloatArray:
         """Equivalent parameter vectors of all loops together (E, P).
 
-        Each placement has equivalents of its own; those that change a shared entry have to agree on it. Beyond a few
+        Each placement has equivalents of its own; in a combination, all must agree on the shared entries. Beyond a few
         thousand combinations only those that differ in one placement are listed.
         """
         x = np.asarray(x, dtype=np.float64)

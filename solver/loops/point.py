@@ -22,7 +22,7 @@ GROUND = ("ground_x", "ground_y", "ground_z")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PointClosure(ArmLoop):
-    """An arm of links 1..n with a ball on the tool, in a socket; `own` lists the unknowns of tip_x .. ground_z.
+    """An arm of links 1..n with a ball on the tool, in a socket; `own` lists which of tip_x .. ground_z are unknown.
 
     `tip_m`, `ground_m`: nominal centre of the ball in the flange frame, and of the socket in the base frame, (3,).
     """
@@ -50,7 +50,7 @@ class PointClosure(ArmLoop):
         return 3
 
     def loop(self, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:
-        """Distance from socket to ball (m), in the base frame, and its exact derivatives."""
+        """Vector from the socket's centre to the ball's (m), in the base frame, and its exact derivatives."""
         own = self.own_values(x)
         frames = self.frames(x, q, u)
         lever = (frames.R_end @ own[..., :3, None])[..., 0]
@@ -70,7 +70,7 @@ class PointClosure(ArmLoop):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """The unknown ones of ground_x to ground_z.
+        """Those of ground_x .. ground_z that are unknown.
 
         The arm's theta_off_1 and s_1 are not among them: no number of sockets separates them from a rotation or a lift
         of all sockets.
@@ -79,7 +79,7 @@ class PointClosure(ArmLoop):
 
     @property
     def hand_side(self) -> tuple[str, ...]:
-        """The unknown ones of tip_x .. tip_z."""
+        """Those of tip_x .. tip_z that are unknown."""
         return tuple(name for name in self.own if name in TIP)
 
     @property
@@ -88,7 +88,7 @@ class PointClosure(ArmLoop):
         return ConstrainedPart.POINT
 
     def constraint_entries(self, at: ToolConstraint) -> dict[str, float]:
-        """Ball and socket from points of the frames without theta_off_1, s_1, theta_off_n and row n."""
+        """Centres of ball and socket, from points in frames that leave out theta_off_1, s_1, theta_off_n and row n."""
         table = self.table
         # The ends of the arm as a separate chain: links n and 1 at their nominal values.
         c, s = np.cos(table.theta_off_rad), np.sin(table.theta_off_rad)

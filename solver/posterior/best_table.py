@@ -2,8 +2,8 @@
 
 Part of a fit is in corrections of readings, which a controller or a URDF cannot apply. The best table T minimises the
 mean square of fk_T(q) - fk(q), fk being the posterior mean with its corrections r(q) = S(q) b, over the poses where the
-arm is used (method, section 10, "Best table"). With J_T and J_q the tool's derivatives by entries and joint angles
-that is one linear least squares,
+arm is used (method, section 10, "Best table"). With J_T and J_q the derivatives of the tool position with respect to
+entries and joint angles, this is one linear least-squares problem,
 
     min_dT  sum_q w_q |J_T dT - J_q r|^2 / s^2 + |dT / d|^2,      dT = G b,
 
@@ -32,8 +32,8 @@ LENGTH_M, TWIST_RAD, OFFSET_RAD = 1e-3, radians(0.2), radians(1.0)
 """d: keeps entries that the poses do not determine at their values in the fit."""
 
 NEAR_RAD, NEAR_SHARE, ANYWHERE_SHARE, TIMES = np.deg2rad(20.0), 0.25, 0.01, 2
-"""Weights of the session's poses, of poses within 20 deg of these, and of poses anywhere in the ranges, where a table
-without any weight could be arbitrary."""
+"""Poses within `NEAR_RAD` of the session's poses, and poses anywhere in the ranges (where a table could otherwise be
+arbitrary), have these shares of the weight; there are `TIMES` as many of each as poses of the session."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -42,7 +42,7 @@ class ReadingCorrection:
     Attributes
     ----------
     source
-        Its name in an uncertainty budget.
+        Name of the source in an uncertainty budget.
     joint
         1-based.
     coefficients
@@ -100,7 +100,7 @@ class Corrections:
 
 
 def corrections_of(found: JointCorrections, there: JointsThere) -> Corrections:
-    """Return the corrections of a fit; play enters by its mean over some poses."""
+    """Return the corrections of a fit; play enters as its mean over the poses `there`."""
     design = found.fit.design
     errors, b = design.errors, found.coefficients
     each: list[ReadingCorrection] = []
@@ -207,7 +207,7 @@ class JointsThere:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointCorrections:
-    """Effects along the joints of a fit.
+    """Effects of a fit that act along joints.
 
     `fit`: the linear fit, at its solution. `first`, `end`: columns of the fit (of its whole width) that act along a
     joint.
@@ -231,7 +231,7 @@ class JointCorrections:
 
     @property
     def coefficients(self) -> FloatArray:
-        """Posterior mean (c,)."""
+        """Posterior mean of the coefficients (c,)."""
         design = self.fit.design
         return self.fit.b[self.first - design.hard : self.end - design.hard]
 

@@ -103,7 +103,7 @@ class GlobalStart:
 
     @property
     def alternatives(self) -> tuple[LocalMinimum, ...]:
-        """Distinct solutions that fit as well: the poses cannot decide between them."""
+        """Distinct solutions that fit as well as the best: the poses cannot decide between them."""
         bound = max(EQUAL_FIT_RATIO * self.best.rms, CLOSED)
         return tuple(b for b in self.minima[1:] if b.rms <= bound and not b.flipped)
 

@@ -18,14 +18,14 @@ from solver.search.inner import projectable_parts, spread_poses
 
 HALT_AFTER = 8
 SURVIVING_SHARE, FEWEST_SURVIVORS = 1.0 / 3.0, 30
-"""After a few steps only the best third continues. It has 80 to 100 % of the starts that would have reached the
-solution (random hinges, a ball), so for the same work twice as many do."""
+"""After a few steps only the best third of the starts continues. It includes 80 to 100 % of the starts that would have
+reached the solution (random hinges, a ball), so for the same work twice as many starts reach it."""
 
 SEARCH_EQUATIONS = 72
 """Closure equations in the search: a few times the unknowns of any usual arm."""
 
 REFINED_MINIMA = 6
-"""Minima that are refined: the cost of the true one is orders below the next, so it is among the first."""
+"""Number of minima that are refined: the cost of the true one is orders of magnitude below that of the next."""
 
 SAME_MINIMUM = 0.02
 """Starts that end within this distance of each other (rad) count as one minimum."""
@@ -40,7 +40,7 @@ STUCK_DAMPING = 1e7
 STEP_TOLERANCE = 1e-7
 
 BATCH_ITERATIONS, LONGEST_STEP_RAD = 40, 0.7
-"""Most iterations, and the longest component of one step: beyond it a linearised rotation is invalid."""
+"""Largest number of iterations, and largest component of one step: beyond it a linearised rotation is invalid."""
 
 
 def best_minima(
@@ -108,7 +108,7 @@ def _minima(
 def _minimised(
     problem: BatchProblem, x0: FloatArray, progress: Progress | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Minimise the sum of squares from every row of `x0` (S, K): unknowns (S, K) and sums (S,) at the end.
+    """Minimise the sum of squares from every row of `x0` (S, K); return the last unknowns (S, K) and sums (S,).
 
     After `HALT_AFTER` iterations only the starts of least cost continue: those that will reach the solution are nearly
     always among them.

@@ -75,9 +75,9 @@ class UnidentifiableError(SolverError):
 
 
 class PosesDoNotFitError(SolverError):
-    """The readings are so far from closing a loop that it cannot be linearised about them.
+    """The readings are so far from closing a loop that the loop cannot be linearised about them.
 
-    `codes` name the mistakes that would explain it, the most probable first; `reasons` are their texts.
+    `codes` name the mistakes that would explain this, the most probable first; `reasons` are their texts.
     """
 
     def __init__(self, reasons: tuple[str, ...] = (), *, codes: tuple[str, ...] = ()) -> None:

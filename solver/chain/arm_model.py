@@ -81,9 +81,9 @@ class ArmModel:
     masses
         Masses of its links; None where they are not stated.
     hayati_rows
-        Rows that join parallel axes: they have beta_j in place of s_j, which is not unique there.
+        Rows that join parallel axes: they have beta_j in place of s_j, because s_j is not unique there.
     assumed
-        Values in the arm's error model that are defaults, because its file does not state them, as ``key: value``.
+        Values of the error model that are defaults, because the arm's file does not state them, as ``key: value``.
     """
 
     name: str

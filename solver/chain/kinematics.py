@@ -7,7 +7,7 @@ and Hayati's beta_j [9] takes the place of s_j.
 A chain of L links has L+1 frames; frame 0 of the arrays below is the frame in which the chain starts (the
 paper's frame -1 for a hinge loop, whose first link is link 0).
 
-The last axis of every array counts links. Leading axes (starts, poses, ...) broadcast, so one parameter row
+The last axis of every parameter array counts links. Leading axes (starts, poses, ...) broadcast, so one parameter row
 serves many poses and many starts are evaluated in one call.
 """
 

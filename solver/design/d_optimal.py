@@ -1,6 +1,6 @@
 """D-optimal choice of poses: the set whose information matrix has the largest determinant.
 
-Greedy addition, then exchange of chosen poses for better candidates until no exchange helps
+Poses are added greedily, then exchanged for better candidates until no exchange helps
 (Fedorov 1972). With M the information so far and F the r rows of a candidate,
 ``det(M + F'F) = det(M) det(I + F M^-1 F')``: one product over all candidates and a determinant of
 size r each, so a whole round costs milliseconds. Where the unknowns include effects (nuisance parameters), the
@@ -22,7 +22,7 @@ PRIOR_SHARE = 1e-8
 MOST_RESTARTS = 24
 RESTART_WORK = 400_000
 """Small problems have bad local optima and are cheap: they are started again, up to this many
-candidates times poses times unknowns altogether. Among thousands of candidates one start is within a percent."""
+candidates times poses times unknowns altogether. Among thousands of candidates one start comes within one per cent."""
 MAX_SWEEPS = 10
 """Largest number of rounds of exchanges."""
 WORTHWHILE = 1e-9

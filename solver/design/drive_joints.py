@@ -39,7 +39,7 @@ class RankedDrives:
         Whether the set may be used at all.
     leverage
         Smallest singular value of the drives' share in the self-motion: 1 if the drives measure all motion, 0 at a
-        fold. Over a region: the median of the poses that the set reaches.
+        fold. Over a region: the median over the poses that the set reaches.
     passive_conditioning
         Smallest singular value of the passive joints' closure Jacobian; over a region the median as well.
     fastest_passive, fastest_joint

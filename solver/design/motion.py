@@ -77,7 +77,7 @@ class ChainMotion:
         """Share of the chain's motion that the drive joints measure, (m,), 0 at a fold, at most 1.
 
         It is the smallest singular value of the drives' rows of the tangent: moving the drives by
-        one radian moves the whole chain by at most its inverse.
+        one radian moves the whole chain by at most the inverse of the leverage.
         """
         rows = self.tangent[:, [j - 1 for j in drives], :]
         if rows.shape[-2:] == (2, 2):

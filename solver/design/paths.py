@@ -1,8 +1,8 @@
 """Paths of the drive joints from pose to pose along the manifold, with changes of drive joints on the way.
 
 A graph over the manifold's poses, one layer per drive set. Two neighbouring poses are joined in a layer if
-its drives can move the chain between them: leverage at both ends and no fold between. A route is computed exactly
-before it is accepted, and an edge that fails is removed.
+its drives can move the chain between them: they have leverage at both ends and cross no fold. A route is computed
+exactly before it is accepted, and an edge that fails is removed.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 NIST/SEMATECH e-Handbook of Statistical Methods, 6.3.2 (Shewhart, EWMA) and 2.3.5 (control of a measurement
 process by a check standard: within- and between-session standard deviations). Without a long history that would fix the
 limits, each session is compared with those before it, except the `RECENT` ones, so that a shift does not hide in its
-own baseline. The scatter is that between the sessions of the history, as systematic parts common to all do not scatter.
+own baseline. The scatter is taken between the sessions of the history, as errors common to all sessions do not scatter.
 With few sessions the variance of a quantity is shrunk towards the common ratio of observed to stated variance, which
 counts as `PRIOR_DOF` degrees of freedom (Smyth 2004, "moderated t"). Since sessions do not all scatter equally, nearly
 all of the false-alarm probability belongs to the EWMA, which averages several sessions.

@@ -29,7 +29,7 @@ Estimator = Callable[[IntArray], Estimate]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOutPoses:
-    """Poses tested with parameters that were fixed before they were taken.
+    """Poses tested with parameters that were fixed before the poses were taken.
 
     Attributes
     ----------

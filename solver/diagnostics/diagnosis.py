@@ -67,7 +67,7 @@ UNNAMED = 0.002
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Explanation:
-    """A cause with its evidence."""
+    """A cause, with its evidence and probability."""
 
     candidate: Candidate
     evidence: Evidence

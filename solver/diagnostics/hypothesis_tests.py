@@ -166,7 +166,7 @@ ROUNDS = 100
 """Approximate upper limit of the number of rounds in which poses are set aside."""
 
 ALIKE = 0.5
-"""Poses set aside with the worst one exceed the threshold by at least this share of its excess."""
+"""Poses set aside with the worst one exceed the threshold by at least this share of the worst one's excess."""
 
 FREE = 1e-6
 
@@ -242,7 +242,7 @@ def leave_one_out_chi2(
 ) -> tuple[FloatArray, FloatArray]:
     """Misfit of every pose to the prediction by the others, and its degrees of freedom, (m,) each.
 
-    0 for poses that are not `kept` (m,).
+    Both are 0 for poses that are not `kept` (m,).
     """
     r = left.U.shape[1]
     H = np.eye(r) - left.U @ np.swapaxes(left.U, -1, -2)

@@ -113,8 +113,8 @@ def _trend(J: FloatArray) -> tuple[tuple[int, float], ...]:
 def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> float | None:
     """Scaled condition number at the readings `q` (m, n), without closing the loops.
 
-    The Jacobian is the paper's C (eq. 6) at parameters `x` (P,). None where joints are unsensed, which the paper does
-    not treat; inf when the rank is deficient.
+    The Jacobian is the paper's C (eq. 6) at parameters `x` (P,). None where joints are unsensed, a case that the paper
+    does not treat; inf when the rank is deficient.
     """
     if model.unsensed_joints:
         return None

@@ -86,17 +86,17 @@ POSE_CHI2_UNPREDICTED = 20.0
 """chi2 of a new pose beyond which the poses before it do not predict it: the largest of 3,000 sound ones was 10."""
 
 POSE_CHI2_RATIO_UNPREDICTED = 6.0
-"""A new pose counts as unpredicted only if its chi2 is also this many times the largest chi2 of the poses before it,
-which is large where errors exceed the stated ones. With errors three times as large as stated, 4 of 100 sound planned
-sessions repeat their first pose; with errors as stated, none does."""
+"""A new pose counts as unpredicted only if its chi2 is also this many times the largest chi2 of the poses before it.
+That chi2 is large where errors exceed the stated ones. With errors three times as large as stated, 4 of 100 sound
+planned sessions repeat their first pose; with errors as stated, none does."""
 
 # Sigmas and ratios of standard deviations
 
 CERTAIN_SIGMAS = 3.0
-"""A deviation exceeds a specification if it does so by more than this many of its own sigmas."""
+"""A deviation exceeds a specification if it does so by more than this many sigmas of the deviation."""
 
 REFUSING_SHIFT_SIGMAS = 2.0
-"""A cause that moves a parameter by more than this many of its sigmas shows that the sigmas are not valid."""
+"""A cause that moves a parameter by more than this many sigmas of the parameter shows that sigmas are not valid."""
 
 MOST_COMPLIANCE_RAD = np.deg2rad(1.0)
 MOST_COMPLIANCE_M = 0.01
@@ -230,8 +230,8 @@ STUCK_JOINT_TURN_RAD = np.deg2rad(3.0)
 `STUCK_JOINT_CORRECTION_RAD`."""
 
 STUCK_JOINT_CORRECTION_RAD = np.deg2rad(0.5)
-"""The loops determine the joint's angles only if corrections of the other joints (rms) no larger than this close them
-without its reading."""
+"""The loops determine the joint's angles only if corrections of the other joints (rms) no larger than this close the
+loops without the joint's reading."""
 
 STUCK_JOINT_CORRECTION_RATIO = 4.0
 """A joint has turned without a change of its reading if the loop then closes with corrections this many times smaller

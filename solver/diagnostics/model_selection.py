@@ -39,7 +39,7 @@ class Evidence:
     Attributes
     ----------
     log_likelihood
-        Up to a constant that is the same for all explanations of one pose set.
+        Log-likelihood, up to a constant that is the same for all explanations of one pose set.
     chi2, dof
         Remaining chi2 and its degrees of freedom, at stated variances.
     size

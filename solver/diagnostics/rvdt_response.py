@@ -180,7 +180,7 @@ class SingleNoise:
 
     @property
     def determined(self) -> bool:
-        """Whether the noise is known to a useful interval; otherwise only its upper limit `high` is."""
+        """Whether the interval is narrow enough to state a value; otherwise only the upper limit `high` is stated."""
         return self.low > 0.0 and self.high <= NOISE_INTERVAL_RATIO * self.low
 
 

@@ -75,8 +75,8 @@ def sensor_noise_with_found_motion(fit: LinearFit) -> tuple[FloatArray, FloatArr
 class ExceededSpecification:
     """A source of error that exceeds its specification.
 
-    `component`: its name in the error model. `times`: estimated standard deviation over the stated one. `log_chance`:
-    logarithm of the probability of so large an estimate if the source is as stated.
+    `component`: name of the source in the error model. `times`: estimated standard deviation over the stated one.
+    `log_chance`: logarithm of the probability of so large an estimate if the source is as stated.
     """
 
     component: str
@@ -126,7 +126,7 @@ FAMILIES = {
     "smooth_give": "compliance_smooth",
     "compliance": "compliance",
 }
-"""Names of the families in results, where they differ from the component's."""
+"""Names of the families in results, where they differ from the names of the components."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

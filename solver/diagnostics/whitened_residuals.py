@@ -96,8 +96,8 @@ class WhitenedResiduals:
     def without(self, poses: IntArray) -> WhitenedResiduals:
         """Return the residuals without some poses (p,), whose whitener and rows become zero.
 
-        This equals fitting separate columns to all of their equations, but the number of columns does not grow; they
-        are orthonormal over the remaining rows.
+        This equals fitting separate columns to all equations of these poses, but the number of columns does not grow;
+        the columns are orthonormal over the remaining rows.
         """
         own = self.U[poses].reshape(-1, self.U.shape[-1])
         values, vectors = np.linalg.eigh(np.eye(len(own)) - own @ own.T)
@@ -146,7 +146,7 @@ class OwnColumns:
     poses
         (p,) indices.
     white, turn
-        (p, r, c): columns before rotation; (p, c, c): maps coefficients of the rotated columns to those of these.
+        (p, r, c): columns before rotation; (p, c, c): maps coefficients of the rotated columns to those of `white`.
     own, score
         (p * c,): squares and scores of the rotated columns.
     inside

@@ -107,7 +107,7 @@ def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | 
 
 
 def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -> FloatArray:
-    """Standard errors (K,) of variances v; one at its floor does not widen the others' errors, but they widen its."""
+    """Standard errors (K,) of variances v. One at its floor does not widen those of others; others widen its own."""
     inner = v > floor * (1.0 + 1e-9)
     size = np.sqrt(np.maximum(np.diagonal(information), 1e-300))
     scaled = information / np.outer(size, size)

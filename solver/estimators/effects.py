@@ -270,7 +270,7 @@ class State:
 
     Loops are linearised where they close, with the fixture's deflection attributed to the joints: `closed_q` (m, n) and
     `closed_u` (m, U). A loop left open by the deflection would close better with a smaller arm: the estimated scale
-    would have a bias of the order of the noise squared, which dominates with many poses.
+    would have a bias of the order of the noise squared. With many poses that bias dominates.
     """
 
     x: FloatArray

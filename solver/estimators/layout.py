@@ -36,7 +36,7 @@ LEAST_GIVE = 1e-8
 """Smallest deflection (rad, m) of a fixture, also assumed for one stated to be rigid."""
 
 LARGEST_PLACEMENT_SCALE = 100.0
-"""Largest distance of a fixture from its stated place, in stated tolerances."""
+"""Largest distance of a fixture from its stated place, in units of the stated tolerance."""
 
 SMALLEST_SCALE = 0.03
 """Smallest size of a source of error, as a share of the stated one: less has no effect on an estimate."""

@@ -22,7 +22,7 @@ SMALL = 64
 
 np.empty(2 << 20)
 """Allocated and freed once: from then on glibc keeps free blocks up to this size, instead of returning the matrices of
-every round to the system and having them zeroed again. Without effect on other C libraries."""
+every round to the system and having them zeroed again. Other C libraries are not affected."""
 
 LEAST_RESOLVED_SHARE = 1e-3
 """Least diagonal element of the Cholesky factor of ``I - N N'`` for which the matrix counts as regular."""
@@ -277,7 +277,7 @@ class LinearFit:
 
     @property
     def pulls(self) -> FloatArray:
-        """Deviation of each effect from its mean (width - hard,): standard normal when the model is right.
+        """Deviation of each effect from its mean, in sigmas (width - hard,): normal, N(0, 1), if the model is right.
 
         Zero for an effect about which the poses give no information.
         """

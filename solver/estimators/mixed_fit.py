@@ -65,7 +65,7 @@ LEAST_MOTION_SHARE, TINY = 1e-3, 1e-200
 """Directions in which joints move a loop by less than the first stay open; the second avoids a division by zero."""
 
 POSES_FOR_VARIANCES = 600
-"""Number of poses from which variances are estimated: more improve them by a few per cent."""
+"""Number of poses from which variances are estimated: more poses improve the estimates by only a few per cent."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -21,7 +21,7 @@ LARGEST_VARIANCE_RATIO = 6.0
 """Largest factor by which a variance changes in one step."""
 
 OVERSHOOT_SHARE = 0.5
-"""A step overshot where the slope at its end is below minus this share of that at its start."""
+"""A step has overshot if the slope at its end is below minus this share of the slope at its start."""
 
 LEAST_SHARE = 0.1
 """A step that was shortened to less than this share is not shortened further."""

@@ -32,7 +32,7 @@ LEAST_RAD = 1e-9
 """Smaller corrections are left out."""
 
 TURN_LIMIT = 1.2
-"""Saturation of an RVDT, in halves of its full scale."""
+"""Angle from the middle at which an RVDT saturates, in units of half its full scale."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -28,7 +28,7 @@ reach the solution; with a ball and joints that moved little, 1 %."""
 FIRST_POLISH = 12
 REFINED_COST_RATIO = 100.0
 """Ratio to the best cost after the first refinement above which a minimum is not refined further: no alternative has
-ten times the rms closure. Its `rms` is then an upper bound."""
+ten times the rms closure. The `rms` of such a minimum is an upper bound."""
 
 BRANCHES_MIXED_RMS = 0.03
 """An rms closure (1 m : 1 rad) larger than any real arm's: poses of both branches may be mixed."""
@@ -83,8 +83,8 @@ class GlobalStart:
     starts
         Number of starts.
     set_aside
-        Poses (indices) taken with the tool upside down on the hinge: they are in no solution. `LocalMinimum.flipped`
-        does not include them.
+        Poses (indices) taken with the tool upside down on the hinge: no solution uses them. `LocalMinimum.flipped` does
+        not include them.
     """
 
     minima: tuple[LocalMinimum, ...]

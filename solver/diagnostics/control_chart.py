@@ -29,7 +29,7 @@ LAMBDA = 0.3
 """Weight of the newest value in the EWMA; the Handbook has 0.2 to 0.3."""
 
 PRIOR_DOF = 8.0
-"""Degrees of freedom of the common ratio of observed to stated scatter; single quantities differ from it by 25 %."""
+"""Degrees of freedom of the common ratio of observed to stated scatter; single quantities differ by about 25 %."""
 
 SHEWHART_SHARE = 0.1
 """Part of the false-alarm probability for single sessions: a shift of six times the scatter shows in both charts."""

@@ -33,7 +33,7 @@ class Cause(Enum):
 
 
 class PeakDeviation(NamedTuple):
-    """Largest deviation of a sensor over the poses, from the best line or the true angle, and its sd; rad."""
+    """Largest deviation of a sensor over the poses and its standard deviation, rad; `from_line`: from the best line."""
 
     peak: float
     sd: float

@@ -203,7 +203,8 @@ RVDT_LEAST_SPAN = 0.15
 """Least number of poses, and share of full scale that they have to cover, to distinguish a curve from a line."""
 
 RVDT_NOISE_RATIO = 1.25
-"""Noise is out of specification if it certainly exceeds this multiple of it; readings in whole LSB resolve no less."""
+"""Noise is out of specification if it certainly exceeds the specified noise by this factor; readings in whole LSB do
+not resolve less."""
 
 RVDT_HARMFUL_RATIO = 3.0
 """Deviations (rms) of this many times the sensor's noise impair the calibration."""
@@ -219,8 +220,8 @@ NO_CLOSURE_RAD = 0.03
 
 ALTERNATIVE_FIXTURE_POSES = 20
 ALTERNATIVE_CLOSURE_M = 2e-3
-"""At least this many poses that close to within this (rms) in another fixture count as closed in it, if
-`ALTERNATIVE_CLOSURE_RATIO` is reached as well."""
+"""Poses, at least the first number of them, that close to within the second (rms) in another fixture count as closed in
+it, if `ALTERNATIVE_CLOSURE_RATIO` is reached as well."""
 
 ALTERNATIVE_CLOSURE_RATIO = 30.0
 """Least ratio of the closure error (rms, m and rad alike) in the stated fixture to that in the other fixture."""

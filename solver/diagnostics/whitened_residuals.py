@@ -122,7 +122,7 @@ class WhitenedResiduals:
         )
 
     def with_drawn(self, G: FloatArray, sd: FloatArray) -> WhitenedResiduals:
-        """Return the residuals with further columns G (m, r, c), whose coefficients are random with `sd` (c,)."""
+        """Return the residuals with further columns G (m, r, c), of random coefficients with deviations `sd` (c,)."""
         m, r, K = self.U.shape
         s, C = self.score(G * sd)
         values, vectors = np.linalg.eigh(C + np.eye(len(s)))

@@ -63,7 +63,7 @@ class ComplianceTest:
 
 
 LEAST_LEFT = 1e-12
-"""If less than this share of a variance's information remains, given the other variances, none counts as remaining."""
+"""Least share of a variance's information that counts as remaining where the other variances are unknown too."""
 
 MOST_CERTAIN = 1e6
 """Largest ratio of a variance to its standard error that `interval` uses."""
@@ -107,7 +107,10 @@ def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | 
 
 
 def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -> FloatArray:
-    """Standard errors (K,) of variances v. One at its floor does not widen those of others; others widen its own."""
+    """Standard errors (K,) of variances `v` (K,).
+
+    A variance at its floor does not widen the errors of the others, but the others widen its error.
+    """
     inner = v > floor * (1.0 + 1e-9)
     size = np.sqrt(np.maximum(np.diagonal(information), 1e-300))
     scaled = information / np.outer(size, size)

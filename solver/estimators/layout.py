@@ -98,7 +98,7 @@ class VarianceComponent:
 
     @property
     def source(self) -> str:
-        """Name in an uncertainty budget: the one of the groups that this component scales, if any."""
+        """Name in an uncertainty budget: the name of the groups that this component scales, if any."""
         kind, _, which = self.name.partition("_")
         if kind in _OF_RVDTS:
             return f"rvdt_{_OF_RVDTS[kind]}_{which}"

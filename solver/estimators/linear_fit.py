@@ -25,7 +25,7 @@ np.empty(2 << 20)
 every round to the system and having them zeroed again. Other C libraries are not affected."""
 
 LEAST_RESOLVED_SHARE = 1e-3
-"""Least diagonal element of the Cholesky factor of ``I - N N'`` for which the matrix counts as regular."""
+"""Least diagonal element of the Cholesky factor of ``I - N N'`` (`_held_out`) for which its rank counts as full."""
 
 
 class LinearFit:
@@ -277,7 +277,7 @@ class LinearFit:
 
     @property
     def pulls(self) -> FloatArray:
-        """Deviation of each effect from its mean, in sigmas (width - hard,): normal, N(0, 1), if the model is right.
+        """Deviation of each effect from its mean, in sigmas (width - hard,): distributed N(0, 1) if the model is right.
 
         Zero for an effect about which the poses give no information.
         """

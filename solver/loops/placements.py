@@ -103,7 +103,7 @@ class Placements(ClosureModel):
         return self._columns[self.numbers.index(number)]
 
     def of(self, number: int) -> tuple[ClosureModel, IntArray]:
-        """Model of one placement and the indices of its parameters in the whole vector; ValueError if unknown."""
+        """Model of one placement and the indices of its parameters in the whole vector; ValueError if none."""
         return self.models[self.numbers.index(number)], self.columns(number)
 
     def arm_rows(self) -> FloatArray:

@@ -11,8 +11,8 @@ left null space of N,
     E' c + E' C dphi + E' J_q dq = 0,     and afterwards     du = -N+ (c + C dphi + J_q dq).
 
 The whole solver uses this one reduction (`reduced_equations`). Loops are closed in one place, `close_loops`:
-Newton's iteration on it with dphi = 0, for the smallest dq in a given measure. The estimators solve the same
-equations with dphi unknown.
+Newton's iteration on the reduced equations with dphi = 0, for the smallest dq in a given measure. The estimators solve
+the same equations with dphi unknown.
 """
 
 from __future__ import annotations

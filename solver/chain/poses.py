@@ -127,7 +127,7 @@ class PoseSet:
     def sha256(self) -> str:
         """SHA-256 of the data that a calibration uses: keys, angles, spreads, samples, endpoints.
 
-        Independent of the order of the poses and of how a file was formatted; times and notes are not included. Two
+        It does not depend on the order of the poses or on how a file was formatted, nor on times and notes. Two
         sets with the same digest have bit-for-bit the same numbers (except for the sign of zero).
         """
         digest = hashlib.sha256(b"sarcal/poses/1\n")

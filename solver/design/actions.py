@@ -59,10 +59,10 @@ class ChangeDrives:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finished:
-    """Nothing left to do.
+    """End of the campaign: nothing is left to do.
 
     `complete`: whether all planned poses were taken or the requested precision was reached. `weak`: parameters that are
-    less precise than requested. `text`: why it ended.
+    less precise than requested. `text`: why the campaign ended.
     """
 
     complete: bool

@@ -341,7 +341,7 @@ class Campaign:
         )
 
     def _stopped_short(self, action: GoTo, stopped: str) -> None:
-        """Go back along the same path; then plan around the place."""
+        """Go back along the same path; then plan around the place where the move was stopped."""
         self._queue.clear()
         self._blocked.append(self._q.copy())
         self.plan = None

@@ -22,7 +22,7 @@ GIVE_ROUNDS = 4
 class InterimEstimate:
     """Part of a calibration that planning needs.
 
-    `x`, `covariance`: values (P,) and covariance (P, P). `trusted`: whether planning may use it. `text`: outcome, as
+    `x`, `covariance`: values (P,) and covariance (P, P). `trusted`: whether planning may use them. `text`: outcome, as
     text.
     """
 

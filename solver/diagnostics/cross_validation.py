@@ -85,7 +85,8 @@ def verify(
     """Test poses `q` (m, n), rad, with parameters `x` (P,) of covariance (P, P).
 
     For the misclosure w_i of the adjusted pose, ``w_i' (V_i + A_i C A_i')^-1 w_i`` is chi2 with as many degrees of
-    freedom as a pose has equations. Together the poses share the error of `x`, so the common test is not their sum.
+    freedom as a pose has equations. All poses share the error of `x`, so chi2 of the common test is not the sum of the
+    poses' own.
 
     Raises `ValueError` if there is no pose.
     """

@@ -58,10 +58,10 @@ CHI2_PER_DOF_SECOND_START = 2.0
 """Beyond this a fit is restarted elsewhere: where poses differ little, even a wrong local optimum may leave no more."""
 
 CHI2_PER_DOF_EXPLAINED = 2.0
-"""A cause that leaves at most this is the whole explanation."""
+"""A cause that leaves at most this chi2/dof is the whole explanation."""
 
 CHI2_PER_DOF_ALTERNATIVE = 3.0
-"""An alternative model that leaves at most this explains a gross misfit."""
+"""An alternative model that leaves at most this chi2/dof explains a gross misfit."""
 
 CHI2_PER_DOF_REFUSED = 4.0
 """Beyond this no sigma is valid: readings with twice the stated scatter lead to another calibration once the fault is
@@ -74,7 +74,7 @@ ALTERNATIVE_CHI2_RATIO = 10.0
 """An alternative model has to reduce chi2/dof by at least this factor."""
 
 SMALLEST_NOISE_SCALE = 0.25
-"""Stated errors are upper limits and chi2/dof of sound sets lies below 1; variances are scaled down to this at most."""
+"""Least factor by which variances are scaled: stated errors are upper limits, so sound sets have chi2/dof below 1."""
 
 OTHER_START_MISFIT_SHARE = 0.5
 """A second start replaces the first if it leaves less than this share of the misfit."""
@@ -118,7 +118,7 @@ STATED_VARIANCE_SHARE = 0.1
 """Share of a stated variance that remains where the poses show less: elsewhere in the workspace it may be larger."""
 
 LEARNED_VARIANCE_FACTOR = 2.0
-"""Variances estimated from other poses are known to this factor."""
+"""Variances estimated from other poses are known to within this factor."""
 
 # Parameters
 
@@ -142,7 +142,7 @@ REFUSED_DOF = 10
 """With fewer, even the sigmas are wrong: with four poses, 95 % intervals held the true value in 82 % of cases."""
 
 FLIPPED_SHARE_REFUSED = 0.25
-"""With more of the poses on the other branch it is unknown which branch is meant."""
+"""With a larger share of the poses on the other branch, it is unknown which branch is meant."""
 
 OUTLIER_LARGEST_SHARE = 0.3
 """Largest share of the poses that can be outliers; beyond it the poses are not the cause."""
@@ -188,7 +188,7 @@ RADIANS_SPAN_RAD = np.deg2rad(5.0)
 
 MOTION_SPREAD_SIGMAS = 6.0
 MOTION_SPREAD_RAD = np.deg2rad(0.05)
-"""Samples of one pose that spread by more than both show motion; less averages out below the encoder errors."""
+"""Samples of one pose that spread by more than both show motion; a smaller spread averages out below encoder errors."""
 
 SAME_READING_RAD = 1e-5
 """Readings that differ by less in every joint count as the same: files have three decimals of a degree."""

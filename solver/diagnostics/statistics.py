@@ -46,8 +46,8 @@ class Chi2Test:
 def intervals(estimate: Estimate, *, level: float = 0.95) -> tuple[Interval, ...]:
     """Two-sided intervals of all parameters.
 
-    Normal where the noise is stated or estimated beforehand; Student's t where, as in `paper`, the scale comes from the
-    residuals.
+    They are normal where the noise is stated or estimated beforehand, and from Student's t where, as in `paper`, the
+    scale comes from the residuals.
     """
     from scipy.special import ndtri, stdtrit
 
@@ -108,8 +108,8 @@ def chi2_test(chi2: float, dof: int) -> Chi2Test:
 def jackknife(fit: LinearFit) -> FloatArray:
     """Standard deviation of every parameter (P,) by leaving out each pose of a mixed model in turn.
 
-    Valid where errors within a pose are correlated or the noise model is wrong, but blind to errors common to all
-    poses. Variances are not estimated again.
+    It is valid where errors within a pose are correlated or the noise model is wrong, but does not show errors common
+    to all poses. Variances are not estimated again.
 
     Raises `TooFewPosesError` if one pose fewer leaves no degree of freedom.
     """

@@ -80,9 +80,9 @@ class LinearisedPoses:
     w
         Misclosures (m, r).
     A, B
-        Their Jacobians for the parameters (m, r, P) and for the joints (m, r, n).
+        Jacobians of w with respect to the parameters (m, r, P) and the joints (m, r, n).
     V
-        Their covariance ``B S B' + F`` (m, r, r).
+        Covariance of w, ``B S B' + F`` (m, r, r).
     E
         Left null space of the unsensed columns (m, k, r).
     """

@@ -59,10 +59,10 @@ SAG_COLUMNS, GIVE_COLUMNS = 3, 24
 """Columns for the twist of a joint, and for the deflection in one placement."""
 
 CENTRES = 24
-"""Poses, as far apart as there are, from which the others are interpolated."""
+"""Number of poses, chosen far apart, from which the others are interpolated."""
 
 SMALLEST = 1e-9
-"""Eigenvalues below this share of the largest are rounding."""
+"""Eigenvalues below this share of the largest are due to rounding."""
 
 LEAST_TORQUE_NM = 1e-6
 """Smallest torque of gravity that is not neglected."""

@@ -26,7 +26,7 @@ BY_APPROACH = 0.5
 
 
 CENTRES = 64
-"""Poses, as far apart as there are, from which the others are interpolated."""
+"""Number of poses, chosen far apart, from which the others are interpolated."""
 
 CHUNK = 1024
 """Poses computed at a time."""

@@ -236,7 +236,7 @@ def _solved(design: LinearModel, here: Linearisation, v: FloatArray) -> LinearFi
 def _at_mean_scales(
     design: LinearModel, fit: LinearFit, found: Derivatives, state: State
 ) -> tuple[LinearFit, State]:
-    """Solve again where the loops close, with estimated sizes at their posterior means; no change if there are none."""
+    """Solve again where the loops close, with estimated sizes at their posterior means; no change without these."""
     v = expected_scales(fit, found)
     if np.array_equal(v, fit.v):
         return fit, state

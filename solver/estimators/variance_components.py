@@ -176,7 +176,7 @@ def estimate_with_errors(
 
 
 def estimate_of(ended: Settled, model: ClosureModel, q: FloatArray) -> Estimate:
-    """Return the estimate from a fit to joint angles `q` (m, n), rad, with poses in the same order."""
+    """Return the estimate from a fit to joint angles `q` (m, n), rad, with poses in the order of `q`."""
     found = ended.fit
     error = closure_at_readings(model.at_poses(ended.order), found.x, q[ended.order])
     return Estimate(

@@ -167,7 +167,7 @@ class ClosureModel(ABC):
         """Return the same loop with other nominal values of its links."""
 
     def angle_of(self, u: FloatArray, joint: int) -> FloatArray:
-        """Angle (..., m) of an unsensed arm joint (1-based): these are the last of the unsensed angles (..., m, U)."""
+        """Angle (..., m) of an unsensed arm joint (1-based): arm joints are last in the unsensed angles (..., m, U)."""
         return u[..., self.unsensed_joints.index(joint) - len(self.unsensed_joints)]
 
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:

@@ -110,7 +110,7 @@ class DhLoop(ArmLoop):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Frame -1 is on the tool; theta_0 turns it into the table's axes (eq. 11)."""
+        """Axes of both halves: frame -1 is fixed to the tool, and theta_0 turns it into the table's axes (eq. 11)."""
         table, hand = ClosureModel.fixture_axes(self, x, q, u)
         if self.hinge:
             table = rotation_about_z(u[..., 0])

@@ -25,7 +25,7 @@ class Line:
     direction: FloatArray
 
     def seen(self, R: FloatArray, p_m: FloatArray) -> Line:
-        """Return the line in a frame in which the present one has rotation `R` and origin `p_m`."""
+        """Return the line in a frame in which the present frame has rotation `R` and origin `p_m`."""
         return Line(point_m=p_m + R @ self.point_m, direction=R @ self.direction)
 
 

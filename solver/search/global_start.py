@@ -1,9 +1,9 @@
 """Calibration without a first guess: offsets anywhere in +-180 deg, the fixture unknown.
 
 Many starts are minimised in one batch, on a few poses far apart; where the fixture can be projected out
-(`inner_search`) only the inner joints' offsets are guessed. The best minima are then refined with all unknowns on all
-poses and compared: how many starts led to the best, and whether a solution that is not equivalent fits as well.
-Deterministic for a seed.
+(`solver.search.inner`) only the inner joints' offsets are guessed. The best minima are then refined with all unknowns
+on all poses and compared: how many starts led to the best, and whether a solution that is not equivalent fits as well.
+The same seed gives the same result.
 """
 
 from __future__ import annotations

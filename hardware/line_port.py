@@ -282,8 +282,8 @@ class GrowingFile(LinePort):
             heading = file.readline(LONGEST)
         if not heading.endswith(b"\n"):
             raise InstrumentError(
-                f"{self._path} has no heading yet. Its first line names the columns: x_m,y_m,z_m and how "
-                "the target is turned"
+                f"{self._path} has no heading yet. The first line must name the columns: x_m,y_m,z_m and the "
+                "target's orientation"
             )
         return heading.decode(errors="replace").strip("\r\n\ufeff")
 

@@ -253,13 +253,13 @@ class OutsideArm:
         if found.shape != (n,):
             raise BusError(
                 f"{self._name}: {what} has shape {found.shape} instead of one value for each of {n} joints. "
-                "Tell its author; nothing was captured"
+                "Report this to the author of the arm's package. Nothing was captured"
             )
         for number, value in enumerate(found, 1):
             if not np.isfinite(value):
                 raise BusError(
-                    f"{self._name}: {what} of joint {number} is {value}. Check its sensor, or tell the arm's "
-                    "author; nothing was captured"
+                    f"{self._name}: {what} of joint {number} is {value}. Check the joint's sensor, or report this to "
+                    "the author of the arm's package. Nothing was captured"
                 )
 
     @contextmanager
@@ -288,6 +288,6 @@ class OutsideArm:
             if error in own:
                 raise
             raise BusError(
-                f"{self._name} failed: {type(error).__name__}: {error}. Tell its author; nothing "
-                "has been captured since"
+                f"{self._name} failed ({type(error).__name__}: {error}). Report this to the author of the arm's "
+                "package. Nothing has been captured since the failure"
             ) from error

@@ -173,7 +173,7 @@ def _outside_arm(
     """Open an arm of another package; at the end it holds its position."""
     if record_to is not None and not found.records:
         raise SessionError(
-            f"the arm {bus.interface} cannot record its bus",
+            f"the arm {bus.interface!r} cannot record its bus",
             "leave --record out; all poses are in the journal",
         )
     description = describe(opening.procedure.arm)
@@ -181,7 +181,7 @@ def _outside_arm(
     arm = OutsideArm(
         lambda: found.make(replace(order, record_to=arm.record_to)),
         description,
-        f"the arm {bus.interface}",
+        f"the arm {bus.interface!r}",
         keeps_parameters=found.keeps_parameters,
         record_to=record_to,
     )

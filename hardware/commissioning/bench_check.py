@@ -141,7 +141,7 @@ def _look(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
         yield Clause(
             name="quiet",
             passed=sd <= SCATTER_RAD,
-            text=f"its reading scatters by {deg(sd)} over {bench.bounds.samples} SYNCs",
+            text=f"the reading scatters by {deg(sd)} over {bench.bounds.samples} SYNCs",
             joint=joint,
         )
     yield from clauses.settles(arm, n, bench.bounds)
@@ -152,7 +152,11 @@ def _look(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
         lambda: arm.move({1: here}, speed_rad_per_s=bench.speed_rad_per_s),
     )
     kept = len(arm.active_parameters())
-    text = f"it stores a parameter document of {kept} bytes" if kept else "it stores no parameters"
+    text = (
+        f"the arm stores a parameter document of {kept} bytes"
+        if kept
+        else "the arm stores no parameters"
+    )
     yield Clause(name="parameters", passed=True, text=text)
     if isinstance(arm, CanopenArm):
         yield checks.excludes_others(arm)
@@ -234,9 +238,9 @@ def _turn(bench: Bench, joint: int) -> Iterator[Clause]:
     yield Clause(
         name="direction",
         passed=right,
-        text="it turned in the sense of the arm file"
+        text="the joint turned in the sense of the arm file"
         if right
-        else "it did not: check direction, and the order of joints, in the bus profile",
+        else "the joint did not: check the direction, and the order of the joints, in the bus profile",
         joint=joint,
     )
     yield from checks.halts(back)
@@ -262,14 +266,14 @@ def _free(bench: Bench) -> Iterator[Clause]:
         modes[joint - 1] = JointMode.FREE
         arm.set_modes(modes)
         before = arm.snapshot().joints[joint - 1].position_rad
-        yield Clause(name="frees", passed=True, text="it reports free mode", joint=joint)
+        yield Clause(name="frees", passed=True, text="the drive reports free mode", joint=joint)
         yield clauses.refuses_to_move_free(arm, joint, bench.speed_rad_per_s)
         arm.hold()
         moved = arm.snapshot().joints[joint - 1].position_rad - before
         yield Clause(
             name="takes up",
             passed=True,
-            text=f"it reports position mode again; in free mode it moved by {deg(moved, sign=True)}",
+            text=f"the drive reports position mode again; in free mode the joint moved by {deg(moved, sign=True)}",
             joint=joint,
         )
 

@@ -83,7 +83,7 @@ class Turn:
         """Text on how far the joint still moved after the watch acted."""
         here = float(self.arm.capture(1).mean_rad[self.joint - 1])
         at = watch.start_rad if watch.at_rad is None else watch.at_rad
-        return f"came to rest after a further {deg(abs(here - at))}"
+        return f"the joint came to rest after a further {deg(abs(here - at))}"
 
 
 def goes(turn: Turn) -> Iterator[Clause]:
@@ -100,7 +100,7 @@ def goes(turn: Turn) -> Iterator[Clause]:
     yield Clause(
         name="moves",
         passed=passed,
-        text=f"commanded to turn by {deg(way, sign=True)}, it reads {deg(went, sign=True)}{why}"
+        text=f"commanded to turn by {deg(way, sign=True)}, the joint reads {deg(went, sign=True)}{why}"
         + ("" if rests else ", and does not come to rest"),
         joint=joint,
     )
@@ -114,7 +114,7 @@ def halts(turn: Turn) -> Iterator[Clause]:
     yield Clause(
         name="halts",
         passed=halted,
-        text=f"a watch ended the move; it {turn.ran_on(watch)}"
+        text=f"a watch ended the move; {turn.ran_on(watch)}"
         if halted
         else f"a watch could not end the move, which reports {moved.reason!r}",
         joint=turn.joint,
@@ -134,9 +134,9 @@ def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause
         interrupted = True
     found = turn.arm.snapshot()
     enabled = all(j.drive is DriveState.OPERATION_ENABLED for j in found.joints)
-    text = "it was not interrupted"
+    text = "the move was not interrupted"
     if interrupted:
-        text = f"it {turn.ran_on(watch)}, its drives {'on' if enabled else 'off'}"
+        text = f"{turn.ran_on(watch)}; the drives are {'on' if enabled else 'off'}"
     passed = interrupted and enabled and not found.moving
     yield Clause(name="Ctrl-C", passed=passed, text=text, joint=turn.joint)
     first, then = (turn.arm.capture(turn.bounds.samples).mean_rad for _ in range(2))
@@ -162,13 +162,13 @@ def is_stopped(turn: Turn) -> Iterator[Clause]:
     rests = arm.snapshot().positions_rad  # a stopped arm cannot take a reading
     gone = abs(float(rests[joint - 1]) - watch.start_rad)
     at = 0.0 if watch.at_rad is None else abs(watch.at_rad - watch.start_rad)
-    text = f"it came to rest {deg(abs(gone - at))} after STOP"
+    text = f"the joint came to rest {deg(abs(gone - at))} after STOP"
     if seconds is None:
         text = f"a drive is still enabled {STOPS_WITHIN_S:g} s after STOP"
     yield Clause(
         name="STOP on the way",
         passed=stopped and seconds is not None and gone - at <= max(turn.part_rad, bounds.once_rad),
-        text=text if stopped else "it was not stopped",
+        text=text if stopped else "STOP did not end the move",
         joint=joint,
     )
     yield from stays_stopped(arm, joint, turn.speed_rad_per_s)
@@ -200,7 +200,7 @@ def drive_settings(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
         yield Clause(
             name="modes",
             passed=None if lacking is None else not lacking,
-            text="it has no 6502h (supported modes)"
+            text="the drive has no 6502h (supported modes)"
             if lacking is None
             else f"6502h lacks mode {', '.join(map(str, lacking))}"
             if lacking
@@ -210,10 +210,10 @@ def drive_settings(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
         yield Clause(
             name="quick stop",
             passed=None if option is None else option >= HOLDS_AFTER_STOP,
-            text="it has no 605Ah (quick stop option)"
+            text="the drive has no 605Ah (quick stop option)"
             if option is None
-            else f"605Ah = {option}: it {'holds' if option >= HOLDS_AFTER_STOP else 'releases the joint'} after a "
-            "quick stop",
+            else f"605Ah = {option}: the drive {'holds' if option >= HOLDS_AFTER_STOP else 'releases the joint'} after "
+            "a quick stop",
             joint=drive.joint,
         )
         yield _guard(drive)
@@ -225,9 +225,9 @@ def _guard(drive: DriveFacts) -> Clause:
     passed: bool | None = None
     if guard is None:
         passed = False
-        text = "1016h: it does not monitor the operator's heartbeat, and keeps moving if this program dies"
+        text = "1016h: the drive does not monitor this program's heartbeat, and keeps moving if this program dies"
     else:
-        text = f"1016h: it stops {guard:.2f} s after the operator's last heartbeat"
+        text = f"1016h: the drive stops {guard:.2f} s after the last heartbeat of this program"
         if guard > MAX_OPERATOR_TIMEOUT_S:
             passed = False
             text += f"; a run requires at most {MAX_OPERATOR_TIMEOUT_S:g} s"
@@ -283,7 +283,9 @@ def stops_alone(arm: CanopenArm, ask: Ask, bounds: Bounds) -> Iterator[Clause]:
     guards = [drive.operator_timeout_s for drive in arm.drive_facts()]
     longest = max((guard for guard in guards if guard is not None), default=0.0)
     if longest == 0.0 or None in guards:
-        yield Clause(name="guard", passed=None, text="not every drive monitors the operator")
+        yield Clause(
+            name="guard", passed=None, text="not every drive monitors the operator's heartbeat"
+        )
         return
     if not ask(
         f"This program will fall silent for {2 * longest:.1f} s while the drives are enabled, as if it were "

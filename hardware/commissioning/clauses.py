@@ -32,18 +32,18 @@ def names_itself(identity: ArmIdentity, model: str, joints: int) -> Iterator[Cla
     yield Clause(
         name="name",
         passed=identity.model == model,
-        text=f"it is {identity.model!r}, and the arm file is of {model!r}",
+        text=f"the arm reports the model {identity.model!r}; the arm file describes {model!r}",
     )
     yield Clause(
         name="serial",
         passed=bool(identity.serial_number.strip()),
-        text=f"its serial number is {identity.serial_number!r}, which must tell the poses of two arms apart",
+        text=f"the arm's serial number is {identity.serial_number!r}; it must tell the poses of two arms apart",
     )
     roles = [node.role for node in identity.nodes if node.role.startswith("joint")]
     yield Clause(
         name="joints",
         passed=roles == [f"joint {j}" for j in range(1, joints + 1)],
-        text=f"it names {', '.join(roles) or 'no joint'}",
+        text=f"the arm names {', '.join(roles) or 'no joint'}",
     )
 
 
@@ -59,14 +59,14 @@ def is_pictured(arm: ArmInterface, joints: int) -> Iterator[Clause]:
         wrong.append("a position is beyond two turns: angles must be in radians")
     oldest_s = max((joint.age_s for joint in found.joints), default=0.0)
     if not 0.0 <= oldest_s < FRESH_S:
-        wrong.append(f"a joint is {oldest_s:.2f} s old")
+        wrong.append(f"the data of a joint are {oldest_s:.2f} s old")
     if found.stopped:
         wrong.append("STOP is latched")
     yield Clause(
         name="picture",
         passed=not wrong,
         text="; ".join(wrong)
-        or f"every joint is present; the oldest is {1e3 * oldest_s:.0f} ms old",
+        or f"every joint is present; the oldest data are {1e3 * oldest_s:.0f} ms old",
     )
 
 
@@ -92,7 +92,7 @@ def reads(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
     else:
         apart = np.abs(reading.mean_rad - arm.snapshot().positions_rad)
         if apart.max(initial=0.0) > bounds.once_rad:
-            wrong.append(f"it differs from the snapshot by {deg(float(apart.max()))}")
+            wrong.append(f"the reading differs from the snapshot by {deg(float(apart.max()))}")
     yield Clause(
         name="reading",
         passed=not wrong,
@@ -109,7 +109,7 @@ def settles(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
     yield Clause(
         name="settles",
         passed=rests and not never,
-        text=f"it {'rests' if rests else 'does not rest'} within {deg(wide[0])}"
+        text=f"the arm {'rests' if rests else 'does not rest'} within {deg(wide[0])}"
         + (", and reports settling within a negative spread" if never else ""),
     )
 
@@ -206,14 +206,14 @@ def keeps_its_document(arm: ArmInterface) -> Iterator[Clause]:
         kind=HardwareError,
     )
     after = arm.active_parameters()
-    text = f"its document of {len(before)} bytes is unchanged"
+    text = f"the stored document of {len(before)} bytes is unchanged"
     if after != before:
-        text = f"it stored {len(after)} bytes of the invalid document"
+        text = f"the controller stored {len(after)} bytes of the invalid document"
         if before:
             arm.upload_parameters(before)
-            text += f" in place of {len(before)}, which were uploaded again"
+            text += f" in place of its own; its own ({len(before)} bytes) was uploaded again"
         else:
-            text += ", and had none before: export a valid one to it"
+            text += " and had no document before: export a valid document to it"
     yield Clause(name="keeps", passed=after == before, text=text)
 
 
@@ -223,7 +223,9 @@ def stays_stopped(arm: ArmInterface, joint: int, speed_rad_per_s: float) -> Iter
     yield Clause(
         name="STOP latches",
         passed=arm.snapshot().stopped,
-        text="it reports STOP latched" if arm.snapshot().stopped else "STOP is not latched",
+        text="the arm reports that STOP is latched"
+        if arm.snapshot().stopped
+        else "STOP is not latched",
     )
     yield is_refused(
         "no move stopped",
@@ -257,9 +259,9 @@ def leaves_and_returns(arm: ArmInterface, identity: ArmIdentity) -> Iterator[Cla
     yield Clause(
         name="closes",
         passed=all(results),
-        text="it is held and closed, also when closed twice"
+        text="the arm is held and closed, also when it is closed twice"
         if all(results)
-        else "it did not answer when it was closed, or a drive still follows commands",
+        else "the arm did not answer when it was closed, or a drive still follows commands",
     )
     yield is_refused("closed", "a snapshot of a closed arm", arm.snapshot, kind=HardwareError)
     again = arm.connect()
@@ -267,9 +269,9 @@ def leaves_and_returns(arm: ArmInterface, identity: ArmIdentity) -> Iterator[Cla
     yield Clause(
         name="same arm",
         passed=same,
-        text="it connects again as the same arm"
+        text="the arm connects again as the same arm"
         if same
-        else f"it connects again as {again}, and was {identity} before",
+        else f"the arm connects again as {again}; before, it was {identity}",
     )
     yield drives_off(arm)  # a person may have unbolted the tool meanwhile
 

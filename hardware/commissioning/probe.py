@@ -38,7 +38,7 @@ NODES: Final = range(1, 127)
 MAX_NAMED: Final = 6
 """Largest number of different foreign frames named in a message."""
 NO_OPERATOR_MONITORING: Final = (
-    "node {}: it has no 1016h, so it may go on without the operator's heartbeat: keep a hand on the hardware stop, "
+    "node {} has no 1016h, and may keep moving without the operator's heartbeat: keep a hand on the hardware stop, "
     "and test it (sarcal arm-check)"
 )
 _POLL_S: Final = 0.02

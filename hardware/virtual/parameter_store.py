@@ -189,7 +189,7 @@ def refusal_reason(
             return f"home offset {offset} of joint {axis.joint} is beyond +-{limit} counts"
         if abs(angle * axis.scale.counts_per_rad - offset) > 1.0:
             return (
-                f"home offset {offset} of joint {axis.joint} is not its theta_off, which is "
-                f"{angle * axis.scale.counts_per_rad:.1f} counts"
+                f"home offset {offset} of joint {axis.joint} differs from the joint's theta_off "
+                f"({angle * axis.scale.counts_per_rad:.1f} counts)"
             )
     return None

@@ -126,8 +126,8 @@ def _open_arm(
     instrument = opening.procedure.fixture.fixture
     if not isinstance(instrument, Measured):
         raise UsageError(
-            f"--procedure: {args.procedure} closes the chain with a {instrument.kind}; name one whose "
-            "fixture is an instrument, such as open_loop"
+            f"--procedure: the procedure {args.procedure} closes the chain with a {instrument.kind}; name a procedure "
+            "whose fixture is an instrument, such as open_loop"
         )
     here, there = opening.procedure.arm, judged.procedure.arm
     if here.name != there.name or not np.array_equal(here.table.stacked(), there.table.stacked()):

@@ -199,8 +199,8 @@ class ArmFile(StrictModel):
         if value == "unknown" or (number and 0.0 < value <= 180.0):
             return value
         raise refuse(
-            f"must be a number above 0 and at most 180, or unknown, not {value_in_words(value)}",
-            "write the standard deviation of the joints' zeros in degrees, or unknown",
+            f"must be a number (above 0, at most 180) or the word `unknown`, not {value_in_words(value)}",
+            "write the standard deviation of the joints' zeros in degrees, or `unknown`",
         )
 
     @field_validator("dh")

@@ -125,7 +125,7 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
         near = difflib.get_close_matches(str(context.get("tag", value)), options, n=1)
         hint = f"did you mean {near[0]}? " if near else ""
         shown = context.get("tag", value_in_words(value))
-        return f"{shown} is not known here", f"{hint}one of: {', '.join(options)}"
+        return f"{shown} is not a valid value", f"{hint}use one of: {', '.join(options)}"
     wanted = WANTED.get(kind.partition("_")[0])
     if wanted and kind.endswith(("_type", "_from_float")):
         return f"must be {wanted}, not {value_in_words(value)}", _number_hint(value, kind)

@@ -84,7 +84,7 @@ def load_joint_log(
     if header and not columns and any(THETA.fullmatch(cell) for cell in header):
         if unit == "rad":
             remedy = "leave --rad out, or name the columns with --columns if the header is wrong"
-            raise only(file, "its header states degrees", remedy, line=rows[0].line)
+            raise only(file, "the header states degrees", remedy, line=rows[0].line)
         if placement:
             remedy = "leave --placement out: such a file has a column placement"
             raise only(file, "is a poses file", remedy, line=rows[0].line)
@@ -94,16 +94,14 @@ def load_joint_log(
         raise only(file, "has a header but no poses", "capture poses first")
     there = range(len(body[0].cells))
     if header and len(header) != len(there):
-        text = f"its header has {len(header)} cells, and the first row of angles {len(there)}"
+        text = f"the header has {len(header)} cells, the first row of angles {len(there)}"
         raise only(file, text, "name each column, or remove the header", line=rows[0].line)
     by = find_column("--placement", placement, header, len(there), file) if placement else None
     left = [k for k in there if k != by]
     where = find_columns(columns, header, left, joint_count, file)
     q = _angles(body, where, file, radians=unit == "rad")
     if unit is None and len(q) >= FEWEST_POSES_FOR_UNIT and np.abs(q).max() < 2.0 * np.pi:
-        text = (
-            f"does not state its unit, and no angle of {len(q)} poses exceeds {np.abs(q).max():.3g}"
-        )
+        text = f"does not state the unit of its angles, and none in {len(q)} poses exceeds {np.abs(q).max():.3g}"
         raise only(file, text, "use --rad, or --deg if these are degrees")
     numbers, notes = ([1] * len(q), None) if by is None else _placements(body, by, file)
     return LoadedPoses(
@@ -188,7 +186,7 @@ def find_columns(
         raise only(
             file,
             text,
-            f"name those of the joints, e.g. --columns {example}; or write a header: {HEADER_COLUMNS}",
+            f"select the columns of the joints, e.g. --columns {example}, or write a header: {HEADER_COLUMNS}",
         )
     found: list[int] = []
     for word in (part.strip() for part in wanted.split(",")):

@@ -80,7 +80,7 @@ def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
         length = np.linalg.norm(values, axis=1)
         if np.any(np.abs(length - 1.0) > UNIT_WITHIN):
             worst = float(length[np.argmax(np.abs(length - 1.0))])
-            raise ValueError(f"a quaternion of length {worst:.4g}, which must be 1")
+            raise ValueError(f"has a quaternion of length {worst:.4g}; the length must be 1")
         return np.asarray(Rotation.from_quat(values, scalar_first=True).as_rotvec())
     # Lower case means fixed axes, upper case moving ones.
     axes = "xyz" if group == ROLL_PITCH_YAW else group[0].split("_")[1].upper()
@@ -183,7 +183,9 @@ def _require_names(names: Any) -> None:
         if meant:
             right = "degrees" if meant[0].endswith("_deg") else "metres"
             raise BadLine(f"has {name}: give {right} and call it {meant[0]}")
-        raise BadLine(f"has an unknown {name}" + (f": did you mean {near[0]}?" if near else ""))
+        raise BadLine(
+            f"has the unknown key {name}" + (f": did you mean {near[0]}?" if near else "")
+        )
     missing = [name for name in POSITION_COLUMNS if name not in names]
     if missing:
         raise BadLine(f"has no {', '.join(missing)}: a measurement is x_m,y_m,z_m in metres")
@@ -192,7 +194,7 @@ def _require_names(names: Any) -> None:
         raise BadLine(f"states the orientation twice: choose one of {ROTATION_EXAMPLE}")
     absent = [name for group in groups for name in group if name not in names]
     if absent:
-        raise BadLine(f"has no {', '.join(absent)} beside {groups[0][0]}")
+        raise BadLine(f"states the orientation without {', '.join(absent)}")
 
 
 def _number(name: str, value: Any) -> float:
@@ -208,7 +210,7 @@ def _number(name: str, value: Any) -> float:
     except OverflowError:
         found = math.inf
     if not math.isfinite(found):
-        raise BadLine(f"has {name} {str(value)[:40]!r}, which is not a number")
+        raise BadLine(f"has {name} {str(value)[:40]!r}, which is not a finite number")
     doubt = length_doubt(found) if name in POSITION_COLUMNS else ""
     doubt = doubt or (angle_doubt(found) if name.endswith("_deg") else "")
     if doubt:

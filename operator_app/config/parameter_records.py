@@ -227,12 +227,15 @@ def complaints_of_correlations(
 ) -> Iterator[Complaint]:
     """Yield place, text and remedy of correlations that do not match the calibrated entries."""
     if value and list(value) != list(names[1:]):
-        yield (), "are not those of the calibrated entries after the first, in their order", _WHOLE
+        text = (
+            "must list every calibrated entry except the first, in the same order as `calibrated`"
+        )
+        yield (), text, _MATCHING
         return
     for k, (name, row) in enumerate(value.items(), 1):
         if len(row) != k:
-            text = f"has {len(row)} correlations instead of {k}, one for each entry calibrated before {name}"
-            yield (name,), text, _WHOLE
+            text = f"has {len(row)} correlations; expected {k} (one for each calibrated entry listed before {name})"
+            yield (name,), text, _MATCHING
 
 
 def complaints_of_budget(
@@ -244,7 +247,7 @@ def complaints_of_budget(
         if name not in names:
             yield (name,), "is not listed as calibrated", "leave its budget out"
         elif abs(total - 1.0) > BUDGET_SUM_TOLERANCE:
-            yield (name,), f"has shares that add up to {total:g}, not 1", _WHOLE
+            yield (name,), f"has shares that add up to {total:g}, not 1", "correct the shares"
 
 
-_WHOLE = "the document was changed in one place only: correct the other place as well"
+_MATCHING = "`calibrated` and `correlations` do not match: edit both or neither"

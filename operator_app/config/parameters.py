@@ -220,7 +220,7 @@ class ParametersDocument(StrictRecord):
             return value
         beside = 0 if fixture is None else BESIDE_THE_TABLE.get(fixture.kind, 0)
         if value.rank > len(calibrated) + beside:
-            text = f"rank {value.rank} for {len(calibrated)} calibrated entries"
+            text = f"rank {value.rank} exceeds the number of calibrated entries ({len(calibrated)})"
             report(info, ("quality", "rank"), text, CHANGED_IN_ONE_PLACE)
         return value
 

@@ -198,9 +198,14 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
             meant.add(instead)
             yield k + 1, name or f"column {k + 1}", text, remedy
         elif (match := THETA.fullmatch(name)) and int(match[1]) > last:
-            yield k + 1, name, f"the arm has {joint_count} joints", "is it the right arm?"
+            yield k + 1, name, f"the arm has only {joint_count} joints", "is this the right arm?"
         elif (match := SD.fullmatch(name)) and int(match[1]) > last:
-            yield k + 1, name, "there is no such joint", "give one for every joint, or none"
+            yield (
+                k + 1,
+                name,
+                "there is no such joint",
+                "give one spread column for each joint, or none",
+            )
     there = {*names, *meant}
     have = f"({len(joints)} joint column{'s' if len(joints) != 1 else ''}"
     have += f", the arm has {joint_count} joints)" if joint_count is not None else ")"
@@ -222,7 +227,7 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     for group, wanted, more, remedy in (
         (KEY, True, "", HEADER_EXAMPLE),
         (theta, True, f" {have}", ""),
-        (sd, bool(there & {*sd}), "", "give one for every joint, or none"),
+        (sd, bool(there & {*sd}), "", "give one spread column for each joint, or none"),
         (POSITION_COLUMNS, bool(turns or there & {*POSITION_COLUMNS}), "", endpoint),
         *((turn, True, "", endpoint) for turn in turns),
         (TARGETS, targets, "", endpoint),
@@ -250,7 +255,7 @@ def _unknown(name: str, candidates: list[str]) -> tuple[str, str, str]:
     text = "unknown column"
     if near := difflib.get_close_matches(name, candidates, n=1, cutoff=0.75):
         return text, f"did you mean {near[0]}?", near[0]
-    return text, "remove it, or put the text into note", ""
+    return text, "remove it, or move its text to the column `note`", ""
 
 
 # ---- the rows ----------------------------------------------------------------------------------

@@ -228,7 +228,7 @@ def _check_limits(found: ProcedureFile, arm: ArmModel) -> Iterator[Complaint]:
         limit = math.degrees(arm.joints[slowest - 1].max_speed_rad_per_s)
         if found.capture.speed_deg_per_s > limit * (1.0 + 1e-9):
             text = f"exceeds the limit of joint {slowest} ({limit:.6g} deg/s)"
-            yield ("capture", "speed_deg_per_s"), text, "slow down"
+            yield ("capture", "speed_deg_per_s"), text, "reduce the speed"
 
 
 def check_requested(found: ProcedureFile, parameters: Sequence[Parameter]) -> Iterator[Complaint]:

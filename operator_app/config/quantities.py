@@ -122,8 +122,8 @@ LengthMm = Annotated[
     Number,
     *_limited(
         1e3 * LONGEST_M,
-        f"{{:g}} mm is longer than any fixture (limit {1e3 * LONGEST_M:g} mm)",
-        "write millimetres",
+        f"{{:g}} mm exceeds the limit for a fixture ({1e3 * LONGEST_M:g} mm)",
+        "check that the value is in millimetres",
     ),
 ]
 AngleDeg = Annotated[Number, *_limited(LARGEST_DEG, TOO_FAR, "write degrees")]

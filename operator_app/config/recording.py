@@ -115,7 +115,7 @@ def load_timed_log(
     time_s, q = table[:, 0], table[:, 1:]
     largest = float(np.max(np.abs(q), initial=0.0, where=np.isfinite(q)))
     if unit is None and largest < 2.0 * np.pi:
-        text = f"does not state its unit, and no angle of {len(q)} lines exceeds {largest:.3g}"
+        text = f"does not state the unit of its angles, and none in {len(q)} lines exceeds {largest:.3g}"
         raise only(file, text, "use --rad, or --deg if these are degrees")
     latest = float(np.max(np.abs(time_s), initial=0.0, where=np.isfinite(time_s)))
     per_s = next(per for least, per in PER_SECOND if latest >= least)

@@ -132,7 +132,7 @@ class StrictLoader(yaml.SafeLoader):
             raise yaml.composer.ComposerError(None, None, "tags (!)", mark)
         self.depth += 1
         if self.depth > MAX_DEPTH:
-            raise yaml.composer.ComposerError(None, None, "a structure nested this deep", mark)
+            raise yaml.composer.ComposerError(None, None, "is nested too deeply", mark)
         try:
             return super().compose_node(parent, index)
         finally:
@@ -161,12 +161,12 @@ class _Builder:
         out: dict[str, Any] = {}
         for key_node, value_node in node.value:
             if not isinstance(key_node, ScalarNode):
-                self._complain(key_node, path, "a key that is not a word", "write `key: value`")
+                self._complain(key_node, path, "has a key that is not a word", "write `key: value`")
                 continue
             key = str(key_node.value)
             here = (*path, key)
             if key == "<<" and key_node.style is None:
-                self._complain(key_node, here, "merge keys are not read", "write the keys out")
+                self._complain(key_node, here, "merge keys are not supported", "write the keys out")
                 continue
             if key in out:
                 first = self.marks[here][0]
@@ -220,12 +220,12 @@ def _syntax(error: yaml.MarkedYAMLError, text: str, line: int) -> tuple[str, str
     problem = str(error.problem or error.context or "")
     if isinstance(error, yaml.composer.ComposerError):
         if "single document" in str(error.context) or "but found another document" in problem:
-            return "a second document (---)", "one file holds one document"
-        return f"{problem} are not read" if "deep" not in problem else f"{problem} is not read", (
+            return "contains a second document (---)", "one file holds one document"
+        return problem if "deep" in problem else f"{problem} are not supported", (
             "write the values out"
         )
     if "\\t" in problem or "\t" in shown:
-        return "a tab where YAML needs spaces", "indent with spaces"
+        return "has a tab where YAML needs spaces", "indent with spaces"
     return f"is not YAML: {problem}", "check indentation, colons and quotes in this line"
 
 

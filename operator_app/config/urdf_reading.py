@@ -142,7 +142,7 @@ class UrdfTree:
         links = {*elements, *(_links(e)[0] for e in elements.values())}
         for option, name in (("base", base), ("tip", tip)):
             if name and name not in links:
-                remedy = f"--{option}: {_some(sorted(links))}"
+                remedy = f"links for --{option}: {_some(sorted(links))}"
                 raise only(file, f"there is no link {name!r}", remedy)
         tip = tip or _only_end(elements, base, file)
         way = _way_to(tip, elements, file)

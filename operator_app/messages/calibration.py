@@ -63,7 +63,7 @@ SOURCE_REMEDIES = {
 
 _HOLDS_ONLY = (
     ". No file states how well {fixed} is known: the stated tool accuracy holds only if the fixed value is right; "
-    "otherwise the tool is also off by {rates}. Calibrate it in a fixture that determines it, or state "
+    "otherwise the tool is also off by {rates}. Calibrate with a fixture that determines {fixed}, or state "
     "offset_tolerance_deg in the arm's file"
 )
 
@@ -135,7 +135,7 @@ def _holds(f: Finding) -> str:
     if not f.figures:
         return ""
     rates = (
-        f"{Figure(rate * radians(1.0), CLOSURE_LENGTH).with_unit} rms for each degree of {name}"
+        f"{Figure(rate * radians(1.0), CLOSURE_LENGTH).with_unit} rms for each degree of error in {name}"
         for name, rate in f.figures.items()
     )
     return _HOLDS_ONLY.format(fixed=", ".join(f.figures), rates=", ".join(rates))
@@ -188,7 +188,7 @@ def _tolerance(f: Finding) -> str:
     if f.size is None:
         return ""
     known = units.ANGLE_TOLERANCE(f.size).with_unit
-    return f"; known within {known}, which the tool accuracy includes"
+    return f"; the stated tolerance of {known} is included in the tool accuracy"
 
 
 def _range(f: Finding) -> str:

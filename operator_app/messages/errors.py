@@ -85,15 +85,16 @@ REMEDIES: Mapping[type, str] = {
     MappingChanged: "This pose was not captured; the poses before it were compared and are kept",
     PdoSetupFailed: "Nothing was enabled and nothing moves",
     ControlDenied: "Ask the other operator to give up control, then connect again",
-    DuplicateNodeId: "Until then nothing moves and nothing is captured",
-    OtherMaster: "Until then nothing moves and nothing is captured",
-    NodeRestarted: "Until then nothing moves and nothing is captured",
+    DuplicateNodeId: "Until then this program moves nothing and captures nothing",
+    OtherMaster: "Until then this program moves nothing and captures nothing; the other program may still move the "
+    "arm",
+    NodeRestarted: "Until then this program moves nothing and captures nothing",
     SensorFault: "Check that joint's coupling and cable, then connect again: the first pose is measured again before "
     "any other is used",
     ModeNotReached: "Read that drive's fault, reset it (R) and apply the modes again",
     DriveDiverged: "Keep clear until the cause is known: the drive has failed, or another controller commands it. Then "
-    "reset (R, or `sarcal reset`) and continue from the modes",
-    DriveDropout: "Find out who switched it off, and why; when it is safe, reset (R) and apply the modes again",
+    "reset (R, or `sarcal reset`) and apply the modes again",
+    DriveDropout: "Find out who switched the drive off, and why; when it is safe, reset (R) and apply the modes again",
     DriveFault: "The arm holds. Find what it hit, reset (R) and apply the modes again",
     Stopped: "Reset STOP (R) when it is safe; nothing moves by itself",
     CommandRefused: "Nothing was sent to the drives",
@@ -166,19 +167,24 @@ def configured_words(identity: ArmIdentity) -> str:
     zeroed = identity.zeroed
     pdos = tuple(words for words in identity.configured if words not in zeroed)
     parts = [
-        f"{len(changed)} {what}{'s' if len(changed) > 1 else ''} {how}: {changed[0]}"
+        f"{len(changed)} {what}{'s' if len(changed) > 1 else ''} {'were' if len(changed) > 1 else 'was'} {how}: "
+        f"{changed[0]}"
         f"{'; and so on' if len(changed) > 1 else ''}. "
         for changed, what, how in (
             (
                 pdos,
                 "PDO",
-                "of the drives set up as the bus profile requires, until the next connection or a loss of power",
+                "configured as the bus profile requires (until the next connection or power cycle)",
             ),
-            (zeroed, "torque or offset", "in the drives set to 0, not restored afterwards"),
+            (zeroed, "torque or offset", "set to 0 and will not be restored"),
         )
         if changed
     ]
-    return f"{''.join(parts)}The session's journal lists them all" if parts else ""
+    return (
+        f"Changed in the drives: {''.join(parts)}The session's journal lists all changes"
+        if parts
+        else ""
+    )
 
 
 def by_hand_words(targets_rad: Mapping[int, float]) -> str:

@@ -21,7 +21,7 @@ _REPEAT_JOINT = (
 )
 _RANGE = (
     "joint {joint} reads {size:READING} in {poses}, outside its range {range}",
-    "check these readings for damage, or correct range_deg in the arm file",
+    "check whether these readings were corrupted, or correct range_deg in the arm file",
 )
 _WHOLE_TURN = (
     (
@@ -41,7 +41,7 @@ _TOGETHER = (
     "check that arm file, fixture file and poses belong together, and what was done between the poses; try "
     "--global-start"
 )
-_DISTANCE = "measure it again and correct it in the file; it scales the arm's lengths"
+_DISTANCE = "measure the distance again and correct it in the file; it scales the arm's lengths"
 _DISTURBED = "take more poses, look for a pose that was disturbed, or leave out the joint that the warnings name"
 _NOT_REPEATED = (
     "pose {first}{placement} was not measured again after pose {last} ({reported}): only the poses themselves show "
@@ -78,7 +78,10 @@ class FindingKind(Enum):
     FIXTURE_SLIPPED = (
         "SLIP_FIXTURE",
         "the fixture {certain:slipped|may have slipped} on the {name} by about {displacement} {between}",
-        "tighten it on the {name} and take all poses again, or use only those before or after pose {last}",
+        (
+            "tighten it on the {name} and take all poses again, or use only the poses up to pose {first} or only those "
+            "from pose {last} on"
+        ),
     )
     FIXTURE_DEFLECTS_MORE = (
         "FIXTURE_GIVES",
@@ -87,7 +90,7 @@ class FindingKind(Enum):
     )
     FIXTURE_DEFLECTS_OTHERWISE = (
         "FIXTURE_GIVES",
-        "the fixture {certain:deflects|may deflect} by about {displacement}, which depends on neither load nor pose",
+        "the fixture {certain:moves|may move} by about {displacement}, without a consistent relation to load or pose",
         _FIX_BOLTS,
     )
     FIXTURE_TURNS_RANDOMLY = (
@@ -168,7 +171,7 @@ class FindingKind(Enum):
         "SCATTER",
         (
             "the readings of all joints {certain:scatter|may scatter} by about {size:SCATTER} from pose to pose, more "
-            "than their sensors do: vibration, play, or an arm that had not settled"
+            "than the noise of their sensors: vibration, play, or an arm that had not settled"
         ),
         (
             "wait longer before each pose and average more samples, check for vibration and loose couplings, then take "
@@ -183,15 +186,15 @@ class FindingKind(Enum):
     ENCODER_CYCLIC_ERROR = (
         "{sensor}_{joint}",
         (
-            "the encoder of joint {joint} {certain:errs|may err} by {size:SCATTER} rms once or twice a turn, more than "
-            "its file states"
+            "the encoder of joint {joint} {certain:has|may have} a cyclic error of {size:SCATTER} rms with one or two "
+            "periods per turn, more than the arm file states"
         ),
         "check the centring of joint {joint}'s encoder, or state its accuracy_deg",
     )
     ENCODERS_EXCEED = (
         "ENCODERS",
-        "the encoders err by about {times:TIMES} times what the arm file states",
-        "check their centring, or state their accuracy_deg",
+        "the errors of the encoders are about {times:TIMES} times as large as the arm file states",
+        "check the centring of the encoders, or state their accuracy_deg",
     )
     RVDT_NONLINEAR = (
         "{sensor}_{joint}",
@@ -203,18 +206,18 @@ class FindingKind(Enum):
     )
     RVDT_NOISE_EXCEEDS = (
         "{sensor}_{joint}",
-        "the readings of joint {joint}'s RVDT scatter about {times:TIMES} times what its specification states",
-        "check its plug, screen and excitation, or " + _UNSENSED,
+        "the readings of joint {joint}'s RVDT scatter about {times:TIMES} times as much as specified",
+        "check the plug, screen and excitation of this RVDT, or " + _UNSENSED,
     )
     RVDT_LINEARITY_EXCEEDS = (
         "{sensor}_{joint}",
-        "the linearity deviation of joint {joint}'s RVDT is about {times:TIMES} times what its specification states",
-        "replace or linearise it, or " + _UNSENSED,
+        "the linearity deviation of joint {joint}'s RVDT is about {times:TIMES} times as large as specified",
+        "replace or linearise this RVDT, or " + _UNSENSED,
     )
     RVDT_GAIN_EXCEEDS = (
         "{sensor}_{joint}",
-        "the gain of joint {joint}'s RVDT is off by about {times:TIMES} times what its specification states",
-        "have its scale factor set or state the tolerance of its gain, or " + _UNSENSED,
+        "the gain of joint {joint}'s RVDT deviates from nominal by about {times:TIMES} times the specified tolerance",
+        "have its scale factor adjusted, state a larger tolerance of its gain, or " + _UNSENSED,
     )
     RVDT_VERDICT = ("{sensor}_{joint}", "{reported}", "", "RVDT of joint {joint}: {name}")
     RVDT_HARMFUL = (
@@ -236,7 +239,10 @@ class FindingKind(Enum):
     RVDT_OUT_NOISE = ("{sensor}_{joint}", "{reported}", "find what disturbs it, or " + _UNSENSED)
     JOINT_SAG = (
         "SAG_JOINT_{joint}",
-        "joint {joint} {certain:twists|may twist} by {size:SCATTER} rms with the pose, more than its file states",
+        (
+            "joint {joint} {certain:sags|may sag} by {size:SCATTER} rms, depending on the pose, more than the arm file "
+            "states"
+        ),
         "check joint {joint} for play or a weak link, or state its sag_deg",
     )
     PLAY_EXCEEDS = (
@@ -283,8 +289,8 @@ class FindingKind(Enum):
     REPEAT_FIXTURE_MOVED = (
         "RETURN_FIXTURE",
         (
-            "the fixture moved by about {displacement} between pose {first} and its second reading after {after:d} "
-            "poses, more than its file states"
+            "the fixture moved by about {displacement} between pose {first} and its repeat measurement {after:d} poses "
+            "later, more than its file states"
         ),
         (
             "tighten its bolts and check for play, then take all poses again; otherwise state its compliance (give) in "
@@ -295,7 +301,7 @@ class FindingKind(Enum):
         "RETURN_JOINT_{joint}",
         (
             "the reading of joint {joint} shifted by {size:POSITION} (sigma {sigma:SLIP_SIGMA}) between pose {first} "
-            "and its second reading after {after:d} poses"
+            "and its repeat measurement {after:d} poses later"
         ),
         _REPEAT_JOINT,
     )
@@ -319,8 +325,8 @@ class FindingKind(Enum):
             "files state, and no fault of a joint, a length or a pose explains it"
         ),
         (
-            "check whether they belong to another arm or fixture, or to this arm before a change, and what was done "
-            "between the poses; try --global-start"
+            "check whether the poses belong to another arm or fixture, or were taken before a change of this arm; "
+            "check what was done between the poses; try --global-start"
         ),
     )
 
@@ -382,12 +388,12 @@ class FindingKind(Enum):
     )
     SIGMAS_USELESS = (
         "LITTLE_MOTION",
-        "these poses determine {sizes} no better than was known before (standard uncertainty in brackets)",
+        "these poses determine {sizes} no better than they were known before (standard uncertainties in brackets)",
         "{narrowing}",
     )
     SIGMAS_WIDE = (
         "LITTLE_MOTION",
-        "these poses determine {sizes} only roughly (standard uncertainty in brackets)",
+        "these poses determine {sizes} only roughly (standard uncertainties in brackets)",
         "{narrowing}",
     )
     CONDITION = (
@@ -395,24 +401,24 @@ class FindingKind(Enum):
         "scaled condition number {size:CONDITION} is above {limit:CONDITION} (weakest direction: {listed})",
         "poses that differ more from each other would give smaller sigmas",
     )
-    KNOWN_BY_FILES = ("AS_STATED", "known from the files more than from the poses: {shares}")
+    KNOWN_BY_FILES = ("AS_STATED", "known more from the files than from the poses: {shares}")
     SAME_PLACEMENT = (
         "SAME_PLACEMENT",
         (
-            "placements {numbers} of the fixture are the same within their sigmas (largest difference: {name}, "
-            "{size:ANGLE|LENGTH}, {sigmas:SIGMAS} sigma): the fixture was not remounted between them, or is back "
-            "exactly where it was; together they determine no more than one placement"
+            "placements {numbers} of the fixture do not differ significantly (largest difference: {name}, "
+            "{size:ANGLE|LENGTH}, {sigmas:SIGMAS} sigma): the fixture was not remounted, or was remounted in the same "
+            "place; the two give no more information than one placement"
         ),
-        "mount it elsewhere within its tolerance and take another placement",
+        "mount the fixture elsewhere within its tolerance and take another placement",
     )
     DISTANCE_ABOVE = (
         "DISTANCE",
-        "the distance of sockets {numbers} in the fixture's file is {sigmas:TIMES} sigma above what the poses show",
+        "the fixture file's distance between sockets {numbers} is {sigmas:TIMES} sigma above the estimate from the poses",
         _DISTANCE,
     )
     DISTANCE_BELOW = (
         "DISTANCE",
-        "the distance of sockets {numbers} in the fixture's file is {sigmas:TIMES} sigma below what the poses show",
+        "the fixture file's distance between sockets {numbers} is {sigmas:TIMES} sigma below the estimate from the poses",
         _DISTANCE,
     )
     ENDPOINTS_UNUSED = (
@@ -429,8 +435,8 @@ class FindingKind(Enum):
         "NO_RETURN",
         _NOT_REPEATED,
         (
-            "let the capture run to its end, where it measures that pose (sarcal run --resume with this session), and "
-            "calibrate again"
+            "let the capture run to its end, where it measures that pose again (sarcal run --resume with this session), "
+            "and calibrate again"
         ),
     )
     NEVER_REPEATED = (
@@ -460,8 +466,11 @@ class FindingKind(Enum):
     )
     SOCKET_ELSEWHERE = (
         "SOCKET_ELSEWHERE",
-        "the ball's socket is not where the fixture's file states: {name} is {size:FAR_ANGLE|FAR_LENGTH} from there",
-        "the calibration uses the position found from the poses; correct ground_mm in the file if the socket stays",
+        "the ball's socket is not where the fixture's file states: {name} differs by {size:FAR_ANGLE|FAR_LENGTH}",
+        (
+            "the calibration uses the position found from the poses; if the socket stays there, correct ground_mm in "
+            "the fixture's file"
+        ),
     )
     SECOND_SOLUTION = (
         "SECOND_SOLUTION",
@@ -471,8 +480,8 @@ class FindingKind(Enum):
     PAPER_OFF = (
         "PAPER_OFF",
         (
-            "{name} by the paper's estimator is {size:ANGLE_TOLERANCE|LENGTH_TOLERANCE} ({sigmas:MANY_TIMES} sigmas) "
-            "from the estimate that weights every reading by its noise"
+            "{name} from the paper's estimator differs by {size:ANGLE_TOLERANCE|LENGTH_TOLERANCE} "
+            "({sigmas:MANY_TIMES} sigmas) from the estimate that weights every reading by its noise"
         ),
         "use --estimator implicit",
     )
@@ -489,8 +498,8 @@ class FindingKind(Enum):
         "CHI2",
         (
             "chi2/dof at stated noise is {size:CHI2}, where at most 1 is expected: some error exceeds its "
-            "specification. The sigmas include its estimated size; the causes and the sources of error show which "
-            "error it may be"
+            "specification. The sigmas include the estimated size of that error; the causes and the sources of error "
+            "show which error it may be"
         ),
     )
     FIXED_UNSEEN = (
@@ -531,7 +540,7 @@ class FindingKind(Enum):
 
     # Sessions, reports and files.
     REPORTED = ("{name}", "{reported}", "{reported_remedy}")
-    JOURNAL_TORN = ("TORN", "{reported}: it held no accepted pose")
+    JOURNAL_TORN = ("TORN", "{reported}; it contained no accepted pose")
     SOLVED_AGAIN = ("SOLVED_AGAIN", "solved again for this report: {reported}")
     NOT_CROSS_VALIDATED = (
         "UNCHECKED",
@@ -543,15 +552,15 @@ class FindingKind(Enum):
     )
     CIRCULAR_TABLE = (
         "CIRCULAR_TABLE",
-        "the RVDT table was made from these same poses: their closure says nothing about the sensor",
-        "take new poses and correct their readings",
+        "the RVDT table was made from these same poses: their closure error says nothing about the sensor",
+        "take new poses and correct their readings with this table",
     )
 
     # Comparisons of two calibrations.
     COMPARED_BACKWARDS = (
         "ORDER",
         "B is older than A: changes go backwards in time",
-        "exchange the two",
+        "exchange A and B",
     )
     COMPARED_SAME_POSES = (
         "SAME_POSES",

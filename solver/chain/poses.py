@@ -81,7 +81,7 @@ class PoseSet:
             if value is not None and len(value) != m:
                 raise ValueError(f"{name} has {len(value)} entries for {m} poses")
         if self.placement.ndim != 1 or (self.samples is not None and self.samples.ndim != 1):
-            raise ValueError("placement and samples have one number per pose")
+            raise ValueError("placement and samples must each have one number per pose")
         if self.sd_rad is not None and self.sd_rad.shape != self.q_rad.shape:
             raise ValueError("sd_rad must have the shape of q_rad")
         if self.endpoint is not None and self.endpoint.shape[1:] not in ((3,), (6,)):

@@ -36,7 +36,7 @@ def event_problem(event: JournalEvent, joints: int | None, captured: int = 0) ->
         return "utc", f"{_quoted(event.utc)} is not a time such as 2026-01-31T12:00:00.000Z"
     key, problem = _first_problem(EVENTS.get(event.name, {}), event.data, joints)
     if not problem and event.name == "pose" and event.data["number"] <= captured:
-        return "number", f"pose {event.data['number']} comes after pose {captured}"
+        return "number", f"pose {event.data['number']} is recorded after pose {captured}"
     return key, problem
 
 
@@ -184,7 +184,7 @@ def object_with(checks: Mapping[str, Check]) -> Check:
         if not isinstance(value, dict):
             return f"must be an object, not {_quoted(value)}"
         key, problem = _first_problem(checks, value, joints)
-        return f"{key} {problem}" if problem else ""
+        return f"{key}: {problem}" if problem else ""
 
     return check
 

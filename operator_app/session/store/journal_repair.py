@@ -234,7 +234,7 @@ def _without_invalid(lines: list[RepairedLine]) -> tuple[RepairedLine, ...]:
             if not problem and event.name == "pose":
                 captured = event.data["number"]
             if problem:
-                words = f"the data are invalid: {event.name}.{key} {problem}"
+                words = f"the data are invalid: {event.name}.{key}: {problem}"
                 line = RepairedLine(number=line.number, event=None, words=words)  # noqa: PLW2901
         found.append(line)
     return tuple(found)

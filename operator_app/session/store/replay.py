@@ -250,7 +250,7 @@ def session_state(contents: JournalContents, *, joint_count: int | None = None) 
             raise JournalDamagedError(
                 path=Path(contents.file),
                 line=event.seq,
-                problem=f"{where} {problem}",
+                problem=f"{where}: {problem}",
                 events=event.seq - 1,
                 key=key,
             )

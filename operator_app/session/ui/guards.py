@@ -74,7 +74,7 @@ def calibrate_ready(s: SessionSnapshot) -> Missing:
     """Step Calibrate needs more equations than parameters."""
     used, needed = len(s.state.used_poses), poses_for(s)
     if used < needed:
-        return (f"{used} of at least {needed} poses captured (step 4)",)
+        return (f"{used} of at least {needed} required poses are captured (step 4)",)
     return ()
 
 
@@ -141,7 +141,7 @@ def may_use_data(s: SessionSnapshot) -> Missing:
         ours = s.arm is not None and s.oldest_s - s.arm.late_s <= STALE_S
         why = " because this computer is late" if ours else ""
         return (
-            f"the data of {joints} are {DATA_AGE(s.oldest_s).with_unit} old{why}: wait for fresh ones",
+            f"the data of {joints} are {DATA_AGE(s.oldest_s).with_unit} old{why}: wait for new data",
         )
     return ()
 

@@ -129,13 +129,14 @@ class Instrument:
         try:
             return read_row(self._heading, text) if self._heading else read_json_line(text)
         except BadLine as error:
-            raise InstrumentError(f"what {self.name} sent for pose {pose} {error}") from error
+            raise InstrumentError(f"the line from {self.name} for pose {pose} {error}") from error
 
     def _silent(self, pose: str, other: str) -> InstrumentError:
-        said = f"; it sent pose {other}" if other else ""
+        said = f"; it sent one for pose {other}" if other else ""
         return InstrumentError(
-            f"the tracker at {self.name} measured nothing for {self._patience_s:.0f} s at pose {pose}{said}. "
-            "No pose is lost. Check that it is on, sees its target and sends; then continue this session"
+            f"no measurement of pose {pose} arrived from the tracker at {self.name} within "
+            f"{self._patience_s:.0f} s{said}. No pose is lost. Check that the tracker is on, sees its target and is "
+            "sending; then continue this session"
         )
 
 

@@ -66,7 +66,7 @@ def test_what_watches_the_operators_heartbeat_is_looked_at(bus):
         in found[2].problems[0]
     )
     assert found[3].problems == ()
-    assert found[3].notes[0].startswith("node 3: it has no 1016h")
+    assert found[3].notes[0].startswith("node 3 has no 1016h")
     assert found[16].notes == ()
 
 

@@ -56,7 +56,7 @@ def test_a_socket_that_is_said_to_be_three_is_noticed_and_refused_for_nothing(tw
     assert two_sockets.accepted
     facts = facts_of(two_sockets)
     assert {"code": CODE, "text": said.sentence} in facts.data["warnings"]
-    assert "the same within their sigmas" in " ".join(facts_text(facts).split())
+    assert "do not differ significantly" in " ".join(facts_text(facts).split())
 
 
 @pytest.mark.sample(2)

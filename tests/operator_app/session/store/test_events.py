@@ -119,7 +119,7 @@ def test_poses_of_another_arm_are_refused_when_the_arm_is_known(tmp_path):
     ]
     (tmp_path / JOURNAL_NAME).write_bytes(written(found))
     assert read_session(tmp_path).problem == ""
-    with pytest.raises(JournalDamagedError, match=r"line 4: control.start_rad has 5 items"):
+    with pytest.raises(JournalDamagedError, match=r"line 4: control.start_rad: has 5 items"):
         resume(str(tmp_path), Choices(), root=tmp_path)
 
 

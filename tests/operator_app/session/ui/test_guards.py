@@ -46,7 +46,10 @@ def test_steps_open_one_after_the_other(name):
 
 def refused(s):
     bad = SetupCheck(
-        kind=CheckKind.MOBILITY, severity=Severity.REFUSED, text="axes parallel", remedy="tilt it"
+        kind=CheckKind.AXIS_ANGLE,
+        severity=Severity.REFUSED,
+        text="the hinge axis is 0.2 deg from parallel to joint 1's axis",
+        remedy="tilt the hinge",
     )
     return replace(s, checks=(*s.checks, bad))
 
@@ -56,7 +59,7 @@ def interrupted(s):
 
 
 def slipped(s):
-    return replace(s, state=replace(s.state, sensor_jump="joint 3 jumped by 2 deg"))
+    return replace(s, state=replace(s.state, sensor_jump="joint 3 jumped by +2223 counts"))
 
 
 def switched_off(s):

@@ -27,7 +27,8 @@ from tests.oracles.hearing import Hearing
 from tests.oracles.journalled_sessions import Quiet
 from tests.oracles.short_procedure import short_procedure
 
-PDO, ZEROED = "joint 1 (node 1): RPDO2 is this", "joint 2 (node 2): 6071h is 0; it was -50"
+PDO = "joint 1 (node 1): RPDO2 is 6040h(16) + 607Ah(32) on 301h; it was 6040h(16) on 301h"
+ZEROED = "joint 2 (node 2): 6071h is 0; it was -50"
 
 
 @pytest.mark.parametrize(

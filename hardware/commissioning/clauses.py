@@ -211,7 +211,9 @@ def keeps_its_document(arm: ArmInterface) -> Iterator[Clause]:
         text = f"the controller stored {len(after)} bytes of the invalid document"
         if before:
             arm.upload_parameters(before)
-            text += f" in place of its own; its own ({len(before)} bytes) was uploaded again"
+            text += (
+                f" in place of the document it had ({len(before)} bytes), which was uploaded again"
+            )
         else:
             text += " and had no document before: export a valid document to it"
     yield Clause(name="keeps", passed=after == before, text=text)

@@ -135,7 +135,9 @@ class SettleRule(StrictRecord):
     def _longer_than_window(cls, value: int, info: ValidationInfo) -> int:
         window = info.data.get("window_syncs")
         if window is not None and value < window:
-            raise refuse(f"{value} SYNCs are fewer than the window of {window}", "increase it")
+            raise refuse(
+                f"{value} SYNCs are fewer than the window of {window}", "increase this time-out"
+            )
         return value
 
 

@@ -79,8 +79,8 @@ class FindingKind(Enum):
         "SLIP_FIXTURE",
         "the fixture {certain:slipped|may have slipped} on the {name} by about {displacement} {between}",
         (
-            "tighten it on the {name} and take all poses again, or use only the poses up to pose {first} or only those "
-            "from pose {last} on"
+            "tighten it on the {name} and take all poses again; or use either the poses up to pose {first} or those from "
+            "pose {last} on"
         ),
     )
     FIXTURE_DEFLECTS_MORE = (
@@ -289,8 +289,8 @@ class FindingKind(Enum):
     REPEAT_FIXTURE_MOVED = (
         "RETURN_FIXTURE",
         (
-            "the fixture moved by about {displacement} between pose {first} and its repeat measurement {after:d} poses "
-            "later, more than its file states"
+            "the fixture moved by about {displacement} between pose {first} and its repeat measurement after {after:d} "
+            "poses, more than its file states"
         ),
         (
             "tighten its bolts and check for play, then take all poses again; otherwise state its compliance (give) in "
@@ -301,7 +301,7 @@ class FindingKind(Enum):
         "RETURN_JOINT_{joint}",
         (
             "the reading of joint {joint} shifted by {size:POSITION} (sigma {sigma:SLIP_SIGMA}) between pose {first} "
-            "and its repeat measurement {after:d} poses later"
+            "and its repeat measurement after {after:d} poses"
         ),
         _REPEAT_JOINT,
     )
@@ -413,12 +413,12 @@ class FindingKind(Enum):
     )
     DISTANCE_ABOVE = (
         "DISTANCE",
-        "the fixture file's distance between sockets {numbers} is {sigmas:TIMES} sigma above the estimate from the poses",
+        "the fixture file's distance between sockets {numbers} is {sigmas:TIMES} sigma above the poses' estimate",
         _DISTANCE,
     )
     DISTANCE_BELOW = (
         "DISTANCE",
-        "the fixture file's distance between sockets {numbers} is {sigmas:TIMES} sigma below the estimate from the poses",
+        "the fixture file's distance between sockets {numbers} is {sigmas:TIMES} sigma below the poses' estimate",
         _DISTANCE,
     )
     ENDPOINTS_UNUSED = (
@@ -435,8 +435,8 @@ class FindingKind(Enum):
         "NO_RETURN",
         _NOT_REPEATED,
         (
-            "let the capture run to its end, where it measures that pose again (sarcal run --resume with this session), "
-            "and calibrate again"
+            "let the capture run to its end, where it measures that pose again (sarcal run --resume with this "
+            "session), and calibrate again"
         ),
     )
     NEVER_REPEATED = (
@@ -566,8 +566,8 @@ class FindingKind(Enum):
         "SAME_POSES",
         "A and B are from the same poses: any difference comes from the estimator, its options or the program",
     )
-    COMPARED_FIXTURE_KINDS = ("FIXTURE_KIND", "A used a {name} fixture, B a {last_name}")
-    COMPARED_FIXTURES = ("FIXTURE", "A used fixture {name}, B {last_name}")
+    COMPARED_FIXTURE_KINDS = ("FIXTURE_KIND", "A used a {name} fixture, B a {last_name} fixture")
+    COMPARED_FIXTURES = ("FIXTURE", "A used the fixture {name}, B the fixture {last_name}")
     COMPARED_ESTIMATORS = (
         "ESTIMATOR",
         "A was estimated by {name}, B by {last_name}: systematic sensor errors affect the two estimates differently",

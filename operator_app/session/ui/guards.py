@@ -74,7 +74,7 @@ def calibrate_ready(s: SessionSnapshot) -> Missing:
     """Step Calibrate needs more equations than parameters."""
     used, needed = len(s.state.used_poses), poses_for(s)
     if used < needed:
-        return (f"{used} of at least {needed} required poses are captured (step 4)",)
+        return (f"{used} of at least {needed} poses captured (step 4)",)
     return ()
 
 

@@ -98,7 +98,9 @@ def test_one_that_never_stops_speaking_of_other_poses_measures_nothing_either():
             return json.dumps({"pose": "11", **POSE})
 
     instrument = Instrument(Streaming(lambda _: "", "tcp:lab:1"), full_pose=True, patience_s=0.05)
-    with pytest.raises(InstrumentError, match=r"measured nothing .* it sent pose 11"):
+    with pytest.raises(
+        InstrumentError, match=r"no measurement of pose 12 .* it sent one for pose 11"
+    ):
         instrument.measure("12")
 
 

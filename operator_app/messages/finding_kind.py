@@ -79,8 +79,8 @@ class FindingKind(Enum):
         "SLIP_FIXTURE",
         "the fixture {certain:slipped|may have slipped} on the {name} by about {displacement} {between}",
         (
-            "tighten it on the {name} and take all poses again; or use either the poses up to pose {first} or those from "
-            "pose {last} on"
+            "tighten it on the {name} and take all poses again; or use either the poses up to pose {first} or those "
+            "from pose {last} on"
         ),
     )
     FIXTURE_DEFLECTS_MORE = (

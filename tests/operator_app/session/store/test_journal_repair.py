@@ -95,7 +95,7 @@ def test_wrong_content_is_set_aside_as_well(tmp_path):
     session(tmp_path, written(found))
     repaired = repair_journal(tmp_path)
     assert list(repaired.lost) == [4, 7]
-    assert "pose.mean_rad has 6 items" in repaired.lines[6].words
+    assert "pose.mean_rad: has 6 items" in repaired.lines[6].words
     assert read_session(tmp_path).problem == ""
 
 

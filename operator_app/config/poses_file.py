@@ -198,7 +198,7 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
             meant.add(instead)
             yield k + 1, name or f"column {k + 1}", text, remedy
         elif (match := THETA.fullmatch(name)) and int(match[1]) > last:
-            yield k + 1, name, f"the arm has only {joint_count} joints", "is this the right arm?"
+            yield k + 1, name, f"the arm has {joint_count} joints", "is this the right arm?"
         elif (match := SD.fullmatch(name)) and int(match[1]) > last:
             yield (
                 k + 1,

@@ -316,8 +316,8 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
         if kind == "revolute":
             low, high = (float(numbers(stated, key, "0", 1)[0]) for key in ("lower", "upper"))
             if not low < high:
-                shown = f"its range goes from {low:g} to {high:g} rad"
-                raise refuse(shown, "state lower and upper")
+                shown = f"lower is {low:g} rad and upper is {high:g} rad"
+                raise refuse(shown, "upper must be above lower")
         speed, effort = (
             float(numbers(stated, key, "0", 1)[0]) or None for key in ("velocity", "effort")
         )

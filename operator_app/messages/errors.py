@@ -82,7 +82,7 @@ REMEDIES: Mapping[type, str] = {
     NodeMissing: "Check that these nodes are powered and on the bus, then connect again",
     WrongArm: "Connect the arm that the arm file describes, or use the arm file of the connected arm",
     MappingMismatch: "Nothing was enabled and nothing moves",
-    MappingChanged: "This pose was not captured; the poses before it were compared and are kept",
+    MappingChanged: "This pose was not captured; the earlier poses passed this check and are kept",
     PdoSetupFailed: "Nothing was enabled and nothing moves",
     ControlDenied: "Ask the other operator to give up control, then connect again",
     DuplicateNodeId: "Until then this program moves nothing and captures nothing",

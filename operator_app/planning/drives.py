@@ -116,7 +116,7 @@ def predict_drives(
     if manifold.size < FEWEST_WAYPOINTS:
         raise SessionError(
             f"the arm can hardly move from its present pose{_beyond(arm, manifold)}",
-            "move it closer to the middle of the ranges, or correct the fixture's measured values",
+            "move the arm closer to the middle of the ranges, or correct the fixture's measured values",
         )
     return prediction
 

@@ -66,8 +66,8 @@ class ReadingsOutOfRangeError(SolverError):
         lower, upper = np.rad2deg((worst.lower_rad, worst.upper_rad))
         text = (
             f"joint {worst.joint} reads {np.rad2deg(worst.reading_rad):.2f} deg in pose "
-            f"{poses.label[worst.poses[0]]}, outside its range {lower:g} to {upper:g} deg, and so "
-            f"in {len(worst.poses)} of {len(poses)} poses; "
+            f"{poses.label[worst.poses[0]]}, outside its range {lower:g} to {upper:g} deg "
+            f"(outside in {len(worst.poses)} of {len(poses)} poses); "
         )
         text += "; or ".join(f"{m.text}: {m.remedy}" for m in causes) or (
             "check that poses and arm file belong together, and "

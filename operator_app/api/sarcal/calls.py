@@ -66,8 +66,8 @@ def numbers(name: str, value: Any) -> FloatArray:
         where = [int(k) for k in np.argwhere(~np.isfinite(found))[0]]
         place = f" at index {where[0] if len(where) == 1 else where}" if where else ""
         raise ValueError(
-            f"{name} contains {found[tuple(where)]}{place}: every number must be finite; "
-            "leave out poses without readings"
+            f"{name} contains {found[tuple(where)]}{place}: every number must be finite "
+            "(leave out poses without readings)"
         )
     return found
 

@@ -175,8 +175,8 @@ def _endpoint_m(value: Any, poses: int) -> FloatArray:
     found = numbers("endpoint_m", value)
     if found.shape not in ((poses, 3), (poses, 6)):
         raise ValueError(
-            f"endpoint_m has shape {found.shape}: give {(poses, 3)}, x, y, z per pose, or {(poses, 6)}, with a "
-            "rotation vector"
+            f"endpoint_m has shape {found.shape}: give {(poses, 3)} (x, y, z per pose) or {(poses, 6)} (with "
+            "a rotation vector)"
         )
     return found
 

@@ -206,7 +206,9 @@ def may_capture(s: SessionSnapshot) -> Missing:
         return (s.state.sensor_jump,)
     if s.state.resumed and s.state.poses_here:
         first = s.state.poses_here[0].number
-        return (f"a drift check is due: the automatic capture measures pose {first} again first",)
+        return (
+            f"a drift check is due: start the automatic capture, which begins by measuring pose {first} again",
+        )
     return ()
 
 

@@ -77,8 +77,8 @@ def test_a_cause_that_refuses_is_named_however_many_come_before_it(sound):
         (
             Cause.GIVES,
             "",
-            "the fixture may deflect by about 0.0",
-            "the fixture deflects by about 0.0",
+            "the fixture may move by about 0.0",
+            "the fixture moves by about 0.0",
             "0.0 mm",
         ),
         (

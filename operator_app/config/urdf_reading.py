@@ -317,7 +317,7 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
             low, high = (float(numbers(stated, key, "0", 1)[0]) for key in ("lower", "upper"))
             if not low < high:
                 shown = f"lower is {low:g} rad and upper is {high:g} rad"
-                raise refuse(shown, "upper must be above lower")
+                raise refuse(shown, "state lower and upper, lower below upper")
         speed, effort = (
             float(numbers(stated, key, "0", 1)[0]) or None for key in ("velocity", "effort")
         )

@@ -100,7 +100,7 @@ def goes(turn: Turn) -> Iterator[Clause]:
     yield Clause(
         name="moves",
         passed=passed,
-        text=f"commanded to turn by {deg(way, sign=True)}, the joint reads {deg(went, sign=True)}{why}"
+        text=f"commanded to turn by {deg(way, sign=True)}, it reads {deg(went, sign=True)}{why}"
         + ("" if rests else ", and does not come to rest"),
         joint=joint,
     )

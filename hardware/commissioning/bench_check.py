@@ -209,7 +209,7 @@ def _move(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
 
 
 def _turn(bench: Bench, joint: int) -> Iterator[Clause]:
-    """Move a joint there and back twice; on the way it is halted, interrupted and stopped."""
+    """Move a joint to its test target and back, twice; halt, interrupt and stop it on the way."""
     arm, speed, bounds = bench.arm, bench.speed_rad_per_s, bench.moving
     start = arm.capture(bench.bounds.samples).mean_rad
     home = float(start[joint - 1])

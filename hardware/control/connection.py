@@ -145,7 +145,7 @@ class Connection:
         return tuple(map(state_of, statuswords))
 
     def close(self) -> None:
-        """End all sending and the recording."""
+        """Stop sending, and close the recording."""
         self.loop.close()
         self.stop_line.close()
         self.wire.close()

@@ -155,7 +155,7 @@ def move(
     """Move joints synchronously along a straight line in joint space.
 
     A non-empty result of `watch` ends the move with that reason. Alarms other than STOP first bring the joints to
-    rest along the line, then are raised; after a tripped drive all others hold where they are.
+    rest along the line, then are raised; if a drive trips, all others hold their positions.
     """
     loop, scales = link.loop, link.scales
     sample = yield None

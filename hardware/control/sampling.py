@@ -26,8 +26,9 @@ class CommandSender:
     """Sends commands in the control loop's thread.
 
     STOP sends its own frames; its latch is checked before and after the commands, so that quick stop is the last
-    command on the bus. After uncommanded motion all drives are stopped. The drive of that joint does not hold, so it is
-    switched off; this blocks the joint's valve. A drive that was switched off at the drive itself is not enabled again.
+    command on the bus. If a joint moves uncommanded, its drive is switched off, as it may not hold the joint; this
+    blocks the joint's valve. All other drives are stopped. A drive that was switched off at the drive itself is not
+    enabled again.
 
     Parameters
     ----------

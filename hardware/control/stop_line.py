@@ -67,10 +67,10 @@ class StopLine:
     Parameters
     ----------
     bus
-        Handle used for STOP only; `close` shuts it down. None if the adapter opens only once: STOP then uses the shared
-        handle without taking its lock.
+        Handle used for STOP only; `close` shuts it down. None if the adapter can be opened only once: STOP then uses
+        the shared handle without taking its lock.
     spare
-        Shared bus: sends the frames that `bus` does not accept, and records those sent.
+        Shared bus: sends the frames that `bus` does not accept, and records all frames that are sent.
     frames
         Frames of joints 1..n.
     """

@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 
 class ArmReaction(StrEnum):
-    """Reaction of the arm once a fault is reported; the fault campaign checks drives and plant."""
+    """What the arm does once a fault is reported; the fault campaign checks that drives and plant do so."""
 
     STANDS = "does not move; all drives hold or are off when the session ends"
     HOLDS = "all drives stop and hold by themselves"

@@ -1,4 +1,4 @@
-"""Makes findings, with joint, size and poses, from fitted explanations, poses left out, and motion during sampling."""
+"""Makes findings (joint, size, poses) from fitted explanations, left-out poses, and motion during sampling."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def finding_of(
 
 
 def exceeded(larger: ExceededSpecification, design: LinearModel) -> Finding:
-    """Return the finding that a source of error exceeds its specification; it may be one of several."""
+    """Return the finding that a source of error exceeds its specification; other sources may exceed theirs too."""
     name, _, which = larger.component.partition("_")
     figures = {"times": larger.times}
     if name == "fixture":

@@ -121,7 +121,10 @@ def _of_readings(
 def _of_parameters(
     solution: Solution, accuracy: HandAccuracy, arm: ArmModel, as_stated: tuple[str, ...]
 ) -> Iterator[Finding]:
-    """Notices about parameters that the poses do not determine: dropped, fixed by files, or known from files."""
+    """Notices about parameters that the poses do not determine.
+
+    They were dropped, fixed at the file's value, or are known mainly from the file's tolerance.
+    """
     rates = {h.name: h.rate_m_per_rad for h in accuracy.holds_for}
     if solution.held:
         yield Finding(kind=K.FIXED_UNSEEN, names=solution.held, figures=rates)

@@ -175,7 +175,7 @@ def exit_codes_page() -> str:
 
 
 def keys_page() -> str:
-    """Return the page of keys, step by step."""
+    """Return the page that lists the keys of each step."""
     blocks = [
         "# Keys of the terminal app",
         (

@@ -75,7 +75,7 @@ SOON_S = 0.1
 
 
 class ScreenInterface:
-    """A `UserInterface` with a screen: focus and selection."""
+    """A `UserInterface` on a screen, with the focus and the selection there."""
 
     def __init__(self, app: SarcalApp) -> None:
         self.app = app

@@ -83,7 +83,7 @@ def choose_poses(
     root
         (m, r, N) of all candidates.
     parameters
-        Number of the N unknowns to be determined; all by default. The others are effects.
+        How many of the N unknowns, from the first on, are to be determined; all by default. The others are effects.
     fixed
         Information (N, N) of poses captured already.
     allowed

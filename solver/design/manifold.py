@@ -123,7 +123,7 @@ def candidate_poses(
 ) -> Manifold:
     """Cover the reachable manifold with about `count` poses, whatever its size.
 
-    A coarse growth measures the manifold's size, which gives the step of the fine one.
+    A coarse pass measures the manifold's size, which sets the step of the fine pass.
     """
     first = COARSE_STEP_RAD if count > 1000 else 2.0 * COARSE_STEP_RAD
     coarse = grow_manifold(model, x, q_start, ranges, step_rad=first, most=4 * count, seed=seed)

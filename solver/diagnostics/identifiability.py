@@ -221,7 +221,7 @@ def _immobile_offsets(
 
     The offset of such a joint is one more constant of the geometry. With the link lengths taken as exact the
     equations still have full rank (rigid fixture, full turn of the elbow: scaled condition 9.6), but
-    a millimetre in a length is then indistinguishable from an offset. Such an offset is refused.
+    a millimetre in a length is then indistinguishable from an offset. Such an offset is reported as unidentifiable.
     """
     named = {name for direction in known for name in direction.parameters}
     return tuple(

@@ -51,13 +51,13 @@ class RvdtVerdict:
     treat_as_unsensed
         Whether the calibration is better without the joint's reading.
     share
-        Share of the squared closure error at the readings that correcting this joint's readings removes
+        Share of the squared closure error at the readings that is removed by a correction of this joint's readings
         (0..1, negative if the error grows); 0 when the poses cannot decide.
     figures
         Measured figures; None when the poses cannot decide.
     noise
-        Noise of a single reading; known even where the poses cannot decide on the curve, except for an unused joint
-        without recorded spread.
+        Noise of a single reading; known even where the poses do not determine the linearity deviation, except for an
+        unused joint without recorded spread.
     """
 
     joint: int

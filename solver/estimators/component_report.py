@@ -70,7 +70,7 @@ MOST_CERTAIN = 1e6
 
 
 def components(design: LinearModel, v: FloatArray, error: FloatArray) -> tuple[Component, ...]:
-    """Report each analogue sensor's noise and curve and the fixture's noise, from variances v (K,) and their errors."""
+    """Report noise and linearity deviation of analogue sensors, and the fixture's noise, from v (K,) and its errors."""
     stated, out = design.stated_variances(), []
     for k, c in enumerate(design.components):
         kind = c.name.split("_")[0]

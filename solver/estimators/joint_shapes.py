@@ -67,7 +67,7 @@ class JointShapes:
         return np.asarray(self.at(angle, poses) @ (self._along * b[:, None]))
 
     def _still(self, poses: slice) -> FloatArray:
-        """Shapes (m, c) that do not depend on corrections; columns of curves are left empty."""
+        """Shapes (m, c) that do not depend on corrections; columns of linearity deviations are left empty."""
         layout, there = self._layout, self._poses
         turning = np.flatnonzero(layout.accuracy)
         turn = there.q[poses, turning] if len(turning) else np.zeros((len(there.q[poses]), 0))

@@ -76,7 +76,7 @@ class MeasuredClosure(ArmLoop):
 
     @property
     def components(self) -> int:
-        """Rotation and position, or position only."""
+        """Number of closure components: 6 (rotation and position) or 3 (position only)."""
         return 6 if self.full_pose else 3
 
     def with_endpoints(

@@ -219,7 +219,7 @@ class JointCorrections:
 
     @classmethod
     def of(cls, fit: LinearFit) -> JointCorrections:
-        """Return the effects of a fit."""
+        """Return the joint corrections of a fit."""
         design = fit.design
         first = design.hard + len(design.soft_index)
         return cls(fit=fit, first=first, end=first + len(design.along_joints.joint_of))

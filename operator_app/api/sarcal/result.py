@@ -127,12 +127,12 @@ class Result:
 
     @property
     def sigmas(self) -> Mapping[str, float]:
-        """Standard deviations of the values, from all stated sources of error, by the same names."""
+        """Standard deviations of the values, from all stated sources of error, with the keys of `values`."""
         return self._by_name(self._solution.identified.standard_deviation)
 
     @property
     def intervals_95(self) -> Mapping[str, tuple[float, float]]:
-        """95 % intervals of the values, lower and upper end, by the same names."""
+        """95 % intervals of the values, lower and upper end, with the keys of `values`."""
         found = intervals(self._solution.identified)
         low, high = (
             self._by_name(np.array([getattr(i, end) for i in found])) for end in ("low", "high")

@@ -205,7 +205,7 @@ def force(context: ActionContext) -> None:
 
 
 def verify(context: ActionContext) -> None:
-    """Verify with new poses, after a question, since the arm moves by itself."""
+    """Ask for confirmation, since the arm moves by itself, then verify with new poses."""
     joints = () if guards.in_modes(context.s) else context.s.wanted_joints
     text = f"The arm moves to {VERIFY_POSES} new poses by itself. Stand clear. Any key stops it."
     if joints:

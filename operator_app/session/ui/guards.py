@@ -324,7 +324,7 @@ def stops_on_any_key(task: RunningTask | None) -> bool:
 
 
 def _not_ready(s: SessionSnapshot) -> str:
-    """Return text on which drive is not in its confirmed state."""
+    """Return a text that names the drive that is not in its confirmed state."""
     if s.arm is None:
         return "there is no data from the drives"
     for joint, mode in zip(s.arm.joints, s.modes, strict=False):

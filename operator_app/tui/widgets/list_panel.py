@@ -196,7 +196,7 @@ def _bar(position_rad: float, joint: Joint, cells: int) -> str:
 def _state(
     s: SessionSnapshot, state: JointState, joint: Joint, *, stale: bool
 ) -> tuple[str, str, str]:
-    """Return the state of a joint: a word, a figure, and the role of both."""
+    """Return the state of a joint: a word, a figure, and the colour role in which both are shown."""
     if stale:
         word = "LOST" if s.data is DataState.LOST else "STALE"
         return f"▲ {word}", DATA_AGE(state.age_s).with_unit, "warn"

@@ -144,7 +144,7 @@ class BusMonitor:
         place = f"{int.from_bytes(data[1:3], 'little'):04X}h sub {data[3]}"
         if node := node_of(identifier, objects.COB_SDO_TO_SERVER):
             if data[0] >> 5 == _INITIATE_DOWNLOAD:
-                yield f"{self._who(node)}: {place} is written"
+                yield f"{self._who(node)}: {place} was written"
         elif (node := node_of(identifier, objects.COB_SDO_FROM_SERVER)) and data[0] == _ABORT:
             code = int.from_bytes(data[4:8], "little")
             yield f"{self._who(node)}: refuses {place} ({code:08X}h)"

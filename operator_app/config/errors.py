@@ -133,9 +133,10 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
         name, words = LIMITS_IN_WORDS[kind]
         return f"must be {words} {context[name]:g}, not {value:g}", "correct the number"
     if kind in ("too_short", "too_long"):
-        word = "at least" if kind == "too_short" else "at most"
-        bound = f"{word} {context.get('min_length', context.get('max_length'))}"
-        return f"has {context['actual_length']} items; {bound} are required", "correct the list"
+        few = kind == "too_short"
+        bound = f"at least {context['min_length']}" if few else f"at most {context['max_length']}"
+        limit = f"{bound} are {'required' if few else 'allowed'}"
+        return f"has {context['actual_length']} items; {limit}", "correct the list"
     if kind == "string_pattern_mismatch":
         text = f"{value_in_words(value)} does not have the required form"
         return text, f"pattern: {context['pattern']}"

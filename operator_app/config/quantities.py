@@ -98,7 +98,7 @@ def _limited(
 def _uncertainty(limit: float, unit: str) -> tuple[AfterValidator, WithJsonSchema]:
     """Refuse an implausibly large uncertainty."""
     text = f"{{:g}} {unit} is too large for an uncertainty (limit {limit:g} {unit})"
-    return _limited(limit, text, "write one standard deviation; 0 is exact", smallest=0.0)
+    return _limited(limit, text, "write one standard deviation (0: exact)", smallest=0.0)
 
 
 def _twist_deg(value: float) -> float:

@@ -53,7 +53,7 @@ SOURCE_REMEDIES = {
     "encoder_accuracy": "centre the encoders twice as accurately and state their accuracy_deg",
     "fixture_give": "mount a fixture twice as stiff, or load it less, and state its compliance (give)",
     "instrument": "measure twice as accurately, or four times as many poses, and state the instrument's sigma",
-    "joint_play": "halve the joints' play and state it",
+    "joint_play": "halve the joints' play and state the new value",
     "sag": "state the links' masses, or a smaller sag if the joints sag less",
     "distances": "measure the distances of the sockets twice as accurately and state their sigma_mm",
     "discrepancy": "find the deflection that depends on the pose and that no file states",

@@ -383,7 +383,7 @@ class FindingKind(Enum):
     )
     TOO_FEW_POSES = (
         "TOO_FEW_POSES",
-        "{degrees} of freedom {one:is|are} too few to tell whether anything is wrong",
+        "the fit has only {degrees} of freedom, too few to tell whether anything is wrong",
         "take at least 20 poses",
     )
     SIGMAS_USELESS = (

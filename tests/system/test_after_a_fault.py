@@ -216,7 +216,7 @@ def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path, bus):
     for words in (
         "joint 3: has booted",
         "the operator (node 127): operational",
-        "node 16: 2010h sub 0 is written",
+        "node 16: 2010h sub 0 was written",
         "joint 2: free mode commanded",
         "joint 1: drive operation enabled",
         "nothing was sent",

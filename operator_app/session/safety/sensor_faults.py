@@ -119,7 +119,7 @@ def require_no_stuck_sensor(state: SessionState, procedure: Procedure, reading: 
         joint, turn = found
         raise SensorFault(
             joint,
-            f"reads the same count as at pose {last.number}, but by the other joints it has turned by about "
+            f"reads the same count as at pose {last.number}, but according to the other joints it has turned by about "
             f"{WHOLE_DEGREES(abs(turn)).with_unit}: its sensor is stuck. Poses with this reading are excluded. "
             f"Repair the sensor, or calibrate without it: --unsensed {joint}",
             stuck=True,

@@ -18,7 +18,8 @@ from solver.errors import TooFewPosesError, UnidentifiableDirection, Unidentifia
 
 UNSEEN = UnidentifiableDirection(parameters=("theta_off_3", "alpha_3"), weights=(0.8, 0.6))
 STUCK = (
-    "reads the same count as at pose 4, but according to the other joints it has turned by about 12 deg: its sensor is stuck. "
+    "reads the same count as at pose 4, but according to the other joints it has turned by about 12 deg: "
+    "its sensor is stuck. "
     "Poses with this reading are excluded. Repair the sensor, or calibrate without it: --unsensed 3"
 )
 

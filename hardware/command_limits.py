@@ -69,7 +69,7 @@ def refuse_command(
 ) -> str:
     """Why a joint in this state gets no target at all; `mode` is its 6061h. Empty if targets are allowed."""
     if not in_control:
-        return f"joint {joint}: the program that sent this does not control the arm"
+        return f"joint {joint}: the program that sent this target does not control the arm"
     if drive is not DriveState.OPERATION_ENABLED:
         return f"joint {joint}: the drive is in state {drive.value}"
     if mode is not JointMode.POSITION:

@@ -148,7 +148,7 @@ class FindingKind(Enum):
     )
     READING_UNRELATED = (
         "{sensor}_{joint}",
-        "the reading of joint {joint} {certain:does|may} not follow the joint's angle as the loop measures it",
+        "the reading of joint {joint} {certain:does|may} not follow the joint's angle as computed from the closed loop",
         "check the sensor, cable and channel of joint {joint}; until then " + _UNSENSED,
     )
     READING_FROZEN = (

@@ -113,7 +113,11 @@ def joint_number(value: Any, joints: int | None) -> str:
 def joint_key(value: Any, joints: int | None) -> str:
     """Return what is wrong with a joint number written as text, as in keys of JSON; "" for a valid one."""
     known = isinstance(value, str) and re.fullmatch(r"[1-9]\d{0,2}", value)
-    return joint_number(int(value), joints) if known else f"{_quoted(value)} is not a joint"
+    return (
+        joint_number(int(value), joints)
+        if known
+        else f"must be the number of a joint, not {_quoted(value)}"
+    )
 
 
 def one_of(*options: str) -> Check:

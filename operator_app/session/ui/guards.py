@@ -64,7 +64,7 @@ def capture_ready(s: SessionSnapshot) -> Missing:
     if not s.modes:
         return ("the joint modes are not set: apply them (step 3)",)
     if all(m is JointMode.POSITION for m in s.modes) and s.mobility < len(s.modes):
-        return ("all joints are held: apply the modes again (step 3)",)
+        return ("all joints are in position mode: apply the modes again (step 3)",)
     if not s.drives_ready:
         return (f"{_not_ready(s)}: apply the modes again (step 3)",)
     return modes_problem(s, tuple(k for k, m in enumerate(s.modes, 1) if m is JointMode.POSITION))

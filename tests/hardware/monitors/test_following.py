@@ -80,20 +80,20 @@ def test_a_drive_that_has_followed_and_says_so_no_more_is_held_to_its_target(sho
     assert {see(201 + k, NO_ANSWER_BIT, 5 * WINDOW) for k in range(3 * DIVERGED_SYNCS)} == {None}
 
 
-def test_nobody_is_astray_before_anything_was_commanded_or_without_windows():
+def test_no_joint_diverges_before_anything_was_commanded_or_without_windows():
     away = sample((FOLLOWS,), (9000,))
     for _ in range(3 * DIVERGED_SYNCS):
         assert FollowingMonitor([WINDOW]).update(away, None) is None
         assert FollowingMonitor().update(away, (Setpoint(0x0F, 0, CSP),)) is None
 
 
-def moving(lag: int, *, astray: int = 0) -> list[Divergence | None]:
+def moving(lag: int, *, offset: int = 0) -> list[Divergence | None]:
     """What is said of a joint that runs 30 counts a SYNC to and fro, seen `lag` SYNCs late."""
     following = FollowingMonitor([WINDOW])
     way = [*range(0, 6000, 30), *range(6000, 0, -30), *[0] * 200]
     return [
         following.update(
-            sample((FOLLOWS,), (way[max(sync - lag, 0)] + astray,), sync=sync),
+            sample((FOLLOWS,), (way[max(sync - lag, 0)] + offset,), sync=sync),
             (Setpoint(0x0F, target, CSP),),
         )
         for sync, target in enumerate(way)
@@ -101,13 +101,13 @@ def moving(lag: int, *, astray: int = 0) -> list[Divergence | None]:
 
 
 @pytest.mark.parametrize("lag", [0, 1, 23, MAX_LATE_SYNCS])
-def test_a_joint_seen_late_on_a_busy_machine_is_not_astray(lag):
+def test_a_joint_seen_late_on_a_busy_machine_does_not_diverge(lag):
     assert set(moving(lag)) == {None}
 
 
 @pytest.mark.parametrize("lag", [0, 23])
-def test_a_joint_led_astray_while_it_moves_is_found_when_it_rests_at_the_latest(lag):
-    found = next(said for said in moving(lag, astray=-WINDOW - 1) if said is not None)
+def test_a_joint_that_diverges_while_it_moves_is_found_when_it_rests_at_the_latest(lag):
+    found = next(said for said in moving(lag, offset=-WINDOW - 1) if said is not None)
     assert found.sync_count <= 400 + 2 * MAX_LATE_SYNCS
 
 

@@ -46,7 +46,7 @@ def test_a_bent_sensor_noise_and_a_handful_of_poses_are_no_shift(angle):
 
 
 def test_a_large_shift_of_an_analogue_sensor_is_named_as_one():
-    """50 LSB are 1.5 deg: the fit goes astray, and the reading seems to have nothing to do with the joint."""
+    """50 LSB are 1.5 deg: the fit diverges, and the reading seems to have nothing to do with the joint."""
     case = CASES["joint slips 50 counts"](3015)
     assert case.causes == ("STEP_JOINT_7",)
     adjudication = solved(case.taken).adjudication

@@ -58,7 +58,7 @@ def diverged_solution():
 @pytest.mark.parametrize(
     "advice", ["Use implicit", "remount the hinge", "poses that differ more", "To halve it"]
 )
-def test_no_advice_is_drawn_from_a_solution_that_was_led_astray(diverged_solution, advice):
+def test_no_advice_is_drawn_from_a_diverged_solution(diverged_solution, advice):
     assert diverged_solution.adjudication.diverged
     assert diverged_solution.causes[0].code == "RVDT_6"
     assert diverged_solution.causes[0].blocking
@@ -68,7 +68,7 @@ def test_no_advice_is_drawn_from_a_solution_that_was_led_astray(diverged_solutio
     assert facts_of(diverged_solution).json["halved"] == {}
 
 
-def test_a_sound_solution_is_not_astray():
+def test_a_sound_solution_has_not_diverged():
     found = solved(session(7))
     assert not found.adjudication.diverged
     assert "Use implicit" in facts_text(facts_of(found))

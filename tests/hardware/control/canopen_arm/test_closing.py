@@ -113,7 +113,7 @@ def test_an_arm_whose_drives_were_never_commanded_is_let_go(arm, bus):
     assert bus.token == 0
 
 
-def test_an_arm_let_go_and_taken_again_is_judged_anew(arm, bus):
+def test_an_arm_that_was_released_is_monitored_from_a_fresh_start(arm, bus):
     arm.take_control()
     bus.drives[1].ignores = (0x0000,)
     assert not arm.close()

@@ -34,7 +34,7 @@ def creep_when_stopped(bus: FakeArmBus, *joints: int) -> None:
         axis.noise = creep
 
 
-def test_the_arm_is_stopped_and_the_drive_that_is_astray_loses_its_power(driven, bus):
+def test_the_arm_is_stopped_and_the_drive_that_diverged_is_switched_off(driven, bus):
     diverge(bus, 5)
     since = len(bus.sent)
     with pytest.raises(DriveDiverged, match=r"joint 5 is \+1\d\d\d counts from its target") as told:

@@ -157,7 +157,7 @@ def test_a_drive_that_says_no_more_that_it_follows_is_named(driven, bus):
     driven.capture(80)
 
 
-def test_one_that_goes_astray_is_stopped_though_it_says_that_it_does_not_follow(driven, bus):
+def test_a_drive_that_diverges_is_stopped_although_it_reports_that_it_does_not_follow(driven, bus):
     driven.capture(20)
     bus.deaf = {5}
     bus.drives[5].noise = lambda _sync: 1600

@@ -122,7 +122,7 @@ def test_nobody_is_waited_for_shorter_than_the_drives_wait_themselves(bus):
     assert refused(bus, ArmInUse).listened_s == pytest.approx(0.6)
 
 
-def test_whoever_asks_for_it_takes_them_over(arm, bus):
+def test_drives_are_taken_over_on_request(arm, bus):
     bus.drives[2].status = ENABLED
     arm.take_over()
     arm.connect()

@@ -38,7 +38,7 @@ from tests.oracles.profiles import sarcos
         (0x603, bytes.fromhex("c07d600108000000")),
     ],
 )
-def test_whoever_else_commands_is_named(driven, bus, frame, approve):
+def test_another_program_that_commands_is_named(driven, bus, frame, approve):
     bus.say(*frame)
     with pytest.raises(OtherMaster) as refused:
         capture_for_ever(driven)
@@ -46,7 +46,7 @@ def test_whoever_else_commands_is_named(driven, bus, frame, approve):
     driven.hold()
 
 
-def test_whoever_only_asks_or_stops_is_welcome(driven, bus):
+def test_another_program_that_only_reads_or_stops_is_allowed(driven, bus):
     bus.say(0x610, bytes.fromhex("4000200000000000"))
     bus.say(0x610, bytes.fromhex("a400200020000000"))  # a block upload
     bus.say(0x203, struct.pack("<Hib", 0x02, 0, 8))

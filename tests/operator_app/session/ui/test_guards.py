@@ -24,7 +24,7 @@ FIRST_CLOSED = {
     "captured": Step.RESULTS,
     "solved": None,
     "written": None,
-    "uploaded": Step.CAPTURE,  # all joints are held
+    "uploaded": Step.CAPTURE,  # all joints are in position mode
 }
 
 

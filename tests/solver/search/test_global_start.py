@@ -8,6 +8,8 @@ import pytest
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import entries, wrap_angle, wrap_angles
 from solver.errors import TooFewPosesError
+from solver.estimators.least_squares import solve_damped
+from solver.estimators.paper import closure_problem
 from solver.loops.closure import nearest_equivalent
 from solver.loops.dh import DhLoop
 from solver.loops.open_arm import BASE, TIP_POINT, MeasuredClosure
@@ -15,7 +17,7 @@ from solver.loops.placements import place
 from solver.loops.point import PointClosure
 from solver.search.global_start import CLOSED, global_start
 from tests.oracles.loop_oracle import paper_truth, product
-from tests.oracles.wild_loops import wild_problem
+from tests.oracles.wild_loops import wild_problem, with_sensors
 from tests.solver.conftest import NAMES, loop_of, read_poses
 
 
@@ -46,6 +48,21 @@ def test_offsets_anywhere_and_hinge_unknown(seed):
     assert not found.best.flipped
     assert found.alternatives == ()
     assert 10 < found.best.starts <= found.starts
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("seed", [100, 101])
+def test_real_sensors_do_not_mislead_the_search(seed):
+    problem = wild_problem(seed)
+    q = with_sensors(problem.q, seed)
+    model = nothing_known()
+    found = global_start(model, q, starts=300)
+    exact = global_start(model, problem.q, starts=300).x
+    # The same minimum as from the true parameters.
+    from_truth = nearest_equivalent(
+        model, solve_damped(closure_problem(model, q), exact).x, found.x
+    )
+    assert np.abs(wrap_angles(model.parameters, from_truth - found.x)).max() < 1e-6
 
 
 def test_the_paper_arm_from_nothing(hinge_data, truth):

@@ -158,16 +158,17 @@ class LinearModel(Layout):
 
         joints, closure = slice(0, n), slice(n, None)
         read = ~np.isin(np.arange(1, n + 1), self.model.unsensed_joints)
-        yield along(joints, "counts", errors.joint_variance[poses] * read)
         for a in errors.analogue:
             own, name = slice(a.joint - 1, a.joint), f"rvdt_noise_{a.joint}"
             yield along(own, name, a.share[poses, None], f"rvdt_{a.joint}")
+        yield along(joints, "counts", errors.joint_variance[poses] * read)
         if len(self.play_joints):
             yield along(joints, "joint_play", self.play.missed[poses] * self.backlash**2)
             yield along(joints, "joint_play", self.backlash**2, "joint_play")
         if len(self.sag_joints):
             yield along(joints, "sag", self.sags.missed[poses] * self.sag**2)
-        yield along(closure, "instrument", errors.endpoint_variance[6 - self.rows :])
+        if errors.endpoint_variance.any():
+            yield along(closure, "instrument", errors.endpoint_variance[6 - self.rows :])
         for rows, stated in self.gives:
             left = self.give_basis.missed[poses, None] * self.free_give * stated**2
             yield along(slice(n + rows.start, n + rows.stop), "fixture_give", left)

@@ -103,6 +103,7 @@ def test_what_the_files_state_is_corrected_and_in_the_sigmas(poses):
     # Not knowing the table exactly can only make the rest less certain.
     sd = found.identified.standard_deviation
     assert np.all(sd >= 0.99 * exact.estimate.standard_deviation)
+    assert "instrument" not in found.components.budget
     total = sum(found.components.budget.values())
     assert total == pytest.approx(np.diagonal(found.estimate.covariance), rel=1e-4)
     # By noise alone: what the same poses taken again would give.

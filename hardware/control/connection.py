@@ -274,7 +274,7 @@ class Connection:
 
     def snapshot(self) -> ArmSnapshot:
         """The latest state; never blocks."""
-        return build_snapshot(self, self._clock())
+        return build_snapshot(self, self._clock)
 
     def _allow(self, sample: Sample, before: Setpoints | None, commands: Setpoints) -> None:
         admit(

@@ -234,9 +234,11 @@ class Sampler:
         return {"statuswords": statuswords, "counts": counts, "torques_per_mille": torques}
 
 
-def build_snapshot(link: Connection, now_s: float) -> ArmSnapshot:
-    """Snapshot of a connection at `now_s`; speeds are means over `SPEED_SYNCS` control periods."""
+def build_snapshot(link: Connection, clock: Callable[[], float]) -> ArmSnapshot:
+    """Snapshot of a connection; speeds are means over `SPEED_SYNCS` control periods."""
     loop, nodes, view = link.loop, link.loop.nodes, link.loop.view
+    # Read after the view: answers in it would else be younger than "now".
+    now_s = clock()
     listened_s = loop.latency.listened_s
     sample, earlier = view.sample, view.earlier
     elapsed_s = (sample.sync_count - earlier.sync_count) * CONTROL_PERIOD_S

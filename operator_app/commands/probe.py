@@ -6,6 +6,7 @@ import argparse
 import re
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from hardware.canopen.bus_profile import BusProfile
 from hardware.commissioning.probe import Probe, probe
@@ -51,7 +52,7 @@ def execute(args: argparse.Namespace) -> int:
         problems.insert(0, f"{found.meanwhile}: end that program, then probe again")
     fine = bool(found.nodes) and not problems
     if args.json:
-        say(as_json(asdict(found)))
+        say(as_json(probe_json(found)))
         return ExitCode.ACCEPTED if fine else ExitCode.ARM_FAULT
     if _report_no_nodes(found, str(settings)):
         return ExitCode.ARM_FAULT
@@ -72,6 +73,24 @@ def execute(args: argparse.Namespace) -> int:
         say(words)
     say("Nothing was enabled and nothing has moved.")
     return ExitCode.ACCEPTED if fine else ExitCode.ARM_FAULT
+
+
+def probe_json(found: Probe) -> dict[str, Any]:
+    """Return a probe as JSON data: valid PDOs, and as `room` all PDOs and the widths of objects for others."""
+    data = asdict(found)
+    for node, shown in zip(found.nodes, data["nodes"], strict=True):
+        shown["pdos"] = [
+            {key: value for key, value in asdict(pdo).items() if key != "valid"}
+            for pdo in node.pdos
+            if pdo.valid
+        ]
+        del shown["widths"]
+        shown["room"] = {
+            "taken": [pdo.number for pdo in node.pdos if not pdo.sent],
+            "sent": [pdo.number for pdo in node.pdos if pdo.sent],
+            "bits": list(node.widths.items()),
+        }
+    return data
 
 
 def _report_no_nodes(found: Probe, bus: str) -> bool:
@@ -114,7 +133,7 @@ def _draft(args: argparse.Namespace, found: Probe) -> int:
     content = format_profile(made, comment=heading)
     save_with_schema(args.draft, content, "profile")
     if args.json:
-        say(as_json({**asdict(found), "draft": str(args.draft)}))
+        say(as_json({**probe_json(found), "draft": str(args.draft)}))
         return ExitCode.ACCEPTED
     say(_drafted(made, args.draft))
     return ExitCode.ACCEPTED

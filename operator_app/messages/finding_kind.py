@@ -406,8 +406,8 @@ class FindingKind(Enum):
         "SAME_PLACEMENT",
         (
             "placements {numbers} of the fixture do not differ significantly (largest difference: {name}, "
-            "{size:ANGLE|LENGTH}, {sigmas:SIGMAS} sigma): the fixture was not remounted between them, or was remounted in "
-            "the same place; together they give no more information than one placement"
+            "{size:ANGLE|LENGTH}, {sigmas:SIGMAS} sigma): the fixture was not remounted between them, or was remounted "
+            "in the same place; together they give no more information than one placement"
         ),
         "mount the fixture elsewhere within its tolerance and take another placement",
     )

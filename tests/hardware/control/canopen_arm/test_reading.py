@@ -62,3 +62,17 @@ def test_a_sample_that_is_not_whole_is_no_part_of_a_reading(driven, bus, fault):
     assert bus.syncs - start == 7
     assert reading.mean_counts[5] == 6000
     assert reading.sd_rad[5] == 0.0
+
+
+def test_answers_in_a_snapshot_are_never_younger_than_the_snapshot(driven, monkeypatch):
+    """Frames may come in between the parts that it is made of."""
+    connection = driven._connection
+    real = connection._clock
+
+    def late() -> float:
+        now_s = real()
+        driven.capture(2)
+        return now_s
+
+    monkeypatch.setattr(connection, "_clock", late)
+    assert all(joint.age_s >= 0.0 for joint in driven.snapshot().joints)

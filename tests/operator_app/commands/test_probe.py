@@ -1,0 +1,43 @@
+"""`sarcal probe --json`: keys that programs rely on."""
+
+from hardware.canopen.drive_settings import DrivePdo
+from hardware.commissioning.probe import FoundNode, Probe
+from operator_app.commands.probe import probe_json
+
+
+def pdo(*, sent: bool, number: int, valid: bool = True) -> DrivePdo:
+    return DrivePdo(
+        sent=sent,
+        number=number,
+        valid=valid,
+        cob_id=0x181,
+        transmission=1,
+        entries=((0x6064, 0, 32),),
+    )
+
+
+def test_only_valid_pdos_are_listed_and_all_are_counted():
+    pdos = (
+        pdo(sent=False, number=1, valid=False),
+        pdo(sent=False, number=2),
+        pdo(sent=True, number=1),
+    )
+    node = FoundNode(
+        node=1, device_type=0x20192, drive=True, heard=True, pdos=pdos, widths={0x6064: 32}
+    )
+    (shown,) = probe_json(Probe(busy="", heard=(1,), nodes=(node,)))["nodes"]
+    assert shown["pdos"] == [
+        {
+            "sent": sent,
+            "number": number,
+            "cob_id": 0x181,
+            "transmission": 1,
+            "entries": ((0x6064, 0, 32),),
+        }
+        for sent, number in ((False, 2), (True, 1))
+    ]
+    assert shown["room"] == {"taken": [1, 2], "sent": [1], "bits": [(0x6064, 32)]}
+    assert set(shown) == {
+        "node", "device_type", "device_name", "serial_number", "drive", "position_counts", "heard", "problems",
+        "pdos", "described", "supervises", "room", "notes", "unread",
+    }  # fmt: skip

@@ -88,6 +88,8 @@ class VerificationResult:
         Common shift of one joint or the fixture in all new poses; None where there is none.
     stated
         The test with at least the stated errors.
+    others_fit
+        Whether the poses without `odd_poses` pass this test, without a common shift.
     """
 
     verification: HeldOutPoses
@@ -96,6 +98,7 @@ class VerificationResult:
     poses: int
     stated: Chi2Test
     shift: CommonShift | None = None
+    others_fit: bool = False
 
     @property
     def why(self) -> str:
@@ -232,6 +235,7 @@ def _with_prediction(
         left = left.with_columns(subjects[shift.subject])
         named = find_outliers(left)
     chi2, dof = leave_one_out_chi2(left)
+    others = chi2_test(named.rest.chi2, named.rest.dof)
     return replace(
         result,
         verification=replace(
@@ -247,6 +251,7 @@ def _with_prediction(
         odd_poses=tuple(pose.pose for pose in named.odd),
         shift=shift,
         stated=stated,
+        others_fit=shift is None and others.per_dof <= others.high,
     )
 
 

@@ -67,6 +67,7 @@ def test_a_joint_that_slipped_since_is_noticed_and_the_poses_named(sessions, tmp
     assert found["verdict"] == "does not hold"
     assert sorted(found["odd_poses"]) == ["1", "2"]
     said = ends_with(4, "verify", session.name, changed, "--sessions", sessions)
+    assert said.out.startswith(f"DOES NOT HOLD: 2 of {len(rows)} new poses deviate by more")
     assert "check pose" in said.out
     assert said.err == ""
     for row in rows:

@@ -99,7 +99,7 @@ def verify(result: Result, poses: str | PathLike[str] | Poses | Any) -> Verifica
         made_from=result.poses._set,
         new=new._set,
     )
-    return Verification(found, new, repr(result))
+    return Verification(found, new, f"{result.arm.name} in {result.fixture.name}")
 
 
 @dataclass(frozen=True, slots=True)

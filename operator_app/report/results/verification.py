@@ -75,13 +75,22 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
     """Return the result for a terminal of 80 columns, the verdict first."""
     found = verdict.verification
     per_dof, most = (CHI2(v).shown for v in (found.chi2.per_dof, found.chi2.high))
-    head = (
-        f"HOLDS: the calibration of {folder} predicts these {verdict.poses} poses within its stated "
-        "uncertainty."
-        if verdict.holds
-        else f"DOES NOT HOLD: {verdict.poses} new poses disagree with the calibration of {folder} "
-        "by more than its uncertainty allows."
-    )
+    odd = len(verdict.odd_poses)
+    if verdict.holds:
+        head = (
+            f"HOLDS: the calibration of {folder} predicts these {verdict.poses} poses within its stated "
+            "uncertainty."
+        )
+    elif odd and verdict.others_fit:
+        head = (
+            f"DOES NOT HOLD: {odd} of {verdict.poses} new poses {'deviates' if odd == 1 else 'deviate'} by more "
+            f"than chance allows; the others agree with the calibration of {folder}. Take the listed poses again."
+        )
+    else:
+        head = (
+            f"DOES NOT HOLD: {verdict.poses} new poses disagree with the calibration of {folder} "
+            "by more than its uncertainty allows."
+        )
     notices = []
     if verdict.shift is not None:
         notices.append(shift_in_words(verdict.shift))

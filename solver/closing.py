@@ -101,8 +101,8 @@ class Rates:
 
     def unsensed_step(self, dx: FloatArray, e: FloatArray, give: FloatArray) -> FloatArray:
         """Change of the unsensed angles (m, U) for steps dx (P,), corrections e (m, n) and deflections (m, k)."""
-        moved = self.closed + self.by_x @ dx + (self.by_q @ e[..., None])[..., 0]
-        return np.asarray(-moved - (self.down @ give[..., None])[..., 0])
+        displacement = self.closed + self.by_x @ dx + (self.by_q @ e[..., None])[..., 0]
+        return np.asarray(-displacement - (self.down @ give[..., None])[..., 0])
 
 
 def reduced_equations(error: LoopError) -> ReducedEquations:
@@ -143,7 +143,7 @@ def close_loops(
     """
     if len(q) > BLOCK_POSES:
         # Poses are closed in blocks, so that the Jacobians of all are never in memory at once.
-        found = [
+        parts = [
             close_loops(
                 model.at_poses(here), x, q[here],
                 sigma_rad=sigma_rad, u=None if u is None else u[here],
@@ -152,20 +152,20 @@ def close_loops(
             for here in np.split(np.arange(len(q)), range(BLOCK_POSES, len(q), BLOCK_POSES))
         ]  # fmt: skip
         return ClosedPoses(
-            q=np.concatenate([f.q for f in found]),
-            u=np.concatenate([f.u for f in found]),
-            closed=np.concatenate([f.closed for f in found]),
+            q=np.concatenate([f.q for f in parts]),
+            u=np.concatenate([f.u for f in parts]),
+            closed=np.concatenate([f.closed for f in parts]),
         )
     q = np.array(q, dtype=np.float64)
     u = np.array(model.initial_unsensed(x, q) if u is None else u, dtype=np.float64)
     sigma = np.ones(q.shape[-1]) if sigma_rad is None else np.asarray(sigma_rad)
-    size, moved = np.empty(len(q)), np.full(len(q), np.inf)
+    size, step_size = np.empty(len(q)), np.full(len(q), np.inf)
     going, here = np.arange(len(q)), model
     for iteration in range(max_iterations + 1):
         error = here.loop(x, q[going], u[going])
         size[going] = np.abs(error.residual).max(-1, initial=0.0)
         # A pose that does not close any further keeps its nearest state.
-        open_still = (size[going] >= tolerance) & (moved[going] > STALLED_RAD)
+        open_still = (size[going] >= tolerance) & (step_size[going] > STALLED_RAD)
         if iteration == max_iterations or not open_still.any():
             break
         if not open_still.all():
@@ -176,7 +176,7 @@ def close_loops(
         shrink = np.minimum(1.0, LONGEST_CORRECTION_RAD / np.maximum(longest, 1e-300))
         q[going] += dq * shrink
         u[going] += du * shrink
-        moved[going] = longest[:, 0]
+        step_size[going] = longest[:, 0]
     return ClosedPoses(q=q, u=u, closed=size < max(100.0 * tolerance, 1e-9))
 
 
@@ -208,9 +208,9 @@ def newton_step(error: LoopError, sigma: FloatArray) -> tuple[FloatArray, FloatA
     return dq, unsensed_step(error, (error.jac_q @ dq[..., None])[..., 0])
 
 
-def unsensed_step(error: LoopError, moved: FloatArray | None = None) -> FloatArray:
-    """Change of the unsensed angles (..., m, U) that compensates a loop displacement `moved` (..., m, k)."""
-    rest = error.residual if moved is None else error.residual + moved
+def unsensed_step(error: LoopError, displacement: FloatArray | None = None) -> FloatArray:
+    """Change of the unsensed angles (..., m, U) that compensates a loop displacement `displacement` (..., m, k)."""
+    rest = error.residual if displacement is None else error.residual + displacement
     return -(left_inverse(error.jac_u) @ rest[..., None])[..., 0]
 
 

@@ -70,8 +70,8 @@ class UnidentifiableError(SolverError):
         self.code = code
         self.note = note
         self.stuck_joint = stuck_joint
-        whole = "; ".join(str(direction) for direction in directions)
-        super().__init__(f"{whole}; {note}" if note else whole)
+        listed = "; ".join(str(direction) for direction in directions)
+        super().__init__(f"{listed}; {note}" if note else listed)
 
 
 class PosesDoNotFitError(SolverError):

@@ -229,8 +229,8 @@ def screws(frames: Frames, entries: Entries) -> FloatArray:
 
 
 def _links_first(values: FloatArray, dims: int) -> FloatArray:
-    whole = values.reshape((1,) * (dims + 1 - values.ndim) + values.shape)
-    return np.ascontiguousarray(whole.transpose(dims, *range(dims)))
+    broadcast = values.reshape((1,) * (dims + 1 - values.ndim) + values.shape)
+    return np.ascontiguousarray(broadcast.transpose(dims, *range(dims)))
 
 
 def poses_first(values: FloatArray, *order: int) -> FloatArray:

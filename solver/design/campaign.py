@@ -212,8 +212,8 @@ class Campaign:
         """Make a plan from the arm's present pose; False when no plan can be made (yet)."""
         if self.estimate is None:
             return False
-        left = self.poses - self._taken
-        if left <= 0:
+        remaining = self.poses - self._taken
+        if remaining <= 0:
             self.phase = Phase.PLANNED
             return True
         others = (d for d in self.task.drive_sets or () if d != self.drives)
@@ -230,7 +230,7 @@ class Campaign:
                     task,
                     self.estimate.x,
                     self._q,
-                    left,
+                    remaining,
                     captured=self.readings_rad,
                     covariance=self.estimate.covariance,
                     avoid_rad=np.array(avoid) if avoid else None,

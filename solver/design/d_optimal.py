@@ -147,12 +147,12 @@ class _Search:
 
     def open(self, chosen: Sequence[int]) -> BoolArray:
         """Which candidates (m,) may still be chosen."""
-        left = self.usable.copy()
-        left[list(chosen)] = False
+        usable = self.usable.copy()
+        usable[list(chosen)] = False
         if self.q is not None:
             for pose in chosen:
-                left &= ((self.q - self.q[pose]) ** 2).sum(-1) >= self.apart_rad**2
-        return left
+                usable &= ((self.q - self.q[pose]) ** 2).sum(-1) >= self.apart_rad**2
+        return usable
 
     def information(self, poses: Sequence[int]) -> FloatArray:
         rows = self.root[list(poses)].reshape(-1, self.root.shape[-1])
@@ -165,10 +165,10 @@ class _Search:
     def random_start(self, count: int, rng: np.random.Generator) -> list[int]:
         chosen: list[int] = []
         for _ in range(count):
-            left = np.flatnonzero(self.open(chosen))
-            if len(left) == 0:
+            candidates = np.flatnonzero(self.open(chosen))
+            if len(candidates) == 0:
                 break
-            chosen.append(int(rng.choice(left)))
+            chosen.append(int(rng.choice(candidates)))
         return chosen
 
     def fill(self, M: FloatArray, chosen: list[int], count: int) -> None:

@@ -76,16 +76,16 @@ def rank_over_region(model: ClosureModel, manifold: Manifold) -> tuple[RankedDri
     """Rank all drive sets by how much of a manifold each reaches from its first pose, best first."""
     ranked = []
     for drives in _sets(model, manifold.motion.degrees):
-        reached = PathGraph(manifold, [drives], LIMITS).reachable(0)
-        some = np.flatnonzero(reached)
+        reachable = PathGraph(manifold, [drives], LIMITS).reachable(0)
+        indices = np.flatnonzero(reachable)
         # Medians need no more than some hundreds of poses.
-        some = some[:: max(1, len(some) // SAMPLE)]
+        indices = indices[:: max(1, len(indices) // SAMPLE)]
         motion = replace(
             manifold.motion,
-            tangent=manifold.motion.tangent[some],
-            jacobian=manifold.motion.jacobian[some],
+            tangent=manifold.motion.tangent[indices],
+            jacobian=manifold.motion.jacobian[indices],
         )
-        ranked.append(_judge(motion, drives, reach=float(reached.mean())))
+        ranked.append(_judge(motion, drives, reach=float(reachable.mean())))
     return _sorted(ranked)
 
 
@@ -198,8 +198,10 @@ def _verdict(
         else "no passive joint"
     )
     # The paper's criterion is the motion of the remaining joints; motion near a fold does not count.
-    moved = float(np.mean(np.minimum([rates[j - 1] for j in passive], 1.0))) if passive else 0.0
-    score = (leverage * moved) ** 0.5 if reach is None else reach * (0.5 + 0.5 * leverage)
+    passive_rate = (
+        float(np.mean(np.minimum([rates[j - 1] for j in passive], 1.0))) if passive else 0.0
+    )
+    score = (leverage * passive_rate) ** 0.5 if reach is None else reach * (0.5 + 0.5 * leverage)
     return RankedDrives(
         drives=drives,
         score=score if usable else 0.0,

@@ -103,14 +103,14 @@ class Explorer:
             if ray.ended:
                 continue
             target = self._here.q[self._columns] + move
-            taken = self._here.on_ray + 1
+            steps = self._here.on_ray + 1
             if wiggle:
                 return self._move(
                     target, "small trial motion that shows how the other joints follow"
                 )
-            why = f"exploring, ray {self._ray - 2 * len(self.drives) + 1}, step {taken}"
+            why = f"exploring, ray {self._ray - 2 * len(self.drives) + 1}, step {steps}"
             capture = Capture(planned=False, why=why)
-            return self._move(target, why) + (capture,) * (taken % self._every == 0)
+            return self._move(target, why) + (capture,) * (steps % self._every == 0)
         return ()
 
     def observe(self, q_rad: FloatArray, stopped: str = "") -> None:
@@ -120,25 +120,25 @@ class Explorer:
         """
         if self._pending is None:
             raise ValueError("nothing was proposed")
-        here, ray = self._here, self.rays[self._ray]
+        start, ray = self._here, self.rays[self._ray]
         target, self._pending = self._pending, None
-        moved, by = q_rad - here.q, (q_rad - here.q)[self._columns]
-        here.q = np.array(q_rad)
+        displacement, by = q_rad - start.q, (q_rad - start.q)[self._columns]
+        start.q = np.array(q_rad)
         length = float(np.linalg.norm(by))
-        if here.returning:
+        if start.returning:
             self._observe_return(target, stopped)
             return
-        here.away = True
-        here.on_ray += 1
+        start.away = True
+        start.on_ray += 1
         if length > 0.2 * WIGGLE_RAD:
-            here.rates = here.rates + np.outer(moved - here.rates @ by, by) / length**2
-            fastest = int(np.argmax(np.abs(moved)))
-            rate = float(np.abs(moved[fastest])) / float(np.abs(by).max())
+            start.rates = start.rates + np.outer(displacement - start.rates @ by, by) / length**2
+            fastest = int(np.argmax(np.abs(displacement)))
+            rate = float(np.abs(displacement[fastest])) / float(np.abs(by).max())
             # Per step. The rate before a first step is that at its start, half a step from its mean.
-            before = here.rate if here.on_ray > 1 else self._start_rate(ray.direction)
+            before = start.rate if start.on_ray > 1 else self._start_rate(ray.direction)
             ratio = rate / before if before > 0.0 else 1.0
-            here.growth = max(1.0, ratio if here.on_ray > 1 else ratio**2)
-            here.rate = rate
+            start.growth = max(1.0, ratio if start.on_ray > 1 else ratio**2)
+            start.rate = rate
             if rate > self._most_rate(ray.direction):
                 ray.ended = f"joint {fastest + 1} moved {rate:.1f} times as far as the drives"
         elif not stopped:
@@ -160,13 +160,13 @@ class Explorer:
 
     def _ahead(self, move: FloatArray, *, trusted: bool) -> str:
         """Reason not to take the next step; empty if there is none."""
-        here = self._here
-        change = here.rates @ move
+        start = self._here
+        change = start.rates @ move
         # Until the rates are learnt, assume the largest allowed rate.
         slack = RAY_MARGIN_RAD + 0.3 * np.abs(change)
         if not trusted:
             slack = np.full(len(change), 2.0 * MOST_RATE * np.abs(move).max())
-        after = here.q + change
+        after = start.q + change
         low = after - slack < self._ranges.lower_rad
         high = after + slack > self._ranges.upper_rad
         outward = (low & (change <= 0.0)) | (high & (change >= 0.0))
@@ -177,7 +177,7 @@ class Explorer:
             return f"joint {joint} would come close to the end of its range"
         # Towards a fold rates grow faster and faster: the last growth is expected for the next step too, and half of
         # it again until its end, since the learnt rates are means over a step.
-        rate = np.abs(change) / np.abs(move).max() * here.growth**1.5
+        rate = np.abs(change) / np.abs(move).max() * start.growth**1.5
         if trusted and float(rate.max()) > self._most_rate(move):
             return f"joint {int(np.argmax(rate)) + 1} would move too far: a singularity is near"
         return ""
@@ -196,14 +196,14 @@ class Explorer:
         return self._move(self._start[self._columns], why)
 
     def _observe_return(self, target: FloatArray, stopped: str) -> None:
-        here = self._here
-        gap = float(np.abs(here.q[self._columns] - target).max())
+        start = self._here
+        gap = float(np.abs(start.q[self._columns] - target).max())
         if gap > 0.5 * WIGGLE_RAD:
-            if here.returning >= 3:
+            if start.returning >= 3:
                 self.failure = f"the arm does not return to the start: {stopped or 'it stopped'}"
             return
-        here.returning = 0
-        here.away = False
+        start.returning = 0
+        start.away = False
         self._finish()
 
     def _finish(self) -> None:

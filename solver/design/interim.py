@@ -48,29 +48,29 @@ def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
     def calibrate(q: FloatArray) -> InterimEstimate:
         start = last[-1] if last else None
         used = explained[-1]
-        found = estimate_implicit(model, q, used, x0=start)
+        estimate = estimate_implicit(model, q, used, x0=start)
         for _ in range(GIVE_ROUNDS):
-            scatter = found.chi2_per_dof or 0.0
+            scatter = estimate.chi2_per_dof or 0.0
             overstated = used.fixture_variance is not None and scatter < 1.0 / UNEXPLAINED
             if scatter <= UNEXPLAINED and not overstated:
                 break
-            used = _with_give(noise, found, used)
-            found = estimate_implicit(model, q, used, x0=start)
-        scatter = max(1.0, found.chi2_per_dof or 1.0)
+            used = _with_give(noise, estimate, used)
+            estimate = estimate_implicit(model, q, used, x0=start)
+        scatter = max(1.0, estimate.chi2_per_dof or 1.0)
         trusted = (
-            found.converged
-            and not found.flipped
+            estimate.converged
+            and not estimate.flipped
             and scatter <= 10.0 * UNEXPLAINED
-            and bool(np.all(np.isfinite(found.x)))
+            and bool(np.all(np.isfinite(estimate.x)))
         )
         if trusted:
-            last.append(found.x)
+            last.append(estimate.x)
             explained.append(used)
-        change = np.abs(found.x - nominal_vector(model.parameters))
+        change = np.abs(estimate.x - nominal_vector(model.parameters))
         largest = int(np.argmax(change))
         return InterimEstimate(
-            x=found.x,
-            covariance=found.covariance * scatter,
+            x=estimate.x,
+            covariance=estimate.covariance * scatter,
             trusted=trusted,
             text=f"chi2 per degree of freedom {scatter:.1f}; "
             f"{model.parameters[largest].name} is farthest from nominal",
@@ -79,11 +79,11 @@ def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
     return calibrate
 
 
-def _with_give(noise: NoiseModel, found: Estimate, used: NoiseModel) -> NoiseModel:
+def _with_give(noise: NoiseModel, estimate: Estimate, used: NoiseModel) -> NoiseModel:
     """Noise with fixture compliance: first as large as the closure errors, then scaled by the unexplained part."""
     if used.fixture_variance is not None:
-        scale = found.chi2_per_dof or 1.0
+        scale = estimate.chi2_per_dof or 1.0
         return replace(noise, fixture_variance=used.fixture_variance * scale)
-    turned, shift = found.sigmas.orientation_rad, found.sigmas.position_m.rms
+    turned, shift = estimate.sigmas.orientation_rad, estimate.sigmas.position_m.rms
     turn = 0.0 if turned is None else turned.rms
     return replace(noise, fixture_variance=np.array([turn**2] * 3 + [shift**2] * 3))

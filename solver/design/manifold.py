@@ -96,8 +96,8 @@ def grow_manifold(
             model, x, wave[:, :n], u=wave[:, n:], max_iterations=6, tolerance=1e-11
         )
         # A correction as long as the step itself has reached another sheet.
-        moved = np.sqrt(((closed.q - wave[:, :n]) ** 2).sum(-1))
-        keep = closed.closed & (ranges.clearance(closed.q) >= 0.0) & (moved < 0.7 * step_rad)
+        distance = np.sqrt(((closed.q - wave[:, :n]) ** 2).sum(-1))
+        keep = closed.closed & (ranges.clearance(closed.q) >= 0.0) & (distance < 0.7 * step_rad)
         wave = np.concatenate((closed.q, closed.u), axis=-1)[keep]
         wave = wave[_far_from(points[:, own], wave[:, own], SPACING * step_rad)]
         front = wave[_spread(wave[:, own], SPACING * step_rad)][: most - len(points)]
@@ -200,6 +200,6 @@ def _touching(points: FloatArray, motion: ChainMotion, step_rad: float) -> IntAr
     for end in (0, 1):
         T = motion.tangent[pairs[:, end]]
         along = (np.swapaxes(T, -1, -2) @ apart[..., None])[..., 0]
-        off = np.sqrt(np.maximum(length**2 - (along**2).sum(-1), 0.0))
-        flat &= off <= BENT * length
+        offset = np.sqrt(np.maximum(length**2 - (along**2).sum(-1), 0.0))
+        flat &= offset <= BENT * length
     return np.asarray(pairs[flat], dtype=np.int64)

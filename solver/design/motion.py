@@ -193,12 +193,12 @@ def drive_straight(
         by_drive = line - here_q[:, columns]
         rows = motion.tangent[:, columns, :]
         along = np.linalg.pinv(rows) @ by_drive[..., None]
-        whole = (motion.tangent @ along)[..., 0]
+        velocity = (motion.tangent @ along)[..., 0]
         n = q.shape[-1]
         # Past a fold the prediction is meaningless; the line counts as lost there.
-        lost = np.abs(whole).max(-1) > 4.0 * LOST_RAD
-        whole[lost] = 0.0
-        first_q, first_u = here_q + whole[:, :n], here_u + whole[:, n:]
+        lost = np.abs(velocity).max(-1) > 4.0 * LOST_RAD
+        velocity[lost] = 0.0
+        first_q, first_u = here_q + velocity[:, :n], here_u + velocity[:, n:]
         first_q[:, columns] = line
         found = close_loops(
             model, x, first_q, u=first_u, sigma_rad=held, max_iterations=6, tolerance=1e-11

@@ -229,31 +229,31 @@ class PathGraph:
         columns = [j - 1 for j in drives]
         q, u = self.manifold.q[poses], self.manifold.u[poses]
         waypoints, trace = [], [q[:1]]
-        here = 0
-        while here < len(poses) - 1:
-            ahead = np.arange(here + 1, len(poses))
+        position = 0
+        while position < len(poses) - 1:
+            ahead = np.arange(position + 1, len(poses))
             targets = q[ahead][:, columns]
-            longest = float(np.abs(targets - q[here, columns]).max())
+            longest = float(np.abs(targets - q[position, columns]).max())
             lines = drive_straight(
                 model,
                 x,
-                np.repeat(q[here : here + 1], len(ahead), axis=0),
-                np.repeat(u[here : here + 1], len(ahead), axis=0),
+                np.repeat(q[position : position + 1], len(ahead), axis=0),
+                np.repeat(u[position : position + 1], len(ahead), axis=0),
                 drives,
                 targets,
                 steps=max(2, int(np.ceil(longest / LINE_STEP_RAD))),
             )
-            share = AT_START if poses[here] == 0 else BETWEEN
+            share = AT_START if poses[position] == 0 else BETWEEN
             safe = lines.safe(ranges, self.limits.eased(share))
             # The same drive angles on another branch are another pose.
             safe &= np.abs(lines.q[:, -1] - q[ahead]).max(-1) < 1e-6
             if not safe.any():
-                self._close(layer, poses[here], poses[here + 1])
+                self._close(layer, poses[position], poses[position + 1])
                 return None
             best = int(np.flatnonzero(safe)[-1])
             waypoints.append(q[ahead[best]])
             trace.append(lines.q[best, 1:])
-            here = int(ahead[best])
+            position = int(ahead[best])
         return Leg(
             drives=drives, waypoints_rad=np.stack(waypoints), trace_rad=np.concatenate(trace)
         )

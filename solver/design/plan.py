@@ -127,8 +127,8 @@ class PosePlan:
     @property
     def reach_rad(self) -> FloatArray:
         """Lowest and highest reading (n, 2) of each joint over all reachable poses."""
-        reached = self.manifold.q[self.allowed]
-        return np.stack((reached.min(axis=0), reached.max(axis=0)), axis=-1)
+        reachable = self.manifold.q[self.allowed]
+        return np.stack((reachable.min(axis=0), reachable.max(axis=0)), axis=-1)
 
 
 def make_plan(
@@ -244,13 +244,13 @@ def information_of(
     model = task.model.freed(task.toleranced)
     values = {p.name: v for p, v in zip(task.model.parameters, x, strict=True)}
     every = np.array([values.get(p.name, p.nominal) for p in model.parameters])
-    found = pose_information(model, every, every_q, q, u, task.errors_at(every_q))
-    found = found.with_errors_scaled(found.at_poses(slice(c)).error_scale())
-    found = found if task.parameters is None else found.about(task.parameters)
-    prior = np.zeros(found.root.shape[-1])
-    for k, name in enumerate(found.parameters):
+    information = pose_information(model, every, every_q, q, u, task.errors_at(every_q))
+    information = information.with_errors_scaled(information.at_poses(slice(c)).error_scale())
+    information = information if task.parameters is None else information.about(task.parameters)
+    prior = np.zeros(information.root.shape[-1])
+    for k, name in enumerate(information.parameters):
         prior[k] = task.prior.get(name, np.inf) ** -2.0
-    return found.of(range(c)) + np.diag(prior), found.at_poses(slice(c, None))
+    return information.of(range(c)) + np.diag(prior), information.at_poses(slice(c, None))
 
 
 def prediction_sigma(
@@ -310,10 +310,10 @@ def visiting_order(distances: FloatArray) -> tuple[int, ...]:
     """
     size = len(distances)
     finite = np.where(np.isfinite(distances), distances, FAR_RAD)
-    tour, left = [0], set(range(1, size))
-    while left:
-        tour.append(min(left, key=lambda p: (float(finite[tour[-1], p]), p)))
-        left.remove(tour[-1])
+    tour, unvisited = [0], set(range(1, size))
+    while unvisited:
+        tour.append(min(unvisited, key=lambda p: (float(finite[tour[-1], p]), p)))
+        unvisited.remove(tour[-1])
     for _ in range(MOST_ROUNDS):
         improved = False
         for a in range(1, size - 1):

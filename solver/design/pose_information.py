@@ -71,10 +71,10 @@ class PoseInformation:
         rows = self.root.reshape(len(w), -1)
         # Effects enter as observations of zero, so that one least-squares problem covers all.
         prior = np.eye(rows.shape[-1])[P:]
-        left = np.concatenate((w, np.zeros(len(prior))))
+        residuals = np.concatenate((w, np.zeros(len(prior))))
         columns = np.concatenate((rows, prior))
-        left = left - columns @ np.linalg.lstsq(columns, left, rcond=None)[0]
-        return float(np.sqrt(max(1.0, float(left @ left) / dof)))
+        residuals = residuals - columns @ np.linalg.lstsq(columns, residuals, rcond=None)[0]
+        return float(np.sqrt(max(1.0, float(residuals @ residuals) / dof)))
 
 
 def about_parameters(information: FloatArray, parameters: int) -> FloatArray:
@@ -106,7 +106,7 @@ def pose_information(
     sizes = design.start_variances()
     root = np.sqrt(design.group_variances(sizes))
     try:
-        parts = [design.whiten(equations.part(here), sizes, root, here) for here in design.parts()]
+        parts = [design.whiten(equations.part(part), sizes, root, part) for part in design.parts()]
     except np.linalg.LinAlgError as error:
         raise ValueError(
             "some closure components have no noise, because their joints have none"

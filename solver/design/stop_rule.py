@@ -172,11 +172,11 @@ def _forecast(
         return standard_deviations(M, P)[columns], None
     prior = np.ones(len(M))
     prior[:P] = column_scale(root[..., :P].reshape(-1, P)) ** 2 * (1e-8 / len(root))
-    for taken in range(left + 1):
+    for added in range(left + 1):
         sigma = standard_deviations(M, P)[columns]
         if np.all(sigma <= goal):
-            return sigma, taken
-        if taken == left:
+            return sigma, added
+        if added == left:
             break
         worst = int(columns[int(np.argmax(_ratio(sigma, goal)))])
         # Variance of parameter k falls by |C_k F'|^2 in the metric (I + F C F')^-1.

@@ -68,7 +68,7 @@ class ChangePoint:
 
 
 def steps(
-    left: WhitenedResiduals,
+    residuals: WhitenedResiduals,
     suspects: Sequence[Suspect],
     *,
     quiet: WhitenedResiduals | None = None,
@@ -77,40 +77,40 @@ def steps(
 ) -> tuple[ChangePoint, ...]:
     """Test every suspect for a step at every pose, the most significant suspect first.
 
-    `left`: whitened residuals of the fit, poses in the order in which they were taken. `quiet`: whitened residuals with
+    `residuals`: whitened residuals of the fit, poses in the order in which they were taken. `quiet`: whitened residuals with
     another noise, for suspects with `of_reading`. `scale`: factor of the variances relative to those of the fit.
     """
-    m = len(left.white)
+    m = len(residuals.white)
     if m < 2 * STEP_EDGE_POSES or not suspects:
         return ()
     level = false_alarm / sum(s.share for s in suspects)
-    found: list[ChangePoint] = []
+    change_points: list[ChangePoint] = []
     for of_reading in (False, True):
-        judged = quiet if of_reading and quiet is not None else left
+        judged = quiet if of_reading and quiet is not None else residuals
         here = [s for s in suspects if s.of_reading == of_reading]
         for width in dict.fromkeys(s.columns.shape[-1] for s in here):
             alike = [s for s in here if s.columns.shape[-1] == width]
             lot = max(1, AT_ONCE // (m * judged.U.shape[-1] * width))
             for first in range(0, len(alike), lot):
-                found += _largest(judged, alike[first : first + lot], scale, level)
-    return tuple(sorted(found, key=lambda step: step.threshold - step.chi2))
+                change_points += _largest(judged, alike[first : first + lot], scale, level)
+    return tuple(sorted(change_points, key=lambda step: step.threshold - step.chi2))
 
 
 def _largest(
-    left: WhitenedResiduals, suspects: Sequence[Suspect], scale: float, level: float
+    residuals: WhitenedResiduals, suspects: Sequence[Suspect], scale: float, level: float
 ) -> Iterator[ChangePoint]:
     """Largest step of each of S suspects with the same number d of columns.
 
     `level` is the false-alarm probability of a suspect whose share is 1.
     """
-    m, r, K = left.U.shape
+    m, r, K = residuals.U.shape
     S, d = len(suspects), suspects[0].columns.shape[-1]
-    white = left.whiten(np.concatenate([s.columns for s in suspects], axis=-1))
+    white = residuals.whiten(np.concatenate([s.columns for s in suspects], axis=-1))
     across = np.swapaxes(white, -1, -2)
     Gt = across.reshape(m, S, d, r)
-    s = _from_here_on((Gt @ left.white[:, None, :, None])[..., 0])
+    s = _from_here_on((Gt @ residuals.white[:, None, :, None])[..., 0])
     own = _from_here_on(Gt @ np.swapaxes(Gt, -1, -2))
-    inside = _from_here_on(across @ left.U).reshape(m, S, d, K)
+    inside = _from_here_on(across @ residuals.U).reshape(m, S, d, K)
     C = own - inside @ np.swapaxes(inside, -1, -2)
     # Scaled, so that metres and radians count equally.
     size = np.sqrt(np.diagonal(own, axis1=-2, axis2=-1).max(axis=0))
@@ -122,15 +122,15 @@ def _largest(
     inverse = np.where(free, 1.0 / np.where(free, values, 1.0), 0.0)
     chi2 = (along**2 * inverse).sum(-1)
     for k, best in enumerate(np.argmax(chi2, axis=0).tolist()):
-        here = (best, k)
-        if not (size[k] > 0.0).all() or not free[here].any():
+        candidate = (best, k)
+        if not (size[k] > 0.0).all() or not free[candidate].any():
             continue
-        dof = int(free[here].sum())
+        dof = int(free[candidate].sum())
         yield ChangePoint(
             suspect=suspects[k].name,
             pose=best + STEP_EDGE_POSES,
-            size=(vectors[here] @ (inverse[here] * along[here])) / size[k],
-            chi2=float(chi2[here]) / scale,
+            size=(vectors[candidate] @ (inverse[candidate] * along[candidate])) / size[k],
+            chi2=float(chi2[candidate]) / scale,
             dof=dof,
             threshold=step_threshold(m, dof, suspects[k].share * level),
         )

@@ -116,15 +116,15 @@ def control_chart(names: Sequence[str], values: FloatArray, within: FloatArray) 
             if max(single, weighted) <= 1.0:
                 continue
             chart = "shewhart" if single >= weighted else "ewma"
-            found = _change(values[first : t + 1, j], last - first, var)
-            begin[j] = first + found[0]
+            change = _change(values[first : t + 1, j], last - first, var)
+            begin[j] = first + change[0]
             changes.append(
                 ChartSignal(
                     name=names[j],
                     at=int(begin[j]),
                     seen=t,
-                    size=found[1],
-                    sigma=found[2],
+                    size=change[1],
+                    sigma=change[2],
                     chart=chart,
                 )
             )

@@ -157,17 +157,17 @@ def hold_out(
     Raises `TooFewPosesError` if the rest is too small for an estimate.
     """
     variance = np.broadcast_to(noise.joint_variance, q.shape)
-    found, outside, inside, rows = [], [], [], 0
+    verified, outside, inside, rows = [], [], [], 0
     for poses in parts:
         estimate = estimator(np.setdiff1d(np.arange(len(q)), poses))
-        there, own = model.at_poses(poses), replace(noise, joint_variance=variance[poses])
-        found.append(verify(there, estimate.x, estimate.covariance, q[poses], own).chi2)
-        error = closure_at_readings(there, estimate.x, q[poses])
+        part_model, own = model.at_poses(poses), replace(noise, joint_variance=variance[poses])
+        verified.append(verify(part_model, estimate.x, estimate.covariance, q[poses], own).chi2)
+        error = closure_at_readings(part_model, estimate.x, q[poses])
         rows = error.rotation_rows
         outside.append(error.residual)
         inside.append(estimate.residual)
     return HoldOut(
-        parts=tuple(found),
+        parts=tuple(verified),
         sigmas=closure_sigmas(np.concatenate(outside), rows),
         inside_sigmas=closure_sigmas(np.concatenate(inside), rows),
     )
@@ -254,19 +254,21 @@ def predicted_residuals(
     )
 
 
-def shifted(left: WhitenedResiduals, subjects: Mapping[str, FloatArray]) -> CommonShift | None:
+def shifted(residuals: WhitenedResiduals, subjects: Mapping[str, FloatArray]) -> CommonShift | None:
     """Return the most significant shift common to all poses, given columns (m, r, c) by subject; None without one."""
     from scipy.special import chdtri
 
-    found = []
+    shifts = []
     for name, columns in subjects.items():
-        s, information = left.score(columns)
+        s, information = residuals.score(columns)
         values, vectors = np.linalg.eigh(information)
-        seen = values > SEEN * max(float(values[-1]), 1e-300)
-        chi2 = float(((vectors.T @ s)[seen] ** 2 / values[seen]).sum())
-        single = columns.shape[-1] == 1 and bool(seen.all())
-        threshold = float(chdtri(max(int(seen.sum()), 1), FALSE_ALARM_PROBABILITY / len(subjects)))
-        found.append(
+        determined = values > SEEN * max(float(values[-1]), 1e-300)
+        chi2 = float(((vectors.T @ s)[determined] ** 2 / values[determined]).sum())
+        single = columns.shape[-1] == 1 and bool(determined.all())
+        threshold = float(
+            chdtri(max(int(determined.sum()), 1), FALSE_ALARM_PROBABILITY / len(subjects))
+        )
+        shifts.append(
             CommonShift(
                 subject=name,
                 size=float(s[0] / values[0]) if single else None,
@@ -275,5 +277,5 @@ def shifted(left: WhitenedResiduals, subjects: Mapping[str, FloatArray]) -> Comm
                 threshold=threshold,
             )
         )
-    best = max(found, key=lambda shift: shift.chi2 - shift.threshold, default=None)
+    best = max(shifts, key=lambda shift: shift.chi2 - shift.threshold, default=None)
     return best if best is not None and best.chi2 > best.threshold else None

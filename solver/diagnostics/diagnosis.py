@@ -155,28 +155,28 @@ def diagnose(
     stated = fit.stated
     order = np.argsort(taken, kind="stable")
     scene = FaultModels.of(arm, stated, order, measured or {})
-    left = residuals_of_fit(fit.at_known_noise, order)
+    residuals = residuals_of_fit(fit.at_known_noise, order)
     quiet = residuals_of_fit(with_found_motion_noise(fit), order)
     tests = [HypothesisTest.of_chi2("CHI2_STATED", stated.chi2, stated.dof)]
-    odd, more = _residual_tests(scene, left, quiet)
+    odd, more = _residual_tests(scene, residuals, quiet)
     tests += more
     tests += pull_tests(stated)
-    tests += without_curves_in_specification(variance_tests(stated), scene, left)
+    tests += without_curves_in_specification(variance_tests(stated), scene, residuals)
     tests.append(prediction_test(stated))
-    tests += scale_tests(scene, left)
+    tests += scale_tests(scene, residuals)
     fires = any(test.fires for test in tests)
     doubtful = not fires and any(
         test.fires for test in pull_tests(stated, limits.ENTRY_SUSPICION_PROBABILITY)
     )
-    rounds = tuple(_explanations(scene, left, odd)) if fires else ()
-    suspected = next(_explanations(scene, left, odd)).known if doubtful else ()
+    rounds = tuple(_explanations(scene, residuals, odd)) if fires else ()
+    suspected = next(_explanations(scene, residuals, odd)).known if doubtful else ()
     return Diagnosis(
         tests=tuple(tests),
         rounds=rounds,
         suspected_entries=tuple(
             x for x in suspected if x.candidate.cause in (Cause.LENGTH, Cause.TWIST)
         ),
-        left=left,
+        left=residuals,
         stated_chi2_per_dof=stated.chi2 / max(stated.dof, 1),
         parameter_shift=stated.change - fit.change,
         scene=scene,
@@ -184,7 +184,7 @@ def diagnose(
 
 
 def _residual_tests(
-    scene: FaultModels, left: WhitenedResiduals, quiet: WhitenedResiduals
+    scene: FaultModels, residuals: WhitenedResiduals, quiet: WhitenedResiduals
 ) -> tuple[Outliers, list[HypothesisTest]]:
     """Search for outliers and steps with the noise of the fit; for steps of a reading with `quiet` noise.
 
@@ -192,81 +192,88 @@ def _residual_tests(
     sources are below theirs. `quiet` noise is used for readings only, since deflections that the smooth model describes
     badly resemble a change of the geometry rather than a step of a single reading.
     """
-    odd = find_outliers(left)
+    odd = find_outliers(residuals)
     tests = [HypothesisTest(code="POSE", statistic=odd.worst.chi2, threshold=odd.worst.threshold)]
-    found = steps(left, scene.suspects(), quiet=quiet)
-    if found:
+    change_points = steps(residuals, scene.suspects(), quiet=quiet)
+    if change_points:
         tests.append(
-            HypothesisTest(code="STEP", statistic=found[0].chi2, threshold=found[0].threshold)
+            HypothesisTest(
+                code="STEP", statistic=change_points[0].chi2, threshold=change_points[0].threshold
+            )
         )
     return odd, tests
 
 
 def _explanations(
-    scene: FaultModels, left: WhitenedResiduals, odd: Outliers
+    scene: FaultModels, residuals: WhitenedResiduals, odd: Outliers
 ) -> Iterator[CauseRanking]:
     """Repeatedly find and fit the best explanation of the remaining residuals, until no test fires."""
     persistent_faults = tuple(scene.persistent_faults())
     for _ in range(limits.MOST_CAUSES_FITTED):
-        found = _ranked(left, (*_changes(scene, left, odd), *persistent_faults))
-        yield found
-        best = found.best
+        ranking = _ranked(residuals, (*_changes(scene, residuals, odd), *persistent_faults))
+        yield ranking
+        best = ranking.best
         if best is None or best.chi2_per_dof > limits.CHI2_PER_DOF_GROSS:
             # No linear cause explains this.
             return
         size = best.evidence.size * best.candidate.natural
-        left = _with_cause(left, best.candidate, size)
-        odd, tests = _residual_tests(scene, left, left)
-        if left.dof <= 0 or not any(
-            t.fires for t in (HypothesisTest.of_chi2("CHI2_STATED", left.chi2, left.dof), *tests)
+        residuals = _with_cause(residuals, best.candidate, size)
+        odd, tests = _residual_tests(scene, residuals, residuals)
+        if residuals.dof <= 0 or not any(
+            t.fires
+            for t in (HypothesisTest.of_chi2("CHI2_STATED", residuals.chi2, residuals.dof), *tests)
         ):
             return
 
 
-def _with_cause(left: WhitenedResiduals, cause: Candidate, sd: FloatArray) -> WhitenedResiduals:
+def _with_cause(
+    residuals: WhitenedResiduals, cause: Candidate, sd: FloatArray
+) -> WhitenedResiduals:
     """Return the residuals after a cause is fitted, with `sd` the standard deviation of its coefficients."""
     if cause.own is None:
-        return left.with_drawn(cause.columns, sd)
-    return OwnColumns.of(left, cause.own, cause.columns * sd.reshape(len(cause.own), 1, -1)).drawn(
-        left
-    )
+        return residuals.with_drawn(cause.columns, sd)
+    return OwnColumns.of(
+        residuals, cause.own, cause.columns * sd.reshape(len(cause.own), 1, -1)
+    ).drawn(residuals)
 
 
-def _changes(scene: FaultModels, left: WhitenedResiduals, odd: Outliers) -> Iterable[Candidate]:
+def _changes(
+    scene: FaultModels, residuals: WhitenedResiduals, odd: Outliers
+) -> Iterable[Candidate]:
     """Candidates found in the residuals: steps, and outliers (`odd`: the outliers at the noise of the fit)."""
-    scale = noise_scale(left.chi2, left.dof)
+    scale = noise_scale(residuals.chi2, residuals.dof)
     changes = scene.changes()
-    for step in steps(left, scene.suspects(), scale=scale):
+    for step in steps(residuals, scene.suspects(), scale=scale):
         yield changes[step.suspect].from_pose(step.pose)
-    found = odd if scale == 1.0 else find_outliers(left, scale=scale)
-    poses = tuple(pose.pose for pose in found.odd)
-    m = len(left.white)
+    outliers = odd if scale == 1.0 else find_outliers(residuals, scale=scale)
+    poses = tuple(pose.pose for pose in outliers.odd)
+    m = len(residuals.white)
     for count in range(1, len(poses) + 1):
         if count in (1, 2, 3, len(poses)):
             own = np.array(poses[:count])
             yield Candidate(
                 cause=Cause.OUTLIERS,
                 subject="",
-                columns=pose_columns(left, own),
+                columns=pose_columns(residuals, own),
                 own=own,
-                natural=np.full(count * left.white.shape[1], 3.0),
+                natural=np.full(count * residuals.white.shape[1], 3.0),
                 places=m**count,
                 poses=poses[:count],
             )
 
 
-def _evidence(left: WhitenedResiduals, c: Candidate) -> Evidence | None:
+def _evidence(residuals: WhitenedResiduals, c: Candidate) -> Evidence | None:
     if c.own is None:
-        return evidence(left, c.columns, c.natural, most=c.most)
-    return evidence_of_own(left, c.own, c.columns, c.natural, most=c.most)
+        return evidence(residuals, c.columns, c.natural, most=c.most)
+    return evidence_of_own(residuals, c.own, c.columns, c.natural, most=c.most)
 
 
-def _ranked(left: WhitenedResiduals, candidates: Iterable[Candidate]) -> CauseRanking:
+def _ranked(residuals: WhitenedResiduals, candidates: Iterable[Candidate]) -> CauseRanking:
     """Compare all candidates with each other, with no fault and with an unknown one."""
     listed = [
         (c, e)
         for c in candidates
-        if (e := _evidence(left, c)) is not None
+        if (e := _evidence(residuals, c)) is not None
         and not c.within_specification(e.b, e.covariance)
         and float(np.sqrt(np.mean((e.b / c.natural) ** 2))) <= c.most
     ]
@@ -282,20 +289,20 @@ def _ranked(left: WhitenedResiduals, candidates: Iterable[Candidate]) -> CauseRa
         for c, e in listed
     ]
     weights += [
-        sound_log_likelihood(left) + np.log(1.0 - sum(PRIORS.values())),
-        unexplained_log_likelihood(left) + np.log(UNNAMED),
+        sound_log_likelihood(residuals) + np.log(1.0 - sum(PRIORS.values())),
+        unexplained_log_likelihood(residuals) + np.log(UNNAMED),
     ]
     chance = probabilities(np.array(weights))
-    found = [
+    candidates_with_evidence = [
         Explanation(candidate=c, evidence=e, probability=float(p))
         for (c, e), p in zip(listed, chance[:-2], strict=True)
     ]
-    found.sort(key=lambda explanation: -explanation.probability)
+    candidates_with_evidence.sort(key=lambda explanation: -explanation.probability)
     unknown = float(chance[-1])
     return CauseRanking(
         known=tuple(
             x
-            for k, x in enumerate(found)
+            for k, x in enumerate(candidates_with_evidence)
             if x.probability >= limits.LEAST_REPORTED_CAUSE_PROBABILITY
             or (k == 0 and x.probability >= unknown)
         ),
@@ -306,14 +313,14 @@ def _ranked(left: WhitenedResiduals, candidates: Iterable[Candidate]) -> CauseRa
 def residuals_of_fit(fit: LinearFit, order: IntArray) -> WhitenedResiduals:
     """Return the whitened residuals of a mixed model, poses in the given `order` (m,)."""
     design, half = fit.design, fit.half
-    there = np.argsort(order)
+    position = np.argsort(order)
     m, r = len(design.q), design.model.equations_per_pose
     whitener, U, white = np.empty((m, r, r)), np.empty((m, r, design.width)), np.empty((m, r))
     for part in fit.parts():
-        here = there[part.poses]
-        whitener[here] = part.L_inverse
-        U[here] = part.times(half)
-        white[here] = part.w + part.times(fit.coefficients)
+        rows = position[part.poses]
+        whitener[rows] = part.L_inverse
+        U[rows] = part.times(half)
+        white[rows] = part.w + part.times(fit.coefficients)
     return WhitenedResiduals(
         whitener=whitener,
         U=U,

@@ -125,15 +125,15 @@ class Candidate:
         kinds = [(False, shapes)]
         if self.lines is not None and self.measured is None:
             kinds.append((True, shapes - self.lines @ (self.lines.T @ shapes)))
-        found = []
+        peaks = []
         for of_line, columns in kinds:
             size = np.abs(columns @ b)
             k = int(np.argmax(size))
             sd = float(np.sqrt(max(float(columns[k] @ covariance @ columns[k]), 0.0)))
-            found.append(PeakDeviation(peak=float(size[k]), sd=sd, from_line=of_line))
+            peaks.append(PeakDeviation(peak=float(size[k]), sd=sd, from_line=of_line))
         if self.measured is not None:
-            found.append(self.measured)
+            peaks.append(self.measured)
         return max(
-            found,
+            peaks,
             key=lambda deviation: (deviation.peak - self.most_stated) / max(deviation.sd, 1e-12),
         )

@@ -96,7 +96,7 @@ class FaultModels:
     def changes(self) -> dict[str, Candidate]:
         """Candidates for a change during the session, by the name of what changed; `from_pose` sets its first pose."""
         design, parameters = self.design, self.design.model.parameters
-        found = {
+        candidates = {
             f"joint {j}": Candidate(
                 cause=Cause.LOST_COUNTS,
                 subject=str(j),
@@ -105,25 +105,25 @@ class FaultModels:
             )
             for j in self.sensed
         }
-        for side, here in self.sides():
-            own = [parameters[k] for k in here]
-            found[side] = Candidate(
+        for side, from_pose in self.sides():
+            own = [parameters[k] for k in from_pose]
+            candidates[side] = Candidate(
                 cause=Cause.SLIPPED,
                 subject=side,
-                columns=self.system.A[:, :, here],
+                columns=self.system.A[:, :, from_pose],
                 natural=np.array([ANGLE_RAD if p.is_angle else LENGTH_M for p in own]),
                 entries=tuple(p.name for p in own),
             )
         for k in design.soft_index:
             name = parameters[k].name
             if name in design.errors.tolerance and not parameters[k].is_angle:
-                found[name] = Candidate(
+                candidates[name] = Candidate(
                     cause=Cause.LENGTH_CHANGED,
                     subject=name,
                     columns=self.system.A[:, :, k, None],
                     natural=np.array([LENGTH_M]),
                 )
-        return found
+        return candidates
 
     def suspects(self) -> tuple[Suspect, ...]:
         """Quantities that may have changed during the session."""
@@ -200,9 +200,9 @@ class FaultModels:
         shapes = SensorCurve(
             joint=j, middle_rad=middle, half_scale_rad=half, gain=0.5 / half
         ).basis(turn)
-        found = self._along(Cause.CURVE, j, shapes, max(sensor.linearity_rad, ANGLE_RAD))
+        candidate = self._along(Cause.CURVE, j, shapes, max(sensor.linearity_rad, ANGLE_RAD))
         return replace(
-            found,
+            candidate,
             most=10.0,
             shapes=shapes,
             least=0.5 * sensor.linearity_rad,
@@ -220,11 +220,17 @@ class FaultModels:
                 yield linearity_curve
             elif isinstance(sensor, Encoder):
                 shapes = np.stack([f(k * turn) for k in (1, 2) for f in (np.sin, np.cos)], axis=-1)
-                found, least = self._along(Cause.TURN_ERROR, j, shapes), 2.0 * sensor.accuracy_rad
-                yield replace(found, most=30.0, shapes=shapes, least=least)
+                candidate, least = (
+                    self._along(Cause.TURN_ERROR, j, shapes),
+                    2.0 * sensor.accuracy_rad,
+                )
+                yield replace(candidate, most=30.0, shapes=shapes, least=least)
             if (phi := self._in_time(self.design.sag_basis.phi)).size:
-                found, least = self._along(Cause.SAG, j, phi), 2.0 * self.arm.joints[j - 1].sag_rad
-                yield replace(found, most=30.0, shapes=phi, least=least)
+                candidate, least = (
+                    self._along(Cause.SAG, j, phi),
+                    2.0 * self.arm.joints[j - 1].sag_rad,
+                )
+                yield replace(candidate, most=30.0, shapes=phi, least=least)
 
     def _entries(self) -> Iterator[Candidate]:
         """Candidates, by entry of the maker's table: an error beyond its tolerance."""
@@ -294,8 +300,8 @@ def constant_reading_runs(q: FloatArray, joint: int, tolerance_rad: float) -> li
     for k in range(1, m + 1):
         if k < m and abs(reading[k] - reading[first]) <= tolerance_rad:
             continue
-        moved = np.ptp(others[first:k], axis=0) > OTHERS_MOVED_RAD
-        if k - first >= FROZEN_POSES and 2 * int(moved.sum()) >= others.shape[1]:
+        others_move = np.ptp(others[first:k], axis=0) > OTHERS_MOVED_RAD
+        if k - first >= FROZEN_POSES and 2 * int(others_move.sum()) >= others.shape[1]:
             runs.append((first, k))
         first = k
     return runs

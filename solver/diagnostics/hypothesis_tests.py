@@ -92,14 +92,14 @@ def pull_tests(
     ]
 
 
-def scale_tests(scene: FaultModels, left: WhitenedResiduals) -> list[HypothesisTest]:
+def scale_tests(scene: FaultModels, residuals: WhitenedResiduals) -> list[HypothesisTest]:
     """Test the scale of every encoder: the loops show an error of 1 %, and no other test covers it."""
     z = []
     for candidate in scene.scales():
-        s, C = left.score(candidate.columns)
+        s, C = residuals.score(candidate.columns)
         # A column that the parameters absorb except for rounding is not observable.
-        whole = float((left.whiten(candidate.columns) ** 2).sum())
-        z.append(abs(float(s[0])) / np.sqrt(C[0, 0]) if C[0, 0] > SEEN * whole else 0.0)
+        square = float((residuals.whiten(candidate.columns) ** 2).sum())
+        z.append(abs(float(s[0])) / np.sqrt(C[0, 0]) if C[0, 0] > SEEN * square else 0.0)
     return [HypothesisTest.of_sigmas("SCALE", np.array(z))] if z else []
 
 
@@ -110,9 +110,9 @@ def prediction_test(stated: LinearFit) -> HypothesisTest:
     worst = HypothesisTest(code="PREDICTION", statistic=0.0, threshold=np.inf)
     for chi2, dof in stated.held_out_chi2(*parts):
         if dof:
-            found = HypothesisTest.of_chi2("PREDICTION", chi2, dof, among=len(parts))
-            if chi2 / found.threshold > worst.statistic / worst.threshold:
-                worst = found
+            test = HypothesisTest.of_chi2("PREDICTION", chi2, dof, among=len(parts))
+            if chi2 / test.threshold > worst.statistic / worst.threshold:
+                worst = test
     return worst
 
 
@@ -124,12 +124,12 @@ def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
     """
     from scipy.special import chdtri
 
-    found = stated.derivatives
+    derivatives = stated.derivatives
     names = [c.name for c in stated.design.components]
-    information = np.maximum(np.diagonal(found.information), 1e-300)
-    dof = np.maximum(0.5 * found.expected**2 / information, 1e-3)
+    information = np.maximum(np.diagonal(derivatives.information), 1e-300)
+    dof = np.maximum(0.5 * derivatives.expected**2 / information, 1e-3)
     largest = (chdtri(dof, FALSE_ALARM_PROBABILITY / max(len(names), 1)) - dof) / np.sqrt(2.0 * dof)
-    z = found.score / np.sqrt(information)
+    z = derivatives.score / np.sqrt(information)
     return [
         HypothesisTest(code=f"VARIANCE_{name.upper()}", statistic=float(s), threshold=float(t))
         for name, s, t in zip(names, z, largest, strict=True)
@@ -138,7 +138,7 @@ def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
 
 
 def without_curves_in_specification(
-    tests: Iterable[HypothesisTest], scene: FaultModels, left: WhitenedResiduals
+    tests: Iterable[HypothesisTest], scene: FaultModels, residuals: WhitenedResiduals
 ) -> Iterable[HypothesisTest]:
     """Return the tests without those of linearity deviations within their specification.
 
@@ -147,19 +147,19 @@ def without_curves_in_specification(
     """
     for test in tests:
         joint = test.code.removeprefix("VARIANCE_CURVE_")
-        if not (test.fires and joint.isdigit() and _as_stated(int(joint), scene, left)):
+        if not (test.fires and joint.isdigit() and _as_stated(int(joint), scene, residuals)):
             yield test
 
 
-def _as_stated(j: int, scene: FaultModels, left: WhitenedResiduals) -> bool:
+def _as_stated(j: int, scene: FaultModels, residuals: WhitenedResiduals) -> bool:
     """Whether the curve of joint j may be within specification, by the loops' measurement where there is one."""
     curve = scene.linearity_curve(j)
     if curve is None:
         return False
     if curve.measured is not None:
         return not curve.measured.beyond(curve.most_stated)
-    found = evidence(left, curve.columns, curve.natural, most=curve.most)
-    return found is not None and curve.within_specification(found.b, found.covariance)
+    measured = evidence(residuals, curve.columns, curve.natural, most=curve.most)
+    return measured is not None and curve.within_specification(measured.b, measured.covariance)
 
 
 ROUNDS = 100
@@ -194,7 +194,7 @@ class Outliers:
     rest: WhitenedResiduals
 
 
-def find_outliers(left: WhitenedResiduals, *, scale: float = 1.0) -> Outliers:
+def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outliers:
     """Test every pose against the others; `scale` is the factor of the variances (see `noise_scale`).
 
     The most improbable pose is set aside and the rest tested again, so that several do not hide each other; of many
@@ -202,53 +202,53 @@ def find_outliers(left: WhitenedResiduals, *, scale: float = 1.0) -> Outliers:
     """
     from scipy.special import chdtri
 
-    m = len(left.U)
+    m = len(residuals.U)
     most = int(np.ceil(OUTLIER_LARGEST_SHARE * m))
     at_once = -(-most // ROUNDS)
-    kept = np.ones(m, dtype=np.bool_)
+    is_kept = np.ones(m, dtype=np.bool_)
     odd: list[Outlier] = []
     first: Outlier | None = None
-    rest = left
+    rest = residuals
     while True:
-        chi2, dof = leave_one_out_chi2(rest, kept)
+        chi2, dof = leave_one_out_chi2(rest, is_kept)
         limit = chdtri(np.maximum(dof, 1), FALSE_ALARM_PROBABILITY / m)
-        excess = np.where(kept & (dof > 0), chi2 / scale - limit, -np.inf)
+        excess = np.where(is_kept & (dof > 0), chi2 / scale - limit, -np.inf)
         worst = np.argsort(-excess, kind="stable")[:at_once]
-        found = [
+        outliers = [
             Outlier(
                 pose=int(k), chi2=float(chi2[k]) / scale, dof=int(dof[k]), threshold=float(limit[k])
             )
             for k in worst
         ]
-        first = first or found[0]
+        first = first or outliers[0]
         largest = float(excess[worst[0]])
         if not largest > 0.0 or len(odd) >= most:
             break
-        some = worst[excess[worst] >= ALIKE * largest][: most - len(odd)]
-        odd += found[: len(some)]
-        kept[some] = False
-        rest = rest.without(some)
+        set_aside = worst[excess[worst] >= ALIKE * largest][: most - len(odd)]
+        odd += outliers[: len(set_aside)]
+        is_kept[set_aside] = False
+        rest = rest.without(set_aside)
     odd.sort(key=lambda pose: -pose.chi2)
     return Outliers(worst=first, odd=tuple(odd), rest=rest)
 
 
-def pose_columns(left: WhitenedResiduals, poses: IntArray) -> FloatArray:
+def pose_columns(residuals: WhitenedResiduals, poses: IntArray) -> FloatArray:
     """Columns (p, r, r), one for each equation of the poses (p,), in units of noise: fitting them removes the poses."""
-    return np.asarray(np.linalg.inv(left.whitener[poses]))
+    return np.asarray(np.linalg.inv(residuals.whitener[poses]))
 
 
 def leave_one_out_chi2(
-    left: WhitenedResiduals, kept: BoolArray | None = None
+    residuals: WhitenedResiduals, is_kept: BoolArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Misfit of every pose to the prediction by the others, and its degrees of freedom, (m,) each.
 
-    Both are 0 for poses that are not `kept` (m,).
+    Both are 0 for poses that are not `is_kept` (m,).
     """
-    r = left.U.shape[1]
-    H = np.eye(r) - left.U @ np.swapaxes(left.U, -1, -2)
+    r = residuals.U.shape[1]
+    H = np.eye(r) - residuals.U @ np.swapaxes(residuals.U, -1, -2)
     values, vectors = np.linalg.eigh(H)
     free = values > FREE
-    along = (np.swapaxes(vectors, -1, -2) @ left.white[..., None])[..., 0]
+    along = (np.swapaxes(vectors, -1, -2) @ residuals.white[..., None])[..., 0]
     chi2 = np.where(free, along**2 / np.where(free, values, 1.0), 0.0).sum(-1)
-    kept = np.ones(len(H), dtype=np.bool_) if kept is None else kept
-    return np.where(kept, chi2, 0.0), np.where(kept, free.sum(-1), 0)
+    is_kept = np.ones(len(H), dtype=np.bool_) if is_kept is None else is_kept
+    return np.where(is_kept, chi2, 0.0), np.where(is_kept, free.sum(-1), 0)

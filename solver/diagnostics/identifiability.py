@@ -84,7 +84,7 @@ def identifiability(
     parameters is used unchanged.
     """
     A = np.concatenate(
-        [jacobian_at_closed(part, x, here, sigma_rad) for part, here in pose_blocks(model, q)]
+        [jacobian_at_closed(part, x, part_q, sigma_rad) for part, part_q in pose_blocks(model, q)]
     )
     return identifiability_of_jacobian(A, [p.name for p in model.parameters], q)
 
@@ -101,11 +101,13 @@ def _trend(J: FloatArray) -> tuple[tuple[int, float], ...]:
     parts = [rows.reshape(-1, P) for rows in np.split(J, counts)[:-1]]
     N = np.cumsum([rows.T @ rows for rows in parts], axis=0)
     size = np.sqrt(np.diagonal(N, axis1=-2, axis2=-1))
-    seen = (size > 0.0).all(-1)
-    values = np.linalg.eigvalsh(N[seen] / (size[seen, :, None] * size[seen, None, :]))
+    determined = (size > 0.0).all(-1)
+    values = np.linalg.eigvalsh(
+        N[determined] / (size[determined, :, None] * size[determined, None, :])
+    )
     return tuple(
         (int(count), float(np.sqrt(v[-1] / v[0])))
-        for count, v in zip(counts[seen], values, strict=True)
+        for count, v in zip(counts[determined], values, strict=True)
         if v[0] > TREND_FLOOR * v[-1]
     )
 

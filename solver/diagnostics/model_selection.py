@@ -64,29 +64,33 @@ def noise_scale(chi2: float, dof: int) -> float:
     return min(1.0, max(SMALLEST_NOISE_SCALE, chi2 / max(dof, 1)))
 
 
-def sound_log_likelihood(left: WhitenedResiduals) -> float:
+def sound_log_likelihood(residuals: WhitenedResiduals) -> float:
     """Log-likelihood without a fault, with the noise as stated or less."""
-    return _log_likelihood(left.chi2, left.dof, noise_scale(left.chi2, left.dof))
+    return _log_likelihood(
+        residuals.chi2, residuals.dof, noise_scale(residuals.chi2, residuals.dof)
+    )
 
 
-def unexplained_log_likelihood(left: WhitenedResiduals) -> float:
+def unexplained_log_likelihood(residuals: WhitenedResiduals) -> float:
     """Log-likelihood if all errors are larger than stated, from an unknown cause."""
     return _log_likelihood(
-        left.chi2, left.dof, max(SMALLEST_NOISE_SCALE, left.chi2 / max(left.dof, 1))
+        residuals.chi2,
+        residuals.dof,
+        max(SMALLEST_NOISE_SCALE, residuals.chi2 / max(residuals.dof, 1)),
     )
 
 
 def evidence(
-    left: WhitenedResiduals, G: FloatArray, natural: FloatArray, *, most: float = np.inf
+    residuals: WhitenedResiduals, G: FloatArray, natural: FloatArray, *, most: float = np.inf
 ) -> Evidence | None:
     """Compute the evidence of columns G (m, r, c) with coefficients of natural sizes (c,), or up to `most` times these.
 
     None if all of them are fitted already.
     """
-    s, C = left.score(G)
+    s, C = residuals.score(G)
     s, C = natural * s, natural[:, None] * C * natural
     values, vectors = np.linalg.eigh(C)
-    own = float((left.whiten(G * natural) ** 2).sum(axis=(0, 1)).max(initial=0.0))
+    own = float((residuals.whiten(G * natural) ** 2).sum(axis=(0, 1)).max(initial=0.0))
     free = values > max(1e-7 * own, 1e-30)
     if not free.any():
         return None
@@ -95,8 +99,8 @@ def evidence(
     sizes = SIZES[most >= SIZES]
     v = sizes[:, None] ** 2
     shrunk = v / (1.0 + v * values)
-    chi2 = np.maximum(left.chi2 - (shrunk * along**2).sum(-1), 1e-12)
-    dof = max(left.dof, 1)
+    chi2 = np.maximum(residuals.chi2 - (shrunk * along**2).sum(-1), 1e-12)
+    dof = max(residuals.dof, 1)
     f = np.maximum(SMALLEST_NOISE_SCALE, chi2 / dof)
     gain = -0.5 * np.log1p(v * values).sum(-1) - 0.5 * (dof * np.log(f) + chi2 / f)
     best = int(np.argmax(gain))
@@ -108,12 +112,12 @@ def evidence(
         size=float(sizes[best]),
         b=b,
         covariance=np.outer(natural, natural) * ((vectors * shrunk[best]) @ vectors.T),
-        moved=left.moved(G, b),
+        moved=residuals.moved(G, b),
     )
 
 
 def evidence_of_own(
-    left: WhitenedResiduals,
+    residuals: WhitenedResiduals,
     own: IntArray,
     G: FloatArray,
     natural: FloatArray,
@@ -122,36 +126,36 @@ def evidence_of_own(
 ) -> Evidence | None:
     """Compute the evidence of separate columns G (p, r, c) for each of the poses (p,); otherwise as `evidence`."""
     p, _, c = G.shape
-    columns = OwnColumns.of(left, own, G * natural.reshape(p, 1, c))
+    columns = OwnColumns.of(residuals, own, G * natural.reshape(p, 1, c))
     if not (columns.own > 0.0).any():
         return None
-    sizes, dof = SIZES[most >= SIZES], max(left.dof, 1)
+    sizes, dof = SIZES[most >= SIZES], max(residuals.dof, 1)
 
     @cache
     def at(k: int) -> tuple[float, SolvedColumns]:
         """Log-likelihood at a size, and the coefficients."""
-        there = columns.solved(float(sizes[k]) ** 2)
-        chi2 = max(left.chi2 - there.drop, 1e-12)
+        solved = columns.solved(float(sizes[k]) ** 2)
+        chi2 = max(residuals.chi2 - solved.drop, 1e-12)
         f = max(SMALLEST_NOISE_SCALE, chi2 / dof)
-        return -0.5 * there.logdet - 0.5 * (dof * float(np.log(f)) + chi2 / f), there
+        return -0.5 * solved.logdet - 0.5 * (dof * float(np.log(f)) + chi2 / f), solved
 
-    def best_of(some: range) -> int:
-        return max(some, key=lambda k: at(k)[0])
+    def best_of(grid: range) -> int:
+        return max(grid, key=lambda k: at(k)[0])
 
     about = best_of(range(0, len(sizes), STRIDE))
     best = best_of(range(max(about - STRIDE + 1, 0), min(about + STRIDE, len(sizes))))
-    gain, found = at(best)
+    gain, solution = at(best)
     if not np.isfinite(gain):
         return None
-    b, variance = columns.coefficients(found)
+    b, variance = columns.coefficients(solution)
     return Evidence(
         log_likelihood=gain,
-        chi2=max(left.chi2 - found.drop, 1e-12),
+        chi2=max(residuals.chi2 - solution.drop, 1e-12),
         dof=dof,
         size=float(sizes[best]),
         b=natural * b,
         covariance=natural**2 * variance,
-        moved=columns.moved(left, found),
+        moved=columns.moved(residuals, solution),
     )
 
 
@@ -196,15 +200,22 @@ def drop_unidentifiable(
     J = jacobian_at_closed(model, x, q, sigma_rad)
     names = [p.name for p in model.parameters]
     fixture = {*model.ground_side, *model.hand_side}
-    left = list(range(len(names)))
-    while left:
-        here = [names[k] for k in left]
-        found = identifiability_of_jacobian(J[..., left], here, q)
-        if not found.directions:
+    remaining = list(range(len(names)))
+    while remaining:
+        remaining_names = [names[k] for k in remaining]
+        result = identifiability_of_jacobian(J[..., remaining], remaining_names, q)
+        if not result.directions:
             break
-        del left[_choose(J[..., left].reshape(-1, len(left)), here, found.directions, fixture)]
-    kept = {names[k] for k in left}
-    dropped = tuple(name for name in names if name not in kept)
+        del remaining[
+            _choose(
+                J[..., remaining].reshape(-1, len(remaining)),
+                remaining_names,
+                result.directions,
+                fixture,
+            )
+        ]
+    kept_names = {names[k] for k in remaining}
+    dropped = tuple(name for name in names if name not in kept_names)
     return (model.without(dropped) if dropped else model), dropped
 
 

@@ -59,7 +59,7 @@ def adjust_poses(
         sd = np.sqrt(variance.mean(axis=0))
         near = np.zeros_like(q), close_loops(model, x, q, sigma_rad=sd, max_iterations=3).u
     e, u = near
-    moved = left = np.full(len(q), np.inf)
+    step_size = open_by = np.full(len(q), np.inf)
     for _ in range(MAX_ITERATIONS):
         error = model.loop(x, q + e, u)
         system = linearise(error, e, variance, give)
@@ -67,21 +67,21 @@ def adjust_poses(
         e_new = -variance * (np.swapaxes(system.B, -1, -2) @ multipliers)[..., 0]
         slack = -give[-error.residual.shape[-1] :] * (system.E @ multipliers)[..., 0]
         du = unsensed_step(error, (error.jac_q @ (e_new - e)[..., None])[..., 0] + slack)
-        before = moved
-        moved = np.concatenate((np.abs(e_new - e), np.abs(du)), axis=-1).max(-1, initial=0.0)
+        before = step_size
+        step_size = np.concatenate((np.abs(e_new - e), np.abs(du)), axis=-1).max(-1, initial=0.0)
         # Steps shrink at least as fast as the last two did.
-        left = (
-            moved * np.where(moved < before, moved / np.maximum(before, 1e-300), 1.0)
+        open_by = (
+            step_size * np.where(step_size < before, step_size / np.maximum(before, 1e-300), 1.0)
             if np.isfinite(before).all()
-            else moved
+            else step_size
         )
         # A pose far from closing still approaches, by steps that never reverse.
-        shrink = np.minimum(1.0, 0.5 / np.maximum(moved, 1e-300))[:, None]
+        shrink = np.minimum(1.0, 0.5 / np.maximum(step_size, 1e-300))[:, None]
         e, u = e + shrink * (e_new - e), u + shrink * du
-        if bool(np.all(left < STEP_TOLERANCE)):
+        if bool(np.all(open_by < STEP_TOLERANCE)):
             break
     return AdjustedPoses(
-        error=error, system=system, corrections=e, unsensed=u, converged=left < STEP_TOLERANCE
+        error=error, system=system, corrections=e, unsensed=u, converged=open_by < STEP_TOLERANCE
     )
 
 

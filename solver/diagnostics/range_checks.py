@@ -95,8 +95,8 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
         q_rad=np.rad2deg(q),
     )
     n = q.shape[1]
-    some = _like_radians(arm, q)
-    for columns in dict.fromkeys((tuple(some), *((j,) for j in some))):
+    as_radians = _like_radians(arm, q)
+    for columns in dict.fromkeys((tuple(as_radians), *((j,) for j in as_radians))):
         if 0 < len(columns) < n:
             of = f"joint{'s' if len(columns) > 1 else ''} {', '.join(str(j + 1) for j in columns)}"
             yield Mistake(
@@ -151,8 +151,8 @@ def _like_radians(arm: ArmModel, q: FloatArray) -> list[int]:
     as_degrees = np.rad2deg(q)
     inside = 10 * (_outside(arm, as_degrees) > 0.0).sum(axis=0) <= len(q)
     small = (np.abs(q) < np.deg2rad(2.0 * np.pi)).all(axis=0)
-    moved = np.ptp(as_degrees, axis=0) > limits.RADIANS_SPAN_RAD
-    return [int(j) for j in np.flatnonzero(inside & small & moved)]
+    moving = np.ptp(as_degrees, axis=0) > limits.RADIANS_SPAN_RAD
+    return [int(j) for j in np.flatnonzero(inside & small & moving)]
 
 
 def rows_in_radians(arm: ArmModel, q: FloatArray) -> list[int]:
@@ -185,21 +185,21 @@ def range_findings(
         if isinstance(joint.sensor, NoSensor) or j in unsensed_joints:
             continue
         beyond = outside[:, j - 1]
-        found = np.argsort(-beyond, kind="stable")[: np.count_nonzero(beyond > 0.0)]
+        order = np.argsort(-beyond, kind="stable")[: np.count_nonzero(beyond > 0.0)]
         fault = ReadingFault.OUTSIDE
-        if len(found):
+        if len(order):
             if _whole_turns(arm, q, j):
                 fault = ReadingFault.WHOLE_TURN
         elif isinstance(joint.sensor, Rvdt):
-            found = _pinned(q[:, j - 1], joint.middle_rad, joint.sensor)
+            order = _pinned(q[:, j - 1], joint.middle_rad, joint.sensor)
             fault = ReadingFault.SATURATED
-        if len(found):
+        if len(order):
             findings.append(
                 RangeFinding(
                     joint=j,
                     fault=fault,
-                    poses=tuple(found.tolist()),
-                    reading_rad=float(q[found[0], j - 1]),
+                    poses=tuple(order.tolist()),
+                    reading_rad=float(q[order[0], j - 1]),
                     lower_rad=joint.lower_rad,
                     upper_rad=joint.upper_rad,
                 )
@@ -235,9 +235,9 @@ def _pinned(reading: FloatArray, middle_rad: float, sensor: Rvdt) -> IntArray:
     end = 0.5 * sensor.full_scale_rad
     near = limits.SATURATED_SIGMAS * sensor.sigma_rad
     for side in (-1.0, 1.0):
-        there = np.flatnonzero(np.abs(reading - (middle_rad + side * end)) <= near)
-        if len(there) >= limits.SATURATED_POSES:
-            return there
+        saturated = np.flatnonzero(np.abs(reading - (middle_rad + side * end)) <= near)
+        if len(saturated) >= limits.SATURATED_POSES:
+            return saturated
     return np.zeros(0, dtype=np.int64)
 
 

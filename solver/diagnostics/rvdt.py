@@ -112,30 +112,30 @@ def rvdt_verdicts(
 
     def at_least_stated(design: Layout) -> FloatArray:
         start = design.start_variances()
-        found = [variances.get(c.name, v) for c, v in zip(design.components, start, strict=True)]
-        return np.maximum(start, found)
+        values = [variances.get(c.name, v) for c, v in zip(design.components, start, strict=True)]
+        return np.maximum(start, values)
 
-    ended = settle(model, q, errors, x0=x0, near=near, variances=at_least_stated)
-    found, back = ended.fit, back_to_caller(ended.order)
+    settled = settle(model, q, errors, x0=x0, near=near, variances=at_least_stated)
+    values, back = settled.fit, back_to_caller(settled.order)
     angles = {
         a.joint: a
         for a in loop_angles(
             model,
-            found.x,
-            found.fit.covariance,
+            values.x,
+            values.fit.covariance,
             q,
-            noise_left(found, back),
-            near=(found.corrections[back], found.unsensed[back]),
+            noise_left(values, back),
+            near=(values.corrections[back], values.unsensed[back]),
         )
     }
-    noise = _without_compliance(noise, found.fit)
+    noise = _without_compliance(noise, values.fit)
     offsets = {j: sensor_angle(q[:, j - 1], a)[1] for j, a in angles.items()}
-    known = dict(zip((p.name for p in model.parameters), found.x.tolist(), strict=True))
+    known = dict(zip((p.name for p in model.parameters), values.x.tolist(), strict=True))
     verdicts = []
     for joint, sensor in sensors.items():
         reading, angle = q[:, joint - 1], angles[joint]
         reason = _undecidable(reading, angle.scatter, sensor)
-        if not found.converged:
+        if not values.converged:
             reason = "the calibration without the RVDTs did not converge"
         if reason:
             verdicts.append(undecided(joint, sensor, reason, noise.get(joint)))
@@ -147,8 +147,8 @@ def rvdt_verdicts(
             noise.get(joint),
             samples=float(1.0 / np.mean(1.0 / samples)),
         )
-        here = offsets | {joint: figures.theta_off_rad}
-        share = _share(model.with_all_joints_sensed(), known, q, joint, figures, here)
+        offsets_of_joints = offsets | {joint: figures.theta_off_rad}
+        share = _share(model.with_all_joints_sensed(), known, q, joint, figures, offsets_of_joints)
         verdicts.append(_judge(joint, sensor, figures, share))
     return tuple(verdicts)
 
@@ -279,9 +279,9 @@ def _share(
 ) -> float:
     """Share of the squared closure error, with all readings in use, that correcting one joint's readings removes."""
     known = known | {f"theta_off_{j}": float(wrap_angle(v)) for j, v in offsets_rad.items()}
-    whole = np.array([known.get(p.name, p.nominal) for p in sensed.parameters])
+    x = np.array([known.get(p.name, p.nominal) for p in sensed.parameters])
     better = q.copy()
     better[:, joint - 1] = figures.corrected(q[:, joint - 1])
-    residual = sensed.reduced(whole, np.stack((q, better)), rates=False).residual
+    residual = sensed.reduced(x, np.stack((q, better)), rates=False).residual
     before, after = (residual**2).sum((1, 2)).tolist()
     return 0.0 if before == 0.0 else 1.0 - after / before

@@ -39,10 +39,10 @@ def with_found_motion_noise(fit: LinearFit) -> LinearFit:
         row[components] = stated[components]
     slope = fit.stated.derivatives
     information = way @ slope.information @ way.T
-    found = 1.0 + np.linalg.lstsq(information, way @ slope.score, rcond=1e-9)[0]
+    scales = 1.0 + np.linalg.lstsq(information, way @ slope.score, rcond=1e-9)[0]
     v = fit.at_known_noise.v.copy()
     for components, share in zip(
-        moving, np.clip(found, MOTION_NOISE_LEAST_SHARE**2, 1.0), strict=True
+        moving, np.clip(scales, MOTION_NOISE_LEAST_SHARE**2, 1.0), strict=True
     ):
         v[components] = np.minimum(v[components], share * stated[components])
     return LinearFit(design, fit.system, v)
@@ -97,7 +97,7 @@ def exceeded_specifications(fit: LinearFit) -> tuple[ExceededSpecification, ...]
     design, v = fit.design, fit.v
     stated = design.stated_variances()
     error = standard_errors(with_priors(fit).information, v, design.floors)
-    found = []
+    exceeded = []
     for c, value, least, s in zip(design.components, v, stated, error, strict=True):
         if c.name in ("discrepancy", "placement") or not value > least > 0.0 or not np.isfinite(s):
             continue
@@ -108,13 +108,13 @@ def exceeded_specifications(fit: LinearFit) -> tuple[ExceededSpecification, ...]
             2.0 / (9.0 * dof)
         )
         log_chance = float(np.log(chance)) if chance > 1e-300 else float(-0.5 * cube**2)
-        found.append(
+        exceeded.append(
             ExceededSpecification(
                 component=c.name, times=float(np.sqrt(value / least)), log_chance=log_chance
             )
         )
     level = np.log(FALSE_ALARM_PROBABILITY / max(len(design.components), 1))
-    return tuple(sorted((x for x in found if x.log_chance < level), key=lambda x: x.times))
+    return tuple(sorted((x for x in exceeded if x.log_chance < level), key=lambda x: x.times))
 
 
 FAMILIES = {
@@ -139,17 +139,17 @@ class Scale:
     high: float
 
 
-def learned_scales(fit: LinearFit, found: Derivatives) -> tuple[Scale, ...]:
+def learned_scales(fit: LinearFit, derivatives: Derivatives) -> tuple[Scale, ...]:
     """Return the scale of every family of errors whose size is estimated.
 
-    The variances of `fit` are at the posterior mean of the sizes; `found` are the derivatives of the likelihood. The
+    The variances of `fit` are at the posterior mean of the sizes; `derivatives` are the derivatives of the likelihood. The
     logarithm of a size is taken as normal about its mode (Laplace's approximation; method, section 10).
     """
     components = fit.design.components
     learned = [k for k, c in enumerate(components) if c.scaled]
     if not learned:
         return ()
-    spread = scale_spread(fit, found)[learned]
+    spread = scale_spread(fit, derivatives)[learned]
     out = []
     for k, s in zip(learned, np.sqrt(spread).tolist(), strict=True):
         c = components[k]
@@ -168,8 +168,8 @@ def shares_of_poses(fit: LinearFit) -> dict[str, float]:
     """
     design = fit.design
     names = [p.name for p in design.model.parameters]
-    found = dict.fromkeys(names, 1.0)
+    shares = dict.fromkeys(names, 1.0)
     variance = np.square(fit.standard_deviation)
     for k, sd in zip(design.soft_index.tolist(), design.soft_sd.tolist(), strict=True):
-        found[names[k]] = float(np.clip(1.0 - variance[k] / sd**2, 0.0, 1.0))
-    return found
+        shares[names[k]] = float(np.clip(1.0 - variance[k] / sd**2, 0.0, 1.0))
+    return shares

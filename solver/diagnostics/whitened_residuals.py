@@ -77,8 +77,8 @@ class WhitenedResiduals:
         root = vectors[:, free] / np.sqrt(values[free])
         inside = U.T @ white @ root
         # In the metric of the prior's rows the new columns are orthogonal to the old ones.
-        found = self._extended(white @ root - U @ inside, root.T @ s, inside)
-        return replace(found, dof=self.dof - int(free.sum()))
+        extended = self._extended(white @ root - U @ inside, root.T @ s, inside)
+        return replace(extended, dof=self.dof - int(free.sum()))
 
     def _extended(
         self, new: FloatArray, along: FloatArray, inside: FloatArray
@@ -161,9 +161,9 @@ class OwnColumns:
     inside: FloatArray
 
     @classmethod
-    def of(cls, left: WhitenedResiduals, poses: IntArray, columns: FloatArray) -> OwnColumns:
+    def of(cls, residuals: WhitenedResiduals, poses: IntArray, columns: FloatArray) -> OwnColumns:
         """Prepare the columns (p, r, c) of `poses`."""
-        white = left.whitener[poses] @ columns
+        white = residuals.whitener[poses] @ columns
         own, turn = np.linalg.eigh(np.swapaxes(white, -1, -2) @ white)
         turned = np.swapaxes(white @ turn, -1, -2)
         return cls(
@@ -171,8 +171,8 @@ class OwnColumns:
             white=white,
             turn=turn,
             own=np.maximum(own, 0.0).reshape(-1),
-            score=(turned @ left.white[poses][..., None]).reshape(-1),
-            inside=(turned @ left.U[poses]).reshape(own.size, -1),
+            score=(turned @ residuals.white[poses][..., None]).reshape(-1),
+            inside=(turned @ residuals.U[poses]).reshape(own.size, -1),
         )
 
     def solved(self, variance: float) -> SolvedColumns:
@@ -182,10 +182,10 @@ class OwnColumns:
         total = 1.0 / variance + self.own
         root = np.sqrt(total)
         inside, score = self.inside / root[:, None], self.score / root
-        left = np.eye(inside.shape[1]) - inside.T @ inside
-        factor, failed = lapack.dpotrf(left, lower=True)
+        determined = np.eye(inside.shape[1]) - inside.T @ inside
+        factor, failed = lapack.dpotrf(determined, lower=True)
         if failed:
-            values, vectors = np.linalg.eigh(left)
+            values, vectors = np.linalg.eigh(determined)
             factor = np.linalg.cholesky((vectors * np.maximum(values, ROUNDING)) @ vectors.T)
         back, _ = lapack.dtrtri(factor, lower=True)
         back = np.tril(back)
@@ -208,31 +208,31 @@ class OwnColumns:
         b = (self.turn @ solved.b.reshape(p, c, 1)).reshape(-1)
         return b, variance.reshape(-1)
 
-    def moved(self, left: WhitenedResiduals, solved: SolvedColumns) -> FloatArray:
+    def moved(self, residuals: WhitenedResiduals, solved: SolvedColumns) -> FloatArray:
         """Change of the parameters (P,) when these columns are fitted."""
-        return np.asarray(left.to_x @ (self.inside.T @ solved.b))
+        return np.asarray(residuals.to_x @ (self.inside.T @ solved.b))
 
-    def drawn(self, left: WhitenedResiduals) -> WhitenedResiduals:
+    def drawn(self, residuals: WhitenedResiduals) -> WhitenedResiduals:
         """Return the residuals if the columns' coefficients are random with variance 1, as noise of these poses."""
         solved = self.solved(1.0)
         b = (self.turn @ solved.b.reshape(len(self.poses), -1, 1))[..., 0]
-        white = left.white + left.U @ (self.inside.T @ solved.b)
+        white = residuals.white + residuals.U @ (self.inside.T @ solved.b)
         white[self.poses] -= (self.white @ b[..., None])[..., 0]
         noise = np.linalg.cholesky(
             np.eye(self.white.shape[1]) + self.white @ np.swapaxes(self.white, -1, -2)
         )
         quiet = np.linalg.inv(noise)
         white[self.poses] = (np.swapaxes(noise, -1, -2) @ white[self.poses][..., None])[..., 0]
-        whitener, U = left.whitener.copy(), left.U.copy()
+        whitener, U = residuals.whitener.copy(), residuals.U.copy()
         whitener[self.poses] = quiet @ whitener[self.poses]
         U[self.poses] = quiet @ U[self.poses]
         return WhitenedResiduals(
             whitener=whitener,
             U=U @ solved.back.T,
             white=white,
-            chi2=left.chi2 - solved.drop,
-            to_x=left.to_x @ solved.back.T,
-            dof=left.dof,
+            chi2=residuals.chi2 - solved.drop,
+            to_x=residuals.to_x @ solved.back.T,
+            dof=residuals.dof,
         )
 
 

@@ -80,13 +80,13 @@ def covariance(one: Pulled, two: Pulled, s: FloatArray) -> FloatArray:
     Its first term does not depend on how the axes of the fixture's halves are rotated.
     """
     k, a, b = len(s), len(one.pull), len(two.pull)
-    seen = (one.pull.reshape(a * k, -1) @ two.pull.reshape(b * k, -1).T).reshape(a, k, b, k)
-    total = np.zeros_like(seen)
-    for (share, here), (_, there) in zip(one.halves, two.halves, strict=True):
-        own = _turned(seen, _back(here), _back(there))
+    product = (one.pull.reshape(a * k, -1) @ two.pull.reshape(b * k, -1).T).reshape(a, k, b, k)
+    total = np.zeros_like(product)
+    for (share, turn_a), (_, turn_b) in zip(one.halves, two.halves, strict=True):
+        own = _turned(product, _back(turn_a), _back(turn_b))
         C = own.transpose(0, 3, 2, 1).copy()
         C[:, range(k), :, range(k)] += np.einsum("aibi->ab", own)
-        total += share**2 * (seen + _turned(C, here, there) / WISHART_DOF)
+        total += share**2 * (product + _turned(C, turn_a, turn_b) / WISHART_DOF)
     total *= s[:, None, None] * s
     return total.reshape(a * k, b * k)
 
@@ -96,14 +96,14 @@ def _back(turn: FloatArray | None) -> FloatArray | None:
     return None if turn is None else np.swapaxes(turn, -1, -2)
 
 
-def _turned(C: FloatArray, here: FloatArray | None, there: FloatArray | None) -> FloatArray:
+def _turned(C: FloatArray, turn_a: FloatArray | None, turn_b: FloatArray | None) -> FloatArray:
     """``T C T'``, C (a, k, b, k), with the rotations (a, k, k) of its rows and (b, k, k) of its columns."""
-    if here is None or there is None:
+    if turn_a is None or turn_b is None:
         return C
     a, k, b, _ = C.shape
     # One product for all columns of a pose, first along the rows and then along the columns.
-    rows = (here @ C.reshape(a, k, b * k)).reshape(a * k, b, k)
-    return (there @ rows.transpose(1, 2, 0)).reshape(b, k, a, k).transpose(2, 3, 0, 1)
+    rows = (turn_a @ C.reshape(a, k, b * k)).reshape(a * k, b, k)
+    return (turn_b @ rows.transpose(1, 2, 0)).reshape(b, k, a, k).transpose(2, 3, 0, 1)
 
 
 def variance(held: Pulled, s: FloatArray) -> FloatArray:

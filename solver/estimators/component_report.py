@@ -99,8 +99,8 @@ def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | 
     slots = [design.index[name] for name in FIXTURE_NOISE if name in design.index]
     if not slots:
         return None
-    found = stated.derivatives
-    z = found.score[slots] / np.sqrt(np.diagonal(found.information)[slots])
+    derivatives = stated.derivatives
+    z = derivatives.score[slots] / np.sqrt(np.diagonal(derivatives.information)[slots])
     statistic = float(np.maximum(z, 0.0).max() ** 2)
     p_value = min(1.0, len(slots) * float(ndtr(-np.sqrt(statistic))))
     return ComplianceTest(statistic=statistic, p_value=p_value, gives=p_value < COMPLIANCE_LEVEL)
@@ -119,8 +119,8 @@ def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -
     own = np.empty(len(v))
     own[inner] = np.diagonal(inverse)
     # Remaining information of each outer component, given the inner ones (Schur).
-    left = 1.0 - ((across @ inverse) * across).sum(-1)
-    own[~inner] = np.where(left > LEAST_LEFT, 1.0 / np.maximum(left, LEAST_LEFT), 0.0)
+    unexplained = 1.0 - ((across @ inverse) * across).sum(-1)
+    own[~inner] = np.where(unexplained > LEAST_LEFT, 1.0 / np.maximum(unexplained, LEAST_LEFT), 0.0)
     # A variance that few poses leave to rounding has no meaningful error.
     return np.where(own > 0.0, np.sqrt(np.maximum(own, 0.0)), np.inf) / size
 

@@ -87,8 +87,8 @@ class Whitened:
     def times(self, coefficients: FloatArray) -> FloatArray:
         """Columns times coefficients (width, ...): (m, r, ...), as one product for all poses."""
         m, r, width = self.M.shape
-        found = self.M.reshape(m * r, width) @ coefficients
-        return found.reshape(m, r, *coefficients.shape[1:])
+        product = self.M.reshape(m * r, width) @ coefficients
+        return product.reshape(m, r, *coefficients.shape[1:])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -170,8 +170,8 @@ class LinearModel(Layout):
         if errors.endpoint_variance.any():
             yield along(closure, "instrument", errors.endpoint_variance[6 - self.rows :])
         for rows, stated in self.gives:
-            left = self.give_basis.missed[poses, None] * self.free_give * stated**2
-            yield along(slice(n + rows.start, n + rows.stop), "fixture_give", left)
+            variance = self.give_basis.missed[poses, None] * self.free_give * stated**2
+            yield along(slice(n + rows.start, n + rows.stop), "fixture_give", variance)
         if self.loaded is not None:
             yield along(closure, "fixture_give", self.loaded.missed(poses))
         for name, rows in zip(FIXTURE_NOISE, (slice(n, n + 3), slice(-3, None)), strict=True):
@@ -194,15 +194,15 @@ class LinearModel(Layout):
 
     def smooth_give_variance(self, v: FloatArray) -> FloatArray:
         """Variance (6,) of the deflection that repeats at the same pose."""
-        found = np.zeros(6)
+        variance = np.zeros(6)
         # One group for each of `gives` with columns (the discrepancy's too), then that of the loads.
         groups = [g for g in self.groups if g.source == "fixture_give"]
         for (rows, _), g in zip(self.gives, groups, strict=False):
-            found[6 - self.rows :][rows] += g.variance(v)
+            variance[6 - self.rows :][rows] += g.variance(v)
         if self.loaded is not None:
-            squares = [(self.loaded.columns(here) ** 2).sum((0, 2)) for here in self.parts()]
-            found[6 - self.rows :] += v[self.index["compliance"]] * sum(squares) / len(self.q)
-        return found
+            squares = [(self.loaded.columns(poses) ** 2).sum((0, 2)) for poses in self.parts()]
+            variance[6 - self.rows :] += v[self.index["compliance"]] * sum(squares) / len(self.q)
+        return variance
 
     # ---- columns
 
@@ -252,16 +252,16 @@ class LinearModel(Layout):
         shift, give = self.expected.copy(), np.zeros((len(self.q), self.rows))
         at = len(self.soft_index)
         end = at + len(self.along_joints.joint_of)
-        for here in self.parts():
-            shift[here] += self.along_joints.shift(b[at:end], angle[here], here)
+        for poses in self.parts():
+            shift[poses] += self.along_joints.shift(b[at:end], angle[poses], poses)
         at = end
         for rows, _ in self.gives:
             k = self.give_basis.phi.shape[1]
             give[:, rows] = self.give_basis.phi @ b[at : at + 3 * k].reshape(3, k).T
             at += 3 * k
         if self.loaded is not None:
-            for here in self.parts():
-                give[here] += self.loaded.columns(here) @ b[at:]
+            for poses in self.parts():
+                give[poses] += self.loaded.columns(poses) @ b[at:]
         return shift, give
 
 

@@ -87,25 +87,25 @@ class Estimate:
 
     def without(self, names: Collection[str]) -> Estimate:
         """Return the same estimate without some of its parameters."""
-        kept = [k for k, p in enumerate(self.parameters) if p.name not in names]
-        if len(kept) == len(self.parameters):
+        indices = [k for k, p in enumerate(self.parameters) if p.name not in names]
+        if len(indices) == len(self.parameters):
             return self
         return replace(
             self,
-            parameters=tuple(self.parameters[k] for k in kept),
-            x=self.x[kept],
-            covariance=self.covariance[np.ix_(kept, kept)],
+            parameters=tuple(self.parameters[k] for k in indices),
+            x=self.x[indices],
+            covariance=self.covariance[np.ix_(indices, indices)],
         )
 
     def given(self, names: Collection[str]) -> Estimate:
         """Return the estimate of the other parameters if some were known exactly."""
-        left = [k for k, p in enumerate(self.parameters) if p.name not in names]
+        indices = [k for k, p in enumerate(self.parameters) if p.name not in names]
         rest = self.without(names)
-        if len(left) == len(self.parameters):
+        if len(indices) == len(self.parameters):
             return rest
-        known = [k for k in range(len(self.parameters)) if k not in left]
+        known = [k for k in range(len(self.parameters)) if k not in indices]
         C = self.covariance
-        across = C[np.ix_(left, known)]
+        across = C[np.ix_(indices, known)]
         explained = across @ np.linalg.pinv(C[np.ix_(known, known)], hermitian=True) @ across.T
         return replace(rest, covariance=rest.covariance - explained)
 
@@ -205,11 +205,11 @@ def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> Cl
 
     Unsensed joints take the angles that close each loop best; their readings are not used.
     """
-    found = [_at_readings(part, x, here) for part, here in pose_blocks(model, q)]
+    errors = [_at_readings(part, x, part_q) for part, part_q in pose_blocks(model, q)]
     return ClosureAtReadings(
-        residual=np.concatenate([error.residual for error in found]),
-        rotation_rows=found[0].rotation_rows,
-        flipped=np.concatenate([error.flipped for error in found]),
+        residual=np.concatenate([error.residual for error in errors]),
+        rotation_rows=errors[0].rotation_rows,
+        flipped=np.concatenate([error.flipped for error in errors]),
     )
 
 
@@ -218,8 +218,8 @@ def _at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedEr
         return model.reduced(x, q, rates=False)
     # Offsets of unsensed joints may belong to a placement, so each uses its own.
     parts = model.parts()
-    found = [_at_unsensed_angles(part, x[here], q[poses]) for part, here, poses in parts]
-    return model.with_all_joints_sensed().merged(found)
+    errors = [_at_unsensed_angles(part, x[columns], q[poses]) for part, columns, poses in parts]
+    return model.with_all_joints_sensed().merged(errors)
 
 
 def _at_unsensed_angles(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedError:
@@ -231,7 +231,7 @@ def _at_unsensed_angles(model: ClosureModel, x: FloatArray, q: FloatArray) -> Re
     for joint in model.unsensed_joints:
         filled[:, joint - 1] = model.angle_of(u, joint) - offsets[f"theta_off_{joint}"]
     sensed = model.with_all_joints_sensed()
-    here = {p.name: value for p, value in zip(model.parameters, x, strict=True)}
+    values = {p.name: value for p, value in zip(model.parameters, x, strict=True)}
     return sensed.reduced(
-        np.array([here.get(p.name, p.nominal) for p in sensed.parameters]), filled, rates=False
+        np.array([values.get(p.name, p.nominal) for p in sensed.parameters]), filled, rates=False
     )

@@ -203,12 +203,12 @@ def estimate_implicit(
     nominal = nominal_vector(model.parameters)
     sensed = model.with_all_joints_sensed()
     names = [p.name for p in sensed.parameters]
-    here = [names.index(p.name) for p in model.parameters]
+    columns = [names.index(p.name) for p in model.parameters]
     if x0 is None:
         require_enough_poses(model, len(q))
         x0 = nominal
         if len(q) * sensed.equations_per_pose > len(names):
-            x0 = estimate_paper(sensed, q, progress=progress).x[here]
+            x0 = estimate_paper(sensed, q, progress=progress).x[columns]
     fit = fit_implicit(model, q, noise, x0, progress=progress)
     x = nearest_equivalent(model, fit.x, nominal)
     if np.abs(wrap_angles(model.parameters, x - fit.x)).max(initial=0.0) > SAME_DESCRIPTION:
@@ -279,9 +279,9 @@ class _Loops:
     ) -> None:
         self._q, self._variance, self._give = q, variance, give
         self._parts, first = list[tuple[ClosureModel, slice]](), 0
-        for part, here in pose_blocks(model, q):
-            self._parts.append((part, slice(first, first + len(here))))
-            first += len(here)
+        for part, poses in pose_blocks(model, q):
+            self._parts.append((part, slice(first, first + len(poses))))
+            first += len(poses)
         self._blocks: dict[int, _Block] = {}
 
     def linearised(
@@ -290,9 +290,9 @@ class _Loops:
         """Linearise at parameters (P,), corrections (m, n) and unsensed angles (m, U): the equations of all poses."""
 
         def blocks() -> Iterator[tuple[FloatArray, FloatArray]]:
-            for k, (part, here) in enumerate(self._parts):
+            for k, (part, poses) in enumerate(self._parts):
                 # Overwrites the last round's, so that no memory is allocated again.
-                self._blocks[k] = block = self._block(part, here, x, e[here], u[here])
+                self._blocks[k] = block = self._block(part, poses, x, e[poses], u[poses])
                 yield block.w, block.A
             if prior is not None:
                 root = np.sqrt(prior.precision)
@@ -301,10 +301,10 @@ class _Loops:
         return triangle_of(blocks())
 
     def _block(
-        self, part: ClosureModel, here: slice, x: FloatArray, e: FloatArray, u: FloatArray
+        self, part: ClosureModel, poses: slice, x: FloatArray, e: FloatArray, u: FloatArray
     ) -> _Block:
-        error = part.loop(x, self._q[here] + e, u)
-        system = linearise(error, e, self._variance[here], self._give)
+        error = part.loop(x, self._q[poses] + e, u)
+        system = linearise(error, e, self._variance[poses], self._give)
         whiten = whitener(system.V)
         return _Block(
             w=(whiten @ system.w[..., None])[..., 0],
@@ -316,12 +316,14 @@ class _Loops:
 
     def after(self, step: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Corrections (m, n), changes of the unsensed angles (m, U) and each pose's chi2 (m,) after a step (P,)."""
-        found = []
-        for (_, here), block in zip(self._parts, self._blocks.values(), strict=True):
-            left = block.w + block.A @ step
-            across = left[..., None, :]
-            e = -self._variance[here] * (across @ block.B)[..., 0, :]
+        results = []
+        for (_, poses), block in zip(self._parts, self._blocks.values(), strict=True):
+            residual = block.w + block.A @ step
+            across = residual[..., None, :]
+            e = -self._variance[poses] * (across @ block.B)[..., 0, :]
             slack = -self._give[-block.Et.shape[-1] :] * (across @ block.Et)[..., 0, :]
-            found.append((e, block.rates.unsensed_step(step, e, slack), (left * left).sum(-1)))
-        e, du, pose_chi2 = (np.concatenate(values) for values in zip(*found, strict=True))
+            results.append(
+                (e, block.rates.unsensed_step(step, e, slack), (residual * residual).sum(-1))
+            )
+        e, du, pose_chi2 = (np.concatenate(values) for values in zip(*results, strict=True))
         return e, du, pose_chi2

@@ -68,20 +68,20 @@ class JointShapes:
 
     def _still(self, poses: slice) -> FloatArray:
         """Shapes (m, c) that do not depend on corrections; columns of linearity deviations are left empty."""
-        layout, there = self._layout, self._poses
+        layout, readings = self._layout, self._poses
         turning = np.flatnonzero(layout.accuracy)
-        turn = there.q[poses, turning] if len(turning) else np.zeros((len(there.q[poses]), 0))
+        turn = readings.q[poses, turning] if len(turning) else np.zeros((len(readings.q[poses]), 0))
         waves = np.stack((np.sin(turn), np.cos(turn), np.sin(2 * turn), np.cos(2 * turn)), axis=-1)
         m = len(turn)
         shapes = [(layout.accuracy[turning, None] * waves).reshape(m, -1)]
         shapes += [np.zeros((m, where.stop - where.start)) for _, where in self._curves]
         play = layout.play_joints
         shapes.append(
-            (layout.backlash[play, None] * there.play.columns[poses][:, play]).reshape(m, -1)
+            (layout.backlash[play, None] * readings.play.columns[poses][:, play]).reshape(m, -1)
         )
         sag = layout.sag_joints
         if len(sag):
             shapes.append(
-                (layout.sag[sag, None] * there.sags.columns[poses][:, sag]).reshape(m, -1)
+                (layout.sag[sag, None] * readings.sags.columns[poses][:, sag]).reshape(m, -1)
             )
         return np.concatenate(shapes, axis=-1)

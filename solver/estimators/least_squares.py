@@ -75,8 +75,8 @@ class Triangle:
             plain, _ = lapack.dtrtrs(self.T, self.b)
             return np.asarray(-plain), 0.5 * float(self.b @ self.b)
         scale, U, s, Vt = self._scaled()
-        seen = s > UNSEEN * s[0]
-        gain = np.where(seen, s / np.where(seen, s**2 + damping, 1.0), 0.0)
+        determined = s > UNSEEN * s[0]
+        gain = np.where(determined, s / np.where(determined, s**2 + damping, 1.0), 0.0)
         beta = U.T @ self.b
         lower = 0.5 * float(((gain * s * (2.0 - gain * s)) * beta**2).sum())
         return -(Vt.T @ (gain * beta)) / scale, lower
@@ -110,27 +110,27 @@ def triangle_of(blocks: Iterable[tuple[FloatArray, FloatArray]]) -> Triangle:
     Each block is triangularised below the triangle of those before it, so that memory does not grow with the number of
     rows, and J'J is never formed.
     """
-    whole = stacked_triangle(np.concatenate((J, r[..., None]), axis=-1) for r, J in blocks)
-    return Triangle(T=whole[:-1, :-1], b=whole[:-1, -1], rest=float(whole[-1, -1] ** 2))
+    triangle = stacked_triangle(np.concatenate((J, r[..., None]), axis=-1) for r, J in blocks)
+    return Triangle(T=triangle[:-1, :-1], b=triangle[:-1, -1], rest=float(triangle[-1, -1] ** 2))
 
 
 def stacked_triangle(blocks: Iterable[FloatArray]) -> FloatArray:
     """Triangle (P, P) of the QR factors of all blocks (..., P) stacked, a few at a time."""
     from scipy.linalg import lapack
 
-    left: FloatArray | None = None
+    triangle: FloatArray | None = None
     for J in blocks:
         # The order of rows does not matter: where columns are contiguous nothing is copied.
         rows = J.reshape(-1, J.shape[-1], order="A")
         for first in range(0, max(len(rows), 1), BLOCK_ROWS):
             block = rows[first : first + BLOCK_ROWS]
-            stacked = block if left is None else np.concatenate((left, block))
-            left = np.triu(lapack.dgeqrf(stacked)[0][: stacked.shape[1]])
-    if left is None:
+            stacked = block if triangle is None else np.concatenate((triangle, block))
+            triangle = np.triu(lapack.dgeqrf(stacked)[0][: stacked.shape[1]])
+    if triangle is None:
         raise ValueError("least squares need at least one block")
-    whole = np.zeros((left.shape[1], left.shape[1]))
-    whole[: len(left)] = left
-    return whole
+    square = np.zeros((triangle.shape[1], triangle.shape[1]))
+    square[: len(triangle)] = triangle
+    return square
 
 
 Problem = Callable[[FloatArray], Triangle]
@@ -180,35 +180,37 @@ def solve_damped(
     `problem`: residuals and their exact Jacobian, as a triangle.
     """
     x = np.array(x0, dtype=np.float64)
-    here, damping, iteration, before = problem(x), 0.0, 0, 0.0
+    current, damping, iteration, last_cost = problem(x), 0.0, 0, 0.0
 
     def ended(x: FloatArray, *, converged: bool) -> Fit:
-        return Fit(x=x, cost=here.cost, iterations=iteration, converged=converged, triangle=here)
+        return Fit(
+            x=x, cost=current.cost, iterations=iteration, converged=converged, triangle=current
+        )
 
     while iteration < max_iterations:
         while True:
-            step, predicted = here.step(damping)
+            step, predicted = current.step(damping)
             largest = float(np.max(np.abs(step), initial=0.0))
-            left = predicted**2 / before if before > 0.0 else np.inf
+            gain = predicted**2 / last_cost if last_cost > 0.0 else np.inf
             # At the floor of rounding no step measurably descends; that is the minimum.
-            if predicted <= LAST_SHARE * here.cost + 1e-300 or left <= LEFT_SHARE * here.cost:
+            if predicted <= LAST_SHARE * current.cost + 1e-300 or gain <= LEFT_SHARE * current.cost:
                 if damping == 0.0:
-                    x, here, iteration = x + step, here.after(step), iteration + 1
+                    x, current, iteration = x + step, current.after(step), iteration + 1
                 return ended(x, converged=True)
-            there = problem(x + step)
-            if np.isfinite(there.cost) and there.cost < here.cost:
-                before = predicted if damping == 0.0 else 0.0
+            trial = problem(x + step)
+            if np.isfinite(trial.cost) and trial.cost < current.cost:
+                last_cost = predicted if damping == 0.0 else 0.0
                 damping = 0.0 if damping < 1e-8 else damping / 10.0
                 break
-            before = 0.0
+            last_cost = 0.0
             if largest < LEAST_STEP:
                 return ended(x, converged=True)
             damping = max(10.0 * damping, 1e-6)
             if damping > 1e12:
                 return ended(x, converged=False)
-        x, here, iteration = x + step, there, iteration + 1
+        x, current, iteration = x + step, trial, iteration + 1
         if progress is not None:
-            progress(iteration, here.cost)
+            progress(iteration, current.cost)
         if largest < LEAST_STEP:
             return ended(x, converged=True)
     return ended(x, converged=False)

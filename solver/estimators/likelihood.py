@@ -54,23 +54,23 @@ def likelihood_derivatives(fit: LinearFit) -> Derivatives:
         M = part.M.reshape(m * r, width)
         X = M @ fit.H_inverse
         P = np.eye(r) - X.reshape(m, r, width) @ np.swapaxes(part.M, -1, -2)
-        left = (part.w + part.times(fit.coefficients))[..., None]
+        residual = (part.w + part.times(fit.coefficients))[..., None]
         # A component's derivative of the noise's covariance is C diag(rates) C'.
         C, noise = part.C, design.noise_rates(part.poses)
         Ct = np.swapaxes(C, -1, -2)
-        seen = Ct @ left
-        pulled = (C @ (noise * seen)).reshape(m * r, K)
+        pulled_residual = Ct @ residual
+        pulled = (C @ (noise * pulled_residual)).reshape(m * r, K)
         pulled -= M[:, hard:] @ effects
         inner += pulled.T @ pulled
         along += pulled.T @ M
         PC = P @ C
-        chance = np.einsum("mf,mfc->c", (PC * C).sum(1), noise)
-        expected += chance
-        score += np.einsum("mf,mfc->c", seen[..., 0] ** 2, noise) - chance
+        expected_part = np.einsum("mf,mfc->c", (PC * C).sum(1), noise)
+        expected += expected_part
+        score += np.einsum("mf,mfc->c", pulled_residual[..., 0] ** 2, noise) - expected_part
         information += np.einsum("mfc,mfd->cd", noise, (Ct @ PC) * (Ct @ C) @ noise)
         # Squares of each effect's columns of a pose under P.
-        reached = Ct @ X.reshape(m, r, width)[..., hard:]
-        across = np.einsum("mfc,mfx->cx", noise, reached**2, optimize=True) @ rates
+        effect_columns = Ct @ X.reshape(m, r, width)[..., hard:]
+        across = np.einsum("mfc,mfx->cx", noise, effect_columns**2, optimize=True) @ rates
         information += across + across.T
     average = inner - along @ fit.H_inverse @ along.T
     return Derivatives(

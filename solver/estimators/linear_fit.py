@@ -76,8 +76,8 @@ class LinearFit:
         self.half, determinant = inverse_root(self.H)
         self.coefficients = -(self.half @ (self.half.T @ right))
         # One refinement: the squares of M cost half the digits, its product with them does not.
-        left = right + self.H @ self.coefficients
-        self.coefficients -= self.half @ (self.half.T @ left)
+        residual = right + self.H @ self.coefficients
+        self.coefficients -= self.half @ (self.half.T @ residual)
         self.right = right
         # NaN stays NaN; `max` would make it the best of all fits.
         self.chi2 = float(np.maximum(0.0, square + right @ self.coefficients))
@@ -181,10 +181,10 @@ class LinearFit:
         the variance would fall without this source, at the same weights.
         """
         design, gain = self.design, self._gain()
-        found: dict[str, FloatArray] = {}
+        variances: dict[str, FloatArray] = {}
 
         def add(source: str, values: FloatArray) -> None:
-            found[source] = found.get(source, np.zeros(len(gain))) + values
+            variances[source] = variances.get(source, np.zeros(len(gain))) + values
 
         for g, where in zip(design.groups, design.slices, strict=True):
             share = (gain[:, where] ** 2).sum(-1)
@@ -198,13 +198,13 @@ class LinearFit:
             if unnamed:
                 add("discrepancy", share * unnamed / of_group)
         for part in self.parts():
-            brought = (np.swapaxes(part.C, -1, -2) @ part.times(gain.T)) ** 2
+            squares = (np.swapaxes(part.C, -1, -2) @ part.times(gain.T)) ** 2
             for noise in design.noise_sources(part.poses):
-                add(noise.source, np.einsum("mf,mfp->p", noise.variance(self.v), brought))
+                add(noise.source, np.einsum("mf,mfp->p", noise.variance(self.v), squares))
         rows = self._distances()[1]
         if len(rows):
             add("distances", ((gain @ rows.T) ** 2).sum(-1))
-        return found
+        return variances
 
     # ---- predictions between poses, and effects outside the model
 
@@ -241,9 +241,9 @@ class LinearFit:
         rows = [
             (part.times(self.half), part.w + part.times(self.coefficients)) for part in self.parts()
         ]
-        N, left = (np.concatenate(found) for found in zip(*rows, strict=True))
+        N, residual = (np.concatenate(arrays) for arrays in zip(*rows, strict=True))
         return [
-            _held_out(N[poses].reshape(-1, self.design.width), left[poses].reshape(-1))
+            _held_out(N[poses].reshape(-1, self.design.width), residual[poses].reshape(-1))
             for poses in parts
         ]
 
@@ -253,8 +253,8 @@ class LinearFit:
         for part in self.parts():
             P = np.eye(part.w.shape[1]) - part.times(self.H_inverse) @ np.swapaxes(part.M, -1, -2)
             values, vectors = np.linalg.eigh(0.5 * (P + np.swapaxes(P, -1, -2)))
-            left = (part.w + part.times(self.coefficients))[..., None]
-            along = (np.swapaxes(vectors, -1, -2) @ left)[..., 0]
+            residual = (part.w + part.times(self.coefficients))[..., None]
+            along = (np.swapaxes(vectors, -1, -2) @ residual)[..., 0]
             good = values > 1e-9
             chi2.append((along**2 / np.where(good, values, np.inf)).sum(-1))
             dof.append(good.sum(-1))
@@ -270,8 +270,8 @@ class LinearFit:
         for part in self.parts():
             gain = part.times(self.H_inverse)
             P = np.eye(part.w.shape[1]) - gain @ np.swapaxes(part.M, -1, -2)
-            left = (part.w + part.times(self.coefficients))[..., None]
-            pull = np.linalg.pinv(P, rcond=1e-9, hermitian=True) @ left
+            residual = (part.w + part.times(self.coefficients))[..., None]
+            pull = np.linalg.pinv(P, rcond=1e-9, hermitian=True) @ residual
             steps.append((np.swapaxes(gain[..., self.design.column], -1, -2) @ pull)[..., 0])
         return np.asarray(np.concatenate(steps) * self.unit)
 
@@ -281,28 +281,28 @@ class LinearFit:
 
         Zero for an effect about which the poses give no information.
         """
-        left = np.diagonal(self.H_inverse)[self.design.hard :]
-        z = self.unit_b / np.sqrt(np.maximum(1.0 - left, 1e-12))
-        return np.where(left < 1.0 - 1e-6, z, 0.0)
+        remaining = np.diagonal(self.H_inverse)[self.design.hard :]
+        z = self.unit_b / np.sqrt(np.maximum(1.0 - remaining, 1e-12))
+        return np.where(remaining < 1.0 - 1e-6, z, 0.0)
 
 
-def _held_out(N: FloatArray, left: FloatArray) -> tuple[float, int]:
-    """Square of `left` (R,) in the metric ``(I - N N')^-1``, N (R, K), and the number of determined directions.
+def _held_out(N: FloatArray, residual: FloatArray) -> tuple[float, int]:
+    """Square of `residual` (R,) in the metric ``(I - N N')^-1``, N (R, K), and the number of determined directions.
 
     ``I - N N'`` has the eigenvalues of ``I - N'N`` and ones, so the smaller of the two suffices.
     """
     few = len(N) <= N.shape[1]
-    if few and (chi2 := _square_in(np.eye(len(N)) - N @ N.T, left)) is not None:
+    if few and (chi2 := _square_in(np.eye(len(N)) - N @ N.T, residual)) is not None:
         return chi2, len(N)
     share, vectors = np.linalg.eigh(N @ N.T if few else N.T @ N)
     share = np.clip(share, 0.0, 1.0)
-    along = vectors.T @ (left if few else N.T @ left)
+    along = vectors.T @ (residual if few else N.T @ residual)
     if not few:
         along = along / np.sqrt(np.maximum(share, 1e-300))
     determined = share < 1.0 - 1e-9
     more = np.where(determined, 1.0 / np.where(determined, 1.0 - share, 1.0), 0.0) - 1.0
     more = np.where(share > 1e-12, more, 0.0)
-    return float(left @ left + more @ along**2), len(N) - int((~determined).sum())
+    return float(residual @ residual + more @ along**2), len(N) - int((~determined).sum())
 
 
 def _square_in(V: FloatArray, w: FloatArray) -> float | None:

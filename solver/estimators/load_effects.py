@@ -181,14 +181,14 @@ class Gravity:
 
     def sags(self, torque: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Expected twist (m, n), columns of deviations (m, n, c), variance they miss (m, n), side of play (m, n)."""
-        found = []
+        blocks = []
         for cut in _cuts(len(torque)):
-            some = torque[cut]
-            columns = (some.transpose(1, 0, 2) @ self.turn).transpose(1, 0, 2)
-            missed = np.maximum(((some * self.size) ** 2).sum(-1) - (columns**2).sum(-1), 0.0)
+            block = torque[cut]
+            columns = (block.transpose(1, 0, 2) @ self.turn).transpose(1, 0, 2)
+            missed = np.maximum(((block * self.size) ** 2).sum(-1) - (columns**2).sum(-1), 0.0)
             missed = np.where(self.rate > 0.0, missed, 1.0)
-            found.append((self.rate * some[..., 0], columns, missed, _side(some)))
-        expected, columns, missed, side = (np.concatenate(f) for f in zip(*found, strict=True))
+            blocks.append((self.rate * block[..., 0], columns, missed, _side(block)))
+        expected, columns, missed, side = (np.concatenate(f) for f in zip(*blocks, strict=True))
         return expected, columns, missed, side
 
 
@@ -217,27 +217,27 @@ def load_basis(
         for part, of_part, of_poses in parts
     ]
     torque = np.empty((m, model.joint_count, placements[0][1].shapes))
-    for here, one in placements:
-        for cut in _cuts(len(here)):
-            torque[here[cut]] = one.torques(cut)
+    for poses, one in placements:
+        for cut in _cuts(len(poses)):
+            torque[poses[cut]] = one.torques(cut)
     gravity = Gravity.of(placements[0][1], torque)
-    expected, sag, left, side = gravity.sags(torque)
+    expected, sag, missed_sag, side = gravity.sags(torque)
     # The largest array of all: with many poses it is computed again at each request.
     again = torque if m <= CHUNK else None
     del torque
-    moved = np.zeros((m, k, give_columns * len(parts)))
+    deflection = np.zeros((m, k, give_columns * len(parts)))
     missed = np.zeros((m, k))
-    for number, (here, one) in enumerate(placements):
+    for number, (poses, one) in enumerate(placements):
         if max(give) > 0.0:
             ours = slice(number * give_columns, (number + 1) * give_columns)
-            moved[here, :, ours], missed[here] = _gives(
-                one, give, give_columns, None if again is None else again[here]
+            deflection[poses, :, ours], missed[poses] = _gives(
+                one, give, give_columns, None if again is None else again[poses]
             )
     return LoadBasis(
         sag_expected=expected,
         sag=sag,
-        sag_missed=left,
-        all_give=moved,
+        sag_missed=missed_sag,
+        all_give=deflection,
         rows=np.arange(m),
         give_missed=missed,
         side=side,
@@ -312,25 +312,25 @@ def _gives(
     scale = np.divide(1.0, size, out=np.zeros(k), where=size > 0.0)
     sized = unit[:, None] * s[:, None, None]
     held = _pulled(part, first, W * sized)
-    there = held.at_poses(among)
-    across = covariance(held, there, s)
+    centres_held = held.at_poses(among)
+    across = covariance(held, centres_held, s)
     values, vectors = np.linalg.eigh(
         across.reshape(len(first), k, -1)[among].reshape(-1, across.shape[-1])
     )
     good = values > SMALLEST * values[-1]
     # Keep the largest, whose eigenvectors come last.
-    kept = min(columns, int(good.sum()))
-    root = vectors[:, : -kept - 1 : -1] / np.sqrt(values[: -kept - 1 : -1])
-    found = np.zeros((m, k, columns))
+    count = min(columns, int(good.sum()))
+    root = vectors[:, : -count - 1 : -1] / np.sqrt(values[: -count - 1 : -1])
+    deflection = np.zeros((m, k, columns))
     missed = np.zeros((m, k))
     for cut in _cuts(m):
         if not few:
             held = _pulled(part, cut, _wrenches(part, cut) * sized)
-            across = covariance(held, there, s)
-        found[cut, :, :kept] = (across @ root).reshape(-1, k, kept) * scale[:, None]
+            across = covariance(held, centres_held, s)
+        deflection[cut, :, :count] = (across @ root).reshape(-1, k, count) * scale[:, None]
         total = variance(held, s) * scale**2
-        missed[cut] = np.maximum(total - (found[cut] ** 2).sum(-1), 0.0)
-    return found, missed
+        missed[cut] = np.maximum(total - (deflection[cut] ** 2).sum(-1), 0.0)
+    return deflection, missed
 
 
 def _pulled(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> Pulled:

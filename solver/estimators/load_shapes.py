@@ -89,15 +89,15 @@ def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess
     good = values > 1e-8 * values[-1]
     if len(far) == len(q):
         # Every pose is a centre: the columns are orthogonal already.
-        whole = vectors[:, good] * np.sqrt(values[good])
-        turn = np.eye(whole.shape[1])
+        values_at_poses = vectors[:, good] * np.sqrt(values[good])
+        turn = np.eye(values_at_poses.shape[1])
     else:
         root = vectors[:, good] / np.sqrt(values[good])
         parts = np.array_split(np.arange(len(q)), -(-len(q) // CHUNK))
-        whole = np.concatenate([kernel(part, far) @ root for part in parts])
-        turn = np.linalg.eigh(whole.T @ whole)[1]
+        values_at_poses = np.concatenate([kernel(part, far) @ root for part in parts])
+        turn = np.linalg.eigh(values_at_poses.T @ values_at_poses)[1]
     diagonal = CONSTANT + sum(WEIGHTS) + LINEAR * (linear**2).sum(-1)
-    return PoseProcess(values=whole, turn=turn[:, ::-1], variance=diagonal)
+    return PoseProcess(values=values_at_poses, turn=turn[:, ::-1], variance=diagonal)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

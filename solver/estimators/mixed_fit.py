@@ -140,21 +140,23 @@ def fit_mixed(
     """
     if variances is None and len(q) > 2 * POSES_FOR_VARIANCES:
         # Evenly over the poses in canonical order, so that the selection does not depend on their order.
-        some = np.linspace(0, len(q) - 1, POSES_FOR_VARIANCES).astype(np.int64)
-        rough = _iterate(
+        subset = np.linspace(0, len(q) - 1, POSES_FOR_VARIANCES).astype(np.int64)
+        of_subset = _iterate(
             LinearModel(
-                model.at_poses(some), q[some], errors.at_poses(some),
-                group=None if group is None else group[some],
+                model.at_poses(subset), q[subset], errors.at_poses(subset),
+                group=None if group is None else group[subset],
             ),
             x0, None, progress,
         )  # fmt: skip
-        errors = replace(errors, signed=rough.fit.design.errors.signed)
+        errors = replace(errors, signed=of_subset.fit.design.errors.signed)
         design = LinearModel(model, q, errors, group=group)
-        whole = _iterate(design, rough.x, rough.fit.v, progress, found=rough.found)
+        of_all = _iterate(
+            design, of_subset.x, of_subset.fit.v, progress, derivatives=of_subset.found
+        )
         return replace(
-            whole,
-            iterations=rough.iterations + whole.iterations,
-            converged=rough.converged and whole.converged,
+            of_all,
+            iterations=of_subset.iterations + of_all.iterations,
+            converged=of_subset.converged and of_all.converged,
         )
     like = None if near is None else near.layout
     design = LinearModel(model, q, errors, group=group, like=like)
@@ -169,89 +171,91 @@ def _iterate(
     progress: Progress | None,
     near: Near | None = None,
     *,
-    found: Derivatives | None = None,
+    derivatives: Derivatives | None = None,
 ) -> MixedFit:
-    """Iterate to convergence; given `variances` (K,) stay fixed, `found` being the derivatives that go with them."""
+    """Iterate to convergence; given `variances` (K,) stay fixed, `derivatives` being the derivatives that go with them."""
     v = design.start_variances() if variances is None else variances
     free = variances is None and len(v) > 0
     settled = SETTLED_BESIDE_VARIANCES_SIGMA if free else SETTLED_SIGMA
     state = _start(design, x0, v, near)
     sign_asked = free and bool(design.expected.any())
-    converged, rounds, ascent, wanted = False, 0, Ascent(), ScoringStep.none(len(v))
-    here, left = Linearisation(design, state), 0.0
+    converged, rounds, ascent, newton_step = False, 0, Ascent(), ScoringStep.none(len(v))
+    linearisation, remaining = Linearisation(design, state), 0.0
     for rounds in range(1, MAX_ROUNDS + 1):
-        if left > RELINEARISE_SIGMA:
-            here = Linearisation(design, state)
-        fit = _solved(design, here, v)
+        if remaining > RELINEARISE_SIGMA:
+            linearisation = Linearisation(design, state)
+        fit = _solved(design, linearisation, v)
         if rounds == 1 and free and fit.chi2 > CHI2_LARGE_START * fit.dof:
             # The stated errors do not explain these readings: start with large deflections.
             v = np.maximum(v, design.leaps)
-            calm = _iterate(design, x0, v, progress)
-            if not calm.fit.chi2 <= CHI2_GIVE_UP * calm.fit.dof:
-                return calm
-            fit = LinearFit(design, here, v)
-        state, moved, left = _advance(design, here, fit)
-        if not np.isfinite(moved):
+            fixed_fit = _iterate(design, x0, v, progress)
+            if not fixed_fit.fit.chi2 <= CHI2_GIVE_UP * fixed_fit.fit.dof:
+                return fixed_fit
+            fit = LinearFit(design, linearisation, v)
+        state, largest_step, remaining = _advance(design, linearisation, fit)
+        if not np.isfinite(largest_step):
             raise PosesDoNotFitError
         if progress is not None:
             progress(rounds, fit.chi2)
         if free:
-            found = with_priors(fit)
-            wanted = step(fit, found)
-            v = ascent.onward(fit, found, wanted, far=moved > COMPARABLE_SIGMA)
-            if rounds >= FREE_ROUNDS and wanted.slope < NEGLIGIBLE_GAIN:
+            derivatives = with_priors(fit)
+            newton_step = step(fit, derivatives)
+            v = ascent.onward(fit, derivatives, newton_step, far=largest_step > COMPARABLE_SIGMA)
+            if rounds >= FREE_ROUNDS and newton_step.slope < NEGLIGIBLE_GAIN:
                 # Not a reason to continue: the parameters converge with the present variances.
-                free, wanted, v = False, ScoringStep.none(len(v)), fit.v
-        enough = STEADY_VARIANCE_SIGMA if ascent.fast else CREEPING_VARIANCE_SIGMA
-        converged = left < settled and (wanted.largest < enough or wanted.slope < LEAST_GAIN)
-        nearly = left < SIGN_TEST_SIGMA and wanted.largest < SIGN_TEST_VARIANCE_SIGMA
+                free, newton_step, v = False, ScoringStep.none(len(v)), fit.v
+        steady = STEADY_VARIANCE_SIGMA if ascent.fast else CREEPING_VARIANCE_SIGMA
+        converged = remaining < settled and (
+            newton_step.largest < steady or newton_step.slope < LEAST_GAIN
+        )
+        nearly = remaining < SIGN_TEST_SIGMA and newton_step.largest < SIGN_TEST_VARIANCE_SIGMA
         if sign_asked and (nearly or rounds >= FREE_ROUNDS):
             surplus = gravity_share(fit) - 0.5
-            in_doubt = abs(surplus) < min(DOUBTFUL_SIGN_SHARE, wanted.largest)
+            in_doubt = abs(surplus) < min(DOUBTFUL_SIGN_SHARE, newton_step.largest)
             sign_asked = in_doubt and not converged and rounds < FREE_ROUNDS
             if surplus < 0.0 and not sign_asked:
                 # The expected sag is dropped from here on; likelihoods and steps before and after cannot be compared.
                 design, ascent, converged = design.unsigned(), Ascent(fast=ascent.fast), False
-                here = Linearisation(design, state)
+                linearisation = Linearisation(design, state)
                 continue
         if converged:
             break
-    if variances is None and found is not None:
-        fit, state = _at_mean_scales(design, fit, found, state)
+    if variances is None and derivatives is not None:
+        fit, state = _at_mean_scales(design, fit, derivatives, state)
     shift, _ = design.effects_at(fit.b, design.q + state.e)
     return MixedFit(
-        x=state.x, corrections=state.e, unsensed=state.u, shift=shift, fit=fit, found=found,
+        x=state.x, corrections=state.e, unsensed=state.u, shift=shift, fit=fit, found=derivatives,
         iterations=rounds, converged=converged,
     )  # fmt: skip
 
 
-def _solved(design: LinearModel, here: Linearisation, v: FloatArray) -> LinearFit:
+def _solved(design: LinearModel, linearisation: Linearisation, v: FloatArray) -> LinearFit:
     """Solve one linearisation; raises PosesDoNotFitError if the poses are too far from closing."""
     try:
-        return LinearFit(design, here, v)
+        return LinearFit(design, linearisation, v)
     except np.linalg.LinAlgError as error:
         raise PosesDoNotFitError from error
 
 
 def _at_mean_scales(
-    design: LinearModel, fit: LinearFit, found: Derivatives, state: State
+    design: LinearModel, fit: LinearFit, derivatives: Derivatives, state: State
 ) -> tuple[LinearFit, State]:
     """Solve again where the loops close, with estimated sizes at their posterior means; no change without these."""
-    v = expected_scales(fit, found)
+    v = expected_scales(fit, derivatives)
     if np.array_equal(v, fit.v):
         return fit, state
-    here = Linearisation(design, state)
-    last = LinearFit(design, here, v)
-    return last, _advance(design, here, last)[0]
+    linearisation = Linearisation(design, state)
+    last = LinearFit(design, linearisation, v)
+    return last, _advance(design, linearisation, last)[0]
 
 
-def expected_scales(fit: LinearFit, found: Derivatives) -> FloatArray:
+def expected_scales(fit: LinearFit, derivatives: Derivatives) -> FloatArray:
     """Variances (K,) with the learned sizes at their posterior mean.
 
     At the mode, sigmas would not include the uncertainty of the sizes themselves. A size exp(t), t ~ N(t_mode, s^2),
     has the mean exp(t_mode + s^2 / 2); the variance is its square.
     """
-    return np.asarray(np.minimum(fit.v * np.exp(scale_spread(fit, found)), fit.design.walls))
+    return np.asarray(np.minimum(fit.v * np.exp(scale_spread(fit, derivatives)), fit.design.walls))
 
 
 def gravity_share(fit: LinearFit) -> float:
@@ -292,23 +296,23 @@ def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[St
     e, give = design.effects_at(fit.b, old.closed_q)
     u, closed_q, closed_u = old.closed_u.copy(), design.q.copy(), old.closed_u.copy()
     for part in fit.parts():
-        here, system = part.poses, at.part(part.poses)
-        left = (part.w + part.times(fit.coefficients))[..., None]
-        multipliers = np.swapaxes(part.L_inverse, -1, -2) @ left
+        poses, system = part.poses, at.part(part.poses)
+        residual = (part.w + part.times(fit.coefficients))[..., None]
+        multipliers = np.swapaxes(part.L_inverse, -1, -2) @ residual
         noise = part.noise * (np.swapaxes(system.noise_columns, -1, -2) @ multipliers)[..., 0]
-        e[here] -= noise[:, : e.shape[1]]
-        give[here] -= noise[:, e.shape[1] :]
-        turned = e[here] + _closing(system, give[here])
-        closed_q[here] += turned
-        rates = at.rates(here)
-        u[here] += rates.unsensed_step(dx, e[here], give[here])
-        closed_u[here] += rates.unsensed_step(dx, turned, np.zeros_like(give[here]))
+        e[poses] -= noise[:, : e.shape[1]]
+        give[poses] -= noise[:, e.shape[1] :]
+        turned = e[poses] + _closing(system, give[poses])
+        closed_q[poses] += turned
+        rates = at.rates(poses)
+        u[poses] += rates.unsensed_step(dx, e[poses], give[poses])
+        closed_u[poses] += rates.unsensed_step(dx, turned, np.zeros_like(give[poses]))
     changes = (dx, closed_q - old.closed_q, closed_u - old.closed_u)
     largest = max(float(np.abs(d).max(initial=0.0)) for d in changes)
     if not np.isfinite(largest):
         return old, float("nan"), float("nan")
     sd = np.maximum(fit.standard_deviation, 1e-150)
-    moved = float(np.abs(dx / sd).max(initial=0.0))
+    largest_step = float(np.abs(dx / sd).max(initial=0.0))
     # Far from closure a full step can wrap an angle; nothing physical turns this much at once.
     shrink = min(1.0, 1.0 / max(largest, 1e-300))
     new = State(
@@ -318,7 +322,7 @@ def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[St
         closed_q=old.closed_q + shrink * (closed_q - old.closed_q),
         closed_u=old.closed_u + shrink * (closed_u - old.closed_u),
     )
-    return new, moved, moved * (1.0 - shrink + min(1.0, CURVATURE_SHARE * largest))
+    return new, largest_step, largest_step * (1.0 - shrink + min(1.0, CURVATURE_SHARE * largest))
 
 
 def _closing(system: System, give: FloatArray) -> FloatArray:
@@ -347,10 +351,10 @@ def expected_fit(
     """
     sd = np.sqrt(np.maximum(errors.joint_variance.mean(axis=0), 1e-12))
     closed = close_loops(model, x, q, sigma_rad=sd)
-    here = np.where(closed.closed[:, None], closed.q, q)
-    design = LinearModel(model, here, errors, group=group)
+    poses_q = np.where(closed.closed[:, None], closed.q, q)
+    design = LinearModel(model, poses_q, errors, group=group)
     at = State(
-        x=np.array(x, dtype=float), e=np.zeros_like(here), u=closed.u,
-        closed_q=here, closed_u=closed.u,
+        x=np.array(x, dtype=float), e=np.zeros_like(poses_q), u=closed.u,
+        closed_q=poses_q, closed_u=closed.u,
     )  # fmt: skip
     return LinearFit(design, Linearisation(design, at), design.stated_variances())

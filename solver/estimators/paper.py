@@ -70,7 +70,7 @@ def closure_problem(model: ClosureModel, q: FloatArray) -> Problem:
     blocks = pose_blocks(model, q)
 
     def problem(x: FloatArray) -> Triangle:
-        errors = (part.reduced(x, here) for part, here in blocks)
+        errors = (part.reduced(x, part_q) for part, part_q in blocks)
         return triangle_of((error.residual, error.jac_x) for error in errors)
 
     return problem

@@ -46,7 +46,7 @@ FAST_SHARE = 0.3
 
 def with_priors(fit: LinearFit) -> Derivatives:
     """Add the prior information about the variances: specifications, spreads within poses, the prior of each scale."""
-    v, found, scaled = fit.v, fit.derivatives, fit.design.scaled
+    v, derivatives, scaled = fit.v, fit.derivatives, fit.design.scaled
     dof, spread, soft = np.array(
         [(c.spread_dof, c.spread_variance, c.soft) for c in fit.design.components]
     ).T.reshape(3, -1)
@@ -54,24 +54,24 @@ def with_priors(fit: LinearFit) -> Derivatives:
     # t = log(v / start) / 2 ~ N(0, SCALE_SD^2), differentiated by v.
     log, pull = np.log(v / fit.design.start_variances()), 4.0 * (SCALE_SD * v) ** 2
     return replace(
-        found,
-        score=found.score
+        derivatives,
+        score=derivatives.score
         + 0.5 * (dof * (ratio - 1.0) / v - 1.0 / soft)
         - np.where(scaled, log * v / pull, 0.0),
-        information=found.information
+        information=derivatives.information
         + np.diag(0.5 * dof / v**2 + np.where(scaled, 1.0 / pull, 0.0)),
-        curvature=found.curvature
+        curvature=derivatives.curvature
         + np.diag(dof * (ratio - 0.5) / v**2 + np.where(scaled, (1.0 - log) / pull, 0.0)),
     )
 
 
-def scale_spread(fit: LinearFit, found: Derivatives) -> FloatArray:
+def scale_spread(fit: LinearFit, derivatives: Derivatives) -> FloatArray:
     """Posterior variance (K,) of the logarithm of each estimated size; zero for the other components."""
     scaled = fit.design.scaled
     spread = np.zeros(len(scaled))
     if scaled.any():
         v = fit.v[scaled]
-        information = 4.0 * np.outer(v, v) * found.information[np.ix_(scaled, scaled)]
+        information = 4.0 * np.outer(v, v) * derivatives.information[np.ix_(scaled, scaled)]
         spread[scaled] = np.clip(np.diagonal(np.linalg.inv(information)), 0.0, SCALE_SD**2)
     return spread
 
@@ -94,7 +94,7 @@ class ScoringStep:
         return cls(change=np.zeros(components), largest=0.0, slope=0.0)
 
 
-def step(fit: LinearFit, found: Derivatives) -> ScoringStep:
+def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
     """Newton's step of the variances; those that would leave their bounds stop there.
 
     For estimated sizes it is a step of ``t = log(v) / 2``, as the log-likelihood is most nearly quadratic in t.
@@ -104,13 +104,13 @@ def step(fit: LinearFit, found: Derivatives) -> ScoringStep:
     low = np.where(leap > 0.0, floor, np.maximum(floor, v / LARGEST_VARIANCE_RATIO))
     high = np.minimum(wall, np.maximum(LARGEST_VARIANCE_RATIO * v, leap))
     rate = np.where(scaled, 2.0 * v, 1.0)
-    known = np.diagonal(found.information) * rate**2
+    known = np.diagonal(derivatives.information) * rate**2
     determined = (
         known > 0.0
     )  # components without information, or with less by rounding, do not change
     size = np.sqrt(np.where(determined, known, 1.0))
     unit = rate / size
-    score, moving = found.score * unit, determined & ((v > floor) | (found.score > 0.0))
+    score, moving = derivatives.score * unit, determined & ((v > floor) | (derivatives.score > 0.0))
     moving &= (v < wall) | (score < 0.0)
 
     def changed(change: FloatArray) -> FloatArray:
@@ -138,11 +138,11 @@ def step(fit: LinearFit, found: Derivatives) -> ScoringStep:
             free &= ~below & ~above
         return change
 
-    change = bounded(found.information * np.outer(unit, unit))
+    change = bounded(derivatives.information * np.outer(unit, unit))
     if np.abs(change).max(initial=0.0) < NEWTON_SIGMA and moving.any():
         # Away from the maximum the curvature may mislead, and its expectation leads there fast.
-        bend = np.diag(np.where(scaled, 4.0 * v * found.score, 0.0) / size**2)
-        metric = found.curvature * np.outer(unit, unit) - bend
+        bend = np.diag(np.where(scaled, 4.0 * v * derivatives.score, 0.0) / size**2)
+        metric = derivatives.curvature * np.outer(unit, unit) - bend
         if np.linalg.eigvalsh(metric[np.ix_(moving, moving)])[0] > LEAST_CURVATURE:
             change = bounded(metric)
     return ScoringStep(
@@ -170,18 +170,18 @@ class Ascent:
         self._wanted: float | None = None
 
     def onward(
-        self, fit: LinearFit, found: Derivatives, wanted: ScoringStep, *, far: bool
+        self, fit: LinearFit, derivatives: Derivatives, newton_step: ScoringStep, *, far: bool
     ) -> FloatArray:
-        """Variances (K,) for the next round, `wanted` being Newton's step from those of `fit`.
+        """Variances (K,) for the next round, `newton_step` being Newton's step from those of `fit`.
 
         `far`: whether the next linearisation will be so different that slopes cannot be compared.
         """
         if self._wanted is not None:
-            self.fast = wanted.largest < FAST_SHARE * self._wanted
-        self._wanted = wanted.largest
+            self.fast = newton_step.largest < FAST_SHARE * self._wanted
+        self._wanted = newton_step.largest
         if self._from is not None:
             start, likelihood, last = self._from
-            slope = float(found.score @ last.change)
+            slope = float(derivatives.score @ last.change)
             fell = fit.log_likelihood < likelihood - LIKELIHOOD_FALL
             if self._share > LEAST_SHARE and (slope < -OVERSHOOT_SHARE * last.slope or fell):
                 top = last.slope / (last.slope - slope) if slope < 0.0 else 0.5
@@ -189,5 +189,5 @@ class Ascent:
                 return np.asarray(start + self._share * last.change)
             # Where one step overshot, the next would as well.
             self._share = min(1.0, 2.0 * self._share)
-        self._from = None if far else (fit.v, fit.log_likelihood, wanted)
-        return np.asarray(fit.v + self._share * wanted.change)
+        self._from = None if far else (fit.v, fit.log_likelihood, newton_step)
+        return np.asarray(fit.v + self._share * newton_step.change)

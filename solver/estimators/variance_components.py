@@ -122,17 +122,17 @@ class Calibrated:
         if len(self.order) <= most:
             return self, np.arange(len(self.order))
         # Evenly in canonical order, so that the selection does not depend on the poses' order.
-        some = np.linspace(0, len(self.order) - 1, most).astype(np.int64)
-        of_caller = np.sort(self.order[some])
-        found = Calibrated(
+        subset = np.linspace(0, len(self.order) - 1, most).astype(np.int64)
+        of_caller = np.sort(self.order[subset])
+        reduced = Calibrated(
             estimate=self.estimate.at_poses(of_caller),
             components=self.components.at_poses(of_caller),
-            linear=self.linear.at_poses(some),
+            linear=self.linear.at_poses(subset),
             found=self.found,
-            order=np.searchsorted(of_caller, self.order[some]),
+            order=np.searchsorted(of_caller, self.order[subset]),
             unsensed=self.unsensed[of_caller],
         )
-        return found, of_caller
+        return reduced, of_caller
 
 
 def estimate_with_errors(
@@ -160,41 +160,41 @@ def estimate_with_errors(
     TooFewPosesError
         No degree of freedom would be left.
     """
-    ended = settle(model, q, errors, x0=x0, group=group, progress=progress)
-    found = ended.fit
-    back = back_to_caller(ended.order)
-    fit = found.fit
-    estimate = estimate_of(ended, model, q)
+    settled = settle(model, q, errors, x0=x0, group=group, progress=progress)
+    fitted = settled.fit
+    back = back_to_caller(settled.order)
+    fit = fitted.fit
+    estimate = estimate_of(settled, model, q)
     return Calibrated(
         estimate=estimate,
-        components=_report(found, back),
+        components=_report(fitted, back),
         linear=fit,
-        found=found.derivatives(),
-        order=ended.order,
-        unsensed=found.unsensed[back],
+        found=fitted.derivatives(),
+        order=settled.order,
+        unsensed=fitted.unsensed[back],
     )
 
 
-def estimate_of(ended: Settled, model: ClosureModel, q: FloatArray) -> Estimate:
+def estimate_of(settled: Settled, model: ClosureModel, q: FloatArray) -> Estimate:
     """Return the estimate from a fit to joint angles `q` (m, n), rad, with poses in the order of `q`."""
-    found = ended.fit
-    error = closure_at_readings(model.at_poses(ended.order), found.x, q[ended.order])
+    fitted = settled.fit
+    error = closure_at_readings(model.at_poses(settled.order), fitted.x, q[settled.order])
     return Estimate(
         estimator="implicit",
         parameters=model.parameters,
-        x=found.x,
-        covariance=found.fit.covariance,
+        x=fitted.x,
+        covariance=fitted.fit.covariance,
         residual=error.residual,
         rotation_rows=error.rotation_rows,
         sigmas=error.sigmas,
         flipped=error.flipped_poses,
-        dof=ended.dof,
-        chi2=found.fit.chi2,
-        pose_chi2=_pose_chi2(found.fit),
-        corrections=found.corrections,
-        iterations=found.iterations,
-        converged=found.converged,
-    ).at_poses(back_to_caller(ended.order))
+        dof=settled.dof,
+        chi2=fitted.fit.chi2,
+        pose_chi2=_pose_chi2(fitted.fit),
+        corrections=fitted.corrections,
+        iterations=fitted.iterations,
+        converged=fitted.converged,
+    ).at_poses(back_to_caller(settled.order))
 
 
 def _by_name(variances: Mapping[str, float], layout: Layout) -> FloatArray:
@@ -236,14 +236,14 @@ def settle(
     if x0 is None:
         x0 = _first(model, q, errors, progress)
     x0 = _near(model, errors, x0, nominal)
-    found = fit_mixed(
+    fitted = fit_mixed(
         model, q, errors, x0, group=group, near=near, variances=variances, progress=progress
     )
-    x = _near(model, errors, nearest_equivalent(model, found.x, nominal), nominal)
-    if np.abs(x - found.x).max() > EQUAL:
+    x = _near(model, errors, nearest_equivalent(model, fitted.x, nominal), nominal)
+    if np.abs(x - fitted.x).max() > EQUAL:
         # An equivalent parameter vector has another covariance: continue there.
-        found = fit_mixed(model, q, found.fit.design.errors, x, group=group, variances=variances)
-    return Settled(fit=found, order=order, dof=dof)
+        fitted = fit_mixed(model, q, fitted.fit.design.errors, x, group=group, variances=variances)
+    return Settled(fit=fitted, order=order, dof=dof)
 
 
 def _near(
@@ -277,9 +277,9 @@ def _pose_chi2(fit: LinearFit) -> FloatArray:
     )
 
 
-def noise_left(found: MixedFit, back: IntArray) -> NoiseModel:
+def noise_left(fitted: MixedFit, back: IntArray) -> NoiseModel:
     """Remaining noise of each pose at the estimated variances, rows in the order of `back` (m,)."""
-    design, v = found.fit.design, found.fit.v
+    design, v = fitted.fit.design, fitted.fit.v
     joints, fixture = np.split(design.noise_variance(v), [design.model.joint_count], axis=1)
     give = np.zeros(6)
     give[6 - design.rows :] = fixture.mean(axis=0)
@@ -287,16 +287,16 @@ def noise_left(found: MixedFit, back: IntArray) -> NoiseModel:
     return NoiseModel(joint_variance=joints[back], fixture_variance=give)
 
 
-def _report(found: MixedFit, back: IntArray) -> VarianceComponents:
-    fit = found.fit
+def _report(fitted: MixedFit, back: IntArray) -> VarianceComponents:
+    fit = fitted.fit
     design, stated = fit.design, fit.stated
-    error = standard_errors(found.derivatives().information, fit.v, design.floors)
+    error = standard_errors(fitted.derivatives().information, fit.v, design.floors)
     return VarianceComponents(
         components=components(design, fit.v, error),
         compliance=compliance_test(stated, design),
-        noise=noise_left(found, back),
+        noise=noise_left(fitted, back),
         curves_rad={
-            a.joint: -found.shift[back, a.joint - 1]
+            a.joint: -fitted.shift[back, a.joint - 1]
             for a in design.errors.analogue
             if a.curve is not None
         },
@@ -304,8 +304,8 @@ def _report(found: MixedFit, back: IntArray) -> VarianceComponents:
         budget=fit.budget(),
         stated_chi2=stated.chi2,
         stated_dof=stated.dof,
-        iterations=found.iterations,
-        converged=found.converged,
+        iterations=fitted.iterations,
+        converged=fitted.converged,
         variances={c.name: float(v) for c, v in zip(design.components, fit.v, strict=True)},
         signed=design.errors.signed,
     )

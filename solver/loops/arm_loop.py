@@ -67,19 +67,19 @@ class ArmLoop(ClosureModel):
         object.__setattr__(self, "_stacked", stacked)
         object.__setattr__(self, "_indices", (kinds, rows))
         angles = [DhKind.THETA_OFF] * self.table.links
-        moved = Entries.of([*kinds, *angles], [*rows, *range(self.table.links)])
-        object.__setattr__(self, "_moved", moved)
+        entries = Entries.of([*kinds, *angles], [*rows, *range(self.table.links)])
+        object.__setattr__(self, "_moved", entries)
         object.__setattr__(self, "_unknown", Entries.of(kinds, rows))
         nominal = dict(zip(self.OWN, self._own_nominal().tolist(), strict=True))
-        found = [
+        positions = [
             Parameter(name=e.name, is_angle=e.kind.is_angle, nominal=float(value))
             for e, value in zip(self.entries, stacked[kinds, rows], strict=True)
         ]
-        found += [
+        positions += [
             Parameter(name=name, is_angle=name in self.OWN_ANGLES, nominal=nominal[name])
             for name in self.own
         ]
-        object.__setattr__(self, "parameters", tuple(found))
+        object.__setattr__(self, "parameters", tuple(positions))
 
     def _own_nominal(self) -> FloatArray:
         """Nominal values of all of `OWN`."""
@@ -116,9 +116,9 @@ class ArmLoop(ClosureModel):
     def own_values(self, x: FloatArray) -> FloatArray:
         """Values of all of `OWN` for parameter vectors (..., P): (..., 1, O), to broadcast over poses."""
         x = np.asarray(x, dtype=np.float64)
-        whole = np.broadcast_to(self._own_nominal(), (*x.shape[:-1], len(self.OWN))).copy()
-        whole[..., self._own_indices()] = x[..., len(self.entries) :]
-        return whole[..., None, :]
+        values = np.broadcast_to(self._own_nominal(), (*x.shape[:-1], len(self.OWN))).copy()
+        values[..., self._own_indices()] = x[..., len(self.entries) :]
+        return values[..., None, :]
 
     def frames(self, x: FloatArray, q: FloatArray, u: FloatArray) -> Frames:
         """All frames of the chain at every pose, seen in its first frame."""

@@ -182,13 +182,13 @@ class ClosureModel(ABC):
                 "eqs. 10-13 eliminate the hinge angle only; unsensed joints need `loop`"
             )
         u = self.initial_unsensed(x, q)
-        whole = self.loop(x, q, u)
+        error = self.loop(x, q, u)
         return ReducedError(
-            residual=whole.residual,
-            jac_x=whole.jac_x if rates else whole.jac_x[..., :0],
+            residual=error.residual,
+            jac_x=error.jac_x if rates else error.jac_x[..., :0],
             rotation_rows=self.components - 3,
             unsensed=u,
-            flipped=np.zeros(whole.residual.shape[:-1], dtype=np.bool_),
+            flipped=np.zeros(error.residual.shape[:-1], dtype=np.bool_),
         )
 
     def equivalents(self, x: FloatArray) -> FloatArray:
@@ -203,9 +203,9 @@ class ClosureModel(ABC):
         """Loops of one placement each, with the indices of their parameters and poses."""
         return ((self, slice(None), slice(None)),)
 
-    def merged(self, found: Sequence[ReducedError]) -> ReducedError:
+    def merged(self, errors: Sequence[ReducedError]) -> ReducedError:
         """Combine the reduced errors of all `parts`."""
-        return found[0]
+        return errors[0]
 
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
@@ -261,7 +261,9 @@ def pose_blocks(model: ClosureModel, q: FloatArray) -> tuple[tuple[ClosureModel,
 
 def unsensed_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> FloatArray:
     """Same as `ClosureModel.initial_unsensed`, (m, U), but a block of poses at a time, to limit memory."""
-    return np.concatenate([part.initial_unsensed(x, here) for part, here in pose_blocks(model, q)])
+    return np.concatenate(
+        [part.initial_unsensed(x, part_q) for part, part_q in pose_blocks(model, q)]
+    )
 
 
 def nearest_equivalent(model: ClosureModel, x: FloatArray, reference: FloatArray) -> FloatArray:
@@ -275,9 +277,9 @@ def nearest_equivalent(model: ClosureModel, x: FloatArray, reference: FloatArray
         # Several placements list only some of their many combinations: continue from the best of them.
         if not squares[best] < distance * (1.0 - 1e-12):
             return nearest
-        here = bool((candidates[best] == nearest).all())
+        unchanged = bool((candidates[best] == nearest).all())
         nearest, distance = wrap_angles(parameters, candidates[best]), float(squares[best])
-        if here:
+        if unchanged:
             return nearest
 
 

@@ -84,21 +84,21 @@ class DhLoop(ArmLoop):
         at_zero = self.frames(x, q, np.zeros((*q.shape[:-1], 1)))
         (R11, R21, R31), _, (R13, R23, R33) = at_zero.axes_of[-1]
         px, py, pz = at_zero.origin_of[-1]
-        moved = screws(at_zero, self._unknown if rates else NO_ENTRIES)
+        columns = screws(at_zero, self._unknown if rates else NO_ENTRIES)
         # Across the hinge axis vectors are complex numbers, and a turn about it is a factor.
         x_end = R11 + 1j * R21
         size = np.abs(x_end)
         turned = x_end.conj() / size
         n, p = turned * (R13 + 1j * R23), turned * (px + 1j * py)
-        w, v = (turned * (moved[:, k] + 1j * moved[:, k + 1]) for k in (0, 3))
+        w, v = (turned * (columns[:, k] + 1j * columns[:, k + 1]) for k in (0, 3))
         # theta_0 follows every parameter so that R21 stays zero (eq. 12): w_z R11 = w_x R31. It turns the end about
         # z_-1, which changes w_z and the position.
         w_z = w.real * (R31 / size)
         swing, swing_rate = _swing(n, R33, w, w_z)
-        jac = np.empty((len(moved), 5, *moved.shape[2:]))
+        jac = np.empty((len(columns), 5, *columns.shape[2:]))
         jac[:, 0], jac[:, 1] = swing_rate.real, swing_rate.imag
-        p_rate = v + (1j * p) * (w_z - moved[:, 2])
-        jac[:, 2], jac[:, 3], jac[:, 4] = p_rate.real, p_rate.imag, moved[:, 5]
+        p_rate = v + (1j * p) * (w_z - columns[:, 2])
+        jac[:, 2], jac[:, 3], jac[:, 4] = p_rate.real, p_rate.imag, columns[:, 5]
         return ReducedError(
             residual=poses_first(np.stack((swing.real, swing.imag, p.real, p.imag, pz)), 0),
             jac_x=poses_first(jac, 1, 0),

@@ -73,11 +73,13 @@ def constrained_frame_entries(R: FloatArray, p_m: FloatArray, n: int) -> dict[st
     `R` and `p_m` are in the frame of `ground` in `constrained_axis_entries`, and do not include theta_off_n.
     """
     hand = Line(point_m=np.zeros(3), direction=np.array([0.0, 0.0, 1.0]))
-    found = constrained_axis_entries(Line(point_m=p_m, direction=R[:, 2]), hand, n)
+    entries = constrained_axis_entries(Line(point_m=p_m, direction=R[:, 2]), hand, n)
     # R Rz(off_n) is Rz(-off_1) Rx(-alpha_0).
-    turn = rotation_about_x(found["alpha_0"]) @ rotation_about_z(found["theta_off_1"]) @ R
-    kept = {name: found[name] for name in ("theta_off_1", "s_0", "a_0", "alpha_0", "s_1")}
-    return kept | {f"theta_off_{n}": float(-np.arctan2(turn[1, 0], turn[0, 0]))}
+    turn = rotation_about_x(entries["alpha_0"]) @ rotation_about_z(entries["theta_off_1"]) @ R
+    ground_entries = {
+        name: entries[name] for name in ("theta_off_1", "s_0", "a_0", "alpha_0", "s_1")
+    }
+    return ground_entries | {f"theta_off_{n}": float(-np.arctan2(turn[1, 0], turn[0, 0]))}
 
 
 def _bearing(v: FloatArray) -> float:

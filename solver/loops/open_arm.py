@@ -84,8 +84,8 @@ class MeasuredClosure(ArmLoop):
     ) -> MeasuredClosure:
         """Bind the model to measured positions (m, 3) and, for a full pose, rotations (m, 3, 3)."""
         if self.full_pose != (rotation is not None):
-            wanted = "needs" if self.full_pose else "does not use"
-            raise ValueError(f"this measurement {wanted} orientations")
+            requirement = "needs" if self.full_pose else "does not use"
+            raise ValueError(f"this measurement {requirement} orientations")
         if position_m.ndim != 2 or position_m.shape[1] != 3:
             raise ValueError("positions must be (m, 3)")
         if rotation is not None and rotation.shape != (len(position_m), 3, 3):
@@ -134,12 +134,12 @@ class MeasuredClosure(ArmLoop):
         candidates = [x]
         for group in (BASE[3:], TIP_TURN):
             if all(name in names for name in group):
-                here = [names.index(name) for name in group]
-                angle = float(np.linalg.norm(x[here]))
+                columns = [names.index(name) for name in group]
+                angle = float(np.linalg.norm(x[columns]))
                 if angle > 1e-9:
                     for y in list(candidates):
                         z = y.copy()
-                        z[here] *= 1.0 - 2.0 * np.pi / angle
+                        z[columns] *= 1.0 - 2.0 * np.pi / angle
                         candidates.append(z)
         return np.stack(candidates)
 
@@ -179,13 +179,13 @@ class MeasuredClosure(ArmLoop):
 
         `R_hand` is the flange in the instrument's frame, `swung` the vector from base to target.
         """
-        left = np.linalg.inv(rotation_vector_differential(own[..., 3:6]))
+        inverse = np.linalg.inv(rotation_vector_differential(own[..., 3:6]))
         right = np.linalg.inv(rotation_vector_differential(own[..., 9:12]))
         out = np.zeros((*R_hand.shape[:-2], 6, 12))
         out[..., 3:, 0:3] = np.eye(3)
-        out[..., :3, 3:6] = left
+        out[..., :3, 3:6] = inverse
         out[..., 3:, 3:6] = -np.cross(
-            swung[..., :, None], np.broadcast_to(left, R_hand.shape), axis=-2
+            swung[..., :, None], np.broadcast_to(inverse, R_hand.shape), axis=-2
         )
         out[..., 3:, 6:9] = R_hand
         out[..., :3, 9:12] = R_hand @ right

@@ -126,26 +126,26 @@ class Placements(ClosureModel):
         """Closure error of every pose in its own placement."""
         x = np.asarray(x, dtype=np.float64)
         self._check(q)
-        found = [
+        errors = [
             model.loop(x[..., columns], q[..., poses, :], u[..., poses, :])
             for model, columns, poses in self.parts()
         ]
         return LoopError(
-            residual=self._gathered([e.residual for e in found], 1),
-            jac_x=self._gathered([e.jac_x for e in found], 2, by_parameters=True),
-            jac_q=self._gathered([e.jac_q for e in found], 2),
-            jac_u=self._gathered([e.jac_u for e in found], 2),
+            residual=self._gathered([e.residual for e in errors], 1),
+            jac_x=self._gathered([e.jac_x for e in errors], 2, by_parameters=True),
+            jac_q=self._gathered([e.jac_q for e in errors], 2),
+            jac_u=self._gathered([e.jac_u for e in errors], 2),
         )
 
     def initial_unsensed(self, x: FloatArray, q: FloatArray) -> FloatArray:
         """Initial unsensed angles of every pose."""
         x = np.asarray(x, dtype=np.float64)
         self._check(q)
-        found = [
+        angles = [
             model.initial_unsensed(x[..., columns], q[..., poses, :])
             for model, columns, poses in self.parts()
         ]
-        return self._gathered(found, 1)
+        return self._gathered(angles, 1)
 
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
         """Reduced closure error of every pose in its own placement."""
@@ -158,14 +158,14 @@ class Placements(ClosureModel):
             ]
         )
 
-    def merged(self, found: Sequence[ReducedError]) -> ReducedError:
+    def merged(self, errors: Sequence[ReducedError]) -> ReducedError:
         """Combine the reduced errors of all `parts`."""
         return ReducedError(
-            residual=self._gathered([e.residual for e in found], 1),
-            jac_x=self._gathered([e.jac_x for e in found], 2, by_parameters=True),
-            rotation_rows=found[0].rotation_rows,
-            unsensed=self._gathered([e.unsensed for e in found], 1),
-            flipped=self._gathered([e.flipped for e in found], 0),
+            residual=self._gathered([e.residual for e in errors], 1),
+            jac_x=self._gathered([e.jac_x for e in errors], 2, by_parameters=True),
+            rotation_rows=errors[0].rotation_rows,
+            unsensed=self._gathered([e.unsensed for e in errors], 1),
+            flipped=self._gathered([e.flipped for e in errors], 0),
         )
 
     def _gathered(
@@ -184,11 +184,11 @@ class Placements(ClosureModel):
             shape[-1] = len(self.parameters)
         out = np.zeros(shape, dtype=first.dtype)
         for k, (_, columns, poses) in enumerate(self.parts()):
-            whole = parts[k]
+            gathered = parts[k]
             if spread:
-                whole = np.zeros((*whole.shape[:-1], shape[-1]), dtype=first.dtype)
-                whole[..., columns] = parts[k]
-            np.moveaxis(out, axis, 0)[poses] = np.moveaxis(whole, axis, 0)
+                gathered = np.zeros((*gathered.shape[:-1], shape[-1]), dtype=first.dtype)
+                gathered[..., columns] = parts[k]
+            np.moveaxis(out, axis, 0)[poses] = np.moveaxis(gathered, axis, 0)
         return out
 
     def equivalents(self, x: FloatArray) -> FloatArray:
@@ -202,12 +202,12 @@ class Placements(ClosureModel):
         # Equivalent vectors of each placement, sorted by their values of the shared entries.
         choices: list[dict[tuple[float, ...], list[FloatArray]]] = []
         for number, model in zip(self.numbers, self.models, strict=True):
-            here = [p.name in shared for p in model.parameters]
+            is_shared = [p.name in shared for p in model.parameters]
             table: dict[tuple[float, ...], list[FloatArray]] = {}
             for y in model.equivalents(x[self.columns(number)]):
-                table.setdefault(tuple(y[here].tolist()), []).append(y)
+                table.setdefault(tuple(y[is_shared].tolist()), []).append(y)
             choices.append(table)
-        found = []
+        vectors = []
         for signature in choices[0]:
             if not all(signature in table for table in choices):
                 continue
@@ -225,8 +225,8 @@ class Placements(ClosureModel):
                 z = x.copy()
                 for number, y in zip(self.numbers, combination, strict=True):
                     z[self.columns(number)] = y
-                found.append(z)
-        return np.stack(found)
+                vectors.append(z)
+        return np.stack(vectors)
 
     def with_all_joints_sensed(self) -> Placements:
         """Return the same loops with every joint's reading used and its offset an unknown."""
@@ -289,11 +289,11 @@ class Placements(ClosureModel):
         if len(self.numbers) == 1:
             return self.models[0].parameters
         shared = self._shared_of(self.models[0])
-        found = [p for p in self.models[0].parameters if p.name in shared]
+        listed = [p for p in self.models[0].parameters if p.name in shared]
         for number, model in zip(self.numbers, self.models, strict=True):
             own = [p for p in model.parameters if p.name not in shared]
-            found += [replace(p, name=self._name(p.name, number)) for p in own]
-        return tuple(found)
+            listed += [replace(p, name=self._name(p.name, number)) for p in own]
+        return tuple(listed)
 
     def _side(self, side: str) -> tuple[str, ...]:
         names = [

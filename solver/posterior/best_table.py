@@ -132,7 +132,7 @@ def best_table(
     table: DhTable,
     tip_m: FloatArray,
     corrections: JointCorrections,
-    there: JointsThere,
+    readings: JointsThere,
     weight: FloatArray,
     *,
     known: Sequence[str],
@@ -157,23 +157,25 @@ def best_table(
     """
     m = len(weight)
     point = tool_point(table, tip_m, every_entry(table.links, hayati))
-    at = point.loop(nominal_vector(point.parameters), there.q, np.zeros((m, 0)))
+    at = point.loop(nominal_vector(point.parameters), readings.q, np.zeros((m, 0)))
     every = [p.name for p in point.parameters]
     names = [n for n in every if n in known or (n not in fixed and (tip or n not in TIP))]
     size = np.array([_size(name) for name in names])
     root = np.sqrt(np.repeat(weight, 3))
     J = at.jac_x[..., [every.index(name) for name in names]].reshape(3 * m, -1)
-    moved = (at.jac_q[..., corrections.joint_of] * there.shapes[:, None, :]).reshape(3 * m, -1)
-    base = (at.jac_q @ there.expected[..., None]).reshape(-1)
+    by_corrections = (at.jac_q[..., corrections.joint_of] * readings.shapes[:, None, :]).reshape(
+        3 * m, -1
+    )
+    base = (at.jac_q @ readings.expected[..., None]).reshape(-1)
     A = np.concatenate((root[:, None] * J * size / CLOSE_M, np.eye(len(names))))
-    asked = root[:, None] * np.column_stack((moved, base)) / CLOSE_M
-    asked = np.concatenate((asked, np.zeros((len(names), asked.shape[1]))))
-    G = np.linalg.lstsq(A, asked, rcond=None)[0] * size[:, None]
+    target = root[:, None] * np.column_stack((by_corrections, base)) / CLOSE_M
+    target = np.concatenate((target, np.zeros((len(names), target.shape[1]))))
+    G = np.linalg.lstsq(A, target, rcond=None)[0] * size[:, None]
     b = np.append(corrections.coefficients, 1.0)
-    left = np.column_stack((moved, base)) - J @ G
+    not_represented = np.column_stack((by_corrections, base)) - J @ G
     k = len(known)
-    spread = ((left[:, :-1] @ covariance[k:, k:]) * left[:, :-1]).sum(-1)
-    mean_square = float(root**2 @ ((left @ b) ** 2 + np.maximum(spread, 0.0)))
+    spread = ((not_represented[:, :-1] @ covariance[k:, k:]) * not_represented[:, :-1]).sum(-1)
+    mean_square = float(root**2 @ ((not_represented @ b) ** 2 + np.maximum(spread, 0.0)))
     to_names = np.zeros((len(names), k))
     to_names[[names.index(name) for name in known], range(k)] = 1.0
     M = np.column_stack((to_names, G[:, :-1]))
@@ -181,14 +183,14 @@ def best_table(
     rows = table.stacked()
     for entry in _entries_of(names):
         rows[entry.kind, entry.row - 1] += step[entry.name]
-    found = BestTable(
+    best = BestTable(
         rows=rows,
         tip_m=tip_m + np.array([step.get(name, 0.0) for name in TIP]),
         entries=tuple(names),
         covariance=M @ covariance @ M.T,
         left_m=float(np.sqrt(mean_square)),
     )
-    return replace(found, sigma_m=float(np.sqrt(weight @ found.tool(there.q)[1] ** 2)))
+    return replace(best, sigma_m=float(np.sqrt(weight @ best.tool(readings.q)[1] ** 2)))
 
 
 def _size(name: str) -> float:

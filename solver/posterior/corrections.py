@@ -75,7 +75,7 @@ class Corrections:
 
     def at(self, q: FloatArray) -> FloatArray:
         """Corrections (..., n), rad, to be added to readings q (..., n), rad."""
-        found = np.zeros_like(q)
+        total = np.zeros_like(q)
         rates: dict[tuple[float, ...], FloatArray] = {}
         for c in self.each:
             own = q[..., c.joint - 1]
@@ -95,14 +95,14 @@ class Corrections:
                 shift = np.polynomial.polynomial.polyval(x, c.coefficients)
             else:
                 shift = np.full(own.shape, c.coefficients[0])
-            found[..., c.joint - 1] += shift
-        return found
+            total[..., c.joint - 1] += shift
+        return total
 
 
-def corrections_of(found: JointCorrections, there: JointsThere) -> Corrections:
-    """Return the corrections of a fit; play enters as its mean over the poses `there`."""
-    design = found.fit.design
-    errors, b = design.errors, found.coefficients
+def corrections_of(joints: JointCorrections, readings: JointsThere) -> Corrections:
+    """Return the corrections of a fit; play enters as its mean over the poses `readings`."""
+    design = joints.fit.design
+    errors, b = design.errors, joints.coefficients
     each: list[ReadingCorrection] = []
     at = 0
 
@@ -129,7 +129,7 @@ def corrections_of(found: JointCorrections, there: JointsThere) -> Corrections:
             )  # fmt: skip
     first = at
     some(len(design.play_joints) * design.play.width)
-    each.extend(_play(design, found, there, slice(first, at)))
+    each.extend(_play(design, joints, readings, slice(first, at)))
     rows = np.zeros((5, design.model.joint_count))
     if errors.loads is not None and len(design.sag_joints):
         gravity = errors.loads.gravity
@@ -142,19 +142,19 @@ def corrections_of(found: JointCorrections, there: JointsThere) -> Corrections:
             # Without a sign, its expected value is a column like the others.
             shapes[0] += gravity.rate[j] * (1.0 if errors.signed else own[-1])
             each.extend(_gravity(int(j) + 1, scale * shapes, gravity.part.masses))
-    kept = [c for c in each if np.abs(c.coefficients).max(initial=0.0) > LEAST_RAD]
-    return Corrections(each=tuple(kept), rows=rows)
+    noticeable = [c for c in each if np.abs(c.coefficients).max(initial=0.0) > LEAST_RAD]
+    return Corrections(each=tuple(noticeable), rows=rows)
 
 
 def _play(
-    design: Layout, found: JointCorrections, there: JointsThere, here: slice
+    design: Layout, joints: JointCorrections, readings: JointsThere, columns: slice
 ) -> Iterator[ReadingCorrection]:
     """Mean correction of play over the readings, expected plus fitted."""
-    mean = (there.shapes[:, here] * found.coefficients[here]).mean(axis=0)
-    for k, j in enumerate(found.joint_of[here]):
+    mean = (readings.shapes[:, columns] * joints.coefficients[columns]).mean(axis=0)
+    for k, j in enumerate(joints.joint_of[columns]):
         size = float(mean[k])
-        if k == 0 or found.joint_of[here][k - 1] != j:
-            size += float((design.backlash[j] * there.side[:, j]).mean())
+        if k == 0 or joints.joint_of[columns][k - 1] != j:
+            size += float((design.backlash[j] * readings.side[:, j]).mean())
         yield ReadingCorrection(
             source="joint_play", joint=int(j) + 1, kind="offset", coefficients=np.array([size])
         )
@@ -239,17 +239,17 @@ class JointCorrections:
         """Return the shapes of the corrections at readings q (m, n), rad."""
         design = self.fit.design
         errors, m = design.errors, len(q)
-        there = replace(
+        errors_there = replace(
             errors,
             loads=None if errors.loads is None else errors.loads.joints_at(q),
             # The direction of approach is unknown in advance, and so is that side of the play.
             approach=None if errors.approach is None else np.zeros_like(q),
         )
-        play = sides_of_play(q, there)
+        play = sides_of_play(q, errors_there)
         expected = design.backlash * play.expected
         sags = NO_SHAPES
         if len(design.sag_joints):
-            sags = shapes_of_sag(q, there, design.sag_basis)
+            sags = shapes_of_sag(q, errors_there, design.sag_basis)
             expected = expected + design.sag * sags.expected
         along = JointShapes(design, JointPoses(q=q, play=play, sags=sags))
         return JointsThere(
@@ -266,7 +266,7 @@ class JointCorrections:
 
     def mean(self, q: FloatArray) -> FloatArray:
         """Corrections (m, n), rad, to be added to readings q (m, n)."""
-        there = self.at(q)
+        parts = self.at(q)
         along = np.zeros((len(self.joint_of), q.shape[1]))
         along[np.arange(len(along)), self.joint_of] = self.coefficients
-        return np.asarray(there.expected + there.shapes @ along)
+        return np.asarray(parts.expected + parts.shapes @ along)

@@ -142,18 +142,23 @@ def global_start(
         directed = sensed.equations_per_pose > 3
         starts = STARTS if directed else STARTS_WITHOUT_DIRECTION
     rng = np.random.default_rng(seed)
-    found = _solve(model, sensed, q, starts, rng, progress)
-    if found.best.rms > BRANCHES_MIXED_RMS and sensed.equations_per_pose == HINGE_EQUATIONS:
+    start = _solve(model, sensed, q, starts, rng, progress)
+    if start.best.rms > BRANCHES_MIXED_RMS and sensed.equations_per_pose == HINGE_EQUATIONS:
         upright = _upright(sensed, q, starts, rng, progress)
         if not upright.all():
-            kept = np.flatnonzero(upright)
+            upright_poses = np.flatnonzero(upright)
             alone = _solve(
-                model.at_poses(kept), sensed.at_poses(kept), q[kept], starts, rng, progress
+                model.at_poses(upright_poses),
+                sensed.at_poses(upright_poses),
+                q[upright_poses],
+                starts,
+                rng,
+                progress,
             )
-            if alone.best.rms < found.best.rms:
+            if alone.best.rms < start.best.rms:
                 aside = tuple(int(k) for k in np.flatnonzero(~upright))
                 return replace(alone, set_aside=aside)
-    return found
+    return start
 
 
 def _solve(
@@ -167,7 +172,7 @@ def _solve(
     """Search, refine on all of `q`, and separate distinct solutions."""
     nominal = nominal_vector(sensed.parameters)
     names = [p.name for p in sensed.parameters]
-    here = [names.index(p.name) for p in model.parameters]
+    columns = [names.index(p.name) for p in model.parameters]
     problem = closure_problem(sensed, q)
 
     found: list[tuple[FloatArray, LocalMinimum]] = []
@@ -182,7 +187,7 @@ def _solve(
         x = nearest_equivalent(sensed, fit.x, nominal)
         error = sensed.reduced(x, q)
         minimum = LocalMinimum(
-            x=x[here],
+            x=x[columns],
             rms=float(np.sqrt(np.mean(error.residual**2))),
             starts=count,
             flipped=tuple(int(k) for k in np.flatnonzero(error.flipped)),

@@ -58,15 +58,19 @@ def best_minima(
     largest = max(parts, key=lambda part: len(part.q))
     count = -(-SEARCH_EQUATIONS // model.equations_per_pose)
     few = replace(largest, q=spread_poses(largest.q, count))
-    here = np.array([largest.table.theta_off_rad[j - 1] for j in largest.searched])
-    x0 = np.concatenate((here[None, :], rng.uniform(-np.pi, np.pi, (starts - 1, len(here)))))
-    found = []
-    for offsets, reached in _minima(*_minimised(few, x0, progress), angles=range(len(here))):
+    nominal_offsets = np.array([largest.table.theta_off_rad[j - 1] for j in largest.searched])
+    x0 = np.concatenate(
+        (nominal_offsets[None, :], rng.uniform(-np.pi, np.pi, (starts - 1, len(nominal_offsets))))
+    )
+    minima = []
+    for offsets, reached in _minima(
+        *_minimised(few, x0, progress), angles=range(len(nominal_offsets))
+    ):
         x = nominal.copy()
         for part in parts:
             x[part.columns] = part.filled(offsets)
-        found.append((x, reached))
-    return found
+        minima.append((x, reached))
+    return minima
 
 
 def _best_of_all_unknowns(
@@ -95,14 +99,14 @@ def _minima(
     x: FloatArray, cost: FloatArray, *, angles: Sequence[int]
 ) -> list[tuple[FloatArray, int]]:
     """The best minima, by rising cost, with the number of starts that reached each."""
-    left = np.argsort(cost, kind="stable")
-    found: list[tuple[FloatArray, int]] = []
-    while len(left) and len(found) < REFINED_MINIMA:
-        apart = wrap_angle(x[left][:, angles] - x[left[0], angles])
+    order = np.argsort(cost, kind="stable")
+    minima: list[tuple[FloatArray, int]] = []
+    while len(order) and len(minima) < REFINED_MINIMA:
+        apart = wrap_angle(x[order][:, angles] - x[order[0], angles])
         same = np.abs(apart).max(-1, initial=0.0) < SAME_MINIMUM
-        found.append((x[left[0]], int(same.sum())))
-        left = left[~same]
-    return found
+        minima.append((x[order[0]], int(same.sum())))
+        order = order[~same]
+    return minima
 
 
 def _minimised(

@@ -92,18 +92,18 @@ def offer(name: str) -> ArmOffer | None:
 
 def _loaded(point: EntryPoint) -> ArmOffer:
     try:
-        found = point.load()
+        offer = point.load()
     except Exception as error:  # a package may raise anything on import
         raise BusError(
             f"The arm {point.name!r} of the package {_package(point)} cannot be loaded ({point.value}): "
             f"{type(error).__name__}: {error}. Install what that package needs, or report this to its author."
         ) from error
-    if not isinstance(found, ArmOffer):
+    if not isinstance(offer, ArmOffer):
         raise BusError(
             f"The arm {point.name!r} of the package {_package(point)} ({point.value}) is a "
-            f"{type(found).__name__}, not a sarcal.arms.ArmOffer. Report this to the author of the package."
+            f"{type(offer).__name__}, not a sarcal.arms.ArmOffer. Report this to the author of the package."
         )
-    return found
+    return offer
 
 
 def _package(point: EntryPoint) -> str:

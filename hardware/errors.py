@@ -19,8 +19,8 @@ class HardwareError(Exception):
         text = super().__str__()
         if not self.kept_writes:
             return text
-        kept = "; ".join(self.kept_writes)
-        return f"{text.removesuffix('.')}. Written before, and not undone: {kept}."
+        writes = "; ".join(self.kept_writes)
+        return f"{text.removesuffix('.')}. Written before, and not undone: {writes}."
 
 
 class BusError(HardwareError):
@@ -37,7 +37,8 @@ class FramesLost(BusError):
     def __init__(self, requests: Mapping[int, tuple[int, int]]) -> None:
         self.requests = dict(requests)
         counted = ", ".join(
-            f"{left} of {asked} to node {node}" for node, (left, asked) in self.requests.items()
+            f"{unanswered} of {sent} to node {node}"
+            for node, (unanswered, sent) in self.requests.items()
         )
         super().__init__(
             f"The bus loses frames or delays them: of the requests {counted} were not answered in time. Check "
@@ -106,9 +107,9 @@ class ObjectMismatch:
 class MappingMismatch(HardwareError):
     """Nodes differ from the profile; `differences` are sentences, also on nodes that do not answer."""
 
-    def __init__(self, found: Sequence[ObjectMismatch], silent: Sequence[str] = ()) -> None:
-        self.found = tuple(found)
-        self.differences = (*map(str, found), *silent)
+    def __init__(self, differences: Sequence[ObjectMismatch], silent: Sequence[str] = ()) -> None:
+        self.found = tuple(differences)
+        self.differences = (*map(str, differences), *silent)
         super().__init__(
             "These nodes are not set up as this program requires:  "
             f"{'; '.join(self.differences)}. Nothing was enabled. {'. '.join(_remedies(self.found))}, then connect "
@@ -128,7 +129,7 @@ class MappingChanged(HardwareError):
         )
 
 
-def _remedies(found: Sequence[ObjectMismatch]) -> Iterator[str]:
+def _remedies(differences: Sequence[ObjectMismatch]) -> Iterator[str]:
     """Remedies for these differences, grouped by what a bus profile can allow."""
     for kind, otherwise in (
         (ProfileRemedy.NONE, " (no bus profile can allow for that)"),
@@ -141,15 +142,15 @@ def _remedies(found: Sequence[ObjectMismatch]) -> Iterator[str]:
             ", or have a bus profile send it as 0 with the commands, or write 0 (pdo_maps: configured)",
         ),
     ):
-        objects = sorted({each.object for each in found if each.remedy is kind})
+        objects = sorted({each.object for each in differences if each.remedy is kind})
         if objects:
             yield (
                 f"Set {', '.join(objects)} in these drives as expected, with their maker's tool{otherwise}"
             )
-    described = [each for each in found if each.remedy is ProfileRemedy.DESCRIBE_PDO]
+    described = [each for each in differences if each.remedy is ProfileRemedy.DESCRIBE_PDO]
     if described:
         yield (
-            f"{'The rest: commission' if len(described) < len(found) else 'Commission'} them as expected, or "
+            f"{'The rest: commission' if len(described) < len(differences) else 'Commission'} them as expected, or "
             "describe them in a bus profile (`sarcal probe --draft FILE` writes one)"
         )
 
@@ -192,14 +193,14 @@ class SdoRefused(HardwareError):
 class ControlDenied(HardwareError):
     """Another node (`holder`) is in control, or (0) control was not granted; `why` is the supervisor's reason."""
 
-    def __init__(self, holder: int, why: str = "") -> None:
+    def __init__(self, holder: int, reason: str = "") -> None:
         self.holder = holder
         if holder:
             super().__init__(
                 f"node {holder} is in control of this arm; `sarcal monitor` shows what that program sends"
             )
         else:
-            because = why or "the supervisor gives no reason"
+            because = reason or "the supervisor gives no reason"
             super().__init__(f"control of this arm was refused: {because}")
 
 

@@ -50,10 +50,10 @@ class LineStream:
 
     def forget(self) -> None:
         """Discard everything sent so far, including the rest of an incomplete line."""
-        left = IN_TRANSIT
+        remaining = IN_TRANSIT
         with self._news:
-            while left > 0 and (count := self._take()):
-                left -= count
+            while remaining > 0 and (count := self._take()):
+                remaining -= count
             self._drop()
 
     def line(self, wait_s: float, name: str) -> str | None:
@@ -62,10 +62,10 @@ class LineStream:
             self._news.wait_for(
                 lambda: self._ended or self._unended >= LONGEST or b"\n" in self._came, wait_s
             )
-            found, end, _ = self._came.partition(b"\n")
+            line, end, _ = self._came.partition(b"\n")
             if end:
-                del self._came[: len(found) + 1]
-                return found.decode(errors="replace").rstrip("\r")
+                del self._came[: len(line) + 1]
+                return line.decode(errors="replace").rstrip("\r")
             require_short(self._unended, name)
             if self._ended:
                 raise EOFError(self._last.decode(errors="replace")[:200])
@@ -116,9 +116,9 @@ class LineStream:
         return count
 
     def _drop(self) -> None:
-        whole, end, _ = self._came.rpartition(b"\n")
+        complete, end, _ = self._came.rpartition(b"\n")
         if end:
-            self._last = bytes(whole.rpartition(b"\n")[2])
+            self._last = bytes(complete.rpartition(b"\n")[2])
         self._came.clear()
         self._skipping = self._unended > 0
 
@@ -300,8 +300,8 @@ class GrowingFile(LinePort):
         """Return the next whole row."""
         until_s = time.monotonic() + wait_s
         while True:
-            if found := self._next():
-                return found
+            if row := self._next():
+                return row
             left_s = until_s - time.monotonic()
             if left_s <= 0.0:
                 return None
@@ -315,13 +315,13 @@ class GrowingFile(LinePort):
             )
         with self._opened() as file:
             file.seek(self._at)
-            found = file.readline(LONGEST)
-        if not found.endswith(b"\n"):
-            require_short(len(found), self.name)
+            row = file.readline(LONGEST)
+        if not row.endswith(b"\n"):
+            require_short(len(row), self.name)
             return ""
-        self._at += len(found)
+        self._at += len(row)
         skip, self._skip_next = self._skip_next, False
-        return "" if skip else found.decode(errors="replace").strip("\r\n")
+        return "" if skip else row.decode(errors="replace").strip("\r\n")
 
     @contextmanager
     def _opened(self) -> Iterator[BinaryIO]:
@@ -335,9 +335,9 @@ class GrowingFile(LinePort):
         except IsADirectoryError as error:
             raise self._no_file() from error
         except (OSError, ValueError) as error:
-            why = error.strerror if isinstance(error, OSError) else str(error)
+            reason = error.strerror if isinstance(error, OSError) else str(error)
             raise InstrumentError(
-                f"{self._path} cannot be read ({why}). Let the tracker's program write "
+                f"{self._path} cannot be read ({reason}). Let the tracker's program write "
                 "the heading line first:  x_m,y_m,z_m and the target's orientation"
             ) from error
 

@@ -118,8 +118,8 @@ class OutsideArm:
 
     def snapshot(self) -> ArmSnapshot:
         """Return the latest state, with this program's STOP latch."""
-        found = self._checked_snapshot(self._connected)
-        return replace(found, stopped=True) if self._latch.latched else found
+        snapshot = self._checked_snapshot(self._connected)
+        return replace(snapshot, stopped=True) if self._latch.latched else snapshot
 
     def take_control(self) -> None:
         """Enable the drives."""
@@ -138,10 +138,10 @@ class OutsideArm:
         with self._repeated_stop(), self._translated_errors():
             self._connected.set_modes(modes)
         joints = self._checked_snapshot(self._connected).joints
-        for joint, wanted in zip(joints, modes, strict=True):
-            if joint.mode is not wanted:
-                found = "no mode" if joint.mode is None else joint.mode.value
-                raise ModeNotReached(joint.joint, wanted.value, found)
+        for joint, requested in zip(joints, modes, strict=True):
+            if joint.mode is not requested:
+                actual = "no mode" if joint.mode is None else joint.mode.value
+                raise ModeNotReached(joint.joint, requested.value, actual)
 
     def move(
         self,
@@ -238,24 +238,24 @@ class OutsideArm:
         """Return the snapshot of `arm` after checking that every joint has a finite position."""
         n = len(self._description.joints)
         with self._translated_errors():
-            found = arm.snapshot()
-            if [joint.joint for joint in found.joints] != list(range(1, n + 1)):
+            snapshot = arm.snapshot()
+            if [joint.joint for joint in snapshot.joints] != list(range(1, n + 1)):
                 raise BusError(
-                    f"{self._name} has {len(found.joints)} joints, and {self._description.model} has {n}: name "
+                    f"{self._name} has {len(snapshot.joints)} joints, and {self._description.model} has {n}: name "
                     "the arm file that describes it"
                 )
-            self._require_numbers("position_rad", found.positions_rad)
-        return found
+            self._require_numbers("position_rad", snapshot.positions_rad)
+        return snapshot
 
     def _require_numbers(self, what: str, values: Sequence[float] | FloatArray) -> None:
         """Raise `BusError` unless there is one finite number for each joint."""
-        n, found = len(self._description.joints), np.asarray(values, dtype=float)
-        if found.shape != (n,):
+        n, numbers = len(self._description.joints), np.asarray(values, dtype=float)
+        if numbers.shape != (n,):
             raise BusError(
-                f"{self._name}: {what} has shape {found.shape} instead of one value for each of {n} joints. "
+                f"{self._name}: {what} has shape {numbers.shape} instead of one value for each of {n} joints. "
                 "Report this to the author of the arm's package. Nothing was captured"
             )
-        for number, value in enumerate(found, 1):
+        for number, value in enumerate(numbers, 1):
             if not np.isfinite(value):
                 raise BusError(
                     f"{self._name}: {what} of joint {number} is {value}. Check the joint's sensor, or report this to "

@@ -48,9 +48,9 @@ def operator_filters(profile: BusProfile) -> list[CanFilter]:
         _one(objects.COB_NMT),
         _covering(pdo.cob_id for joint in profile.joints for pdo in joint.commands),
         *(
-            found
+            can_filter
             for base in (objects.COB_SDO_FROM_SERVER, objects.COB_SDO_TO_SERVER, objects.COB_EMCY)
-            for found in _nodes_of(profile, base)
+            for can_filter in _nodes_of(profile, base)
         ),
         _filter(objects.COB_HEARTBEAT, _FUNCTION_CODE),  # of every node that may hold the token
     ]

@@ -102,17 +102,17 @@ def filter_program(filters: CanFilters) -> bytes:
     states it.
     """
     code = list[bytes]()
-    for wanted in filters:
-        mask = wanted["can_mask"]
+    for can_filter in filters:
+        mask = can_filter["can_mask"]
         test = [
             _BPF.pack(_LOAD_WORD, 0, 0, _UDP_HEADER_BYTES + _IDENTIFIER_AT),
             _BPF.pack(_AND, 0, 0, mask),
-            _BPF.pack(_IS_EQUAL, 0, 1, wanted["can_id"] & mask),
+            _BPF.pack(_IS_EQUAL, 0, 1, can_filter["can_id"] & mask),
             _BPF.pack(_RETURN, 0, 0, _LARGEST_DATAGRAM + _UDP_HEADER_BYTES),
         ]
-        if "extended" in wanted:
+        if "extended" in can_filter:
             flags = _UDP_HEADER_BYTES + _FLAGS_AT
-            of_kind, other = (len(test), 0) if not wanted["extended"] else (0, len(test))
+            of_kind, other = (len(test), 0) if not can_filter["extended"] else (0, len(test))
             code += [
                 _BPF.pack(_LOAD_BYTE, 0, 0, flags),
                 _BPF.pack(_ANY_BIT, of_kind, other, _EXTENDED),
@@ -228,8 +228,8 @@ class LoopbackBus(can.BusABC):
                 self._receiver.setsockopt(socket.SOL_SOCKET, _SO_DETACH_FILTER, 0)
                 return
             program = filter_program(filters)
-            kept = ctypes.create_string_buffer(program, len(program))
-            sock_fprog = struct.pack("@HP", len(program) // _BPF.size, ctypes.addressof(kept))
+            buffer = ctypes.create_string_buffer(program, len(program))
+            sock_fprog = struct.pack("@HP", len(program) // _BPF.size, ctypes.addressof(buffer))
             self._receiver.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, sock_fprog)
             self._is_filtered = True
 

@@ -89,9 +89,9 @@ def bus_settings(
     Raises `BusSettingsError` for an unknown interface, an invalid bitrate or a missing channel.
     """
     stated = {"interface": interface, "channel": channel, "bitrate": bitrate}
-    asked: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}
+    options: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}
     try:
-        named = {**load_file_config(), **load_environment_config(), **asked}
+        named = {**load_file_config(), **load_environment_config(), **options}
         chosen_name = named.get("interface") or named.get("bustype")
         if chosen_name is None and otherwise is not None:
             try:
@@ -104,7 +104,7 @@ def bus_settings(
                 raise BusSettingsError(f"{error}{_named_in(otherwise)}") from error
             return replace(usual, named_in=otherwise.named_in)
         if chosen_name is None:
-            asked["interface"] = DEFAULT_INTERFACE
+            options["interface"] = DEFAULT_INTERFACE
         elif chosen_name not in can.VALID_INTERFACES and chosen_name in offered_names():
             rate = named.get("bitrate")
             return BusSettings(
@@ -112,7 +112,7 @@ def bus_settings(
                 channel=str(named.get("channel", "")),
                 bitrate=None if rate is None else int(rate),
             )
-        found: dict[str, Any] = dict(load_config(config=asked))
+        settings: dict[str, Any] = dict(load_config(config=options))
     except can.CanInterfaceNotImplementedError as error:
         known = ", ".join(sorted(can.VALID_INTERFACES))
         arms = ", ".join(offered_names())
@@ -123,7 +123,11 @@ def bus_settings(
             f"The bus settings cannot be read: {error}. Look at can.conf and at the environment "
             "variables that start with CAN_."
         ) from error
-    chosen, where, rate = (found.pop("interface"), found.pop("channel"), found.pop("bitrate", None))
+    chosen, where, rate = (
+        settings.pop("interface"),
+        settings.pop("channel"),
+        settings.pop("bitrate", None),
+    )
     if where is None and chosen not in _OWN_CHANNEL:
         raise BusSettingsError(
             f"No channel is given for interface {chosen}. Say which one, for example "
@@ -141,7 +145,7 @@ def bus_settings(
         interface=str(chosen),
         channel=DEFAULT_CHANNEL if where is None else str(where),
         bitrate=rate,
-        options=MappingProxyType(found),
+        options=MappingProxyType(settings),
     )
 
 

@@ -84,12 +84,12 @@ def configure(
         # All invalid first: two PDOs of a drive may swap identifiers.
         for step in range(3):
             for change in changes:
-                for index, sub, value, size, why in change.steps[step]:
+                for index, sub, value, size, purpose in change.steps[step]:
                     try:
                         access.write_unsigned(change.node, index, sub, value, size)
                     except SdoRefused as refusal:
                         who = profile.who(change.node)
-                        raise PdoSetupFailed([f"{who}: {refusal}; {why}"]) from refusal
+                        raise PdoSetupFailed([f"{who}: {refusal}; {purpose}"]) from refusal
     except BaseException:
         with suppress(BusError):
             command(NmtCommand.RESET_COMMUNICATION)
@@ -103,7 +103,11 @@ def zero_residual_torques(access: ObjectAccess, profile: BusProfile) -> Iterator
     Yields one sentence for each object written. Raises `MappingMismatch` naming every object that is not 0,
     if the profile only compares, and `ZeroingFailed` if a drive refuses the 0.
     """
-    nonzero = [found for joint in profile.joints for found in _nonzero_objects(access, joint)]
+    nonzero = [
+        nonzero_object
+        for joint in profile.joints
+        for nonzero_object in _nonzero_objects(access, joint)
+    ]
     if nonzero and not profile.configures_pdos:
         raise MappingMismatch(
             [
@@ -171,13 +175,13 @@ def _change(
     has_sync_start = bool(read_number(access, node, communication, SYNC_START))
     writes = list[ObjectWrite]()
     if entries != pdo.entries:
-        why = f"required map: {format_map(pdo.entries)}"
-        writes.append((mapping, 0, 0, 1, why))
+        reason = f"required map: {format_map(pdo.entries)}"
+        writes.append((mapping, 0, 0, 1, reason))
         writes += (
-            (mapping, at, index << 16 | sub << 8 | bits, 4, why)
+            (mapping, at, index << 16 | sub << 8 | bits, 4, reason)
             for at, (index, sub, bits) in enumerate(pdo.entries, 1)
         )
-        writes.append((mapping, 0, len(pdo.entries), 1, why))
+        writes.append((mapping, 0, len(pdo.entries), 1, reason))
     if transmission not in types:
         writes.append((communication, 2, types[-1], 1, f"required transmission type: {types[-1]}"))
     if types is EVERY_SYNC and inhibited:
@@ -186,15 +190,15 @@ def _change(
         writes.append((communication, SYNC_START, 0, 1, "required SYNC start value: 0"))
     if not writes and cob_id & (IDENTIFIER | EXTENDED | NOT_VALID) == pdo.cob_id:
         return None
-    off, new_id = bool(cob_id & NOT_VALID), cob_id & _NO_REMOTE_REQUEST | pdo.cob_id
+    invalid, new_id = bool(cob_id & NOT_VALID), cob_id & _NO_REMOTE_REQUEST | pdo.cob_id
     text = (
         f"{profile.who(node)}: {pdo_name(communication, pdo.number)} is {format_map(pdo.entries)} on "
-        f"{pdo.cob_id:03X}h; it was {'off, ' * off}{format_map(entries)} on {cob_id & IDENTIFIER:03X}h, type "
+        f"{pdo.cob_id:03X}h; it was {'off, ' * invalid}{format_map(entries)} on {cob_id & IDENTIFIER:03X}h, type "
         f"{transmission}{', inhibited' * inhibited}{', with a SYNC start value' * has_sync_start}"
     )
     valid = (communication, 1, new_id, 4, f"required identifier: {pdo.cob_id:03X}h")
     return PdoChange(
-        text, node, (() if off else (_invalidate(communication, cob_id),), writes, (valid,))
+        text, node, (() if invalid else (_invalidate(communication, cob_id),), writes, (valid,))
     )
 
 

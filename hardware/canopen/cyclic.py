@@ -66,11 +66,11 @@ class Sample:
 class PdoFields:
     """The objects of `wanted` in a PDO of a joint, in order; all others are padding."""
 
-    def __init__(self, pdo: Pdo, wanted: tuple[int, ...]) -> None:
+    def __init__(self, pdo: Pdo, indices: tuple[int, ...]) -> None:
         self.cob_id = pdo.cob_id
         form, known = "<", list[int]()
         for index, _, bits in pdo.entries:
-            if index in wanted:
+            if index in indices:
                 letter = _LETTERS[bits]
                 form += letter.upper() if index in _UNSIGNED else letter
                 known.append(index)
@@ -120,13 +120,13 @@ class JointFrames:
 
     def decode_command(self, identifier: int, data: bytes) -> dict[int, int]:
         """Decode a received RPDO: values by index, the mode in CiA 402's codes."""
-        found: dict[int, int] = {}
+        values: dict[int, int] = {}
         for command in self._commands:
             if command.cob_id == identifier:
-                found = command.unpack(data) or {}
-        if MODE in found:
-            found[MODE] = self._modes.get(found[MODE], found[MODE])
-        return found
+                values = command.unpack(data) or {}
+        if MODE in values:
+            values[MODE] = self._modes.get(values[MODE], values[MODE])
+        return values
 
 
 def frames_of(profile: BusProfile) -> tuple[JointFrames, ...]:

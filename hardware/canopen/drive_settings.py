@@ -51,7 +51,7 @@ class DrivePdo:
 
 def read_pdos(access: ObjectAccess, node: int) -> tuple[DrivePdo, ...]:
     """Read the PDOs of a drive, RPDOs first."""
-    found = []
+    pdos = []
     for communication, mapping, sent in (
         (objects.RPDO1_COMMUNICATION, objects.RPDO1_MAP, False),
         (objects.TPDO1_COMMUNICATION, objects.TPDO1_MAP, True),
@@ -69,8 +69,8 @@ def read_pdos(access: ObjectAccess, node: int) -> tuple[DrivePdo, ...]:
                 transmission=255 if transmission is None else transmission,
                 entries=(read_map(access, node, mapping + number - 1) or ()) if valid else (),
             )
-            found.append(pdo)
-    return tuple(found)
+            pdos.append(pdo)
+    return tuple(pdos)
 
 
 def read_widths(access: ObjectAccess, node: int) -> dict[int, int]:
@@ -84,12 +84,12 @@ def read_widths(access: ObjectAccess, node: int) -> dict[int, int]:
 
 def read_description_objects(access: ObjectAccess, node: int) -> tuple[int, ...]:
     """Return the `DESCRIPTION_OBJECTS` that a drive has."""
-    found = []
+    indices = []
     for index in DESCRIPTION_OBJECTS:
         with suppress(SdoRefused):
             access.read(node, index, 1)
-            found.append(index)
-    return tuple(found)
+            indices.append(index)
+    return tuple(indices)
 
 
 HEARTBEAT_TIMEOUT_PERIODS = 2.5
@@ -169,7 +169,7 @@ def heartbeat_timeout_s(access: ObjectAccess, profile: BusProfile, min_s: float)
 
     Raises `MappingMismatch` for nodes without a heartbeat, or with too long a period.
     """
-    found, longest_s = [], 0.0
+    mismatches, longest_s = [], 0.0
     for node in profile.nodes:
         period_ms = read_number(access, node, objects.HEARTBEAT_PRODUCER, 0)
         if period_ms is None:  # its heartbeat is waited for in any case
@@ -180,9 +180,9 @@ def heartbeat_timeout_s(access: ObjectAccess, profile: BusProfile, min_s: float)
             remedy = ProfileRemedy.HEARTBEAT_PERIOD if allowable else ProfileRemedy.NONE
             expected = f"a heartbeat every 1 .. {profile.slowest_heartbeat_ms} ms"
             place = node, objects.HEARTBEAT_PRODUCER, 0
-            found.append(ObjectMismatch(*place, expected, f"{period_ms} ms", remedy))
-    if found:
-        raise MappingMismatch(found)
+            mismatches.append(ObjectMismatch(*place, expected, f"{period_ms} ms", remedy))
+    if mismatches:
+        raise MappingMismatch(mismatches)
     return max(min_s, HEARTBEAT_TIMEOUT_PERIODS * longest_s)
 
 
@@ -192,10 +192,10 @@ def check_operator_monitoring(access: ObjectAccess, profile: BusProfile) -> tupl
     Returns the joints whose drives have no 1016h. Raises `MappingMismatch` for drives that would keep moving without an
     operator.
     """
-    found = {node: operator_monitoring_differences(access, node) for node in profile.drives}
-    if wrong := [text for texts in found.values() for text in texts or ()]:
+    differences = {node: operator_monitoring_differences(access, node) for node in profile.drives}
+    if wrong := [text for texts in differences.values() for text in texts or ()]:
         raise MappingMismatch(wrong)
-    return tuple(profile.joint_of[node] for node, texts in found.items() if texts is None)
+    return tuple(profile.joint_of[node] for node, texts in differences.items() if texts is None)
 
 
 def operator_monitoring_differences(
@@ -211,13 +211,13 @@ def operator_monitoring_differences(
         for value in watched
     ):
         return ()
-    seen = ", ".join(f"{value:08X}h" for value in watched) or "no entry"
+    entries = ", ".join(f"{value:08X}h" for value in watched) or "no entry"
     limit_ms = 1e3 * objects.MAX_OPERATOR_TIMEOUT_S
     expected = (
         f"a time-out of at most {limit_ms:.0f} ms for the heartbeat of node {objects.OPERATOR_NODE}"
     )
     place = node, objects.HEARTBEAT_CONSUMER, None
-    return (ObjectMismatch(*place, expected, seen, ProfileRemedy.NONE),)
+    return (ObjectMismatch(*place, expected, entries, ProfileRemedy.NONE),)
 
 
 def following_windows_counts(

@@ -69,25 +69,25 @@ def check_arm(
 
     Raises `WrongArm` with all differences.
     """
-    found = list(_arm_differences(access, identity, description, profile.supervisor))
+    differences = list(_arm_differences(access, identity, description, profile.supervisor))
     limits = limits_of(description, profile)
     for joint, expected in enumerate(description.joints, 1):
         try:
-            found += [
+            differences += [
                 f"joint {joint} {what}"
                 for what in _joint_differences(access, joint, expected, profile, limits[joint - 1])
             ]
         except SdoRefused as refusal:
             if refusal.code not in ABSENT:
                 raise
-            found.append(
+            differences.append(
                 f"joint {joint} has no object {refusal.index:04X}h, which the bus "
                 f"profile {profile.name} compares"
             )
-    if found:
+    if differences:
         raise WrongArm(
             "The arm on the bus is not the one in the arm file: "
-            + "; ".join(found)
+            + "; ".join(differences)
             + ". Choose the file that belongs to this arm."
         )
 
@@ -118,19 +118,19 @@ def limits_of(description: ArmDescription, profile: BusProfile) -> tuple[JointLi
 
 def read_rated_torques_nm(access: ObjectAccess, profile: BusProfile) -> tuple[float, ...]:
     """Torque at 1000 per mille in 6077h for every joint, from the profile or 6076h; `WrongArm` if neither states it."""
-    found = []
+    torques = []
     for number, joint in enumerate(profile.joints, 1):
         if joint.rated_torque_nm is not None:
-            found.append(joint.rated_torque_nm)
+            torques.append(joint.rated_torque_nm)
             continue
         try:
-            found.append(access.read_unsigned(joint.node, objects.RATED_TORQUE) * 1e-3)
+            torques.append(access.read_unsigned(joint.node, objects.RATED_TORQUE) * 1e-3)
         except SdoRefused as refusal:
             raise WrongArm(
                 f"Joint {number} states no rated torque ({objects.RATED_TORQUE:04X}h), the unit of its torques. Give "
                 f"rated_torque_nm for it in the bus profile {profile.name}."
             ) from refusal
-    return tuple(found)
+    return tuple(torques)
 
 
 def _arm_differences(

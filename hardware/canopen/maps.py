@@ -57,49 +57,51 @@ def check_mapping(access: ObjectAccess, profile: BusProfile, silent: Iterable[in
     drives are skipped.
     """
     absent = sorted(silent)
-    found = [
+    differences = [
         text
         for node in profile.drives
         if node not in absent and profile.is_drive(access.read_unsigned(node, objects.DEVICE_TYPE))
         for text in pdo_differences(access, node, profile)
     ]
-    if found:
-        raise MappingMismatch(found, [f"{profile.who(node)}: no answer" for node in absent])
+    if differences:
+        raise MappingMismatch(differences, [f"{profile.who(node)}: no answer" for node in absent])
 
 
 def check_positions(
     access: ObjectAccess, profile: BusProfile, counts: Sequence[int], scales: Sequence[JointScale]
 ) -> None:
     """Compare positions by PDO with 6064h by SDO while the joints are at rest; raises `MappingMismatch`."""
-    found = []
+    differences = []
     for joint, by_pdo, scale in zip(profile.joints, counts, scales, strict=True):
         by_sdo = access.read_signed(joint.node, objects.POSITION_ACTUAL)
         if abs(by_pdo - by_sdo) > POSITION_AGREEMENT_RAD * scale.density + 1.0:
             carrier = next(
                 pdo.number for pdo in joint.answers if objects.POSITION_ACTUAL in pdo.carried
             )
-            expected, seen = f"the {by_sdo} counts that it holds", f"{by_pdo} in TPDO{carrier}"
-            found.append(ObjectMismatch(joint.node, objects.POSITION_ACTUAL, None, expected, seen))
-    if found:
-        raise MappingMismatch(found)
+            expected, actual = f"the {by_sdo} counts that it holds", f"{by_pdo} in TPDO{carrier}"
+            differences.append(
+                ObjectMismatch(joint.node, objects.POSITION_ACTUAL, None, expected, actual)
+            )
+    if differences:
+        raise MappingMismatch(differences)
 
 
 def check_communication(access: ObjectAccess, profile: BusProfile) -> None:
     """Compare the objects that no profile can change, before PDOs are written; raises `MappingMismatch`."""
-    if found := [text for node in profile.drives for text in _communication(access, node)]:
-        raise MappingMismatch(found)
+    if differences := [text for node in profile.drives for text in _communication(access, node)]:
+        raise MappingMismatch(differences)
 
 
 def _communication(access: ObjectAccess, node: int) -> Iterator[ObjectMismatch]:
-    found = [
+    mismatches = [
         *_cob_id(access, node, objects.SYNC_COB_ID, 0, objects.COB_SYNC, refused=GENERATES_SYNC),
         *_cob_id(access, node, objects.EMCY_COB_ID, 0, objects.COB_EMCY + node, refused=NOT_VALID),
     ]
     counter = read_number(access, node, _SYNC_COUNTER, 0)
     if counter:
         expected = "0 (a SYNC without counter)"
-        found.append(ObjectMismatch(node, _SYNC_COUNTER, 0, expected, f"{counter}"))
-    for each in found:
+        mismatches.append(ObjectMismatch(node, _SYNC_COUNTER, 0, expected, f"{counter}"))
+    for each in mismatches:
         yield replace(each, remedy=ProfileRemedy.NONE)
 
 
@@ -139,11 +141,11 @@ def pdo_differences(
         entries = read_map(access, node, mapping)
         if entries != pdo.entries:
             expected = f"{pdo_name(communication, pdo.number)} = {format_map(pdo.entries)}"
-            found = "no such object" if entries is None else format_map(entries)
-            yield ObjectMismatch(node, mapping, None, expected, found)
+            actual = "no such object" if entries is None else format_map(entries)
+            yield ObjectMismatch(node, mapping, None, expected, actual)
     for _, index, value in conflicting_pdos(access, node, profile, joint):
-        found = f"{value & IDENTIFIER:03X}h, which frames of this arm use"
-        yield ObjectMismatch(node, index, 1, "another identifier, or none", found)
+        actual = f"{value & IDENTIFIER:03X}h, which frames of this arm use"
+        yield ObjectMismatch(node, index, 1, "another identifier, or none", actual)
 
 
 def read_records(access: ObjectAccess, node: int, communication: int) -> Iterator[tuple[int, int]]:
@@ -167,7 +169,7 @@ def conflicting_pdos(
     A drive with such a PDO would obey another drive's commands. Yields number, index of the communication record,
     COB-ID.
     """
-    taken = _RESERVED | {
+    in_use = _RESERVED | {
         pdo.cob_id for each in profile.joints for pdo in (*each.commands, *each.answers)
     }
     for communication, pdos in (
@@ -176,7 +178,7 @@ def conflicting_pdos(
     ):
         used = {pdo.number for pdo in pdos}
         for number, value in read_records(access, node, communication):
-            if number not in used and not value & NOT_VALID and value & IDENTIFIER in taken:
+            if number not in used and not value & NOT_VALID and value & IDENTIFIER in in_use:
                 yield number, communication + number - 1, value
 
 
@@ -185,8 +187,8 @@ def _on_every_sync(access: ObjectAccess, node: int, index: int) -> Iterator[Obje
     inhibit = inhibit_s(access, node, index)
     if inhibit >= MAX_INHIBIT_S:
         limit = f"an inhibit time below {1e3 * MAX_INHIBIT_S:g} ms"
-        found = f"{1e3 * inhibit:g} ms"
-        yield ObjectMismatch(node, index, INHIBIT, limit, found)
+        actual = f"{1e3 * inhibit:g} ms"
+        yield ObjectMismatch(node, index, INHIBIT, limit, actual)
     start = read_number(access, node, index, SYNC_START)
     if start:
         expected = "SYNC start value 0 (with the next SYNC)"

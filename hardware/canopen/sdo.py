@@ -88,8 +88,8 @@ class ObjectAccess:
 
     def duplicate_nodes(self) -> tuple[int, ...]:
         """Nodes with more than 1.5 answers per request."""
-        asked = self._network.asked
-        return tuple(node for node, n in sorted(self._answered.items()) if n > 1.5 * asked[node])
+        requests = self._network.asked
+        return tuple(node for node, n in sorted(self._answered.items()) if n > 1.5 * requests[node])
 
     def require_unique_nodes(self) -> None:
         """Test the nodes that sent surplus answers since the last call; raises `DuplicateNodeId`.
@@ -136,12 +136,12 @@ class ObjectAccess:
 
     def _require_answers(self) -> None:
         """Raise `FramesLost` if nodes on the bus left too many requests unanswered."""
-        asked = self._network.asked
+        requests = self._network.asked
         unanswered = {
-            n: (k, asked[n]) for n, k in sorted(self._unanswered.items()) if self._answered[n]
+            n: (k, requests[n]) for n, k in sorted(self._unanswered.items()) if self._answered[n]
         }
         lost = sum(count for count, _ in unanswered.values())
-        if lost >= MIN_UNANSWERED and lost > MAX_UNANSWERED_FRACTION * asked.total():
+        if lost >= MIN_UNANSWERED and lost > MAX_UNANSWERED_FRACTION * requests.total():
             raise FramesLost(unanswered)
 
     def read_once(self, node: int, index: int, subindex: int = 0) -> bytes:

@@ -78,26 +78,26 @@ class Bench:
 
     def step_target(self, joint: int) -> float:
         """Target one step away, in the direction with more range."""
-        here = self.arm.snapshot().joints[joint - 1].position_rad
+        position_rad = self.arm.snapshot().joints[joint - 1].position_rad
         ends = self.description.joints[joint - 1]
-        up = ends.upper_rad - here >= here - ends.lower_rad
-        return here + (self.step_rad if up else -self.step_rad)
+        up = ends.upper_rad - position_rad >= position_rad - ends.lower_rad
+        return position_rad + (self.step_rad if up else -self.step_rad)
 
 
 def check(bench: Bench, *, last: Stage) -> Iterator[CheckFinding]:
     """Check an arm up to and including a stage; the caller must close the arm in any case."""
-    found: list[ArmIdentity] = []
+    identities: list[ArmIdentity] = []
 
     def look() -> Iterator[Clause]:
-        found.append(bench.arm.connect())
-        yield from _look(bench, found[0])
+        identities.append(bench.arm.connect())
+        yield from _look(bench, identities[0])
 
     stages: dict[Stage, Callable[[], Iterator[Clause]]] = {
         Stage.LOOK: look,
-        Stage.HOLD: lambda: _hold(bench, found[0]),
-        Stage.MOVE: lambda: _move(bench, found[0]),
+        Stage.HOLD: lambda: _hold(bench, identities[0]),
+        Stage.MOVE: lambda: _move(bench, identities[0]),
         Stage.FREE: lambda: _free(bench),
-        Stage.LEAVE: lambda: _leave(bench, found[0]),
+        Stage.LEAVE: lambda: _leave(bench, identities[0]),
         Stage.SILENCE: lambda: _silence(bench),
     }
     for stage, run in stages.items():
@@ -116,16 +116,16 @@ def check(bench: Bench, *, last: Stage) -> Iterator[CheckFinding]:
             return  # drives are not enabled without a tested STOP
         if stage is last:
             break
-    for name, why in NOT_TESTED.items() if last is Stage.SILENCE else ():
+    for name, reason in NOT_TESTED.items() if last is Stage.SILENCE else ():
         yield CheckFinding(
-            stage=Stage.SILENCE, name=name, passed=None, text=f"not on a bench: {why}"
+            stage=Stage.SILENCE, name=name, passed=None, text=f"not on a bench: {reason}"
         )
 
 
 def _look(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
     arm, n = bench.arm, bench.joints
-    found = f"{identity.model}, serial {identity.serial_number}"
-    yield Clause(name="connect", passed=True, text=found)
+    identity_text = f"{identity.model}, serial {identity.serial_number}"
+    yield Clause(name="connect", passed=True, text=identity_text)
     for text in identity.configured:
         yield Clause(name="configured", passed=True, text=text)
     yield from clauses.names_itself(identity, bench.description.model, n)
@@ -145,16 +145,16 @@ def _look(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
             joint=joint,
         )
     yield from clauses.settles(arm, n, bench.bounds)
-    here = arm.snapshot().joints[0].position_rad
+    position_rad = arm.snapshot().joints[0].position_rad
     yield clauses.is_refused(
         "no control",
         "a move before control is taken",
-        lambda: arm.move({1: here}, speed_rad_per_s=bench.speed_rad_per_s),
+        lambda: arm.move({1: position_rad}, speed_rad_per_s=bench.speed_rad_per_s),
     )
-    kept = len(arm.active_parameters())
+    parameter_bytes = len(arm.active_parameters())
     text = (
-        f"the arm stores a parameter document of {kept} bytes"
-        if kept
+        f"the arm stores a parameter document of {parameter_bytes} bytes"
+        if parameter_bytes
         else "the arm stores no parameters"
     )
     yield Clause(name="parameters", passed=True, text=text)
@@ -269,11 +269,11 @@ def _free(bench: Bench) -> Iterator[Clause]:
         yield Clause(name="frees", passed=True, text="the drive reports free mode", joint=joint)
         yield clauses.refuses_to_move_free(arm, joint, bench.speed_rad_per_s)
         arm.hold()
-        moved = arm.snapshot().joints[joint - 1].position_rad - before
+        turn_rad = arm.snapshot().joints[joint - 1].position_rad - before
         yield Clause(
             name="takes up",
             passed=True,
-            text=f"the drive reports position mode again; in free mode the joint moved by {deg(moved, sign=True)}",
+            text=f"the drive reports position mode again; in free mode the joint moved by {deg(turn_rad, sign=True)}",
             joint=joint,
         )
 

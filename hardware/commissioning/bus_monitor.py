@@ -120,8 +120,8 @@ class BusMonitor:
 
     def _command(self, identifier: int, data: bytes) -> Iterator[str]:
         joint, frames = self._commands[identifier]
-        found = frames.decode_command(identifier, data)
-        word, mode = found.get(objects.CONTROLWORD), found.get(objects.MODE)
+        values = frames.decode_command(identifier, data)
+        word, mode = values.get(objects.CONTROLWORD), values.get(objects.MODE)
         if word is not None and word != CONTROLWORD_QUICK_STOP:
             self._stopped.discard(joint)
         elif word is not None and joint not in self._stopped:

@@ -50,10 +50,10 @@ class OnTheWay:
 
     def __call__(self, snapshot: ArmSnapshot) -> str | None:
         """Check a sample of the move."""
-        here = float(snapshot.positions_rad[self.joint - 1])
-        if self.at_rad is not None or abs(here - self.start_rad) < self.after_rad:
+        position_rad = float(snapshot.positions_rad[self.joint - 1])
+        if self.at_rad is not None or abs(position_rad - self.start_rad) < self.after_rad:
             return None
-        self.at_rad = here
+        self.at_rad = position_rad
         return self.act()
 
 
@@ -81,9 +81,9 @@ class Turn:
 
     def ran_on(self, watch: OnTheWay) -> str:
         """Text on how far the joint still moved after the watch acted."""
-        here = float(self.arm.capture(1).mean_rad[self.joint - 1])
+        position_rad = float(self.arm.capture(1).mean_rad[self.joint - 1])
         at = watch.start_rad if watch.at_rad is None else watch.at_rad
-        return f"the joint came to rest after a further {deg(abs(here - at))}"
+        return f"the joint came to rest after a further {deg(abs(position_rad - at))}"
 
 
 def goes(turn: Turn) -> Iterator[Clause]:
@@ -91,16 +91,16 @@ def goes(turn: Turn) -> Iterator[Clause]:
     arm, joint, bounds = turn.arm, turn.joint, turn.bounds
     start = arm.capture(bounds.samples).mean_rad
     way = turn.target_rad - float(start[joint - 1])
-    moved = turn.go()
+    outcome = turn.go()
     spread = [bounds.once_rad] * len(start)
     rests = arm.settle(window=_WINDOW, spread_rad=spread, timeout_syncs=_LONG_SYNCS)
     went = float(arm.capture(bounds.samples).mean_rad[joint - 1] - start[joint - 1])
-    passed = moved.reached and rests and abs(went - way) <= bounds.near_rad
-    why = "" if moved.reached else f", and reports {moved.reason!r}"
+    passed = outcome.reached and rests and abs(went - way) <= bounds.near_rad
+    reason = "" if outcome.reached else f", and reports {outcome.reason!r}"
     yield Clause(
         name="moves",
         passed=passed,
-        text=f"commanded to turn by {deg(way, sign=True)}, it reads {deg(went, sign=True)}{why}"
+        text=f"commanded to turn by {deg(way, sign=True)}, it reads {deg(went, sign=True)}{reason}"
         + ("" if rests else ", and does not come to rest"),
         joint=joint,
     )
@@ -109,14 +109,14 @@ def goes(turn: Turn) -> Iterator[Clause]:
 def halts(turn: Turn) -> Iterator[Clause]:
     """A watch ends the move with its reason."""
     watch = turn.on_the_way(lambda: ENOUGH)
-    moved = turn.go(watch)
-    halted = not moved.reached and moved.reason == ENOUGH
+    outcome = turn.go(watch)
+    halted = not outcome.reached and outcome.reason == ENOUGH
     yield Clause(
         name="halts",
         passed=halted,
         text=f"a watch ended the move; {turn.ran_on(watch)}"
         if halted
-        else f"a watch could not end the move, which reports {moved.reason!r}",
+        else f"a watch could not end the move, which reports {outcome.reason!r}",
         joint=turn.joint,
     )
 
@@ -132,12 +132,12 @@ def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause
         if watch.at_rad is None:  # the user's own
             raise
         interrupted = True
-    found = turn.arm.snapshot()
-    enabled = all(j.drive is DriveState.OPERATION_ENABLED for j in found.joints)
+    snapshot = turn.arm.snapshot()
+    enabled = all(j.drive is DriveState.OPERATION_ENABLED for j in snapshot.joints)
     text = "the move was not interrupted"
     if interrupted:
         text = f"{turn.ran_on(watch)}; the drives are {'on' if enabled else 'off'}"
-    passed = interrupted and enabled and not found.moving
+    passed = interrupted and enabled and not snapshot.moving
     yield Clause(name="Ctrl-C", passed=passed, text=text, joint=turn.joint)
     first, then = (turn.arm.capture(turn.bounds.samples).mean_rad for _ in range(2))
     yield from is_still("held", first, then, turn.bounds)
@@ -245,11 +245,11 @@ def keeps_time(arm: CanopenArm, bounds: Bounds) -> Iterator[Clause]:
     before, begun = arm.snapshot().sync_count, time.monotonic()
     arm.capture(bounds.samples)
     mean_s = (time.monotonic() - begun) / max(arm.snapshot().sync_count - before, 1)
-    kept = abs(mean_s - CONTROL_PERIOD_S) <= PERIOD_TOLERANCE * CONTROL_PERIOD_S
-    late = "" if kept else ": this computer is too busy, or its adapter too slow"
+    within = abs(mean_s - CONTROL_PERIOD_S) <= PERIOD_TOLERANCE * CONTROL_PERIOD_S
+    late = "" if within else ": this computer is too busy, or its adapter too slow"
     yield Clause(
         name="period",
-        passed=True if kept else None,
+        passed=True if within else None,
         text=f"a SYNC every {1e3 * mean_s:.2f} ms, configured {1e3 * CONTROL_PERIOD_S:g} ms{late}",
     )
 

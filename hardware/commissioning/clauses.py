@@ -49,18 +49,20 @@ def names_itself(identity: ArmIdentity, model: str, joints: int) -> Iterator[Cla
 
 def is_pictured(arm: ArmInterface, joints: int) -> Iterator[Clause]:
     """The snapshot has all joints in order, with finite and recent positions in radians; STOP is not latched."""
-    found = arm.snapshot()
+    snapshot = arm.snapshot()
     wrong = []
-    if [joint.joint for joint in found.joints] != list(range(1, joints + 1)):
-        wrong.append(f"{len(found.joints)} joints instead of {joints}, or not in order")
-    if not (np.all(np.isfinite(found.positions_rad)) and np.all(np.isfinite(found.torques_nm))):
+    if [joint.joint for joint in snapshot.joints] != list(range(1, joints + 1)):
+        wrong.append(f"{len(snapshot.joints)} joints instead of {joints}, or not in order")
+    if not (
+        np.all(np.isfinite(snapshot.positions_rad)) and np.all(np.isfinite(snapshot.torques_nm))
+    ):
         wrong.append("a position or a torque is not finite")
-    elif np.abs(found.positions_rad).max(initial=0.0) >= LARGEST_READING_RAD:
+    elif np.abs(snapshot.positions_rad).max(initial=0.0) >= LARGEST_READING_RAD:
         wrong.append("a position is beyond two turns: angles must be in radians")
-    oldest_s = max((joint.age_s for joint in found.joints), default=0.0)
+    oldest_s = max((joint.age_s for joint in snapshot.joints), default=0.0)
     if not 0.0 <= oldest_s < FRESH_S:
         wrong.append(f"the data of a joint are {oldest_s:.2f} s old")
-    if found.stopped:
+    if snapshot.stopped:
         wrong.append("STOP is latched")
     yield Clause(
         name="picture",
@@ -119,11 +121,13 @@ def is_enabled_unmoved(arm: ArmInterface, bounds: Bounds) -> Iterator[Clause]:
     before = arm.capture(bounds.samples).mean_rad
     arm.take_control()
     joints = arm.snapshot().joints
-    off = [j.joint for j in joints if j.drive is not DriveState.OPERATION_ENABLED]
+    not_enabled = [j.joint for j in joints if j.drive is not DriveState.OPERATION_ENABLED]
     yield Clause(
         name="enable",
-        passed=not off,
-        text=f"{joints_words(off)} is not enabled" if off else "all drives are enabled",
+        passed=not not_enabled,
+        text=f"{joints_words(not_enabled)} is not enabled"
+        if not_enabled
+        else "all drives are enabled",
     )
     yield from is_still("holds", before, arm.capture(bounds.samples).mean_rad, bounds)
 
@@ -131,14 +135,16 @@ def is_enabled_unmoved(arm: ArmInterface, bounds: Bounds) -> Iterator[Clause]:
 def reads_modes_back(arm: ArmInterface, modes: Sequence[JointMode]) -> Iterator[Clause]:
     """Every joint reports the requested mode, then position mode after `hold`."""
     arm.set_modes(modes)
-    given = [j.joint for j, m in zip(arm.snapshot().joints, modes, strict=True) if j.mode is not m]
+    other_mode = [
+        j.joint for j, m in zip(arm.snapshot().joints, modes, strict=True) if j.mode is not m
+    ]
     arm.hold()
     held = [j.joint for j in arm.snapshot().joints if j.mode is not JointMode.POSITION]
     yield Clause(
         name="modes read back",
-        passed=not given and not held,
-        text=f"{joints_words(given or held)} reports another mode"
-        if given or held
+        passed=not other_mode and not held,
+        text=f"{joints_words(other_mode or held)} reports another mode"
+        if other_mode or held
         else "every joint reports the requested mode, then position mode",
     )
 
@@ -166,7 +172,7 @@ def keeps_within_limits(
 
     If a command is not refused, the test ends the move at its first sample.
     """
-    here = arm.snapshot().joints[joint - 1].position_rad
+    position_rad = arm.snapshot().joints[joint - 1].position_rad
     margin = math.radians(2.0)
     for beyond in (ranged.lower_rad - margin, ranged.upper_rad + margin):
 
@@ -180,18 +186,20 @@ def keeps_within_limits(
     yield is_refused(
         "speed",
         f"a move at {deg(fast)}/s",
-        lambda: arm.move({joint: here}, speed_rad_per_s=fast, watch=lambda _: "not refused"),
+        lambda: arm.move(
+            {joint: position_rad}, speed_rad_per_s=fast, watch=lambda _: "not refused"
+        ),
         joint=joint,
     )
 
 
 def refuses_to_move_free(arm: ArmInterface, joint: int, speed_rad_per_s: float) -> Clause:
     """A move of a joint in free mode to its current position is refused."""
-    here = arm.snapshot().joints[joint - 1].position_rad
+    position_rad = arm.snapshot().joints[joint - 1].position_rad
     return is_refused(
         "free stays free",
         "a move in free mode",
-        lambda: arm.move({joint: here}, speed_rad_per_s=speed_rad_per_s),
+        lambda: arm.move({joint: position_rad}, speed_rad_per_s=speed_rad_per_s),
         joint=joint,
     )
 
@@ -221,7 +229,7 @@ def keeps_its_document(arm: ArmInterface) -> Iterator[Clause]:
 
 def stays_stopped(arm: ArmInterface, joint: int, speed_rad_per_s: float) -> Iterator[Clause]:
     """STOP is latched: moves and enabling are refused."""
-    here = arm.snapshot().joints[joint - 1].position_rad
+    position_rad = arm.snapshot().joints[joint - 1].position_rad
     yield Clause(
         name="STOP latches",
         passed=arm.snapshot().stopped,
@@ -232,7 +240,7 @@ def stays_stopped(arm: ArmInterface, joint: int, speed_rad_per_s: float) -> Iter
     yield is_refused(
         "no move stopped",
         "a move",
-        lambda: arm.move({joint: here}, speed_rad_per_s=speed_rad_per_s),
+        lambda: arm.move({joint: position_rad}, speed_rad_per_s=speed_rad_per_s),
         kind=Stopped,
     )
     yield is_refused("no drive stopped", "to enable the drives", arm.take_control, kind=Stopped)
@@ -241,11 +249,11 @@ def stays_stopped(arm: ArmInterface, joint: int, speed_rad_per_s: float) -> Iter
 def resets_unmoved(arm: ArmInterface, before: FloatArray, bounds: Bounds) -> Iterator[Clause]:
     """After the reset of STOP the drives are off and the joints still at `before`, apart from settling."""
     arm.reset_stop()
-    found = arm.snapshot()
-    on = [j.joint for j in found.joints if j.drive is DriveState.OPERATION_ENABLED]
-    wrong = ["STOP is still latched"] * found.stopped + [f"{joints_words(on)} is enabled"] * bool(
-        on
-    )
+    snapshot = arm.snapshot()
+    on = [j.joint for j in snapshot.joints if j.drive is DriveState.OPERATION_ENABLED]
+    wrong = ["STOP is still latched"] * snapshot.stopped + [
+        f"{joints_words(on)} is enabled"
+    ] * bool(on)
     yield Clause(
         name="reset",
         passed=not wrong,

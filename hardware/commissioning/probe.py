@@ -132,8 +132,8 @@ class _Listener:
 
     def take_masters(self) -> str:
         """Describe the frames of other masters since the last call; empty if there were none."""
-        seen, self.masters = self.masters, Counter()
-        listed = [f"{text}{f', {n} times' if n > 1 else ''}" for text, n in list(seen.items())]
+        masters, self.masters = self.masters, Counter()
+        listed = [f"{text}{f', {n} times' if n > 1 else ''}" for text, n in list(masters.items())]
         more = f"; and {len(listed) - MAX_NAMED} more" if len(listed) > MAX_NAMED else ""
         return "; ".join(listed[:MAX_NAMED]) + more
 
@@ -194,7 +194,7 @@ def probe(
         answers = dict(listener.answers)
         access = ObjectAccess(wire.send, sorted(answers))
         listener.deliver = access.deliver
-        found = tuple(
+        nodes = tuple(
             _read_node(access, profile, node, listener, answers[node], listen_s=listen_s)
             for node in sorted(answers)
         )
@@ -202,7 +202,7 @@ def probe(
         return Probe(
             busy="",
             heard=tuple(sorted(listener.heartbeats)),
-            nodes=found,
+            nodes=nodes,
             meanwhile=came and f"another program started to use this bus during the probe: {came}",
         )
     finally:
@@ -220,48 +220,52 @@ def _read_node(
     listen_s: float,
 ) -> FoundNode:
     kind = listener.device_types.get(node, 0)
-    found = FoundNode(
+    node_found = FoundNode(
         node=node,
         device_type=kind,
         drive=profile.is_drive(kind),
         heard=listener.heartbeats[node] > 0,
     )
     if answers > 1:
-        found.unread = f"two devices answer as node {node}: give one of them another number"
+        node_found.unread = f"two devices answer as node {node}: give one of them another number"
     else:
         try:
-            _ask(access, profile, found)
+            _ask(access, profile, node_found)
         except HardwareError as error:
-            found.unread = str(error)
-    if found.unread:
-        found.problems += (found.unread,)
-    if not found.heard:
-        found.problems += (f"node {node}: no heartbeat was heard in {listen_s:g} s",)
-    return found
+            node_found.unread = str(error)
+    if node_found.unread:
+        node_found.problems += (node_found.unread,)
+    if not node_found.heard:
+        node_found.problems += (f"node {node}: no heartbeat was heard in {listen_s:g} s",)
+    return node_found
 
 
-def _ask(access: ObjectAccess, profile: BusProfile, found: FoundNode) -> None:
+def _ask(access: ObjectAccess, profile: BusProfile, node_found: FoundNode) -> None:
     """Read the identity of a node and, if it is a drive, its set-up."""
-    node = found.node
+    node = node_found.node
     with suppress(SdoRefused):
-        found.device_name = access.read_text(node, objects.DEVICE_NAME)
-    found.serial_number = _number(access, node, objects.IDENTITY, objects.IDENTITY_SERIAL)
-    if not found.drive:
-        found.supervises = all(_number(access, node, i, s) is not None for i, s in _SUPERVISES)
+        node_found.device_name = access.read_text(node, objects.DEVICE_NAME)
+    node_found.serial_number = _number(access, node, objects.IDENTITY, objects.IDENTITY_SERIAL)
+    if not node_found.drive:
+        node_found.supervises = all(_number(access, node, i, s) is not None for i, s in _SUPERVISES)
         return
     if node in profile.drives:
         for difference in maps.pdo_differences(access, node, profile):
-            found.problems += (str(difference),)  # one by one: the node may fall silent meanwhile
+            node_found.problems += (
+                str(difference),
+            )  # one by one: the node may fall silent meanwhile
     else:
-        found.problems = (f"node {node}: a drive that is not in the bus profile {profile.name}",)
+        node_found.problems = (
+            f"node {node}: a drive that is not in the bus profile {profile.name}",
+        )
     monitoring = operator_monitoring_differences(access, node)
-    found.problems += tuple(map(str, monitoring or ()))
+    node_found.problems += tuple(map(str, monitoring or ()))
     if monitoring is None:
-        found.notes = (NO_OPERATOR_MONITORING.format(node),)
-    found.pdos = read_pdos(access, node)
-    found.described = read_description_objects(access, node)
-    found.widths = read_widths(access, node)
-    found.position_counts = access.read_signed(node, objects.POSITION_ACTUAL)
+        node_found.notes = (NO_OPERATOR_MONITORING.format(node),)
+    node_found.pdos = read_pdos(access, node)
+    node_found.described = read_description_objects(access, node)
+    node_found.widths = read_widths(access, node)
+    node_found.position_counts = access.read_signed(node, objects.POSITION_ACTUAL)
 
 
 def _number(access: ObjectAccess, node: int, index: int, subindex: int) -> int | None:

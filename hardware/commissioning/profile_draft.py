@@ -66,17 +66,17 @@ def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> 
     )
 
 
-def _chosen(pdos: Iterable[DrivePdo], wanted: Sequence[int], *, sent: bool) -> tuple[DrivePdo, ...]:
-    """The fewest usable PDOs that carry the wanted objects, or as many of them as possible."""
+def _chosen(pdos: Iterable[DrivePdo], needed: Sequence[int], *, sent: bool) -> tuple[DrivePdo, ...]:
+    """The fewest usable PDOs that carry the needed objects, or as many of them as possible."""
     usable = [pdo for pdo in pdos if pdo.valid and pdo.sent is sent and not _unusable(pdo)]
-    left, found = set(wanted), list[DrivePdo]()
-    while left:
-        best = max(usable, key=lambda pdo: len(left & _carried(pdo)), default=None)
-        if best is None or not left & _carried(best):
+    missing, chosen = set(needed), list[DrivePdo]()
+    while missing:
+        best = max(usable, key=lambda pdo: len(missing & _carried(pdo)), default=None)
+        if best is None or not missing & _carried(best):
             break
-        found.append(best)
-        left -= _carried(best)
-    return tuple(sorted(found, key=lambda pdo: pdo.number))
+        chosen.append(best)
+        missing -= _carried(best)
+    return tuple(sorted(chosen, key=lambda pdo: pdo.number))
 
 
 def _carried(pdo: DrivePdo) -> set[int]:
@@ -107,18 +107,18 @@ def _obstacles(node: FoundNode) -> Iterator[str]:
     if not any(pdo.valid for pdo in node.pdos):
         yield _unread(node)
         return
-    for wanted, sent in ((COMMAND_OBJECTS, False), (FEEDBACK_OBJECTS, True)):
-        carried = {i for pdo in _chosen(node.pdos, wanted, sent=sent) for i in _carried(pdo)}
-        for index in wanted:
+    for needed, sent in ((COMMAND_OBJECTS, False), (FEEDBACK_OBJECTS, True)):
+        carried = {i for pdo in _chosen(node.pdos, needed, sent=sent) for i in _carried(pdo)}
+        for index in needed:
             if index in carried:
                 continue
             kind = "TPDO" if sent else "RPDO"
-            why = [
+            reasons = [
                 f"{pdo.name} {_unusable(pdo)}"
                 for pdo in node.pdos
                 if pdo.sent is sent and index in _carried(pdo)
             ]
-            because = f" ({'; '.join(why)})" if why else ""
+            because = f" ({'; '.join(reasons)})" if reasons else ""
             yield f"node {node.node}: no usable {kind} carries {index:04X}h{because}"
 
 
@@ -128,20 +128,22 @@ def _unread(node: FoundNode) -> str:
     return text if text.lower().startswith(f"node {node.node}") else f"node {node.node}: {text}"
 
 
-def _pdos(found: Iterable[DrivePdo]) -> tuple[Pdo, ...]:
-    return tuple(Pdo(number=pdo.number, cob_id=pdo.cob_id, entries=pdo.entries) for pdo in found)
+def _pdos(drive_pdos: Iterable[DrivePdo]) -> tuple[Pdo, ...]:
+    return tuple(
+        Pdo(number=pdo.number, cob_id=pdo.cob_id, entries=pdo.entries) for pdo in drive_pdos
+    )
 
 
 def _frames(node: FoundNode, *, sent: bool) -> list[tuple[Entry, ...]]:
     """PDO maps that carry the needed objects in frames of at most 8 bytes."""
-    frames, left = list[tuple[Entry, ...]](), 0
+    frames, free_bits = list[tuple[Entry, ...]](), 0
     for index in FEEDBACK_OBJECTS if sent else COMMAND_OBJECTS:
         entry = (index, 0, node.widths.get(index, 0))
-        if entry[2] > left:
+        if entry[2] > free_bits:
             frames.append(())
-            left = FRAME_BITS
+            free_bits = FRAME_BITS
         frames[-1] = (*frames[-1], entry)
-        left -= entry[2]
+        free_bits -= entry[2]
     return frames
 
 

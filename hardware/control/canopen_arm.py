@@ -135,10 +135,10 @@ class CanopenArm(ConnectableArm):
                 link.loop.sample, modes
             ):
                 return
-        for joint, (wanted, actual) in enumerate(zip(modes, link.modes, strict=True), 1):
-            if wanted is not actual:
+        for joint, (requested, actual) in enumerate(zip(modes, link.modes, strict=True), 1):
+            if requested is not actual:
                 name = "neither position nor free" if actual is None else actual.value
-                raise ModeNotReached(joint, wanted.value, name)
+                raise ModeNotReached(joint, requested.value, name)
 
     def move(
         self,

@@ -260,12 +260,12 @@ class ControlLoop:
         deadline = self._clock() + self._answer_timeout_s
         frames_left = FRAMES_AT_A_TIME
         while self._sampler.waiting > 0 and not self._closing and frames_left > 0:
-            left = deadline - self._clock()
+            remaining_s = deadline - self._clock()
             # After the deadline: frames that arrived during host latency.
-            wait_s = min(max(left, 0.0), 0.5 * self._timing.heartbeat_period_s)
-            if left <= 0.0:
+            wait_s = min(max(remaining_s, 0.0), 0.5 * self._timing.heartbeat_period_s)
+            if remaining_s <= 0.0:
                 frames_left -= 1
-            if not self._receive_one(wait_s) and left <= 0.0:
+            if not self._receive_one(wait_s) and remaining_s <= 0.0:
                 break
             self._beat()
         self._sampler.close()

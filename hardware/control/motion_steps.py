@@ -63,10 +63,10 @@ def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
 def first_complete_sample(loop: ControlLoop) -> Generator[Setpoints | None, Sample, Sample]:
     """Exchange SYNCs without commands, at least two, until a sample is complete."""
     sample = loop.sample
-    for seen in range(INCOMPLETE_SYNCS):
+    for syncs in range(INCOMPLETE_SYNCS):
         sample = yield None
         raise_alarm(loop)
-        if seen and sample.complete:
+        if syncs and sample.complete:
             return sample
     raise incomplete_samples(sample)
 
@@ -81,12 +81,12 @@ def drive_to(
     """
     sample = yield None
     positions = sample.counts
-    words, done = [0] * len(positions), [False] * len(positions)
+    controlwords, done = [0] * len(positions), [False] * len(positions)
     for _ in range(TRANSITION_SYNCS):
         raise_alarm(loop)
-        words = [
+        controlwords = [
             word if stays else _next_controlword(status, target, word)
-            for status, word, stays in zip(sample.statuswords, words, done, strict=True)
+            for status, word, stays in zip(sample.statuswords, controlwords, done, strict=True)
         ]
         done = [
             stays or reached(state_of(status), target)
@@ -94,7 +94,7 @@ def drive_to(
         ]
         sample = yield tuple(
             Setpoint(word, position, CYCLIC_POSITION)
-            for word, position in zip(words, positions, strict=True)
+            for word, position in zip(controlwords, positions, strict=True)
         )
         if not _not_reached(sample, target):
             break
@@ -237,9 +237,9 @@ def hold_where_it_is(loop: ControlLoop) -> Generator[Setpoints | None, Sample, N
 
 def raise_alarm(loop: ControlLoop) -> None:
     """Raise the alarm for which the steps should end, if any."""
-    found = loop.alarm()
-    if found is not None:
-        raise found
+    alarm = loop.alarm()
+    if alarm is not None:
+        raise alarm
 
 
 def _last_commands(loop: ControlLoop) -> Setpoints:
@@ -248,17 +248,17 @@ def _last_commands(loop: ControlLoop) -> Setpoints:
     return loop.commands
 
 
-def _higher_priority(found: HardwareError | None, ending: Exception | None) -> Exception | None:
-    """The error with which to end a move: the first one, unless `found` requires more than coming to rest."""
-    if ending is None or isinstance(found, Stopped):
-        return found
+def _higher_priority(alarm: HardwareError | None, ending: Exception | None) -> Exception | None:
+    """The error with which to end a move: the first one, unless `alarm` requires more than coming to rest."""
+    if ending is None or isinstance(alarm, Stopped):
+        return alarm
     # A trip, or a node cut off, often shows first as a drive (or its neighbours) that is not enabled.
-    if isinstance(ending, DriveDropout) and isinstance(found, DriveFault | BusError):
+    if isinstance(ending, DriveDropout) and isinstance(alarm, DriveFault | BusError):
         stopped = ending.state == DriveState.QUICK_STOP_ACTIVE.value
-        own = isinstance(found, DriveFault) and found.joint == ending.joint
-        return found if stopped or own else ending
-    if isinstance(found, DriveFault) and not isinstance(ending, DriveFault):
-        return found
+        own = isinstance(alarm, DriveFault) and alarm.joint == ending.joint
+        return alarm if stopped or own else ending
+    if isinstance(alarm, DriveFault) and not isinstance(ending, DriveFault):
+        return alarm
     return ending
 
 

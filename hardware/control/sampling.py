@@ -83,9 +83,9 @@ class CommandSender:
             for at, command in enumerate(commands or ()):
                 if at + 1 not in self._watch.switched_off:
                     continue
-                off = replace(command, controlword=CONTROLWORD_DISABLE_VOLTAGE)
+                switch_off = replace(command, controlword=CONTROLWORD_DISABLE_VOLTAGE)
                 # By this handle: commands from STOP's handle other than quick stop count as another master's.
-                for identifier, data in self._frames[at].pack_controlword(off):
+                for identifier, data in self._frames[at].pack_controlword(switch_off):
                     self._send(identifier, data)
         finally:
             self._quick_stop()

@@ -71,7 +71,7 @@ def _token_holder(values: Mapping[_Object, int]) -> int:
     return next((holder for (_, index), holder in values.items() if index == objects.TOKEN), 0)
 
 
-def _read_all(access: ObjectAccess, wanted: Sequence[_Object]) -> dict[_Object, int]:
+def _read_all(access: ObjectAccess, needed: Sequence[_Object]) -> dict[_Object, int]:
     """Read objects in parallel, since each absent node costs a time-out; return the values of those that answer."""
 
     def read(key: _Object) -> int | None:
@@ -80,8 +80,8 @@ def _read_all(access: ObjectAccess, wanted: Sequence[_Object]) -> dict[_Object, 
         except HardwareError:
             return None
 
-    with ThreadPoolExecutor(max(len(wanted), 1)) as pool:
-        answers = zip(wanted, pool.map(read, wanted), strict=True)
+    with ThreadPoolExecutor(max(len(needed), 1)) as pool:
+        answers = zip(needed, pool.map(read, needed), strict=True)
         return {key: value for key, value in answers if value is not None}
 
 
@@ -226,13 +226,13 @@ class StartUp:
         access, profile = self._access, self._profile
         if profile.configures_pdos:
             # All checks that only read come first: nothing is written into a wrong or refused arm.
-            found = self._check_arm(identity)
+            differences = self._check_arm(identity)
             check_communication(access, profile)
             self._raise_if_cancelled()
             self._configured = configure(access, profile, self._command_nodes)
             check_mapping(access, profile)
             self._raise_if_cancelled()
-            return found
+            return differences
         check_mapping(access, profile)
         self._raise_if_cancelled()
         return self._check_arm(identity)

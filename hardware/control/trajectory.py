@@ -76,9 +76,9 @@ class Trapezoid:
             return 0.5 * a * time_s**2, a * time_s
         if time_s < self._ramp_s + self._cruise_s:
             return v * (time_s - 0.5 * self._ramp_s), v
-        left = 2.0 * self._ramp_s + self._cruise_s - time_s
-        if left > 0.0:
-            return self._length - 0.5 * a * left**2, a * left
+        remaining_s = 2.0 * self._ramp_s + self._cruise_s - time_s
+        if remaining_s > 0.0:
+            return self._length - 0.5 * a * remaining_s**2, a * remaining_s
         return self._length, 0.0
 
 

@@ -66,14 +66,14 @@ def upload(link: Connection, document: bytes) -> UploadReceipt:
             "are in parameters.yaml of the session's folder."
         )
     attempt = _Attempt(access, supervisor, document)
-    for left in reversed(range(MAX_UPLOADS)):
+    for attempts_left in reversed(range(MAX_UPLOADS)):
         try:
             if not attempt.committed():
                 attempt.stage()
                 attempt.commit()
             return attempt.receipt(link.profile.drives)
         except (BusError, DuplicateNodeId, SdoRefused) as lost:
-            if left and attempt.is_transient(lost) and link.may_repeat(lost):
+            if attempts_left and attempt.is_transient(lost) and link.may_repeat(lost):
                 threading.Event().wait(link.on_bus.timing.upload_retry_s)
                 continue
             why, known = link.explain(lost), False

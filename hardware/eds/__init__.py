@@ -44,11 +44,11 @@ def product_dictionary(product: int, node: int) -> ObjectDictionary:
 
 def variables(dictionary: ObjectDictionary) -> dict[tuple[int, int], ODVariable]:
     """All entries by index and sub-index; a plain variable has sub-index 0."""
-    found: dict[tuple[int, int], ODVariable] = {}
+    by_index: dict[tuple[int, int], ODVariable] = {}
     for index, item in dictionary.indices.items():
         subs = {0: item} if isinstance(item, ODVariable) else item.subindices
-        found.update({(index, sub): subs[sub] for sub in subs})
-    return found
+        by_index.update({(index, sub): subs[sub] for sub in subs})
+    return by_index
 
 
 def pdo_struct(product: int, index: int) -> struct.Struct:

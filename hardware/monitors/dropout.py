@@ -110,8 +110,8 @@ class DropoutMonitor:
         if not self._dropouts:
             suspected = bool(self._joints) and self._joints[joint - 1].disabled_syncs > 0
             return None if suspected else command
-        found = self._dropouts.get(joint)
-        word = CONTROLWORD_QUICK_STOP if found is None else found.controlword
+        dropout = self._dropouts.get(joint)
+        word = CONTROLWORD_QUICK_STOP if dropout is None else dropout.controlword
         return Setpoint(word, command.target_counts, command.mode)
 
     def update(self, sample: Sample, commands: Setpoints | None, *, stopped: bool) -> None:

@@ -132,7 +132,7 @@ class StandstillMonitor:
         """Take in a sample and the commands sent last; return the first joint that moved."""
         if commands is None:
             return None
-        found = None
+        divergence = None
         for at, (joint, window) in enumerate(zip(self._joints, self._windows, strict=True)):
             stopped = shows(sample.statuswords[at], DriveState.QUICK_STOP_ACTIVE)
             if not stopped or commands[at].mode != CYCLIC_POSITION:
@@ -144,9 +144,11 @@ class StandstillMonitor:
             if joint.stopped_syncs == 0 or not joint.at_rest:
                 joint.brake(counts)
                 continue
-            moved = counts - joint.rest_counts
-            joint.outside_syncs = joint.outside_syncs + 1 if abs(moved) > window else 0
-            if joint.outside_syncs >= DIVERGED_SYNCS and found is None:
+            displacement = counts - joint.rest_counts
+            joint.outside_syncs = joint.outside_syncs + 1 if abs(displacement) > window else 0
+            if joint.outside_syncs >= DIVERGED_SYNCS and divergence is None:
                 since = sample.sync_count - joint.outside_syncs + 1
-                found = Divergence(joint=at + 1, counts=moved, sync_count=since, stopped=True)
-        return found
+                divergence = Divergence(
+                    joint=at + 1, counts=displacement, sync_count=since, stopped=True
+                )
+        return divergence

@@ -114,7 +114,7 @@ class ContinuityMonitor:
 
     def _test_increment(self, sync_count: int) -> None:
         """Test the increment that ended with the answer to this SYNC."""
-        found: list[CountJump] = []
+        jumps: list[CountJump] = []
         relative = []
         at_rest = all(
             abs(a - b) <= allowed
@@ -133,10 +133,10 @@ class ContinuityMonitor:
             acceleration = max(abs(d1 - d0), abs(d4 - d3), abs(d3 - d1))
             threshold = allowed if at_rest else MOTION_FACTOR * allowed
             if abs(step) > threshold + acceleration:
-                found.append(CountJump(joint=at + 1, counts=round(step), sync_count=sync_count))
-        if len(found) != 1 or self._candidate is not None:
+                jumps.append(CountJump(joint=at + 1, counts=round(step), sync_count=sync_count))
+        if len(jumps) != 1 or self._candidate is not None:
             return
-        (jump,) = found
+        (jump,) = jumps
         for at, (times, allowed) in enumerate(zip(relative, self._allowed, strict=True)):
             if (
                 at != jump.joint - 1
@@ -194,8 +194,8 @@ class JointMonitor:
 
     def stop_cause(self) -> HardwareError:
         """Error that states why STOP is latched: uncommanded motion, or the operator pressed STOP."""
-        found = self.divergence
-        return stop_latched_error() if found is None else divergence_error(found)
+        divergence = self.divergence
+        return stop_latched_error() if divergence is None else divergence_error(divergence)
 
     def update(
         self,
@@ -216,10 +216,10 @@ class JointMonitor:
         self.dropout.update(sample, commands, stopped=stopped)
         before = self.switched_off
         for monitor in self._motion:
-            found = monitor.update(sample, commands)
-            if found is not None:
-                self.divergence = self.divergence or found
-                self.switched_off |= {found.joint}
+            divergence = monitor.update(sample, commands)
+            if divergence is not None:
+                self.divergence = self.divergence or divergence
+                self.switched_off |= {divergence.joint}
         return self.switched_off != before
 
     def expect_jerk(self) -> None:
@@ -238,9 +238,11 @@ def stop_latched_error() -> StopLatched:
     return StopLatched("STOP is latched: reset it before anything moves again")
 
 
-def divergence_error(found: Divergence) -> DriveDiverged:
+def divergence_error(divergence: Divergence) -> DriveDiverged:
     """Error for the divergence for which the control loop latched STOP itself."""
-    return DriveDiverged(found.joint, found.counts, found.sync_count, stopped=found.stopped)
+    return DriveDiverged(
+        divergence.joint, divergence.counts, divergence.sync_count, stopped=divergence.stopped
+    )
 
 
 def alarms(
@@ -295,7 +297,7 @@ def alarms(
         ("no answer to SYNC from node", tuple(drives[j - 1] for j in lost_joints)),
     )
     if silence := " and ".join(
-        f"{what} {', '.join(map(str, some))}" for what, some in silent if some
+        f"{what} {', '.join(map(str, joints))}" for what, joints in silent if joints
     ):
         yield BusError(
             f"The arm has gone silent: {silence}. Check power and cable, then reconnect."

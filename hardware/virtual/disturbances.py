@@ -159,10 +159,10 @@ class Disturbances:
 
     def loses_tpdo(self, joint: int) -> bool:
         """Whether this TPDO1 of a joint is lost; counts down."""
-        left = self.lost_tpdos.get(joint, 0)
-        if left == 0:
+        remaining = self.lost_tpdos.get(joint, 0)
+        if remaining == 0:
             return False
-        self.lost_tpdos[joint] = left - 1
+        self.lost_tpdos[joint] = remaining - 1
         return True
 
     def divergence(self, joint: int) -> int:

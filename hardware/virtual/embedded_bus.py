@@ -63,10 +63,10 @@ class EmbeddedBus(VirtualBus):
     def _wanted(self, message: can.Message) -> bool:
         if message.is_extended_id:
             return self._matches_filters(message)
-        wanted = self._passes.get(message.arbitration_id)
-        if wanted is None:
-            wanted = self._passes[message.arbitration_id] = self._matches_filters(message)
-        return wanted
+        passes = self._passes.get(message.arbitration_id)
+        if passes is None:
+            passes = self._passes[message.arbitration_id] = self._matches_filters(message)
+        return passes
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         self._check_if_open()
@@ -105,10 +105,10 @@ class AttendingBus(EmbeddedBus):
                 if self.queue.empty():
                     self._attend()
                 if not self.queue.empty():
-                    left: float | None = 0.0
+                    remaining_s: float | None = 0.0
                 else:
-                    left = None if until is None else max(0.0, until - time.monotonic())
-                message, filtered = super()._recv_internal(left)
+                    remaining_s = None if until is None else max(0.0, until - time.monotonic())
+                message, filtered = super()._recv_internal(remaining_s)
                 if message is not _SENT:
                     return message, filtered
         finally:

@@ -213,12 +213,12 @@ def scenario_of(name: str, seed: int, stated: SpecimenFiles, placement: int = 1)
 
     `ValueError` if there is no such scenario, or no plant can be built from these files.
     """
-    found = _first_mounted(name, seed, stated)
+    mounted = _first_mounted(name, seed, stated)
     if placement == 1:
-        return found
+        return mounted
     rng = np.random.default_rng([seed, int(_Stream.MOUNTING), placement])
-    truth = remount_truth(stated, found.truth, rng)
-    return replace(found, truth=truth, placement=placement)
+    truth = remount_truth(stated, mounted.truth, rng)
+    return replace(mounted, truth=truth, placement=placement)
 
 
 def _first_mounted(name: str, seed: int, stated: SpecimenFiles) -> Scenario:

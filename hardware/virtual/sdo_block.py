@@ -63,8 +63,8 @@ class BlockDownload:
         if not last and number != SEGMENTS:
             return None
         self.done = last and in_sequence
-        taken, self._taken = self._taken, 0
-        return bytes([_TAKEN, taken, SEGMENTS, *bytes(5)])
+        segments, self._taken = self._taken, 0
+        return bytes([_TAKEN, segments, SEGMENTS, *bytes(5)])
 
     def end(self, frame: bytes) -> bytes:
         """Take the final frame with the checksum; return the document."""
@@ -95,13 +95,13 @@ class BlockUpload:
 
     def answer(self, frame: bytes) -> list[bytes]:
         """Frames that answer a client frame; none for the client's last frame."""
-        step, ended = frame[0] & 3, self._acknowledged >= len(self._data)
-        if step == _Step.END and ended:
+        step, complete = frame[0] & 3, self._acknowledged >= len(self._data)
+        if step == _Step.END and complete:
             return []
         if step == _Step.START and not self._started:
             self._started = True
             return self._block()
-        if step != _Step.ACKNOWLEDGE or ended or not self._started:
+        if step != _Step.ACKNOWLEDGE or complete or not self._started:
             raise SdoAbortedError(Abort.UNKNOWN_COMMAND)
         if frame[1] > self._sent:
             raise SdoAbortedError(Abort.BLOCK_SEQUENCE)

@@ -64,9 +64,10 @@ def draw_truth(stated: SpecimenFiles, rng: np.random.Generator, *, maker_errors:
     own, rows = _Specimen.drawn(arm, rng), model.arm_rows()
     if maker_errors:
         rows[1:] += own.maker
-    off, seen = own.of(model), _observable(stated, model, nominal, home_pose)
+    errors, observable = own.of(model), _observable(stated, model, nominal, home_pose)
     placed = (
-        nominal + seen * (off + _placement_errors(model, stated, rng)) for _ in range(MAX_DRAWS)
+        nominal + observable * (errors + _placement_errors(model, stated, rng))
+        for _ in range(MAX_DRAWS)
     )
     return _first_that_closes(
         (_truth(model, x, rows) for x in placed),
@@ -122,11 +123,11 @@ class _Specimen:
     def of(self, model: ArmLoop) -> FloatArray:
         """Errors of a loop's unknowns (P,) that belong to the arm; 0 for those of the fixture."""
         placed = {*model.ground_side, *model.hand_side}
-        off = np.zeros(len(model.parameters))
+        errors = np.zeros(len(model.parameters))
         for k, entry in enumerate(model.entries):
             if entry.kind is DhKind.THETA_OFF or entry.name not in placed:
-                off[k] = self.free[entry.kind, entry.row - 1]
-        return off
+                errors[k] = self.free[entry.kind, entry.row - 1]
+        return errors
 
 
 def _observable(stated: SpecimenFiles, model: ArmLoop, x: FloatArray, q: FloatArray) -> FloatArray:
@@ -152,8 +153,8 @@ def files_allow(stated: SpecimenFiles, truth: LoopTruth, home_rad: FloatArray) -
     allowed[[DhKind.S, DhKind.A], 1:] = 5.0 * arm.length_tolerance_m
     allowed[[DhKind.ALPHA, DhKind.BETA], 1:] = 5.0 * arm.twist_tolerance_rad
     if isinstance(model, MeasuredClosure):
-        off = -truth.table.stacked()
-        off[:, 1:] += arm.table.stacked()
+        difference = -truth.table.stacked()
+        difference[:, 1:] += arm.table.stacked()
         allowed[DhKind.THETA_OFF] = OFFSET_TOLERANCE_RAD
         allowed[:, 0] = np.inf
         for name in mounted_entries(arm.joint_count):
@@ -162,7 +163,7 @@ def files_allow(stated: SpecimenFiles, truth: LoopTruth, home_rad: FloatArray) -
     elif isinstance(model, DhLoop) and model.hinge == truth.hinge:
         if np.abs(arm.home_rad - home_rad).max() >= 2.0 * NEAR_HOME_RAD:
             return False
-        off = model.table.stacked() - truth.table.stacked()
+        difference = model.table.stacked() - truth.table.stacked()
         for entry in model.entries:
             angle = stated.tolerance_rad if entry.kind.is_angle else stated.tolerance_m
             is_offset = entry.kind is DhKind.THETA_OFF
@@ -170,8 +171,8 @@ def files_allow(stated: SpecimenFiles, truth: LoopTruth, home_rad: FloatArray) -
     else:
         return False
     angles = [kind for kind in DhKind if kind.is_angle]
-    off[angles] = np.remainder(off[angles] + np.pi, 2.0 * np.pi) - np.pi
-    return bool(np.all(np.abs(off) <= allowed + 1e-9))
+    difference[angles] = np.remainder(difference[angles] + np.pi, 2.0 * np.pi) - np.pi
+    return bool(np.all(np.abs(difference) <= allowed + 1e-9))
 
 
 def mounted_entries(joints: int) -> tuple[str, ...]:
@@ -193,14 +194,14 @@ def open_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) ->
         entry = DhEntry.parse(name)
         rows[entry.kind, entry.row - 1] = nominal[entry.kind, entry.row - 1]
     target_model = model.without([entry.name for entry in model.entries])
-    found = _truth(
+    opened = _truth(
         target_model,
         nominal_vector(target_model.parameters) + _placement_errors(target_model, stated, rng),
         rows,
     )
-    if not isinstance(found, OpenTruth):
+    if not isinstance(opened, OpenTruth):
         raise TypeError("the truth of an open arm must be open")
-    return found
+    return opened
 
 
 def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) -> Truth:
@@ -225,8 +226,8 @@ def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator)
     home_pose = _pose(truth, arm, arm.home_rad)
     if home_pose is None:
         raise ValueError("in its first placement, this arm does not close near its home_deg")
-    seen = _observable(stated, model, nominal, home_pose) > 0.0
-    new = seen & np.array([p.name in sides for p in model.parameters])
+    observable = _observable(stated, model, nominal, home_pose) > 0.0
+    new = observable & np.array([p.name in sides for p in model.parameters])
     drawn = (centre + size * _truncated_normal(rng, (len(size),)) for _ in range(MAX_DRAWS))
     return _first_that_closes(
         (_truth(model, np.where(new, x, true), rows) for x in drawn),
@@ -262,10 +263,10 @@ def _truth(
     stacked = model.table.stacked()
     stacked[:, -rows.shape[1] :] = rows
     with_rows = model.with_table(DhTable.from_stacked(stacked))
-    found = with_rows.tables(x)
+    tables = with_rows.tables(x)
     if isinstance(model, DhLoop):
-        return LoopTruth(table=DhTable.from_stacked(found), hinge=model.hinge)
-    table = DhTable.from_stacked(np.column_stack((np.zeros(len(found)), found)))
+        return LoopTruth(table=DhTable.from_stacked(tables), hinge=model.hinge)
+    table = DhTable.from_stacked(np.column_stack((np.zeros(len(tables)), tables)))
     own = model.own_values(x)[0]
     if isinstance(model, PointClosure):
         return BallTruth(table=table, tip_m=own[:3], ground_m=own[3:])

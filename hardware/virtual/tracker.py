@@ -61,19 +61,19 @@ class SimulatedTracker:
         position = position + self._sigma_m * draw[3:]
         if not self._full:
             return position
-        seen = rotation_matrix(self._sigma_rad * draw[:3]) @ rotation
-        return np.concatenate((position, rotation_vector(seen)))
+        rotation_seen = rotation_matrix(self._sigma_rad * draw[:3]) @ rotation
+        return np.concatenate((position, rotation_vector(rotation_seen)))
 
     def answer(self, question: str) -> str:
         """Answer a request line; an invalid one with an error that shows a valid one."""
         try:
-            asked = json.loads(question)
-            pose = str(asked["measure"])
+            request = json.loads(question)
+            pose = str(request["measure"])
         except (ValueError, TypeError, KeyError, RecursionError):
             return json.dumps({"error": 'ask {"measure": "12"} for a measurement of pose 12'})
-        found = self.measured().tolist()
-        found[3:] = map(math.degrees, found[3:])
-        return json.dumps({"pose": pose, **dict(zip(ENDPOINT_FIELDS, found, strict=False))})
+        position = self.measured().tolist()
+        position[3:] = map(math.degrees, position[3:])
+        return json.dumps({"pose": pose, **dict(zip(ENDPOINT_FIELDS, position, strict=False))})
 
 
 HOST, TRACKER_PORT = "127.0.0.1", 7327

@@ -242,7 +242,7 @@ def leave_one_out_chi2(
 ) -> tuple[FloatArray, FloatArray]:
     """Misfit of every pose to the prediction by the others, and its degrees of freedom, (m,) each.
 
-    Both are 0 for poses that are not `is_kept` (m,).
+    Both are 0 for poses where `is_kept` (m,) is false.
     """
     r = residuals.U.shape[1]
     H = np.eye(r) - residuals.U @ np.swapaxes(residuals.U, -1, -2)

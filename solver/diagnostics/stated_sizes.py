@@ -142,7 +142,7 @@ class Scale:
 def learned_scales(fit: LinearFit, derivatives: Derivatives) -> tuple[Scale, ...]:
     """Return the scale of every family of errors whose size is estimated.
 
-    The variances of `fit` are at the posterior mean of the sizes; `derivatives` are the derivatives of the likelihood. The
+    The variances of `fit` are at the posterior mean of the sizes; `derivatives` are those of the likelihood. The
     logarithm of a size is taken as normal about its mode (Laplace's approximation; method, section 10).
     """
     components = fit.design.components

@@ -173,7 +173,7 @@ def _iterate(
     *,
     derivatives: Derivatives | None = None,
 ) -> MixedFit:
-    """Iterate to convergence; given `variances` (K,) stay fixed, `derivatives` being the derivatives that go with them."""
+    """Iterate to convergence; given `variances` (K,) stay fixed, and `derivatives` belong to them."""
     v = design.start_variances() if variances is None else variances
     free = variances is None and len(v) > 0
     settled = SETTLED_BESIDE_VARIANCES_SIGMA if free else SETTLED_SIGMA

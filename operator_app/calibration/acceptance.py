@@ -86,38 +86,40 @@ def causes_of(
     if unnamed and _left(diagnosis) > limits.CHI2_PER_DOF_GROSS:
         return unnamed
     names = [p.name for p in estimate.parameters]
-    here = [names.index(name) for name in judged]
-    sd = estimate.standard_deviation[here]
-    moved = diagnosis.parameter_shift[here].copy()
-    found: list[Finding] = []
+    columns = [names.index(name) for name in judged]
+    sd = estimate.standard_deviation[columns]
+    shift = diagnosis.parameter_shift[columns].copy()
+    findings: list[Finding] = []
     for compared in diagnosis.rounds:
         # Every probable cause counts, not only the most likely: each leads to other true values.
         possible = [
-            np.abs((moved + x.evidence.moved[here]) / np.where(sd > 0.0, sd, 1.0)).max(initial=0.0)
+            np.abs((shift + x.evidence.moved[columns]) / np.where(sd > 0.0, sd, 1.0)).max(
+                initial=0.0
+            )
             for x in compared.known
             if x.probability >= limits.POSSIBLE_CAUSE_PROBABILITY
         ]
         impact = float(max(possible, default=0.0))
         if compared.best is not None:
-            moved = moved + compared.best.evidence.moved[here]
+            shift = shift + compared.best.evidence.moved[columns]
         for x in compared.known:
             blocking = _refuses(x.candidate, x.evidence, estimate, impact)
-            found.append(replace(_finding(x, diagnosis, labels), blocking=blocking))
-    found.extend(unnamed)
+            findings.append(replace(_finding(x, diagnosis, labels), blocking=blocking))
+    findings.extend(unnamed)
     # Entries that may differ from their file, which is not certain enough to block.
-    found.extend(
+    findings.extend(
         replace(_finding(x, diagnosis, labels), doubted=True) for x in diagnosis.suspected_entries
     )
-    once = each_once(found)
+    once = each_once(findings)
     return tuple(c for k, c in enumerate(once) if k < limits.MOST_CAUSES_REPORTED or c.blocking)
 
 
 def _finding(x: Explanation, diagnosis: Diagnosis, labels: tuple[str, ...]) -> Finding:
-    found = finding_of(x.candidate, x.evidence, diagnosis.scene, labels)
-    return replace(found, probability=x.probability)
+    finding = finding_of(x.candidate, x.evidence, diagnosis.scene, labels)
+    return replace(finding, probability=x.probability)
 
 
-def _refuses(cause: Candidate, found: Evidence, estimate: Estimate, impact: float) -> bool:
+def _refuses(cause: Candidate, evidence: Evidence, estimate: Estimate, impact: float) -> bool:
     """Whether parameters may be wrong by more than their sigmas if this is the cause."""
     if cause.cause is Cause.FROZEN or impact > limits.REFUSING_SHIFT_SIGMAS:
         return True
@@ -127,7 +129,7 @@ def _refuses(cause: Candidate, found: Evidence, estimate: Estimate, impact: floa
     sd = estimate.sd_by_name
     return any(
         abs(b) > limits.REFUSING_SHIFT_SIGMAS * sd.get(name, np.inf)
-        for b, name in zip(found.b, changed, strict=False)
+        for b, name in zip(evidence.b, changed, strict=False)
     )
 
 
@@ -184,12 +186,12 @@ def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
 
     A cause that is found again was only partly removed.
     """
-    found: dict[str, Finding] = {}
+    by_code: dict[str, Finding] = {}
     for cause in causes:
-        first = found.setdefault(cause.code, cause)
+        first = by_code.setdefault(cause.code, cause)
         if cause.blocking and not first.blocking:
-            found[cause.code] = replace(first, blocking=True)
-    return tuple(found.values())
+            by_code[cause.code] = replace(first, blocking=True)
+    return tuple(by_code.values())
 
 
 def too_few_poses(estimate: Estimate) -> tuple[Finding, ...]:
@@ -272,9 +274,9 @@ def paper_test(paper: Estimate, implicit: Estimate) -> tuple[HypothesisTest, tup
 def distance_in_sigmas(one: Estimate, two: Estimate) -> FloatArray:
     """Distance of every parameter of `one` from `two`, in sigmas of the difference (P,)."""
     names = [p.name for p in two.parameters]
-    here = [names.index(p.name) for p in one.parameters]
-    apart = wrap_angles(one.parameters, one.x - two.x[here])
-    sd = np.hypot(one.standard_deviation, two.standard_deviation[here])
+    columns = [names.index(p.name) for p in one.parameters]
+    apart = wrap_angles(one.parameters, one.x - two.x[columns])
+    sd = np.hypot(one.standard_deviation, two.standard_deviation[columns])
     return np.asarray(np.abs(apart) / np.where(sd > 0.0, sd, 1e-300))
 
 
@@ -292,13 +294,13 @@ def return_tests(
 ) -> tuple[tuple[HypothesisTest, ...], tuple[Finding, ...]]:
     """Test every repeated pose against the stated errors; return the tests and what slipped."""
     tests, causes = [], []
-    for read, found in returned:
+    for read, repeat in returned:
         test = HypothesisTest.of_chi2(
-            f"RETURN_{read.after}", found.chi2, found.dof, among=len(returned)
+            f"RETURN_{read.after}", repeat.chi2, repeat.dof, among=len(returned)
         )
         tests.append(test)
         if test.fires:
-            causes.append(_slipped_since(read, found, estimate))
+            causes.append(_slipped_since(read, repeat, estimate))
     # A slip shows in every later repeat: it is reported once.
     once = {cause.code: cause for cause in reversed(causes)}
     return tuple(tests), tuple(reversed(once.values()))
@@ -338,13 +340,13 @@ def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> 
     )
 
 
-def _slipped_since(read: Reread, found: Repeat, estimate: Estimate) -> Finding:
+def _slipped_since(read: Reread, repeat: Repeat, estimate: Estimate) -> Finding:
     """Return what slipped between two readings of a pose."""
     from scipy.special import chdtri
 
     # A slip may be in any joint; a fixture can slip on two sides, and may deflect.
-    of_joint = PRIORS[Cause.LOST_COUNTS] / len(found.difference_rad)
-    odds = found.joint_odds * of_joint / (PRIORS[Cause.SLIPPED] + PRIORS[Cause.GIVES])
+    of_joint = PRIORS[Cause.LOST_COUNTS] / len(repeat.difference_rad)
+    odds = repeat.joint_odds * of_joint / (PRIORS[Cause.SLIPPED] + PRIORS[Cause.GIVES])
     share = odds / (1.0 + odds)
     if share < 0.5:
         return Finding(
@@ -352,22 +354,22 @@ def _slipped_since(read: Reread, found: Repeat, estimate: Estimate) -> Finding:
             poses=(read.label,),
             figures={
                 "after": read.after,
-                "turn_rad": found.turned_rad or 0.0,
-                "shift_m": found.shifted_m,
+                "turn_rad": repeat.turned_rad or 0.0,
+                "shift_m": repeat.shifted_m,
             },
             probability=1.0 - share,
             blocking=True,
         )
-    sd = estimate.sd_by_name.get(f"theta_off_{found.joint}", 0.0)
+    sd = estimate.sd_by_name.get(f"theta_off_{repeat.joint}", 0.0)
     return Finding(
         kind=FindingKind.REPEAT_READING_STEP,
-        joint=found.joint,
+        joint=repeat.joint,
         poses=(read.label,),
-        size=found.size_rad,
-        sigma=found.sigma_rad,
+        size=repeat.size_rad,
+        sigma=repeat.sigma_rad,
         unit="rad",
         figures={"after": read.after},
         probability=share,
-        blocking=abs(found.size_rad) > REFUSING_SHIFT_SIGMAS * sd
-        or found.chi2 > float(chdtri(found.dof, REPEAT_REFUSAL_PROBABILITY)),
+        blocking=abs(repeat.size_rad) > REFUSING_SHIFT_SIGMAS * sd
+        or repeat.chi2 > float(chdtri(repeat.dof, REPEAT_REFUSAL_PROBABILITY)),
     )

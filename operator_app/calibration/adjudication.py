@@ -118,8 +118,8 @@ class _Case:
     def gross(self) -> bool:
         """Whether no single linear explanation accounts for the misfit."""
         best = self.diagnosis.best
-        left = self.chi2_per_dof if best is None else best.chi2_per_dof
-        return left > limits.CHI2_PER_DOF_REFUSED
+        least = self.chi2_per_dof if best is None else best.chi2_per_dof
+        return least > limits.CHI2_PER_DOF_REFUSED
 
     def suspects(self, *causes: Cause) -> str:
         """Subject of the best single explanation if it is one of these causes, otherwise empty."""
@@ -135,7 +135,7 @@ class _Case:
 
 
 def adjudicate(
-    found: Calibrated,
+    calibrated: Calibrated,
     experiment: Experiment,
     distinct: IntArray,
     *,
@@ -151,12 +151,12 @@ def adjudicate(
     arm = experiment.arm
     measured = measured_deviations(known.rvdt, arm)
     case = _Case(
-        found=found,
+        found=calibrated,
         stated=experiment.at_poses(distinct),
         judged=judged,
         known=known,
         paper=paper,
-        diagnosis=diagnose(found.linear, arm, taken=found.order, measured=measured),
+        diagnosis=diagnose(calibrated.linear, arm, taken=calibrated.order, measured=measured),
     )
     labels, scale = _labels(case.stated.poses), case.chi2_per_dof
     by_tests, alternatives, nothing_fits = _misfit_causes(case, labels)
@@ -164,8 +164,8 @@ def adjudicate(
     far = () if nothing_fits else _local_minimum_causes(case)
     diverged = has_diverged((*far, *by_tests), scale, case.estimate, judged)
     lost = _poorly_determined(case) if far or case.gross or diverged else ()
-    of_returns, since = return_tests(known.returned, found.estimate)
-    of_paper = () if paper is None else (paper_test(paper, found.estimate),)
+    of_returns, since = return_tests(known.returned, calibrated.estimate)
+    of_paper = () if paper is None else (paper_test(paper, calibrated.estimate),)
     of_fit = _fit_causes(case, without_motion=bool(lost) or diverged)
     if far or any(cause.blocking for cause in of_fit):
         of_fit = (*hinge_alternative(case.stated), *of_fit)
@@ -327,7 +327,7 @@ def _exceeded_specifications(fit: LinearFit, diagnosis: Diagnosis) -> tuple[Find
 
     A linearity deviation is included only if a test found it beyond its specification.
     """
-    found: dict[str, Finding] = {}
+    by_source: dict[str, Finding] = {}
     fired = {test.code for test in diagnosis.tests if test.fires}
     for larger in exceeded_specifications(fit):
         code = f"VARIANCE_{larger.component.upper()}"
@@ -335,8 +335,8 @@ def _exceeded_specifications(fit: LinearFit, diagnosis: Diagnosis) -> tuple[Find
             continue
         finding = exceeded(larger, fit.design)
         chance = 1.0 - float(np.exp(larger.log_chance))
-        found.setdefault(finding.code, replace(finding, probability=chance))
-    return tuple(found.values())[: limits.MOST_SOURCES_REPORTED]
+        by_source.setdefault(finding.code, replace(finding, probability=chance))
+    return tuple(by_source.values())[: limits.MOST_SOURCES_REPORTED]
 
 
 def _screening_causes(experiment: Experiment, known: PriorInformation) -> tuple[Finding, ...]:

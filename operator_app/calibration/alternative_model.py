@@ -67,12 +67,12 @@ def start(alternative: Experiment) -> tuple[FloatArray, float]:
         fit = without_readings(alternative)
         return fit.x, float((fit.corrections**2).mean())
     model, q = alternative.loop(), alternative.poses.q_rad
-    found = solve_damped(
+    fitted = solve_damped(
         closure_problem(model, q),
         nominal_vector(model.parameters),
         max_iterations=MODEL_ITERATIONS,
     )
-    return found.x, 2.0 * found.cost / len(q)
+    return fitted.x, 2.0 * fitted.cost / len(q)
 
 
 def without_readings(
@@ -158,12 +158,12 @@ def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> tuple[int, float
     m = len(reading_rad)
     if m < 2 * (limits.STEP_EDGE_POSES + BENDS):
         return None
-    off = wrap_angle(reading_rad - angle_rad)
-    off = wrap_angle(off - off[0])
+    deviation = wrap_angle(reading_rad - angle_rad)
+    deviation = wrap_angle(deviation - deviation[0])
     x = angle_rad - angle_rad.mean()
     curve = np.linalg.qr(np.polynomial.polynomial.polyvander(x / np.abs(x).max(), BENDS))[0]
-    white = off - curve @ (curve.T @ off)
-    left = WhitenedResiduals(
+    white = deviation - curve @ (curve.T @ deviation)
+    residuals = WhitenedResiduals(
         whitener=np.ones((m, 1, 1)),
         U=curve[:, None, :],
         white=white[:, None],
@@ -171,8 +171,8 @@ def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> tuple[int, float
         to_x=np.zeros((0, BENDS + 1)),
         dof=m - BENDS - 1,
     )
-    for step in steps(left, (Suspect(name="reading", columns=np.ones((m, 1, 1))),)):
-        if left.chi2 - step.chi2 <= limits.STEP_RESIDUAL_SHARE * left.chi2:
+    for step in steps(residuals, (Suspect(name="reading", columns=np.ones((m, 1, 1))),)):
+        if residuals.chi2 - step.chi2 <= limits.STEP_RESIDUAL_SHARE * residuals.chi2:
             return step.pose, float(step.size[0])
     return None
 
@@ -243,8 +243,8 @@ def _where_it_meets(frames: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, 
     R, p = frames
     eye = np.broadcast_to(np.eye(3), R.shape)
     rows = np.concatenate((R, -eye), axis=-1).reshape(-1, 6)
-    found = np.linalg.lstsq(rows, -p.reshape(-1), rcond=0.02)[0]
-    return np.asarray(found[:3]), np.asarray(found[3:])
+    points = np.linalg.lstsq(rows, -p.reshape(-1), rcond=0.02)[0]
+    return np.asarray(points[:3]), np.asarray(points[3:])
 
 
 def _new(kind: str, arm: ArmModel, where: str) -> str:

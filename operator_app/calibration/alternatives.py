@@ -79,7 +79,7 @@ def find_alternatives(
     """
     deadline = thread_time() + LONGEST_S
     as_it_is = np.inf if near or stated.unsensed else cost_of(stated)
-    found: list[tuple[Finding, float]] = []
+    weighted: list[tuple[Finding, float]] = []
     fits: list[Experiment] = []
     families = (
         (_same_loop(stated), *((_unread(stated),) if sensors else ()))
@@ -94,24 +94,24 @@ def find_alternatives(
                 continue
             if thread_time() > deadline:
                 break
-            ratio, left = solved(alternative)
+            ratio, dof_left = solved(alternative)
             if alternative.fixture is not stated.fixture and closes(alternative, far=as_it_is):
                 # So few equations never close by chance, even with accurate files.
                 ratio = min(ratio, 0.99 * limits.CHI2_PER_DOF_ALTERNATIVE)
             if ratio < limits.CHI2_PER_DOF_ALTERNATIVE and (
                 near or limits.ALTERNATIVE_CHI2_RATIO * ratio < scale
             ):
-                found.append((finding, _weight(ratio, left, dof)))
+                weighted.append((finding, _weight(ratio, dof_left, dof)))
                 fits.append(alternative)
-        if found:
+        if weighted:
             break
-    found += [
-        (finding, _weight(ratio, left, dof))
+    weighted += [
+        (finding, _weight(ratio, dof_left, dof))
         for alternative in fits
-        for finding, ratio, left in _shifted(alternative, stated.unsensed)
+        for finding, ratio, dof_left in _shifted(alternative, stated.unsensed)
         if ratio < limits.CHI2_PER_DOF_ALTERNATIVE
     ]
-    return _named(found)
+    return _named(weighted)
 
 
 def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
@@ -128,30 +128,30 @@ def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
 
 def step_alternative(stated: Experiment, joint: int, scale: float) -> tuple[Finding, ...]:
     """Return the step that explains a wrong reading of a joint, if one does; `scale` as in `find_alternatives`."""
-    found = _shifted(without_reading(stated, joint), stated.unsensed)
+    shifted = _shifted(without_reading(stated, joint), stated.unsensed)
     return _named(
         [
             (finding, 0.0)
-            for finding, ratio, _ in found
+            for finding, ratio, _ in shifted
             if ratio < limits.CHI2_PER_DOF_ALTERNATIVE
             and limits.ALTERNATIVE_CHI2_RATIO * ratio < scale
         ]
     )
 
 
-def _weight(ratio: float, left: int, dof: int) -> float:
-    """Logarithm of the weight of an alternative with chi2/dof `ratio` and `left` degrees of freedom."""
+def _weight(ratio: float, dof_left: int, dof: int) -> float:
+    """Logarithm of the weight of an alternative with chi2/dof `ratio` and `dof_left` degrees of freedom."""
     fits = -0.5 * dof * np.log(max(ratio, limits.SMALLEST_NOISE_SCALE))
-    return float(fits - PER_FREEDOM * max(0, dof - left))
+    return float(fits - PER_FREEDOM * max(0, dof - dof_left))
 
 
-def _named(found: list[tuple[Finding, float]]) -> tuple[Finding, ...]:
-    if not found:
+def _named(weighted: list[tuple[Finding, float]]) -> tuple[Finding, ...]:
+    if not weighted:
         return ()
-    chance = probabilities(np.array([weight for _, weight in found]))
+    chance = probabilities(np.array([weight for _, weight in weighted]))
     order = np.argsort(-chance)
     return tuple(
-        replace(found[k][0], probability=float(chance[k]), blocking=True)
+        replace(weighted[k][0], probability=float(chance[k]), blocking=True)
         for k in order
         if chance[k] > 0.02
     )

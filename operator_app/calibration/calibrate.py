@@ -246,13 +246,13 @@ def screen(prepared: Prepared) -> Screened:
     experiment = task.experiment
     prior = stated_priors(hard, experiment.arm, experiment.fixture)
     by_arm = frozenset(prior) - {*hard.ground_side, *hard.hand_side}
-    seen = None
+    at_readings = None
     # Before the fit: along an unidentifiable direction without a prior every estimate is meaningless.
     if (paper := loops.paper) is not None and (
         task.by_paper or not well_conditioned_at_readings(paper, loops.q)
     ):
-        seen = _identifiability(prepared, paper.x)
-        _require_identifiable(prepared, seen, by_arm)
+        at_readings = _identifiability(prepared, paper.x)
+        _require_identifiable(prepared, at_readings, by_arm)
     # The paper's estimate is compared with the implicit one, so that the implicit fit is always made.
     model, tolerance = free_within_tolerance(
         hard, experiment.arm, length_tolerance_m=task.length_tolerance_m, fixed=prepared.dropped
@@ -266,7 +266,7 @@ def screen(prepared: Prepared) -> Screened:
         distinct=distinct,
         which=which,
         prior=by_arm,
-        seen=seen,
+        seen=at_readings,
     )
 
 
@@ -277,11 +277,11 @@ def fit(screened: Screened) -> Fitted:
     """
     prepared, distinct = screened.before, screened.distinct
     task, loops = prepared.task, prepared.loops
-    here = np.searchsorted(np.flatnonzero(loops.kept), distinct)
+    rows = np.searchsorted(np.flatnonzero(loops.kept), distinct)
     try:
-        whole = fit_from_starts(
-            screened.model.at_poses(here),
-            loops.q[here],
+        calibrated = fit_from_starts(
+            screened.model.at_poses(rows),
+            loops.q[rows],
             screened.errors,
             _starts(screened),
             group=task.experiment.poses.placement[distinct],
@@ -289,13 +289,13 @@ def fit(screened: Screened) -> Fitted:
         )
     except PosesDoNotFitError as error:
         raise poses_do_not_fit(_alternatives(screened)) from error
-    estimate, components = whole.estimate, whole.components
+    estimate, components = calibrated.estimate, calibrated.components
     if len(screened.which) != len(distinct):
         estimate = estimate.at_poses(screened.which)
         components = components.at_poses(screened.which)
     fitted = Fitted(
         before=screened,
-        whole=whole,
+        whole=calibrated,
         model=screened.model,
         tolerance=screened.tolerance,
         estimate=estimate,
@@ -316,14 +316,14 @@ def fit(screened: Screened) -> Fitted:
 
 def diagnose(fitted: Fitted) -> Diagnosed:
     """Test the fit and every RVDT, compare placements and repeated poses, and rank the causes."""
-    screened, whole, model = fitted.before, fitted.whole, fitted.model
+    screened, calibrated, model = fitted.before, fitted.whole, fitted.model
     prepared = screened.before
     task, loops, experiment = prepared.task, prepared.loops, prepared.task.experiment
-    part, some = whole.few(MOST_DIAGNOSED_POSES)
-    used = screened.distinct[some]
+    part, chosen = calibrated.few(MOST_DIAGNOSED_POSES)
+    used = screened.distinct[chosen]
     unknowns = tuple(p.name for p in prepared.hard.parameters)
-    shares = {} if task.by_paper else shares_of_poses(whole.linear)
-    seen = _seen(fitted, part)
+    shares = {} if task.by_paper else shares_of_poses(calibrated.linear)
+    identified = _seen(fitted, part)
     known = PriorInformation(
         out_of_range=prepared.out_of_range,
         flipped=loops.flipped,
@@ -347,7 +347,7 @@ def diagnose(fitted: Fitted) -> Diagnosed:
     return Diagnosed(
         before=fitted,
         part=part,
-        seen=seen,
+        seen=identified,
         shares=shares,
         known=known,
         adjudication=adjudicate(
@@ -365,7 +365,7 @@ def decide(diagnosed: Diagnosed) -> Solution:
     """Collect the results of a calibration, its verdict and every notice."""
     fitted, known = diagnosed.before, diagnosed.known
     prepared = fitted.before.before
-    task, loops, whole = prepared.task, prepared.loops, fitted.whole
+    task, loops, calibrated = prepared.task, prepared.loops, fitted.whole
     model, estimate, q, experiment = fitted.model, fitted.estimate, loops.q, task.experiment
     arm, fixture, poses = experiment.arm, experiment.fixture, experiment.poses
     solution = Solution(
@@ -380,19 +380,19 @@ def decide(diagnosed: Diagnosed) -> Solution:
         tolerated=tuple(fitted.tolerance),
         components=fitted.components,
         search=loops.search,
-        outliers=tuple(poses.label[k] for k in _outliers(whole, fitted.before.distinct)),
+        outliers=tuple(poses.label[k] for k in _outliers(calibrated, fitted.before.distinct)),
         rvdt=known.rvdt,
         assumed=(*arm.assumed, *fixture.compliance.assumed),
         hand=tip_sigma(model, estimate, q),
         implicit=fitted.implicit,
         length_tolerance_m=task.length_tolerance_m,
-        scales=() if task.by_paper else learned_scales(whole.linear, whole.found),
+        scales=() if task.by_paper else learned_scales(calibrated.linear, calibrated.found),
         shares=diagnosed.shares,
         distances=distances(
             model,
             estimate,
             poses.placements,
-            () if task.by_paper else compared(fixture, poses, whole.linear),
+            () if task.by_paper else compared(fixture, poses, calibrated.linear),
         ),
         condition_at_readings=condition_at_readings(
             loops.identifiable, in_order(loops.identifiable, model, estimate.x), q
@@ -401,15 +401,15 @@ def decide(diagnosed: Diagnosed) -> Solution:
         reasons=(),
     )
     if not task.by_paper and not experiment.unsensed:
-        solution = with_best_table(solution, arm, whole, q)
+        solution = with_best_table(solution, arm, calibrated, q)
     unidentifiable = () if task.drop else loops.unidentifiable
     return with_notices(
         solution,
         experiment,
-        whole=whole,
+        whole=calibrated,
         judged=diagnosed.part,
         known=known,
-        same=indistinguishable_placements(fitted.before.model, whole.estimate)
+        same=indistinguishable_placements(fitted.before.model, calibrated.estimate)
         if fitted.closes
         else (),
         as_stated=unidentifiable if task.by_paper else known.by_files,
@@ -423,14 +423,16 @@ def _identifiability(prepared: Prepared, x: FloatArray) -> Identifiability:
     return identifiability(loops.identifiable, x, loops.q, sigma_rad=sigma_rad)
 
 
-def _require_identifiable(prepared: Prepared, seen: Identifiability, prior: frozenset[str]) -> None:
+def _require_identifiable(
+    prepared: Prepared, identified: Identifiability, prior: frozenset[str]
+) -> None:
     """Refuse unidentifiable directions, with the fault that causes them if there is one.
 
     Directions with a parameter whose uncertainty the arm's file states (`prior`) are not refused.
     """
     task, loops, model = prepared.task, prepared.loops, prepared.hard
     known = frozenset[str]() if task.by_paper else prior
-    blind = tuple(d for d in seen.directions if not known & set(d.parameters))
+    blind = tuple(d for d in identified.directions if not known & set(d.parameters))
     if not blind:
         return
     error, poses = UnidentifiableError(blind), len(loops.q)
@@ -454,12 +456,12 @@ def _seen(fitted: Fitted, part: Calibrated) -> Identifiability:
         return screened.seen
     if loops.paper is not None:
         names = tuple(p.name for p in loops.identifiable.parameters)
-        seen = identifiability_of_fit(part.linear, names, taken=part.order)
+        identified = identifiability_of_fit(part.linear, names, taken=part.order)
     else:
         x = in_order(loops.identifiable, screened.model, fitted.estimate.x)
-        seen = _identifiability(prepared, x)
-    _require_identifiable(prepared, seen, screened.prior)
-    return seen
+        identified = _identifiability(prepared, x)
+    _require_identifiable(prepared, identified, screened.prior)
+    return identified
 
 
 def _starts(screened: Screened) -> Iterator[FloatArray | None]:
@@ -488,16 +490,16 @@ def _alternatives(screened: Screened) -> tuple[Finding, ...]:
     return find_alternatives(stated, scale=np.inf, dof=dof)
 
 
-def _outliers(found: Calibrated, of_each: IntArray) -> tuple[int, ...]:
+def _outliers(calibrated: Calibrated, of_each: IntArray) -> tuple[int, ...]:
     """Indices of poses whose readings the others do not predict, the worst first.
 
-    `of_each` are the indices of the poses from which `found` was made.
+    `of_each` are the indices of the poses from which `calibrated` was made.
     """
     from scipy.special import chdtrc
 
-    chi2, dof = found.linear.left_out_chi2()
+    chi2, dof = calibrated.linear.left_out_chi2()
     chances = chdtrc(np.maximum(dof, 1), chi2)
     named = [
         k for k in np.argsort(chances) if chances[k] < OUTLIER_NOTICE_PROBABILITY / len(chances)
     ]
-    return tuple(int(of_each[found.order[k]]) for k in named)
+    return tuple(int(of_each[calibrated.order[k]]) for k in named)

@@ -120,12 +120,12 @@ class CalibratedArm:
         part = C[:, known] @ np.linalg.pinv(C[np.ix_(known, known)], hermitian=True) @ C[known]
         return np.sqrt(spread_along(self._rates(q_rad, self.free)[1], part))
 
-    def rate_m_per_rad(self, joint: int, moved: dict[str, float], q_rad: FloatArray) -> FloatArray:
+    def rate_m_per_rad(self, joint: int, rates: dict[str, float], q_rad: FloatArray) -> FloatArray:
         """Displacement of the tip (m,), m per rad of error in the fixed offset of `joint`, at readings (m, n).
 
-        Other parameters change by `moved` per rad. With several placements, the parameters of the first are used.
+        Other parameters change by `rates` per rad. With several placements, the parameters of the first are used.
         """
-        plain = {name.partition("[")[0]: rate for name, rate in reversed(moved.items())}
+        plain = {name.partition("[")[0]: rate for name, rate in reversed(rates.items())}
         names = (DhEntry(DhKind.THETA_OFF, joint).name, *self.free)
         along = np.array([1.0, *(plain.get(name, 0.0) for name in self.free)])
         return np.asarray(np.linalg.norm(self._rates(q_rad, names)[1] @ along, axis=-1))
@@ -183,17 +183,19 @@ def even_poses(arm: ArmModel) -> FloatArray:
     return np.asarray(arm.lower_rad + even * (arm.upper_rad - arm.lower_rad))
 
 
-def hand_errors(found: CalibratedArm, arm: ArmModel) -> HandErrors:
+def hand_errors(calibrated: CalibratedArm, arm: ArmModel) -> HandErrors:
     """Compare the tool position before and after calibration over the ranges of all joints."""
     q = even_poses(arm)
-    entries = (DhEntry.parse(name) for name in found.identified)
+    entries = (DhEntry.parse(name) for name in calibrated.identified)
     nominal = arm.table.stacked()
     nominal_arm = replace(
-        found,
-        hand=with_entries(found.hand, {e.name: float(nominal[e.kind, e.row - 1]) for e in entries}),
+        calibrated,
+        hand=with_entries(
+            calibrated.hand, {e.name: float(nominal[e.kind, e.row - 1]) for e in entries}
+        ),
         best=None,
     )
-    tip, sigma = found.tip_with_sigma_m(q)
+    tip, sigma = calibrated.tip_with_sigma_m(q)
     return HandErrors(
         tip_m=tip,
         before_m=np.linalg.norm(tip - nominal_arm.T_base(q)[:, :3, 3], axis=-1),
@@ -210,8 +212,8 @@ def side_of(model: ClosureModel, name: str) -> Literal["arm", "ground", "hand"]:
 def _first_placement(solution: Solution) -> tuple[ClosureModel, dict[str, int]]:
     """Loop of the first placement, and the column of each of its parameters in the estimate."""
     part, columns, _ = solution.model.parts()[0]
-    here = np.arange(len(solution.estimate.x))[columns].tolist()
-    return part, dict(zip([p.name for p in part.parameters], here, strict=True))
+    index = np.arange(len(solution.estimate.x))[columns].tolist()
+    return part, dict(zip([p.name for p in part.parameters], index, strict=True))
 
 
 def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
@@ -243,21 +245,21 @@ def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
 
 
 def with_best_table(
-    solution: Solution, arm: ArmModel, found: Calibrated, q: FloatArray
+    solution: Solution, arm: ArmModel, calibrated: Calibrated, q: FloatArray
 ) -> Solution:
     """Add the corrections, and the best table over readings q (m, n), rad, from the fit of the same poses."""
     own = calibrated_arm(solution, arm)
     part, column = _first_placement(solution)
     index = np.array([column[name] for name in own.free], dtype=np.int64)
-    joints = JointCorrections.of(found.linear)
-    some = q[evenly(len(q), MOST_POSES_SAMPLED)]
-    used, weight = where_used(some, arm.lower_rad, arm.upper_rad)
-    there = joints.at(used)
+    joints = JointCorrections.of(calibrated.linear)
+    sampled = q[evenly(len(q), MOST_POSES_SAMPLED)]
+    used, weight = where_used(sampled, arm.lower_rad, arm.upper_rad)
+    parts = joints.at(used)
     best = best_table(
         own.hand,
         own.tip_m,
         joints,
-        there,
+        parts,
         weight,
         known=own.free,
         covariance=joints.with_parameters(index),
@@ -265,7 +267,9 @@ def with_best_table(
         fixed=part.ground_side,
         tip=bool(TIP_NAMES & set(column)),
     )
-    return replace(solution, best=best, corrections=corrections_of(joints, there.first(len(some))))
+    return replace(
+        solution, best=best, corrections=corrections_of(joints, parts.first(len(sampled)))
+    )
 
 
 def _hand_rows(part: ClosureModel, nominal: DhTable, flange: DhTable) -> DhTable:
@@ -303,24 +307,26 @@ def offsets_not_sought(model: ClosureModel, arm: ArmModel) -> tuple[int, ...]:
 
 
 def tool_accuracy(
-    found: CalibratedArm, arm: ArmModel, as_stated: Collection[str], fit: LinearFit
+    calibrated: CalibratedArm, arm: ArmModel, as_stated: Collection[str], fit: LinearFit
 ) -> HandAccuracy:
     """Summarise the tool position error before and after calibration over the ranges of all joints.
 
     The summary includes the uncertainty of fixed offsets, and names those of unknown uncertainty. `as_stated`:
     parameters known from the files rather than from the poses. `fit`: the calibration at its last linearisation.
     """
-    errors, q = hand_errors(found, arm), even_poses(arm)
-    left = np.sqrt(np.maximum(errors.after_m**2 - found.stated_part_m(q, as_stated) ** 2, 0.0))
-    by_poses = spread_of(left)
+    errors, q = hand_errors(calibrated, arm), even_poses(arm)
+    by_poses_m = np.sqrt(
+        np.maximum(errors.after_m**2 - calibrated.stated_part_m(q, as_stated) ** 2, 0.0)
+    )
+    by_poses = spread_of(by_poses_m)
     noteworthy = not by_poses.rms > NOTEWORTHY_SHARE * spread_of(errors.after_m).rms
     square, held, known = errors.after_m**2, list[HeldOffset](), arm.offset_tolerance_rad
     model, B = fit.design.model, fit.whole.B
     for j in offsets_not_sought(model, arm):
         # The other parameters follow an error of the offset.
-        moved = fit.moved_by(B[..., [j - 1]])[:, 0].tolist()
-        along = dict(zip([p.name for p in model.parameters], moved, strict=True))
-        rate = found.rate_m_per_rad(j, along, q)
+        rates = fit.moved_by(B[..., [j - 1]])[:, 0].tolist()
+        along = dict(zip([p.name for p in model.parameters], rates, strict=True))
+        rate = calibrated.rate_m_per_rad(j, along, q)
         if known is not None:
             square = square + (known * rate) ** 2
         elif (rms := spread_of(rate).rms) > NEGLIGIBLE:
@@ -332,6 +338,6 @@ def tool_accuracy(
         after=spread_of(np.sqrt(square)),
         poses=RANGE_SAMPLES,
         holds_for=tuple(held),
-        stated=tuple(name for name in found.free if name in as_stated) if noteworthy else (),
+        stated=tuple(name for name in calibrated.free if name in as_stated) if noteworthy else (),
         after_by_poses=by_poses if noteworthy else None,
     )

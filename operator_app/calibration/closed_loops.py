@@ -61,28 +61,28 @@ def identifiable_loops(
     progress: Progress | None,
 ) -> IdentifiableLoops:
     """Choose the poses of one branch and the parameters they identify; estimate these where all joints are sensed."""
-    q, arm, found, made = experiment.poses.q_rad, experiment.arm, None, None
+    q, arm, choice, made = experiment.poses.q_rad, experiment.arm, None, None
     if search:
-        found = global_start(model, q, progress=progress)
-        kept = ~np.isin(np.arange(len(q)), found.set_aside)
+        choice = global_start(model, q, progress=progress)
+        is_kept = ~np.isin(np.arange(len(q)), choice.set_aside)
     else:
-        kept, made = on_main_branch(model, q)
-    model, q = model.at_poses(np.flatnonzero(kept)), q[kept]
+        is_kept, made = on_main_branch(model, q)
+    model, q = model.at_poses(np.flatnonzero(is_kept)), q[is_kept]
     require_enough_poses(model, len(q))
-    x0 = None if found is None else found.x
+    x0 = None if choice is None else choice.x
     every_unknown = model
     model, unidentifiable = _without_unidentifiable(model, arm, x0, q, drop=drop)
     if unidentifiable:
         require_enough_poses(model, len(q))
         if search:
             # The fixed parameters have other values than in the search: it is repeated without them.
-            found = global_start(model, q, progress=progress)
+            choice = global_start(model, q, progress=progress)
     paper = None
     if not experiment.unsensed:
         paper = None if unidentifiable else made
-        paper = paper or estimate_paper(model, q, x0=None if found is None else found.x)
+        paper = paper or estimate_paper(model, q, x0=None if choice is None else choice.x)
     loops = model if drop else every_unknown
-    return IdentifiableLoops(loops, model, q, kept, unidentifiable, found, paper)
+    return IdentifiableLoops(loops, model, q, is_kept, unidentifiable, choice, paper)
 
 
 def _without_unidentifiable(
@@ -125,8 +125,8 @@ def on_main_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, Estim
     if int(keep.sum()) * model.equations_per_pose <= len(model.parameters):
         return everything
     paper = estimate_paper(part, q[keep])
-    kept = ~closure_at_readings(model, paper.x, q).flipped
-    return kept, paper if np.array_equal(keep, kept) else None
+    is_kept = ~closure_at_readings(model, paper.x, q).flipped
+    return is_kept, paper if np.array_equal(keep, is_kept) else None
 
 
 def pick_placements(poses: PoseSet, placements: tuple[int, ...]) -> PoseSet:
@@ -168,8 +168,8 @@ def placement_checks(
     experiment: Experiment, model: ClosureModel, x: FloatArray
 ) -> tuple[SetupCheck, ...]:
     """Check the geometry of every placement at the identified parameters `x` of `model`."""
-    found: dict[tuple[str, str], SetupCheck] = {}
+    by_name: dict[tuple[str, str], SetupCheck] = {}
     for part, columns, _ in model.parts():
         for check in experiment.fixture.placement_checks(experiment.arm, part, x[columns]):
-            found.setdefault((check.code, check.text), check)
-    return tuple(found.values())
+            by_name.setdefault((check.code, check.text), check)
+    return tuple(by_name.values())

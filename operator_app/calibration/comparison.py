@@ -206,13 +206,13 @@ def _not_compared(
 ) -> list[tuple[str, str]]:
     """Entries that only one calibration identified, or that belong to the mounting, with the reason."""
     first, second = ([e.entry for e in d.calibrated] for d in (before, after))
-    found = [(name, "identified in A only") for name in first if name not in second]
-    found += [(name, "identified in B only") for name in second if name not in first]
+    listed = [(name, "identified in A only") for name in first if name not in second]
+    listed += [(name, "identified in B only") for name in second if name not in first]
     other_fixture = before.fixture != after.fixture
     if other_fixture or remounted:
-        why = "another fixture" if other_fixture else "the fixture was remounted"
-        found += [(n, why) for n in first if n in second and sides[n] is not Side.ARM]
-    return found
+        reason = "another fixture" if other_fixture else "the fixture was remounted"
+        listed += [(n, reason) for n in first if n in second and sides[n] is not Side.ARM]
+    return listed
 
 
 def _same_poses(a: ParametersDocument, b: ParametersDocument) -> bool:
@@ -253,9 +253,9 @@ def _loop(document: ParametersDocument) -> DhLoop:
 def nearest_values(a: ParametersDocument, b: ParametersDocument) -> dict[str, float]:
     """Return B's identified entries (rad, m), in the equivalent vector that is nearest to A's."""
     loop = _loop(b)
-    here, there = a.table.stacked(), b.table.stacked()
-    x = np.array([there[e.kind, e.row] for e in loop.entries])
-    reference = np.array([here[e.kind, e.row] for e in loop.entries])
+    rows_a, rows_b = a.table.stacked(), b.table.stacked()
+    x = np.array([rows_b[e.kind, e.row] for e in loop.entries])
+    reference = np.array([rows_a[e.kind, e.row] for e in loop.entries])
     nearest = nearest_equivalent(loop, x, reference)
     return {e.name: float(v) for e, v in zip(loop.entries, nearest, strict=True)}
 
@@ -263,9 +263,9 @@ def nearest_values(a: ParametersDocument, b: ParametersDocument) -> dict[str, fl
 def sides_of(document: ParametersDocument) -> dict[str, Side]:
     """Return the side of each calibrated entry."""
     loop = _loop(document)
-    found = {e.name: Side.ARM for e in loop.entries}
-    found |= dict.fromkeys(loop.ground_side, Side.GROUND)
-    return found | dict.fromkeys(loop.hand_side, Side.HAND)
+    sides = {e.name: Side.ARM for e in loop.entries}
+    sides |= dict.fromkeys(loop.ground_side, Side.GROUND)
+    return sides | dict.fromkeys(loop.hand_side, Side.HAND)
 
 
 def _scale(document: ParametersDocument) -> float:
@@ -288,42 +288,42 @@ def notices(
 
     `scales` are the factors applied to their standard deviations.
     """
-    K, found = FindingKind, []
+    K, findings = FindingKind, []
     if a.utc > b.utc:
-        found.append(Finding(kind=K.COMPARED_BACKWARDS))
+        findings.append(Finding(kind=K.COMPARED_BACKWARDS))
     if a.pose_set_sha256 == b.pose_set_sha256:
-        found.append(Finding(kind=K.COMPARED_SAME_POSES))
+        findings.append(Finding(kind=K.COMPARED_SAME_POSES))
     for kind, one, other in (
         (K.COMPARED_FIXTURE_KINDS, a.fixture.kind, b.fixture.kind),
         (K.COMPARED_FIXTURES, a.fixture.name, b.fixture.name),
     ):
         if one != other:
-            found.append(Finding(kind=kind, names=(one, other)))
+            findings.append(Finding(kind=kind, names=(one, other)))
             break
     if a.estimator != b.estimator:
-        found.append(Finding(kind=K.COMPARED_ESTIMATORS, names=(a.estimator, b.estimator)))
+        findings.append(Finding(kind=K.COMPARED_ESTIMATORS, names=(a.estimator, b.estimator)))
     if {e.entry for e in a.calibrated} != {e.entry for e in b.calibrated}:
-        found.append(Finding(kind=K.COMPARED_ENTRIES))
-    found += _changed_constants(a, b)
-    found += [
+        findings.append(Finding(kind=K.COMPARED_ENTRIES))
+    findings += _changed_constants(a, b)
+    findings += [
         Finding(kind=K.COMPARED_REFUSED, names=(w.code, name), reported=(w.text,))
         for name, document in (("A", a), ("B", b))
         for w in document.warnings
         if w.code in REFUSED
     ]
-    found += [
+    findings += [
         Finding(kind=K.COMPARED_SCALED, names=(name,), size=scale, figures={"ratio": scale**2})
         for name, scale in zip("AB", scales, strict=True)
         if scale > REPORTED_SCALE
     ]
-    return tuple(found)
+    return tuple(findings)
 
 
 def _changed_constants(a: ParametersDocument, b: ParametersDocument) -> list[Finding]:
     """Entries that were fixed in both, at different values."""
     identified = {e.entry for e in (*a.calibrated, *b.calibrated)}
     one, other = a.table.stacked(), b.table.stacked()
-    found = []
+    findings = []
     for entry in (DhEntry(kind, row) for kind in DhKind for row in range(len(a.dh))):
         angle = entry.kind.is_angle
         first, second = (float(table[entry.kind, entry.row]) for table in (one, other))
@@ -331,5 +331,5 @@ def _changed_constants(a: ParametersDocument, b: ParametersDocument) -> list[Fin
         if entry.name not in identified and abs(change) > SAME_NOMINAL:
             figures, unit = {"a": first, "b": second}, "rad" if angle else "m"
             kind = FindingKind.COMPARED_CONSTANT
-            found.append(Finding(kind=kind, names=(entry.name,), unit=unit, figures=figures))
-    return found
+            findings.append(Finding(kind=kind, names=(entry.name,), unit=unit, figures=figures))
+    return findings

@@ -55,20 +55,20 @@ def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses:
     if len(poses) - len(solution.dropped_flipped) < 2 * FOLDS:
         return Checks()
     fixture, model = with_calibrated_places(fixture, solution.model), solution.model
-    kept = np.setdiff1d(np.arange(len(poses)), solution.dropped_flipped)
-    whole = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=model.unsensed_joints)
-    stated = whole.at_poses(kept)
+    used = np.setdiff1d(np.arange(len(poses)), solution.dropped_flipped)
+    experiment = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=model.unsensed_joints)
+    stated = experiment.at_poses(used)
     q, hard = stated.poses.q_rad, model.without(solution.tolerated)
     tolerance = free_within_tolerance(hard, arm)[1]
     errors = error_model(
-        whole,
-        kept,
+        experiment,
+        used,
         tolerance={name: tolerance[name] for name in tolerance if name in solution.tolerated},
         prior=stated_priors(hard, arm, fixture),
     )
-    found = solution.components
-    if found is not None:
-        errors = replace(errors, signed=found.signed)
+    components = solution.components
+    if components is not None:
+        errors = replace(errors, signed=components.signed)
 
     def settled(rest: IntArray) -> Settled:
         return settle(
@@ -78,7 +78,7 @@ def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses:
             x0=solution.estimate.x,
             group=stated.poses.placement[rest],
             # Sizes of errors are not parameters: estimating them for every part would be most of the work.
-            variances=None if found is None else found.variances,
+            variances=None if components is None else components.variances,
         )
 
     def estimated(rest: IntArray) -> Estimate:
@@ -103,8 +103,8 @@ def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses:
     )
 
 
-def _jackknife_sd(found: LinearFit, identified: list[int]) -> FloatArray | None:
+def _jackknife_sd(fitted: LinearFit, identified: list[int]) -> FloatArray | None:
     try:
-        return jackknife(found)[identified]
+        return jackknife(fitted)[identified]
     except SolverError:
         return None

@@ -53,7 +53,7 @@ def error_model(
     )
     endpoint = _instrument_variance(fixture)
     passive = fixture.kind != "measured"
-    there = np.arange(len(poses))[kept]
+    indices = np.arange(len(poses))[kept]
     return replace(
         errors,
         endpoint_variance=np.zeros(6) if endpoint is None else endpoint,
@@ -63,8 +63,8 @@ def error_model(
         prior=prior,
         distances=_measured(stated_distances(fixture, poses.placements)),
         discrepancy=True,
-        loads=_loads(experiment.at_poses(there)),
-        approach=approach_of(arm, poses, there),
+        loads=_loads(experiment.at_poses(indices)),
+        approach=approach_of(arm, poses, indices),
     )
 
 
@@ -139,17 +139,17 @@ def approach_of(arm: ArmModel, poses: PoseSet, kept: IntArray) -> FloatArray | N
         # A clock too coarse to tell which of two poses came first.
         return None
     moves = np.maximum(MOVED_RAD, MOVED_SIGMAS * arm.sigma_rad())
-    found = np.zeros(poses.q_rad.shape)
+    directions = np.zeros(poses.q_rad.shape)
     side, last, placement = np.zeros(poses.joint_count), poses.q_rad[order[0]].copy(), None
     for k in order:
-        here = poses.q_rad[k]
+        q = poses.q_rad[k]
         if poses.placement[k] != placement:
-            side, last, placement = np.zeros_like(side), here.copy(), poses.placement[k]
-        moved = np.abs(here - last) > moves
-        side = np.where(moved, np.sign(here - last), side)
-        last = np.where(moved, here, last)
-        found[k] = side
-    return found[kept]
+            side, last, placement = np.zeros_like(side), q.copy(), poses.placement[k]
+        has_moved = np.abs(q - last) > moves
+        side = np.where(has_moved, np.sign(q - last), side)
+        last = np.where(has_moved, q, last)
+        directions[k] = side
+    return directions[kept]
 
 
 def noise_model(experiment: Experiment) -> NoiseModel:
@@ -170,17 +170,17 @@ def distinct_poses(poses: PoseSet, kept: BoolArray) -> tuple[IntArray, IntArray]
 
     Readings equal to the last digit are taken as one reading written twice, without further information.
     """
-    here = np.flatnonzero(kept)
-    columns = [poses.placement[here, None].astype(float), poses.q_rad[here]]
+    indices = np.flatnonzero(kept)
+    columns = [poses.placement[indices, None].astype(float), poses.q_rad[indices]]
     if poses.endpoint is not None:
-        columns.append(poses.endpoint[here])
+        columns.append(poses.endpoint[indices])
     _, first, which = np.unique(
         np.column_stack(columns), axis=0, return_index=True, return_inverse=True
     )
     order = np.argsort(first)
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
-    return here[first[order]], rank[which.reshape(-1)]
+    return indices[first[order]], rank[which.reshape(-1)]
 
 
 def free_within_tolerance(
@@ -207,20 +207,22 @@ def free_within_tolerance(
     length = (
         arm.length_tolerance_m if length_tolerance_m is None else np.full(n, length_tolerance_m)
     )
-    found: dict[DhEntry, float] = {}
+    tolerances: dict[DhEntry, float] = {}
     for kind in (DhKind.A, DhKind.S, DhKind.ALPHA, DhKind.BETA):
         sizes = arm.twist_tolerance_rad if kind.is_angle else length
         entries = (DhEntry(kind, row) for row in range(1, n + 1))
-        found |= {e: float(sizes[e.row - 1]) for e in entries if e in arm.maker_entries(e.row)}
+        tolerances |= {e: float(sizes[e.row - 1]) for e in entries if e in arm.maker_entries(e.row)}
     if arm.offset_tolerance_rad is not None:
         known = arm.offset_tolerance_rad
         blind = model.unsensed_joints
-        found |= {e: known for e in arm.free if e.kind is DhKind.THETA_OFF and e.row not in blind}
+        tolerances |= {
+            e: known for e in arm.free if e.kind is DhKind.THETA_OFF and e.row not in blind
+        }
     free = {p.name for p in part.parameters} | set(fixed)
     if part.dh_table(nominal_vector(part.parameters)) is not None:
         # s_1 and the last link depend on the place of the hinge, not on the arm's table.
         free |= {"s_1", f"a_{n}", f"s_{n}", f"alpha_{n}"}
-    chosen = {e: sd for e, sd in found.items() if sd > 0.0 and e.name not in free}
+    chosen = {e: sd for e, sd in tolerances.items() if sd > 0.0 and e.name not in free}
     return model.freed(tuple(chosen)), {e.name: sd for e, sd in chosen.items()}
 
 
@@ -236,7 +238,7 @@ def stated_priors(
     placed, offset = fixture.tolerance, arm.offset_tolerance_rad
     sides = {*model.ground_side, *model.hand_side}
     first = {p.name for p in np.array(model.parameters, dtype=object)[model.parts()[0][1]]}
-    found: dict[str, float] = {}
+    priors: dict[str, float] = {}
     for p in model.parameters:
         plain = p.name.partition("[")[0]
         entry = DhEntry.parse(plain) if is_entry(plain) else None
@@ -253,8 +255,8 @@ def stated_priors(
             row = entry.row - 1
             size = float((arm.twist_tolerance_rad if p.is_angle else arm.length_tolerance_m)[row])
         if size > 0.0:
-            found[p.name] = size
-    return found
+            priors[p.name] = size
+    return priors
 
 
 def freed(model: ClosureModel, names: Iterable[str]) -> ClosureModel:

@@ -65,10 +65,10 @@ def _led_away(stated: Experiment, paper: Estimate) -> tuple[Finding, ...]:
 
 
 def saturated_readings(
-    found: tuple[RangeFinding, ...], poses: PoseSet
+    findings: tuple[RangeFinding, ...], poses: PoseSet
 ) -> PosesDoNotFitError | None:
     """Return the error that poses do not fit because readings are at the end of full scale; None if none are."""
-    known = tuple(range_finding(f, poses) for f in found if f.fault is ReadingFault.SATURATED)
+    known = tuple(range_finding(f, poses) for f in findings if f.fault is ReadingFault.SATURATED)
     return poses_do_not_fit(known) if known else None
 
 
@@ -81,10 +81,10 @@ def _closes(estimate: Estimate) -> bool:
 
 def _open_words(paper: Estimate) -> str:
     """Return the remaining closure error of loops that no parameters close, and possible causes, as text."""
-    left, turned = paper.sigmas.position_m.rms, paper.sigmas.orientation_rad
+    open_m, turned = paper.sigmas.position_m.rms, paper.sigmas.orientation_rad
     also = "" if turned is None else f" and {SIGMA_ORI(turned.rms).with_unit}"
     return (
-        f"no parameters close the loops better than {SIGMA_POS(left).with_unit}{also} (rms): look for readings "
+        f"no parameters close the loops better than {SIGMA_POS(open_m).with_unit}{also} (rms): look for readings "
         "far noisier than the arm file states, an arm that moved while it was read, or poses of another arm"
     )
 
@@ -123,18 +123,18 @@ def turned_unread(
     sigma = np.ones(len(start))
     sigma[[j - 1 for j in still]] = 0.0
     standing = _correction(model, x, start, sigma)
-    asked = np.inf if standing is None else float(np.linalg.norm(standing))
+    standing_size = np.inf if standing is None else float(np.linalg.norm(standing))
     best: tuple[float, int, float] | None = None
     for joint in still:
         loose = sigma.copy()
         loose[joint - 1] = UNKNOWN_ANGLE_SIGMA
-        found = _correction(model, x, start, loose)
-        if found is not None:
-            turn = float(found[joint - 1])
-            found[joint - 1] = 0.0
-            best = min(filter(None, (best, (float(np.linalg.norm(found)), joint, turn))))
+        correction = _correction(model, x, start, loose)
+        if correction is not None:
+            turn = float(correction[joint - 1])
+            correction[joint - 1] = 0.0
+            best = min(filter(None, (best, (float(np.linalg.norm(correction)), joint, turn))))
     least = limits.STUCK_JOINT_MOTION_SHARE * float(np.linalg.norm(after_rad - before_rad))
-    if best is None or asked < max(limits.STUCK_JOINT_CORRECTION_RATIO * best[0], least):
+    if best is None or standing_size < max(limits.STUCK_JOINT_CORRECTION_RATIO * best[0], least):
         return None
     return best[1:]
 
@@ -151,13 +151,13 @@ def explained(error: UnidentifiableError, stated: Experiment) -> UnidentifiableE
     """Return the error, naming a stuck sensor if the loop shows that its joint moved."""
     still = sorted({j for d in error.directions for j in d.immobile_joints})
     for joint in still:
-        moved = _moved(stated, joint)
-        if moved > limits.STUCK_JOINT_TURN_RAD:
+        has_moved = _moved(stated, joint)
+        if has_moved > limits.STUCK_JOINT_TURN_RAD:
             return UnidentifiableError(
                 error.directions,
                 code=f"FROZEN_JOINT_{joint}",
                 stuck_joint=joint,
-                note=f"yet the loop shows that joint {joint} turned through {WHOLE_DEGREES(moved).with_unit}: "
+                note=f"yet the loop shows that joint {joint} turned through {WHOLE_DEGREES(has_moved).with_unit}: "
                 f"its sensor is stuck; check it, or calibrate with --unsensed {joint}",
             )
     return error

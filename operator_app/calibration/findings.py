@@ -41,16 +41,16 @@ EXCEEDED_KINDS = {
 
 
 def finding_of(
-    candidate: Candidate, found: Evidence, scene: FaultModels, labels: tuple[str, ...]
+    candidate: Candidate, evidence: Evidence, scene: FaultModels, labels: tuple[str, ...]
 ) -> Finding:
     """Return the finding of a fitted explanation; `labels` name the poses in the order in which they were taken."""
     K, subject = FindingKind, candidate.subject
     poses = tuple(labels[k] for k in candidate.poses)
-    first = float(found.b[0])
+    first = float(evidence.b[0])
     match candidate.cause:
         case Cause.SLIPPED:
             side = "table" if subject == "table" else "tool"
-            size = rms_displacement(candidate, found, scene)
+            size = rms_displacement(candidate, evidence, scene)
             between = _between(candidate.poses[0], labels)
             return Finding(kind=K.FIXTURE_SLIPPED, names=(side,), poses=between, figures=size)
         case Cause.LOST_COUNTS:
@@ -65,29 +65,29 @@ def finding_of(
         case Cause.FROZEN:
             return Finding(kind=K.READING_FROZEN, joint=int(subject), poses=poses)
         case Cause.READING:
-            return _reading_noise(int(subject), found, scene)
+            return _reading_noise(int(subject), evidence, scene)
         case Cause.SCATTER:
             # Coefficients are shrunk towards zero where the poses are not informative: divided by the informative
             # share.
             predicted = float(
-                (1.0 - found.covariance / (found.size * candidate.natural) ** 2).sum()
+                (1.0 - evidence.covariance / (evidence.size * candidate.natural) ** 2).sum()
             )
-            rms = float(np.sqrt(found.b @ found.b / max(predicted, 1.0)))
+            rms = float(np.sqrt(evidence.b @ evidence.b / max(predicted, 1.0)))
             return Finding(kind=K.ALL_READINGS_NOISE, size=rms, unit="rad")
         case Cause.SCALE:
             return Finding(kind=K.ENCODER_SCALE, joint=int(subject), size=first)
         case Cause.DRIFT:
             return Finding(kind=K.READING_DRIFT, joint=int(subject), size=first, unit="rad")
         case Cause.LENGTH | Cause.TWIST:
-            return _entry(candidate, found, scene)
+            return _entry(candidate, evidence, scene)
         case Cause.GIVES:
-            size, errors = rms_displacement(candidate, found, scene), scene.design.errors
+            size, errors = rms_displacement(candidate, evidence, scene), scene.design.errors
             stated = {"turn_rad": errors.give_rad or 0.0, "shift_m": errors.give_m or 0.0}
             more = any(size[k] > np.sqrt(3.0) * stated[k] for k in size)
             kind = K.FIXTURE_DEFLECTS_MORE if more else K.FIXTURE_DEFLECTS_OTHERWISE
             return Finding(kind=kind, figures=size)
         case _:
-            return _smooth(int(subject), candidate, found, scene)
+            return _smooth(int(subject), candidate, evidence, scene)
 
 
 def exceeded(larger: ExceededSpecification, design: LinearModel) -> Finding:
@@ -144,16 +144,16 @@ def reading_step(
     )
 
 
-def range_finding(found: RangeFinding, poses: PoseSet, *, notice: bool = False) -> Finding:
+def range_finding(out_of_range: RangeFinding, poses: PoseSet, *, notice: bool = False) -> Finding:
     """Return the finding of a joint's readings outside its range; a saturated sensor, as a cause, blocks acceptance."""
     return Finding(
-        kind=RANGE_KINDS[found.fault][notice],
-        joint=found.joint,
-        poses=tuple(poses.label[k] for k in found.poses),
-        size=found.reading_rad,
+        kind=RANGE_KINDS[out_of_range.fault][notice],
+        joint=out_of_range.joint,
+        poses=tuple(poses.label[k] for k in out_of_range.poses),
+        size=out_of_range.reading_rad,
         unit="rad",
-        figures={"lower_rad": found.lower_rad, "upper_rad": found.upper_rad},
-        blocking=found.fault is ReadingFault.SATURATED and not notice,
+        figures={"lower_rad": out_of_range.lower_rad, "upper_rad": out_of_range.upper_rad},
+        blocking=out_of_range.fault is ReadingFault.SATURATED and not notice,
     )
 
 
@@ -161,9 +161,9 @@ def _between(first: int, labels: tuple[str, ...]) -> tuple[str, str]:
     return labels[first - 1], labels[first]
 
 
-def _reading_noise(joint: int, found: Evidence, scene: FaultModels) -> Finding:
+def _reading_noise(joint: int, evidence: Evidence, scene: FaultModels) -> Finding:
     """Scatter of a joint's readings (means of samples) from pose to pose."""
-    arm, sd = scene.arm, _rms(found.b)
+    arm, sd = scene.arm, _rms(evidence.b)
     shares = [float(np.median(a.share)) for a in scene.design.errors.analogue if a.joint == joint]
     samples = round(1.0 / shares[0]) if shares else 1
     sensor = arm.joints[joint - 1].sensor
@@ -180,7 +180,7 @@ def _reading_noise(joint: int, found: Evidence, scene: FaultModels) -> Finding:
     )
 
 
-def _entry(candidate: Candidate, found: Evidence, scene: FaultModels) -> Finding:
+def _entry(candidate: Candidate, evidence: Evidence, scene: FaultModels) -> Finding:
     design, name = scene.design, candidate.subject
     k = [p.name for p in design.model.parameters].index(name)
     stated = float(design.soft_sd[list(design.soft_index).index(k)])
@@ -189,16 +189,16 @@ def _entry(candidate: Candidate, found: Evidence, scene: FaultModels) -> Finding
         kind=FindingKind.TWIST_OFF if angle else FindingKind.LENGTH_OFF,
         names=(name,),
         # Fitted columns act against the parameter: w + A dx is the residual.
-        size=-float(found.b[0]),
+        size=-float(evidence.b[0]),
         unit="rad" if angle else "m",
         figures={"limit": stated},
     )
 
 
-def _smooth(joint: int, candidate: Candidate, found: Evidence, scene: FaultModels) -> Finding:
+def _smooth(joint: int, candidate: Candidate, evidence: Evidence, scene: FaultModels) -> Finding:
     if candidate.cause is Cause.CURVE:
         sensor = scene.arm.joints[joint - 1].sensor
-        peak, sd, from_line = candidate.deviation(found.b, found.covariance)
+        peak, sd, from_line = candidate.deviation(evidence.b, evidence.covariance)
         figures = {"from_line": 1.0} if from_line else {}
         if isinstance(sensor, Rvdt):
             figures |= {"full_scale_rad": sensor.full_scale_rad, "linearity": sensor.linearity}
@@ -216,27 +216,29 @@ def _smooth(joint: int, candidate: Candidate, found: Evidence, scene: FaultModel
         kind=FindingKind.ENCODER_CYCLIC_ERROR if cyclic else FindingKind.JOINT_SAG,
         joint=joint,
         sensor="ENCODER" if cyclic else "",
-        size=_rms_along(joint, candidate, found, scene),
+        size=_rms_along(joint, candidate, evidence, scene),
         unit="rad",
     )
 
 
-def _rms_along(joint: int, candidate: Candidate, found: Evidence, scene: FaultModels) -> float:
+def _rms_along(joint: int, candidate: Candidate, evidence: Evidence, scene: FaultModels) -> float:
     """Displacement (rms over the poses, rad) that a fitted explanation causes along one joint."""
     B = scene.system.B[:, :, joint - 1]
-    moved = candidate.moves(found.b, len(B))
-    return _rms((moved * B).sum(-1) / np.maximum((B**2).sum(-1), 1e-300))
+    displacement = candidate.moves(evidence.b, len(B))
+    return _rms((displacement * B).sum(-1) / np.maximum((B**2).sum(-1), 1e-300))
 
 
-def rms_displacement(candidate: Candidate, found: Evidence, scene: FaultModels) -> dict[str, float]:
+def rms_displacement(
+    candidate: Candidate, evidence: Evidence, scene: FaultModels
+) -> dict[str, float]:
     """Displacement of the fixture (rms) over the poses concerned."""
-    moved = candidate.moves(found.b, len(scene.system.w))
-    whole = (scene.system.E @ moved[..., None])[..., 0]
-    there = np.abs(moved).sum(-1) > 0.0
-    turn = whole[there, :-3]
+    displacement = candidate.moves(evidence.b, len(scene.system.w))
+    along_fixture = (scene.system.E @ displacement[..., None])[..., 0]
+    concerned = np.abs(displacement).sum(-1) > 0.0
+    turn = along_fixture[concerned, :-3]
     return {
         "turn_rad": float(np.sqrt((turn**2).sum(-1).mean())) if turn.size else 0.0,
-        "shift_m": float(np.sqrt((whole[there, -3:] ** 2).sum(-1).mean())),
+        "shift_m": float(np.sqrt((along_fixture[concerned, -3:] ** 2).sum(-1).mean())),
     }
 
 
@@ -253,25 +255,25 @@ def motion_causes(experiment: Experiment, labels: tuple[str, ...]) -> tuple[Find
     arm, sd_rad = experiment.arm, experiment.poses.sd_rad
     if sd_rad is None:
         return ()
-    found = []
+    findings = []
     for j, joint in enumerate(arm.joints, 1):
         if not isinstance(joint.sensor, Encoder | Rvdt) or j in experiment.unsensed:
             continue
         spread = sd_rad[:, j - 1]
-        moved = moved_while_read(joint.sensor, spread)
-        there = tuple(int(k) for k in np.argsort(-spread, kind="stable") if moved[k])
-        if there:
-            found.append(
+        has_moved = moved_while_read(joint.sensor, spread)
+        moved_poses = tuple(int(k) for k in np.argsort(-spread, kind="stable") if has_moved[k])
+        if moved_poses:
+            findings.append(
                 Finding(
                     kind=FindingKind.MOTION_DURING_SAMPLING,
                     joint=j,
                     sensor=sensor_name(j, arm),
-                    poses=tuple(labels[k] for k in there),
-                    size=float(spread[there[0]]),
+                    poses=tuple(labels[k] for k in moved_poses),
+                    size=float(spread[moved_poses[0]]),
                     unit="rad",
                 )
             )
-    return tuple(found)
+    return tuple(findings)
 
 
 def moved_while_read(sensor: Encoder | Rvdt, spread_rad: FloatArray) -> BoolArray:
@@ -306,22 +308,22 @@ def left_out_poses(
     radians = set(rows_in_radians(arm, poses.q_rad)) & set(left_out) if left_out else set()
     wrong = tuple(k for k in left_out if len(joints[k]) >= WRONG_ROW_JOINTS and k not in radians)
     flipped = tuple(k for k in left_out if len(joints[k]) < WRONG_ROW_JOINTS and k not in radians)
-    found = []
+    findings = []
     if radians:
         labels = tuple(poses.label[k] for k in sorted(radians))
-        found.append(Finding(kind=FindingKind.POSES_IN_RADIANS, poses=labels))
-    found.extend(
+        findings.append(Finding(kind=FindingKind.POSES_IN_RADIANS, poses=labels))
+    findings.extend(
         Finding(
             kind=FindingKind.POSE_OUT_OF_RANGE, poses=(poses.label[k],), joints=tuple(joints[k])
         )
         for k in wrong
     )
     if flipped:
-        found.append(
+        findings.append(
             Finding(
                 kind=FindingKind.POSES_FLIPPED,
                 poses=tuple(poses.label[k] for k in flipped),
                 figures={"count": len(flipped), "of": len(poses)},
             )
         )
-    return tuple(found), tuple(f for f in out_of_range if not radians.issuperset(f.poses))
+    return tuple(findings), tuple(f for f in out_of_range if not radians.issuperset(f.poses))

@@ -112,18 +112,18 @@ def history_of(
 ) -> ArmHistory:
     """Order the accepted calibrations of one arm (at least one) by time, and test each against those before it."""
     ordered = sorted(calibrations, key=lambda c: c.document.utc)
-    kept: list[PastCalibration] = []
+    accepted: list[PastCalibration] = []
     skipped = list(left_out)
     poses: dict[str, str] = {}
     for past in ordered:
         # The same poses again are not a new measurement.
         earlier = poses.setdefault(past.document.pose_set_sha256, past.session)
         if earlier == past.session:
-            kept.append(past)
+            accepted.append(past)
         else:
             skipped.append((past.session, f"the same poses as {earlier}"))
     methods: dict[tuple[object, ...], list[PastCalibration]] = {}
-    for past in kept:
+    for past in accepted:
         d = past.document
         methods.setdefault((d.fixture, d.estimator, len(d.joints)), []).append(past)
     parts = []
@@ -133,14 +133,14 @@ def history_of(
         parts += [_part(last, side) for side in (Side.GROUND, Side.HAND)]
     parts = [part for part in parts if part.names]
     checks = tuple(sorted(verifications, key=lambda v: v.utc))
-    due, why = _due(kept, checks, parts, interval)
+    due, reason = _due(accepted, checks, parts, interval)
     return ArmHistory(
-        calibrations=tuple(kept),
+        calibrations=tuple(accepted),
         verifications=checks,
         parts=tuple(parts),
         left_out=tuple(skipped),
         due=due,
-        due_why=why,
+        due_why=reason,
     )
 
 
@@ -189,23 +189,23 @@ def _part(group: Sequence[PastCalibration], side: Side) -> EntryHistory:
 
 
 def _due(
-    kept: Sequence[PastCalibration],
+    accepted: Sequence[PastCalibration],
     checks: Sequence[PastVerification],
     parts: Sequence[EntryHistory],
     interval: timedelta | None,
 ) -> tuple[datetime, str]:
     """Return when the next calibration is due: at once after a shift or failed verification, or after the interval."""
-    last = kept[-1].document.utc
+    last = accepted[-1].document.utc
     if failed := [v for v in checks if v.utc > last and not v.holds]:
         return failed[-1].utc, f"the verification of {failed[-1].utc:%Y-%m-%d} did not hold"
     for part in parts:
         for shift in part.chart.changes:
-            if part.calibrations[shift.seen].session == kept[-1].session:
+            if part.calibrations[shift.seen].session == accepted[-1].session:
                 return last, f"{shift.name} has shifted: a second calibration confirms it"
     if interval is not None:
         days = f"{interval.days} day{'s' if interval.days != 1 else ''}"
         return last + interval, f"{days} after the last, as stated"
-    times = [c.document.utc for c in kept]
+    times = [c.document.utc for c in accepted]
     # Several calibrations on one day define no interval.
     gaps = [b - a for a, b in pairwise(times) if b - a >= ONE_DAY]
     if not gaps:

@@ -70,22 +70,22 @@ def innovation(experiment: Experiment, reading: PoseSet) -> Innovation | None:
     tolerance = free_within_tolerance(experiment.loop(), experiment.arm)[1]
     errors = error_model(both, tolerance=tolerance)
     try:
-        found = fit_as_stated(by.model, both.poses, errors, by.fit.x, old=count)
+        fitted = fit_as_stated(by.model, both.poses, errors, by.fit.x, old=count)
         # Without the tested reading: a wrong one would change the linearisation.
         old = np.arange(count)
         own = fit_as_stated(by.model, before, errors.at_poses(old), by.fit.x, old=count).fit
-        left = predicted_residuals(found.fit, np.arange(count + 1) == count)
+        residuals = predicted_residuals(fitted.fit, np.arange(count + 1) == count)
         usual = [predicted_residuals(own, old == k).chi2 for k in range(count)]
     except (PosesDoNotFitError, np.linalg.LinAlgError):
         return None
-    system = found.fit.whole.at_poses(np.array([count]))
+    system = fitted.fit.whole.at_poses(np.array([count]))
     shifts = {}
     for j in range(1, experiment.arm.joint_count + 1):
         if j not in by.model.unsensed_joints:
-            (s,), ((information,),) = left.score(system.B[..., [j - 1]])
+            (s,), ((information,),) = residuals.score(system.B[..., [j - 1]])
             size, sigma = float(s / information), float(information**-0.5)
             shifts[j] = ShiftSeen(size_rad=size, sigma_rad=sigma, explains=(size / sigma) ** 2)
-    return Innovation(chi2=left.chi2, dof=left.dof, usual=max(usual), shifts=shifts)
+    return Innovation(chi2=residuals.chi2, dof=residuals.dof, usual=max(usual), shifts=shifts)
 
 
 LEAST, AT_MOST = 10, 60
@@ -103,7 +103,7 @@ def is_unpredicted(experiment: Experiment) -> bool:
     last = experiment.at_poses(np.array([count - 1]))
     model = by.model.at_poses(np.array([0]))
     q, noise = last.poses.q_rad, stated_noise(last)
-    found = verify(model, by.fit.x, by.fit.covariance, q, noise)
-    return float(found.pose_chi2[0]) > max(
+    verified = verify(model, by.fit.x, by.fit.covariance, q, noise)
+    return float(verified.pose_chi2[0]) > max(
         POSE_CHI2_UNPREDICTED, POSE_CHI2_RATIO_UNPREDICTED * float(by.fit.pose_chi2.max())
     )

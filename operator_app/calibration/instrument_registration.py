@@ -51,10 +51,10 @@ def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> EndpointConstr
     model = Experiment(arm=arm, fixture=fixture, poses=poses).loop()
     if len(poses) < poses_needed(len(model.parameters), model.equations_per_pose):
         return fixture
-    found = estimate_paper(model, poses.q_rad)
-    if not found.converged or not isinstance(model, MeasuredClosure):
+    estimate = estimate_paper(model, poses.q_rad)
+    if not estimate.converged or not isinstance(model, MeasuredClosure):
         return fixture
-    own = model.own_values(found.x)[0]
+    own = model.own_values(estimate.x)[0]
     if np.abs(own[6:9] - fixture.tip_m).max() > fixture.tolerance.position_m:
         # These poses do not determine it.
         return fixture
@@ -131,7 +131,7 @@ def _fitted(
     free = np.repeat(
         [not instrument.base_known, not instrument.base_known, not instrument.tip_known], 3
     )
-    found = []
+    fits = []
     for start in turns:
         R_base = start
         base, tip = np.array(instrument.base_m), np.array(instrument.tip_m)
@@ -143,19 +143,19 @@ def _fitted(
             J[..., 6:9] = R_base @ R
             # The first step finds the placements for this rotation.
             used = free & (np.arange(9) >= 3) if step == 0 else free
-            left = measured - base - swung
+            residual = measured - base - swung
             d = np.zeros(9)
             A = np.concatenate((J.reshape(-1, 9), prior * np.eye(9)[6:]))
-            b = np.concatenate((left.reshape(-1), prior * (stated - tip)))
+            b = np.concatenate((residual.reshape(-1), prior * (stated - tip)))
             d[used] = np.linalg.lstsq(A[:, used], b)[0]
             turn = d[:3] * min(1.0, LARGEST_STEP_RAD / max(float(np.linalg.norm(d[:3])), 1e-12))
             R_base = rotation_matrix(turn) @ R_base
             base, tip = base + d[3:6], tip + d[6:]
             if step > 0 and np.abs(d).max() < NO_STEP:
                 break
-        left = measured - base - (p + R @ tip) @ R_base.T
-        found.append((float((left**2).sum()), (R_base, base, tip)))
-    return min(found, key=lambda places: places[0])[1]
+        residual = measured - base - (p + R @ tip) @ R_base.T
+        fits.append((float((residual**2).sum()), (R_base, base, tip)))
+    return min(fits, key=lambda places: places[0])[1]
 
 
 def _nearest_rotation(matrix: FloatArray) -> FloatArray:

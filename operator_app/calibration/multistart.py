@@ -40,18 +40,18 @@ def fit_from_starts(
     """
     starts, several = iter(starts), len(q) > 2 * SCREENING_POSES
     first = islice(starts, 1) if several else starts
-    whole = (model, q, errors, group)
-    found, least = _best_fit(first, *whole, progress)
+    data = (model, q, errors, group)
+    best, least = _best_fit(first, *data, progress)
     if several and not least < limits.CHI2_PER_DOF_SECOND_START:
-        some = evenly(len(q), SCREENING_POSES)
-        part = (model.at_poses(some), q[some], errors.at_poses(some), group[some])
+        screened = evenly(len(q), SCREENING_POSES)
+        part = (model.at_poses(screened), q[screened], errors.at_poses(screened), group[screened])
         few, misfit = _best_fit(starts, *part)
         if few is not None and misfit < limits.OTHER_START_MISFIT_SHARE * least:
-            other, left = _best_fit((few.estimate.x,), *whole, progress)
-            found = other if left < least else found
-    if found is None:
+            other, left = _best_fit((few.estimate.x,), *data, progress)
+            best = other if left < least else best
+    if best is None:
         raise PosesDoNotFitError
-    return found
+    return best
 
 
 def evenly(poses: int, most: int) -> IntArray:
@@ -73,22 +73,22 @@ def _best_fit(
     for x0 in starts:
         try:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                found = estimate_with_errors(
+                calibrated = estimate_with_errors(
                     model, q, errors, x0=x0, group=group, progress=progress
                 )
-                misfit = gross_misfit(found)
+                misfit = gross_misfit(calibrated)
         except (PosesDoNotFitError, np.linalg.LinAlgError):
             continue
         if misfit < least:
-            best, least = found, misfit
+            best, least = calibrated, misfit
         if least < limits.CHI2_PER_DOF_SECOND_START:
             break
     return best, least
 
 
-def gross_misfit(found: Calibrated) -> float:
+def gross_misfit(calibrated: Calibrated) -> float:
     """chi2/dof at stated variances; infinite where it is NaN."""
-    ratio = found.linear.stated.chi2 / max(found.linear.dof, 1)
+    ratio = calibrated.linear.stated.chi2 / max(calibrated.linear.dof, 1)
     return float(ratio) if np.isfinite(ratio) else np.inf
 
 
@@ -129,8 +129,8 @@ def local_minimum_causes(
         return ()
     hard = model.without([p.name for p in model.parameters if p.name not in judged])
     problem = closure_problem(hard, q)
-    here = in_order(hard, model, estimate.x)
-    own = solve_damped(problem, here, max_iterations=ITERATIONS).cost
+    x = in_order(hard, model, estimate.x)
+    own = solve_damped(problem, x, max_iterations=ITERATIONS).cost
     best = _best(hard, problem).cost
     p, change = max(
         far,
@@ -205,11 +205,11 @@ def has_diverged(
         for c in causes
     ):
         return False
-    found = _described(estimate, judged)
+    described = _described(estimate, judged)
     worthless = np.where(
-        [p.is_angle for p in found.parameters], limits.USELESS_SIGMA_RAD, limits.USELESS_SIGMA_M
+        [p.is_angle for p in described.parameters], limits.USELESS_SIGMA_RAD, limits.USELESS_SIGMA_M
     )
-    return bool((~(found.standard_deviation <= worthless)).any()) or bool(_far(found))
+    return bool((~(described.standard_deviation <= worthless)).any()) or bool(_far(described))
 
 
 def _far(estimate: Estimate) -> list[tuple[Parameter, float]]:

@@ -64,7 +64,7 @@ def with_notices(
     arm = experiment.arm
     accuracy = tool_accuracy(calibrated_arm(solution, arm), arm, as_stated, judged.linear)
     sound = not adjudication.diverged
-    found = (
+    findings = (
         *(() if sound else (Finding(kind=K.DIVERGED),)),
         *_of_readings(experiment, known, whole.linear.stated, sound=sound),
         *_of_parameters(solution, accuracy, arm, as_stated),
@@ -90,7 +90,7 @@ def with_notices(
     return replace(
         solution,
         accuracy=accuracy,
-        warnings=found,
+        warnings=findings,
         adjudication=adjudication,
         reasons=(*adjudication.reasons, *(f.sentence for f in exceeded)),
     )
@@ -170,13 +170,13 @@ def exceeded_limits(estimate: Estimate, limits: AcceptanceLimits) -> tuple[Findi
     """Return which of the procedure's own limits a calibration exceeds."""
     after, turned = estimate.sigmas, estimate.sigmas.orientation_rad
     return tuple(
-        Finding(kind=kind, size=found, figures={"limit": limit / per_si}, blocking=True)
-        for kind, found, limit, per_si in (
+        Finding(kind=kind, size=value, figures={"limit": limit / per_si}, blocking=True)
+        for kind, value, limit, per_si in (
             (K.LIMIT_SIGMA_POS, after.position_m.rms, limits.sigma_pos_mm, 1e3),
             (K.LIMIT_SIGMA_ORI, None if turned is None else turned.rms, limits.sigma_ori_mrad, 1e3),
             (K.LIMIT_CHI2, estimate.chi2_per_dof, limits.chi2_per_dof, 1.0),
         )
-        if limit is not None and found is not None and found > limit / per_si
+        if limit is not None and value is not None and value > limit / per_si
     )
 
 
@@ -185,15 +185,15 @@ def outliers_still_used(labels: tuple[str, ...]) -> tuple[Finding, ...]:
     return (Finding(kind=K.OUTLIERS_COUNT, poses=labels),) if labels else ()
 
 
-def _ill_conditioned(seen: Identifiability, limits: AcceptanceLimits) -> tuple[Finding, ...]:
+def _ill_conditioned(identified: Identifiability, limits: AcceptanceLimits) -> tuple[Finding, ...]:
     """Return a warning if the condition number exceeds the paper's limit; acceptance depends on the sigmas."""
-    if seen.scaled_condition_number <= limits.scaled_condition_number:
+    if identified.scaled_condition_number <= limits.scaled_condition_number:
         return ()
     return (
         Finding(
             kind=K.CONDITION,
-            names=seen.weakest.parameters,
-            size=seen.scaled_condition_number,
+            names=identified.weakest.parameters,
+            size=identified.scaled_condition_number,
             figures={"limit": limits.scaled_condition_number},
         ),
     )

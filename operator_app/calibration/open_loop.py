@@ -67,12 +67,12 @@ def check_open_loop(
     values = {n: v for n, v in closed.estimate.values_by_name.items() if n not in own}
     unknown = replace(instrument, full_pose=True, base_known=False, tip_known=False)
     placed = placed_by_poses(arm, unknown, poses, values)
-    found = calibrate(arm, placed, poses, drop=True)
-    estimate = found.estimate
-    there = {p.name: k for k, p in enumerate(estimate.parameters)}
-    here = {p.name: k for k, p in enumerate(closed.estimate.parameters)}
-    shared = [name for name in here if name in there and name not in own]
-    a, b = [here[name] for name in shared], [there[name] for name in shared]
+    opened = calibrate(arm, placed, poses, drop=True)
+    estimate = opened.estimate
+    column = {p.name: k for k, p in enumerate(estimate.parameters)}
+    closed_column = {p.name: k for k, p in enumerate(closed.estimate.parameters)}
+    shared = [name for name in closed_column if name in column and name not in own]
+    a, b = [closed_column[name] for name in shared], [column[name] for name in shared]
     parameters = [estimate.parameters[k] for k in b]
     change = wrap_angles(parameters, estimate.x[b] - closed.estimate.x[a])
     covariance = closed.estimate.covariance[np.ix_(a, a)] + estimate.covariance[np.ix_(b, b)]
@@ -81,7 +81,7 @@ def check_open_loop(
     scaled = covariance / np.outer(sigma, sigma)
     z = change / sigma
     return OpenLoopCheck(
-        solution=found,
+        solution=opened,
         differences=tuple(
             ParameterChange(
                 name=p.name,
@@ -95,5 +95,7 @@ def check_open_loop(
             for p, i, j, c, s in zip(parameters, a, b, change, sigma, strict=True)
         ),
         chi2=chi2_test(float(z @ np.linalg.pinv(scaled) @ z), len(shared)),
-        left_out=tuple(name for name in here if name not in shared and name.startswith("theta")),
+        left_out=tuple(
+            name for name in closed_column if name not in shared and name.startswith("theta")
+        ),
     )

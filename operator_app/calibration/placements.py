@@ -39,14 +39,14 @@ def indistinguishable_placements(model: ClosureModel, estimate: Estimate) -> tup
     """
     if not isinstance(model, Placements):
         return ()
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for pair in _pairs(model, estimate):
-        joined = [other for other in found if set(other.joints) & set(pair.joints)]
+        joined = [other for other in findings if set(other.joints) & set(pair.joints)]
         most = max([pair, *joined], key=lambda a: a.figures["sigmas"])
         numbers = sorted({n for a in (pair, *joined) for n in a.joints})
-        found = [other for other in found if other not in joined]
-        found.append(replace(most, joints=tuple(numbers)))
-    return tuple(sorted(found, key=lambda a: a.joints))
+        findings = [other for other in findings if other not in joined]
+        findings.append(replace(most, joints=tuple(numbers)))
+    return tuple(sorted(findings, key=lambda a: a.joints))
 
 
 def _pairs(model: Placements, estimate: Estimate) -> Iterator[Finding]:
@@ -60,8 +60,8 @@ def _pairs(model: Placements, estimate: Estimate) -> Iterator[Finding]:
         parameters = [estimate.parameters[k] for k in a]
         difference = wrap_angles(parameters, estimate.x[b] - estimate.x[a])
         C = estimate.covariance
-        there = C[np.ix_(a, a)] + C[np.ix_(b, b)] - C[np.ix_(a, b)] - C[np.ix_(b, a)]
-        sigmas, chi2 = _in_sigmas(difference, there)
+        covariance = C[np.ix_(a, a)] + C[np.ix_(b, b)] - C[np.ix_(a, b)] - C[np.ix_(b, a)]
+        sigmas, chi2 = _in_sigmas(difference, covariance)
         if chi2 < chdtri(len(a), REMOUNT_FALSE_ALARM_PROBABILITY):
             k = int(np.argmax(sigmas))
             parameter = model.of(one)[0].parameters[int(np.flatnonzero(own)[k])]
@@ -137,12 +137,12 @@ def distances(
         or b == a + 1
         or frozenset((placements[a], placements[b])) in stated
     ]
-    found = []
+    distances_found = []
     for a, b in pairs:
         value, rates = distance_and_rates(where[a].tolist(), where[b].tolist(), estimate.x)
         between = (placements[a], placements[b])
         known, deviation = stated.get(frozenset(between), (None, 0.0))
-        found.append(
+        distances_found.append(
             Distance(
                 between=between,
                 value_m=value,
@@ -151,7 +151,7 @@ def distances(
                 deviation=deviation,
             )
         )
-    return tuple(found)
+    return tuple(distances_found)
 
 
 def compared(
@@ -162,11 +162,11 @@ def compared(
     return tuple(zip(stated, fit.distance_deviations().tolist(), strict=True))
 
 
-def contradicted(found: Sequence[Distance]) -> tuple[Finding, ...]:
+def contradicted(distances_found: Sequence[Distance]) -> tuple[Finding, ...]:
     """Return which measured distances the poses contradict."""
     from scipy.special import ndtri
 
-    known = sum(d.measured is not None for d in found)
+    known = sum(d.measured is not None for d in distances_found)
     limit = -float(ndtri(0.5 * DISTANCE_NOTICE_PROBABILITY / max(known, 1)))
     return tuple(
         Finding(
@@ -174,6 +174,6 @@ def contradicted(found: Sequence[Distance]) -> tuple[Finding, ...]:
             joints=d.between,
             figures={"sigmas": abs(d.deviation)},
         )
-        for d in found
+        for d in distances_found
         if abs(d.deviation) > limit
     )

@@ -94,27 +94,27 @@ def predict_new_poses(
     errors = _errors(solution, model, both, start)
     learned = {} if solution.components is None else solution.components.variances
     try:
-        found = fit_as_stated(
+        fitted = fit_as_stated(
             model, both.poses, errors, x0,
             # The old poses have no information about a socket of new poses.
             old=len(later) if start else len(old),
             variances=partial(_at_least_stated, learned=learned),
         )  # fmt: skip
-        design, here = found.fit.design, found.fit.system
+        design, here = fitted.fit.design, fitted.fit.system
         fit = LinearFit(design, here, _at_least_stated(design, learned=learned))
         sharp = LinearFit(design, here, _as_learned(design, learned=learned))
     except (PosesDoNotFitError, np.linalg.LinAlgError):
         return None
-    given = None
+    known = None
     if solution.estimate.estimator == "paper":
         # The estimate is not an optimum of these equations: it is tested at its own values.
-        at = here.state.x if isinstance(here, Linearisation) else found.x
+        at = here.state.x if isinstance(here, Linearisation) else fitted.x
         hard = design.hard_index
         covariance = _covariance(solution.estimate, [column[k] for k in hard])
-        given = FixedParameters(x=(x0 - at)[hard], covariance=covariance)
-    left = predicted_residuals(fit, later, given)
+        known = FixedParameters(x=(x0 - at)[hard], covariance=covariance)
+    residuals = predicted_residuals(fit, later, known)
     unknown = len([p for p in model.parameters if p.name in start])
-    if not np.isfinite(left.chi2):
+    if not np.isfinite(residuals.chi2):
         return None
     system = fit.whole.at_poses(np.flatnonzero(later))
     used = [j for j in range(1, new.arm.joint_count + 1) if j not in model.unsensed_joints]
@@ -126,9 +126,9 @@ def predict_new_poses(
     ]
     if ground:
         subjects[FIXTURE] = system.A[..., ground]
-    dof = max(left.dof - unknown, 1)
-    chi2 = chi2_test(predicted_residuals(sharp, later, given).chi2, dof)
-    return replace(left, dof=dof), chi2, subjects
+    dof = max(residuals.dof - unknown, 1)
+    chi2 = chi2_test(predicted_residuals(sharp, later, known).chi2, dof)
+    return replace(residuals, dof=dof), chi2, subjects
 
 
 def _errors(
@@ -136,12 +136,12 @@ def _errors(
 ) -> ErrorModel:
     """Stated errors of old and new poses, with the tolerances and priors that the calibration used."""
     tolerated = {p.name for p in model.parameters} & set(solution.tolerated)
-    asked = model.without(tuple(tolerated))
+    sought = model.without(tuple(tolerated))
     stated = free_within_tolerance(
-        asked, both.arm, length_tolerance_m=solution.length_tolerance_m, fixed=solution.held
+        sought, both.arm, length_tolerance_m=solution.length_tolerance_m, fixed=solution.held
     )[1]
     by_paper = solution.estimate.estimator == "paper"
-    prior = {} if by_paper else stated_priors(asked, both.arm, both.fixture)
+    prior = {} if by_paper else stated_priors(sought, both.arm, both.fixture)
     return error_model(
         both,
         tolerance={name: sd for name, sd in stated.items() if name in tolerated},
@@ -157,13 +157,13 @@ def _as_learned(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
     """
     v = design.stated_variances()
     for k, c in enumerate(design.components):
-        found = learned.get(c.name)
-        if found is None or not c.scaled:
+        variance = learned.get(c.name)
+        if variance is None or not c.scaled:
             continue
         if k in design.noise_components:
-            v[k] = min(max(found, STATED_VARIANCE_SHARE * v[k]), v[k])
+            v[k] = min(max(variance, STATED_VARIANCE_SHARE * v[k]), v[k])
         else:
-            v[k] = max(found, found + STATED_VARIANCE_SHARE * (v[k] - found))
+            v[k] = max(variance, variance + STATED_VARIANCE_SHARE * (v[k] - variance))
     return v
 
 
@@ -182,21 +182,24 @@ def fit_as_stated(
     variances: Callable[[Layout], FloatArray] = Layout.stated_variances,
 ) -> MixedFit:
     """Linearise old poses (first) and new ones together; gravity's sign is the one found from the old poses."""
-    found = fit_mixed(model, both.q_rad, errors, x0, variances=variances, group=both.placement)
-    if found.fit.design.expected.any() and gravity_share(found.fit.at_poses(np.arange(old))) < 0.5:
+    fitted = fit_mixed(model, both.q_rad, errors, x0, variances=variances, group=both.placement)
+    if (
+        fitted.fit.design.expected.any()
+        and gravity_share(fitted.fit.at_poses(np.arange(old))) < 0.5
+    ):
         # By the calibration's own poses the arm does not sag in the direction of gravity.
-        found = fit_mixed(
-            model, both.q_rad, replace(errors, signed=False), found.x,
+        fitted = fit_mixed(
+            model, both.q_rad, replace(errors, signed=False), fitted.x,
             variances=variances, group=both.placement,
         )  # fmt: skip
-    return found
+    return fitted
 
 
 def _used(made: MadeFrom) -> PoseSet:
     """The poses that the calibration used, each once."""
-    kept = np.ones(len(made.poses), dtype=np.bool_)
-    kept[list(made.solution.dropped_flipped)] = False
-    distinct = distinct_poses(made.poses, kept)[0]
+    is_first = np.ones(len(made.poses), dtype=np.bool_)
+    is_first[list(made.solution.dropped_flipped)] = False
+    distinct = distinct_poses(made.poses, is_first)[0]
     if len(distinct) > MOST:
         order = canonical_order(made.poses.q_rad[distinct])
         distinct = np.sort(distinct[order[np.linspace(0, len(order) - 1, MOST).astype(int)]])
@@ -214,8 +217,11 @@ def _model(
         # Parameters with the names of one placement now belong to several.
         numbered = {p.name for p in model.parameters}
         (number,) = old.placements
-        here = {name: f"{name}[{number}]" for name in known}
-        known = {(here[name] if here[name] in numbered else name): k for name, k in known.items()}
+        names_here = {name: f"{name}[{number}]" for name in known}
+        known = {
+            (names_here[name] if names_here[name] in numbered else name): k
+            for name, k in known.items()
+        }
     model = freed(model, known)
     values = dict(start) | {name: float(estimate.x[k]) for name, k in known.items()}
     held = [p.name for p in model.parameters if p.name not in values]
@@ -226,10 +232,10 @@ def _model(
 
 def _covariance(estimate: Estimate, column: Sequence[int | None]) -> FloatArray:
     """Covariance of parameters, given their columns in the estimate; very large for a parameter without a column."""
-    here = [k for k, c in enumerate(column) if c is not None]
+    indices = [k for k, c in enumerate(column) if c is not None]
     rows = [c for c in column if c is not None]
     covariance = np.diag(np.full(len(column), NOT_KNOWN**2))
-    covariance[np.ix_(here, here)] = estimate.covariance[np.ix_(rows, rows)]
+    covariance[np.ix_(indices, indices)] = estimate.covariance[np.ix_(rows, rows)]
     return covariance
 
 

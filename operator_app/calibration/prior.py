@@ -87,9 +87,9 @@ def placement_prior(
         elif name in sides:
             sd[k] *= known.placement_ratio
     covariance = np.diag(sd**2)
-    here = [names.index(name) for name in known.names]
-    mean[here] = known.values
-    covariance[np.ix_(here, here)] = known.covariance
+    columns = [names.index(name) for name in known.names]
+    mean[columns] = known.values
+    covariance[np.ix_(columns, columns)] = known.covariance
     return PlacementPrior(mean=mean, covariance=covariance)
 
 
@@ -111,18 +111,18 @@ def stated_fit(experiment: Experiment) -> StatedFit | None:
     """Fit poses with the stated errors of their files; None where they cannot be fitted."""
     arm, q = experiment.arm, experiment.poses.q_rad
     try:
-        given = experiment.loop()
-        model, stated = free_within_tolerance(given, arm)
+        loop = experiment.loop()
+        model, stated = free_within_tolerance(loop, arm)
         sd = np.maximum(_by_files(model, arm, experiment.fixture, stated), EXACT)
         nominal = nominal_vector(model.parameters)
-        x0 = in_order(model, given, estimate_paper(given, q).x)
+        x0 = in_order(model, loop, estimate_paper(loop, q).x)
         prior = ParameterPrior(mean=nominal, precision=sd**-2)
-        found = fit_implicit(model, q, stated_noise(experiment), x0, prior=prior)
+        fitted = fit_implicit(model, q, stated_noise(experiment), x0, prior=prior)
     except (SolverError, FixtureError, np.linalg.LinAlgError):
         return None
-    if not found.converged or not np.isfinite(found.covariance).all():
+    if not fitted.converged or not np.isfinite(fitted.covariance).all():
         return None
-    return StatedFit(model=model, nominal=nominal, sd=sd, fit=found)
+    return StatedFit(model=model, nominal=nominal, sd=sd, fit=fitted)
 
 
 def known_arm(experiment: Experiment) -> KnownArm | None:
@@ -130,7 +130,7 @@ def known_arm(experiment: Experiment) -> KnownArm | None:
     by = stated_fit(experiment)
     if by is None:
         return None
-    model, found = by.model, by.fit
+    model, fitted = by.model, by.fit
     stays = experiment.fixture.stays_on_hand
     own = set(model.ground_side) | (set() if stays else set(model.hand_side))
     shared, stood, ends = list[int](), list[int](), dict[str, list[float]]()
@@ -138,16 +138,16 @@ def known_arm(experiment: Experiment) -> KnownArm | None:
         if p.name not in own:
             shared.append(k)
         elif p.name.startswith("theta_off_"):
-            ends.setdefault(p.name.partition("[")[0], []).append(float(found.x[k]))
+            ends.setdefault(p.name.partition("[")[0], []).append(float(fitted.x[k]))
         else:
             stood.append(k)
-    pulls = (found.x - by.nominal)[stood] / by.sd[stood]
+    pulls = (fitted.x - by.nominal)[stood] / by.sd[stood]
     # Poses that fit worse than stated carry less information: their covariance is scaled up.
-    worse = max(1.0, found.chi2 / found.dof)
+    worse = max(1.0, fitted.chi2 / fitted.dof)
     return KnownArm(
         names=tuple(model.parameters[k].name for k in shared),
-        values=found.x[shared],
-        covariance=worse * found.covariance[np.ix_(shared, shared)],
+        values=fitted.x[shared],
+        covariance=worse * fitted.covariance[np.ix_(shared, shared)],
         ends={name: float(np.mean(values)) for name, values in ends.items()},
         placements=len(experiment.poses.placements),
         placement_ratio=max(1.0, float(np.sqrt(np.mean(pulls**2)))) if stood else 1.0,

@@ -107,19 +107,19 @@ def compare_readings(
     difference = np.asarray(read.again_rad - read.first_rad)
     # Orthogonal to the motions: J dq = f for a fixture displaced by f; all such dq differ by motions only.
     basis = np.linalg.qr(motion.tangent[0, used] / sigma[:, None], mode="complete")[0]
-    off = basis[:, motion.degrees :]
-    d: FloatArray = np.asarray(off.T @ (difference[used] / sigma), dtype=np.float64)
-    by_give = off.T @ (np.linalg.pinv(motion.jacobian[0])[used] / sigma[:, None])
+    open_directions = basis[:, motion.degrees :]
+    d: FloatArray = np.asarray(open_directions.T @ (difference[used] / sigma), dtype=np.float64)
+    by_give = open_directions.T @ (np.linalg.pinv(motion.jacobian[0])[used] / sigma[:, None])
     rows = by_give.shape[1]
     stated = np.repeat([compliance.orientation_rad, compliance.position_m], 3)[6 - rows :]
     bends = by_give * stated
     # Whitened by all stated errors: unit variance of the noise, and two draws of the compliance.
     L = np.linalg.cholesky(np.eye(len(d)) + 2.0 * bends @ bends.T)
     d = np.asarray(np.linalg.solve(L, d), dtype=np.float64)
-    by_joint = np.linalg.solve(L, off.T)
-    seen = np.maximum((by_joint**2).sum(0), 1e-12)
-    left = by_joint.T @ d
-    explained = left**2 / seen
+    by_joint = np.linalg.solve(L, open_directions.T)
+    size = np.maximum((by_joint**2).sum(0), 1e-12)
+    by_joint_d = by_joint.T @ d
+    explained = by_joint_d**2 / size
     k = int(np.argmax(explained))
     chi2 = float(d @ d)
     shape = np.where(stated > 0.0, stated, np.repeat([LEAST_GIVE_RAD, LEAST_GIVE_M], 3)[6 - rows :])
@@ -130,8 +130,8 @@ def compare_readings(
         chi2=chi2,
         dof=len(d),
         joint=used[k] + 1,
-        size_rad=float(left[k] / seen[k] * sigma[k]),
-        sigma_rad=float(sigma[k] / np.sqrt(seen[k])),
+        size_rad=float(by_joint_d[k] / size[k] * sigma[k]),
+        sigma_rad=float(sigma[k] / np.sqrt(size[k])),
         chi2_left=chi2 - float(explained[k]),
         joint_odds=float(np.exp(np.clip(_of_joint(float(explained[k])) - gain, -300.0, 300.0))),
         turned_rad=float(np.linalg.norm(slip[:-3])),
@@ -165,9 +165,9 @@ def repeats_of(
     if model.parts()[0][0].constrained_part is None:
         return ()
     labels, compliance = used.poses.label, used.fixture.compliance
-    found = []
+    repeats = []
     for read in rereads:
         if read.label in labels:
             loop = model.at_poses(np.array([labels.index(read.label)]))
-            found.append((read, compare_readings(used.arm, loop, x, read, compliance)))
-    return tuple(found)
+            repeats.append((read, compare_readings(used.arm, loop, x, read, compliance)))
+    return tuple(repeats)

@@ -43,14 +43,14 @@ def check_rvdts(
     experiment: Experiment,
     kept: BoolArray,
     distinct: IntArray,
-    whole: Calibrated,
+    calibrated: Calibrated,
     *,
     fixed: tuple[str, ...],
     length_tolerance_m: float | None,
 ) -> tuple[RvdtVerdict, ...]:
     """Test the noise of every RVDT, and its readings against the loops of one placement.
 
-    `whole` is the fit of the `distinct` poses (k,) with the RVDTs' readings, from which the fit without them starts.
+    `calibrated` is the fit of the `distinct` poses (k,) with the RVDTs' readings, where the fit without them starts.
     """
     arm, poses = experiment.arm, experiment.poses
     sensors = {
@@ -58,7 +58,7 @@ def check_rvdts(
     }
     if not sensors:
         return ()
-    noise = _noise_of_rvdts(sensors, poses, kept, whole)
+    noise = _noise_of_rvdts(sensors, poses, kept, calibrated)
 
     def none_decided(reason: str) -> tuple[RvdtVerdict, ...]:
         return tuple(undecided(j, s, reason, noise.get(j)) for j, s in sensors.items())
@@ -73,7 +73,7 @@ def check_rvdts(
         return none_decided(f"{without}, these poses are too few: take more")
     names = tuple(p.name for p in model.parameters)
     unseen = identifiability_of_fit(
-        whole.linear, names, taken=whole.order, without=tuple(sensors)
+        calibrated.linear, names, taken=calibrated.order, without=tuple(sensors)
     ).directions
     if unseen:
         blurred = ", ".join(dict.fromkeys(d.parameters[0] for d in unseen))
@@ -84,10 +84,10 @@ def check_rvdts(
         model, arm, length_tolerance_m=length_tolerance_m, fixed=fixed
     )
     # The loads are the same whether a joint's reading is used or not.
-    errors = whole.linear.design.errors
+    errors = calibrated.linear.design.errors
     prior = {p.name: errors.prior[p.name] for p in model.parameters if p.name in errors.prior}
     errors = replace(
-        errors.at_poses(back_to_caller(whole.order)).without_joints(blind),
+        errors.at_poses(back_to_caller(calibrated.order)).without_joints(blind),
         tolerance=tolerance,
         prior=prior,
     )
@@ -98,23 +98,23 @@ def check_rvdts(
         errors,
         noise=noise,
         samples=poses.sample_counts[distinct],
-        variances=whole.components.variances,
-        x0=in_order(model, whole.linear.design.model, whole.estimate.x),
-        near=_beside(whole, model, q),
+        variances=calibrated.components.variances,
+        x0=in_order(model, calibrated.linear.design.model, calibrated.estimate.x),
+        near=_beside(calibrated, model, q),
     )
 
 
-def _beside(whole: Calibrated, model: ClosureModel, q: FloatArray) -> Near:
-    """Start of a fit of `model`, which has more unsensed joints than the fit `whole`."""
-    estimate, had = whole.estimate, whole.linear.design.model.unsensed_joints
+def _beside(calibrated: Calibrated, model: ClosureModel, q: FloatArray) -> Near:
+    """Start of a fit of `model`, which has more unsensed joints than the fit `calibrated`."""
+    estimate, had = calibrated.estimate, calibrated.linear.design.model.unsensed_joints
     corrections = np.zeros_like(q) if estimate.corrections is None else estimate.corrections.copy()
-    own = whole.unsensed.shape[-1] - len(had)
+    own = calibrated.unsensed.shape[-1] - len(had)
     known = estimate.values_by_name
     nominal = model.arm_rows()[DhKind.THETA_OFF].tolist()
-    angles = [whole.unsensed[:, :own]]
+    angles = [calibrated.unsensed[:, :own]]
     for j in model.unsensed_joints:
         if j in had:
-            angles.append(whole.linear.design.model.angle_of(whole.unsensed, j)[:, None])
+            angles.append(calibrated.linear.design.model.angle_of(calibrated.unsensed, j)[:, None])
         else:
             offset = known.get(DhEntry(DhKind.THETA_OFF, j).name, nominal[j - 1])
             at = q[:, j - 1] + corrections[:, j - 1] + offset
@@ -123,12 +123,12 @@ def _beside(whole: Calibrated, model: ClosureModel, q: FloatArray) -> Near:
     return Near(
         corrections=corrections,
         unsensed=np.concatenate(angles, axis=-1),
-        layout=whole.linear.design,
+        layout=calibrated.linear.design,
     )
 
 
 def _noise_of_rvdts(
-    sensors: Mapping[int, Rvdt], poses: PoseSet, kept: BoolArray, whole: Calibrated
+    sensors: Mapping[int, Rvdt], poses: PoseSet, kept: BoolArray, calibrated: Calibrated
 ) -> dict[int, SingleNoise]:
     """Noise of single readings, by joint, where known: from their spread or, without that, from the loops.
 
@@ -145,8 +145,8 @@ def _noise_of_rvdts(
     by_name: dict[str, Component] = {}
     if unmeasured:
         # The motion noise of fixture and joints is as estimated, not as stated.
-        v, error = sensor_noise_with_found_motion(whole.linear)
-        by_name = {c.name: c for c in components(whole.linear.design, v, error)}
+        v, error = sensor_noise_with_found_motion(calibrated.linear)
+        by_name = {c.name: c for c in components(calibrated.linear.design, v, error)}
     found = {
         j: single_noise(
             sensor,
@@ -244,7 +244,7 @@ class ReadingTable:
 
 def reading_tables(solution: Solution) -> tuple[ReadingTable, ...]:
     """Return the corrections of every RVDT that the poses could determine."""
-    found = []
+    tables = []
     for verdict in solution.rvdt:
         figures = verdict.figures
         if figures is None or not figures.gain > 0.0:
@@ -254,7 +254,7 @@ def reading_tables(solution: Solution) -> tuple[ReadingTable, ...]:
         rising = reading > np.maximum.accumulate(np.concatenate(([-np.inf], reading[:-1])))
         if rising.sum() < 2:
             continue
-        found.append(
+        tables.append(
             ReadingTable(
                 joint=verdict.joint,
                 theta_off_rad=float(wrap_angle(figures.theta_off_rad)),
@@ -264,7 +264,7 @@ def reading_tables(solution: Solution) -> tuple[ReadingTable, ...]:
                 sigma_rad=sigma[rising],
             )
         )
-    return tuple(found)
+    return tuple(tables)
 
 
 def corrected_poses(poses: PoseSet, tables: Sequence[ReadingTable]) -> PoseSet:
@@ -281,7 +281,7 @@ def measured_offsets(solution: Solution, arm: ArmModel, poses: PoseSet) -> dict[
     `poses` are those of the solution. A joint without a sensor has no offset.
     """
     model = solution.model
-    kept = np.setdiff1d(np.arange(len(poses)), solution.dropped_flipped)
+    used = np.setdiff1d(np.arange(len(poses)), solution.dropped_flipped)
     # The zeros of the first and the last joint count from the fixture, so each placement has its own.
     several = {1, arm.joint_count} if len(poses.placements) > 1 else set()
     joints = [
@@ -289,14 +289,14 @@ def measured_offsets(solution: Solution, arm: ArmModel, poses: PoseSet) -> dict[
         for j in model.unsensed_joints
         if not isinstance(arm.joints[j - 1].sensor, NoSensor) and j not in several
     ]
-    if not joints or len(kept) != solution.poses:
+    if not joints or len(used) != solution.poses:
         return {}
-    q = poses.q_rad[kept]
+    q = poses.q_rad[used]
     closed = close_loops(model, solution.estimate.x, q)
-    found = {}
+    offsets = {}
     for j in joints:
         angle = model.angle_of(closed.u, j)[closed.closed]
         turned = np.exp(1j * (angle - q[closed.closed, j - 1]))
         if len(turned):
-            found[j] = float(np.angle(turned.mean()))
-    return found
+            offsets[j] = float(np.angle(turned.mean()))
+    return offsets

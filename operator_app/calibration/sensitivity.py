@@ -43,7 +43,7 @@ def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
     if solution.components is None or solution.adjudication.diverged:
         return ()
     budget, estimate = solution.components.budget, solution.estimate
-    found = []
+    sensitivities = []
     for k, (p, sd) in enumerate(
         zip(estimate.parameters, estimate.standard_deviation.tolist(), strict=True)
     ):
@@ -51,7 +51,7 @@ def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
             continue
         source = max(budget, key=lambda name: float(budget[name][k]))
         part = float(budget[source][k])
-        found.append(
+        sensitivities.append(
             SourceSensitivity(
                 parameter=p,
                 sigma=sd,
@@ -61,24 +61,24 @@ def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
                 remedy=source_remedy(source),
             )
         )
-    found.sort(
+    sensitivities.sort(
         key=lambda h: -h.sigma / (COARSE_SIGMA_RAD if h.parameter.is_angle else COARSE_SIGMA_M)
     )
-    return tuple(found[:WORST])
+    return tuple(sensitivities[:WORST])
 
 
-def exceeded_source(found: Calibrated, name: str) -> str:
+def exceeded_source(calibrated: Calibrated, name: str) -> str:
     """Return the largest source of a parameter's sigma, if that exceeds its specification.
 
     Empty if it does not: with errors as stated, only more varied poses would help.
     """
-    budget, names = found.components.budget, [p.name for p in found.estimate.parameters]
+    budget, names = calibrated.components.budget, [p.name for p in calibrated.estimate.parameters]
     if not budget or name not in names:
         return ""
     k = names.index(name)
     source = max(budget, key=lambda s: float(budget[s][k]))
-    if not 2.0 * float(budget[source][k]) > float(found.estimate.covariance[k, k]):
+    if not 2.0 * float(budget[source][k]) > float(calibrated.estimate.covariance[k, k]):
         return ""
-    larger = {x.component for x in exceeded_specifications(found.linear)}
-    sources = {c.source for c in found.linear.design.components if c.name in larger}
+    larger = {x.component for x in exceeded_specifications(calibrated.linear)}
+    sources = {c.source for c in calibrated.linear.design.components if c.name in larger}
     return source if source in sources else ""

@@ -39,9 +39,9 @@ class RecordError(Exception):
     """The data do not match the current dataclasses: the calibration has to be solved again."""
 
 
-def to_dict(found: object) -> dict[str, Any]:
+def to_dict(value: object) -> dict[str, Any]:
     """Return a dataclass (a `Solution`, its `Checks`) as data for JSON."""
-    return {"version": VERSION, **_encoded_fields(found)}
+    return {"version": VERSION, **_encoded_fields(value)}
 
 
 def from_dict(of: type[T], data: Mapping[str, Any]) -> T:
@@ -52,10 +52,10 @@ def from_dict(of: type[T], data: Mapping[str, Any]) -> T:
     try:
         if data["version"] != VERSION:
             raise ValueError(f"version {data['version']} of the record")
-        found: T = _decoded(of, data)
+        decoded: T = _decoded(of, data)
     except (KeyError, ValueError, TypeError, AttributeError, OverflowError) as error:
         raise RecordError(f"not a {of.__name__} as this version stores it: {error}") from error
-    return found
+    return decoded
 
 
 def _encoded_fields(value: object) -> dict[str, Any]:
@@ -64,7 +64,7 @@ def _encoded_fields(value: object) -> dict[str, Any]:
 
 def _encoded(value: object) -> Any:
     if dataclasses.is_dataclass(value):
-        known = any(type(value) in some for some in STORED_TYPES.values())
+        known = any(type(value) in types for types in STORED_TYPES.values())
         return ({"kind": type(value).__name__} if known else {}) | _encoded_fields(value)
     match value:
         case Enum():

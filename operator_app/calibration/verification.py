@@ -108,11 +108,11 @@ class VerificationResult:
     @property
     def holds(self) -> bool:
         """Whether the calibration predicts these poses within its stated uncertainty."""
-        found = self.verification
+        tested = self.verification
         if self.shift is not None or self.odd_poses:
             return False
         # A smaller chi2 than expected is no failure: these poses fit better than stated.
-        return bool(found.closed.all()) and self.stated.per_dof <= self.stated.high
+        return bool(tested.closed.all()) and self.stated.per_dof <= self.stated.high
 
     @property
     def verdict(self) -> str:
@@ -129,7 +129,7 @@ def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed
     placements.
     """
     estimate, components = solution.estimate, solution.components
-    found = () if components is None else components.components
+    components_found = () if components is None else components.components
     names, columns = [p.name for p in estimate.parameters], np.arange(len(estimate.x))
     if placement is not None and isinstance(solution.model, Placements):
         part, columns = solution.model.of(placement)
@@ -137,16 +137,16 @@ def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed
     return Fixed(
         values=dict(zip(names, estimate.x[columns].tolist(), strict=True)),
         covariance=estimate.covariance[np.ix_(columns, columns)],
-        rvdt_sd_rad=_rvdt_sd(found),
+        rvdt_sd_rad=_rvdt_sd(components_found),
         fixture_variance=None if components is None else components.noise.fixture_variance,
         unsensed_joints=solution.model.unsensed_joints,
     )
 
 
-def _rvdt_sd(found: Sequence[Component]) -> dict[int, float]:
+def _rvdt_sd(components: Sequence[Component]) -> dict[int, float]:
     """Noise and linearity deviation of each RVDT together: at a new reading the latter is a further unknown error."""
     sd: dict[int, float] = {}
-    for c in found:
+    for c in components:
         kind, _, number = c.name.partition("_")
         if kind in ("rvdt", "curve"):
             sd[int(number)] = float(np.hypot(sd.get(int(number), 0.0), c.sd))
@@ -190,22 +190,22 @@ def verify_poses(
     x, covariance = _in_order(model, fixed)
     if unknown:
         x, covariance = _stood(model, x, covariance, poses.q_rad, unknown)
-    found = verify(model, x, covariance, poses.q_rad, stated_noise(new, fixed))
+    tested = verify(model, x, covariance, poses.q_rad, stated_noise(new, fixed))
     if unknown:
         # The place of the fixture takes as many equations as it has unknowns.
-        chi2 = found.chi2
-        left = chi2.dof - len(unknown)
-        found = replace(found, chi2=chi2_test(chi2.per_dof * chi2.dof, left))
+        chi2 = tested.chi2
+        dof = chi2.dof - len(unknown)
+        tested = replace(tested, chi2=chi2_test(chi2.per_dof * chi2.dof, dof))
     nominal = nominal_vector(model.parameters)
-    improbable = (found.pose_probability < FALSE_ALARM_PROBABILITY / len(poses)) | ~found.closed
+    improbable = (tested.pose_probability < FALSE_ALARM_PROBABILITY / len(poses)) | ~tested.closed
     result = VerificationResult(
-        verification=found,
+        verification=tested,
         nominal=closure_at_readings(model, nominal, poses.q_rad).sigmas,
-        odd_poses=tuple(int(k) for k in np.argsort(found.pose_probability) if improbable[k]),
+        odd_poses=tuple(int(k) for k in np.argsort(tested.pose_probability) if improbable[k]),
         poses=len(poses),
-        stated=found.chi2,
+        stated=tested.chi2,
     )
-    if not found.closed.all():
+    if not tested.closed.all():
         return result
     if same and len(calibrated) == 1:
         # The number of the only calibrated placement, whatever their file states.
@@ -227,14 +227,14 @@ def _with_prediction(
     predicted = predict_new_poses(new, made, start)
     if predicted is None:
         return result
-    left, sharp, subjects = predicted
-    stated, named = chi2_test(left.chi2, left.dof), find_outliers(left)
+    residuals, sharp, subjects = predicted
+    stated, named = chi2_test(residuals.chi2, residuals.dof), find_outliers(residuals)
     # A shift counts only if it remains without the outliers.
     shift = shifted(named.rest, subjects)
     if shift is not None:
-        left = left.with_columns(subjects[shift.subject])
-        named = find_outliers(left)
-    chi2, dof = leave_one_out_chi2(left)
+        residuals = residuals.with_columns(subjects[shift.subject])
+        named = find_outliers(residuals)
+    chi2, dof = leave_one_out_chi2(residuals)
     others = chi2_test(named.rest.chi2, named.rest.dof)
     return replace(
         result,
@@ -268,9 +268,9 @@ def stated_noise(experiment: Experiment, fixed: Fixed | None = None) -> NoiseMod
     variance += arm.backlash_rad**2 + arm.sag_rad**2 + 2.0 * arm.accuracy_rad**2
     for j, (linearity, gain) in enumerate(zip(arm.linearity_rad(), arm.gain_rad(), strict=True)):
         # At a new reading the curve is a further unknown error.
-        whole = variance[:, j] + (SD_OF_PEAK * linearity) ** 2
+        total = variance[:, j] + (SD_OF_PEAK * linearity) ** 2
         least = np.maximum(variance[:, j], estimated.get(j + 1, np.inf) ** 2)
-        variance[:, j] = np.minimum(whole, least) + gain**2
+        variance[:, j] = np.minimum(total, least) + gain**2
     give = np.repeat([compliance.orientation_rad**2, compliance.position_m**2], 3)
     give = give + stated.deflection_variance
     if fixed is not None and fixed.fixture_variance is not None:
@@ -298,12 +298,12 @@ def _elsewhere(
         else:
             sources[p.name] = f"{base}[{placement}]" if len(calibrated) > 1 else base
     known = list(fixed.values)
-    here = {new: old for new, old in sources.items() if old in fixed.values}
-    rows = [known.index(old) for old in here.values()]
+    known_sources = {new: old for new, old in sources.items() if old in fixed.values}
+    rows = [known.index(old) for old in known_sources.values()]
     return (
         replace(
             fixed,
-            values={new: fixed.values[old] for new, old in here.items()},
+            values={new: fixed.values[old] for new, old in known_sources.items()},
             covariance=fixed.covariance[np.ix_(rows, rows)],
         ),
         tuple(unknown),
@@ -318,13 +318,13 @@ def _stood(
     unknown: tuple[str, ...],
 ) -> tuple[FloatArray, FloatArray]:
     """Find the placement of the fixture from the poses themselves, without a prior."""
-    here = [k for k, p in enumerate(model.parameters) if p.name in unknown]
+    columns = [k for k, p in enumerate(model.parameters) if p.name in unknown]
     x, covariance = x.copy(), covariance.copy()
     for _ in range(NEWTON_STEPS):
         reduced = reduced_equations(model.loop(x, q, model.initial_unsensed(x, q)))
-        A = reduced.A[..., here].reshape(-1, len(here))
-        x[here] -= np.linalg.lstsq(A, reduced.w.reshape(-1), rcond=None)[0]
-    covariance[here, here] = NOT_KNOWN**2
+        A = reduced.A[..., columns].reshape(-1, len(columns))
+        x[columns] -= np.linalg.lstsq(A, reduced.w.reshape(-1), rcond=None)[0]
+    covariance[columns, columns] = NOT_KNOWN**2
     return x, covariance
 
 
@@ -337,8 +337,8 @@ def _in_order(model: ClosureModel, fixed: Fixed) -> tuple[FloatArray, FloatArray
         raise ValueError(f"{strange[0]} is not a parameter of this arm in this fixture")
     x = np.array([fixed.values.get(p.name, p.nominal) for p in model.parameters])
     covariance = np.zeros((len(names), len(names)))
-    here = [names.index(name) for name in known]
-    covariance[np.ix_(here, here)] = fixed.covariance
+    columns = [names.index(name) for name in known]
+    covariance[np.ix_(columns, columns)] = fixed.covariance
     return x, covariance
 
 
@@ -373,13 +373,19 @@ def verify_new_poses(
             f"the new poses have measured endpoints, which a {fixture.kind} fixture does not use: "
             "use them with sarcal verify --open-loop, or leave them out"
         )
-    known, there, elsewhere = made_from.placements, new.placements, may_be_elsewhere(fixture)
-    if len(there) > 1 and there != known and not elsewhere:
+    known, new_placements, elsewhere = (
+        made_from.placements,
+        new.placements,
+        may_be_elsewhere(fixture),
+    )
+    if len(new_placements) > 1 and new_placements != known and not elsewhere:
         raise NoTestError(
             "new poses must be of one placement that was calibrated, or of all of them"
         )
-    if len(known) > 1 and not set(there) <= set(known) and not elsewhere:
-        raise NoTestError(f"the new poses are of placement {there[0]}, which was not calibrated")
+    if len(known) > 1 and not set(new_placements) <= set(known) and not elsewhere:
+        raise NoTestError(
+            f"the new poses are of placement {new_placements[0]}, which was not calibrated"
+        )
     made = MadeFrom(solution=solution, poses=made_from)
     return verify_poses(arm, fixture, new, made, elsewhere=elsewhere)
 

@@ -84,7 +84,7 @@ class ConsoleListener(Listener):
         others = and_the_others(len(position_joints), self._joints)
         self.say(f"{driven} in position mode{others}; read back from the drives.")
 
-    def pose_captured(self, state: SessionState, wanted: int) -> None:
+    def pose_captured(self, state: SessionState, total: int) -> None:
         """Advance the bar; report new delays of this computer."""
         if new := state.late.times - self._late_times:
             self._late_times = state.late.times
@@ -92,7 +92,7 @@ class ConsoleListener(Listener):
             self.say(f"Warning: {lateness_text(new, longest_s)}.")
         if not self._stderr.isatty():
             # Into a file or pipe: a line for each pose.
-            self.say(f"Pose {state.captured} captured ({len(state.used_poses)} of {wanted}).")
+            self.say(f"Pose {state.captured} captured ({len(state.used_poses)} of {total}).")
             return
         if self._progress is None:
             self._progress = Progress(
@@ -103,10 +103,10 @@ class ConsoleListener(Listener):
                 console=self._console,
             )
             self._progress.start()
-            self._progress.add_task("poses", total=wanted)
+            self._progress.add_task("poses", total=total)
         # The total of a planned capture grows while it explores.
         self._progress.update(
-            self._progress.task_ids[0], completed=len(state.used_poses), total=wanted
+            self._progress.task_ids[0], completed=len(state.used_poses), total=total
         )
 
     def report(self, text: str) -> None:

@@ -195,9 +195,9 @@ class Plain:
         self._pause(0.1)
         work()
 
-    def refuse(self, why: str) -> None:
+    def refuse(self, reason: str) -> None:
         """Write why an action is refused."""
-        self._terminal.say(harmless(f"Not done: {why}."))
+        self._terminal.say(harmless(f"Not done: {reason}."))
 
     def ask(self, question: Question, then: Callable[[str], None]) -> None:
         """Ask a question whose answer is yes, a line of text or a number."""

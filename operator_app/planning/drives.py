@@ -107,9 +107,9 @@ def predict_drives(
         )
     except ValueError as error:
         singular = isinstance(error, np.linalg.LinAlgError)
-        why = "the arm's present pose is singular, e.g. stretched out" if singular else error
+        reason = "the arm's present pose is singular, e.g. stretched out" if singular else error
         raise SessionError(
-            f"drive joints cannot be ranked: {why}",
+            f"drive joints cannot be ranked: {reason}",
             "check the arm's position and the fixture's measured values, or name the joints: "
             "modes: {position: [1, 5]}",
         ) from error
@@ -205,11 +205,11 @@ def _beyond(arm: ArmModel, manifold: Manifold) -> str:
 
 def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> list[RankedDrives]:
     """Sets usable at the current pose and over the region, the best over the region first."""
-    here = {r.drives for r in prediction.here if r.usable}
+    usable_now = {r.drives for r in prediction.here if r.usable}
     usable = [
         r
         for r in prediction.region
-        if r.usable and r.drives in here and not set(r.drives) & set(unsensed_joints)
+        if r.usable and r.drives in usable_now and not set(r.drives) & set(unsensed_joints)
     ]
     return [r for r in usable if not set(r.drives) & prediction.inexact] or usable
 

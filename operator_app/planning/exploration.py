@@ -43,8 +43,10 @@ class Box:
 
     def beyond_rad(self, positions_rad: FloatArray) -> FloatArray:
         """Return the distance (d,) of each drive joint from the box at these positions (n,); 0 inside."""
-        here = positions_rad[[j - 1 for j in self.joints]]
-        return np.maximum(np.maximum(np.subtract(self.lower_rad, here), here - self.upper_rad), 0.0)
+        positions = positions_rad[[j - 1 for j in self.joints]]
+        return np.maximum(
+            np.maximum(np.subtract(self.lower_rad, positions), positions - self.upper_rad), 0.0
+        )
 
 
 def box_of(
@@ -92,14 +94,14 @@ def waypoints(box: Box, *, poses: int, seed: int) -> tuple[Mapping[int, float], 
     low, high = np.array(box.lower_rad), np.array(box.upper_rad)
     points = low + additive_recurrence(3 * poses, len(low), seed) * (high - low)
     order: list[int] = []
-    here = np.array(box.centre_rad)
+    current = np.array(box.centre_rad)
     for first in range(0, len(points), BATCH):
-        left = list(range(first, min(first + BATCH, len(points))))
-        while left:
-            nearest = min(left, key=lambda k: float(np.abs(points[k] - here).max()))
-            left.remove(nearest)
+        remaining = list(range(first, min(first + BATCH, len(points))))
+        while remaining:
+            nearest = min(remaining, key=lambda k: float(np.abs(points[k] - current).max()))
+            remaining.remove(nearest)
             order.append(nearest)
-            here = points[nearest]
+            current = points[nearest]
     return tuple(
         MappingProxyType(
             {joint: float(value) for joint, value in zip(box.joints, points[k], strict=True)}

@@ -47,17 +47,17 @@ class Chain:
     @property
     def refused(self) -> bool:
         """Whether a calibration with these files would fail."""
-        blind = any(seen.directions for _, seen in self.poses)
+        blind = any(identified.directions for _, identified in self.poses)
         return self.outlook.refused or blind or bool(self.unfit)
 
 
-def chains_of(found: Found) -> tuple[Chain, ...]:
+def chains_of(files: Found) -> tuple[Chain, ...]:
     """Return the chain of each procedure or, without procedures, of every arm with every fixture."""
-    procedures = [p.holds for p in found.of("procedure") if isinstance(p.holds, Procedure)]
+    procedures = [p.holds for p in files.of("procedure") if isinstance(p.holds, Procedure)]
     if procedures:
         return tuple(
             _chain(
-                found,
+                files,
                 p.arm,
                 p.fixture,
                 procedure=p.name,
@@ -67,13 +67,13 @@ def chains_of(found: Found) -> tuple[Chain, ...]:
             )
             for p in procedures
         )
-    arms = [f.holds for f in found.of("arm") if isinstance(f.holds, ArmModel)]
-    fixtures = [f.holds for f in found.of("fixture") if isinstance(f.holds, FixtureSpec)]
-    return tuple(_chain(found, arm, fixture) for arm in arms for fixture in fixtures)
+    arms = [f.holds for f in files.of("arm") if isinstance(f.holds, ArmModel)]
+    fixtures = [f.holds for f in files.of("fixture") if isinstance(f.holds, FixtureSpec)]
+    return tuple(_chain(files, arm, fixture) for arm in arms for fixture in fixtures)
 
 
 def _chain(
-    found: Found,
+    files: Found,
     arm: ArmModel,
     spec: FixtureSpec,
     *,
@@ -82,14 +82,16 @@ def _chain(
     unsensed: tuple[int, ...] = (),
     held: Mapping[str, str] = {},
 ) -> Chain:
-    seen: list[tuple[str, Identifiability]] = []
+    identified: list[tuple[str, Identifiability]] = []
     unfit: list[tuple[str, str]] = []
-    for looked in found.of("poses"):
+    for looked in files.of("poses"):
         file, loaded = looked.source.file, looked.holds
         if not isinstance(loaded, LoadedPoses) or loaded.poses.q_rad.shape[1] != arm.joint_count:
             continue
         try:
-            seen.append((file, seen_by(arm, spec.fixture, loaded.poses, unsensed_joints=unsensed)))
+            identified.append(
+                (file, seen_by(arm, spec.fixture, loaded.poses, unsensed_joints=unsensed))
+            )
         except (SolverError, ValueError) as error:
             unfit.append((file, str(error)))
     found_there = outlook(arm, spec.fixture, position_joints=drives, unsensed_joints=unsensed)
@@ -100,6 +102,6 @@ def _chain(
         home=closing_home(arm, spec.fixture, found_there),
         procedure=procedure,
         held=held,
-        poses=tuple(seen),
+        poses=tuple(identified),
         unfit=tuple(unfit),
     )

@@ -116,14 +116,14 @@ def _with_one_more(
     model = model.at_poses(np.arange(len(q)))
     # From the nominal values, not from the last estimate: an early one may be far off.
     estimate = estimate_paper(model, q)
-    seen = identifiability(model, estimate.x, q, sigma_rad=arm.sigma_rad())
+    identified = identifiability(model, estimate.x, q, sigma_rad=arm.sigma_rad())
     return replace(
         quality,
         x=estimate.x,
-        estimated=estimate.converged and not seen.directions,
-        scaled_condition_number=seen.scaled_condition_number,
-        weakest=seen.weakest.parameters,
-        history=(*before.history, (len(q), seen.scaled_condition_number)),
+        estimated=estimate.converged and not identified.directions,
+        scaled_condition_number=identified.scaled_condition_number,
+        weakest=identified.weakest.parameters,
+        history=(*before.history, (len(q), identified.scaled_condition_number)),
     )
 
 
@@ -201,7 +201,7 @@ def _followed(
     weight = np.ones(model.joint_count)
     # The drive joints are given; the other joints follow.
     weight[columns] = 0.0
-    q, u = (np.repeat(found, len(goal), axis=0) for found in (here.q, here.u))
+    q, u = (np.repeat(angles, len(goal), axis=0) for angles in (here.q, here.u))
     begin, closed = q[:, columns].copy(), np.ones(len(goal), dtype=np.bool_)
     for leg in np.linspace(0.0, 1.0, LEGS + 1)[1:]:
         q[:, columns] = begin + leg * (goal - begin)

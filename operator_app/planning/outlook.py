@@ -83,15 +83,15 @@ def outlook(
     parameters, checks = model.parameters, setup_checks(fixture, arm, arm.home_rad)
     if isinstance(fixture, Measured):
         return Outlook(parameters=parameters, mobility=arm.joint_count, checks=checks)
-    whole = fixture.model(arm)
-    x = nominal_vector(whole.parameters)
-    mobility, choice, refusal, seen = None, None, None, None
+    loop = fixture.model(arm)
+    x = nominal_vector(loop.parameters)
+    mobility, choice, refusal, identified = None, None, None, None
     try:
-        prediction = predict_drives(arm, whole, x, arm.home_rad)
+        prediction = predict_drives(arm, loop, x, arm.home_rad)
         mobility = prediction.manifold.motion.degrees
         q = prediction.manifold.q
         spread = q[np.linspace(0, len(q) - 1, min(SPREAD, len(q))).astype(int)]
-        seen = _seen(model, spread)
+        identified = _seen(model, spread)
         choice = (
             choose_drives(prediction, unsensed_joints=unsensed)
             if position_joints is None
@@ -106,7 +106,7 @@ def outlook(
         checks=checks,
         choice=choice,
         refusal=refusal,
-        seen=seen,
+        seen=identified,
     )
 
 

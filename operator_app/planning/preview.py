@@ -156,18 +156,18 @@ def _visited(
     task: PlanningTask, plan: PosePlan, drives: tuple[int, ...]
 ) -> tuple[PlannedPose, ...]:
     """Return the planned poses with the paths between them."""
-    poses, here = [], 0
+    poses, position = [], 0
     for target in plan.visits:
         route = plan.graph.route(
             task.model,
             plan.x,
             task.ranges.within(STOP_MARGIN_RAD),
-            source=here,
+            source=position,
             target=target,
             drives=drives,
         )
         if route is not None:
-            here = target
+            position = target
             drives = route[-1].drives if route else drives
         poses.append(PlannedPose(q_rad=plan.manifold.q[target], drives=drives, route=route))
     return tuple(poses)

@@ -54,8 +54,8 @@ def bent_home(arm: ArmModel) -> FloatArray | None:
         return None
     good = q[score >= AS_GOOD * best]
     ranges = _ranges(arm)
-    off = (good - ranges.mean(axis=1)) / np.diff(ranges, axis=1)[:, 0]
-    return _whole_degrees(good[np.argmin(np.abs(off).max(axis=1))])
+    from_middle = (good - ranges.mean(axis=1)) / np.diff(ranges, axis=1)[:, 0]
+    return _whole_degrees(good[np.argmin(np.abs(from_middle).max(axis=1))])
 
 
 def closing_home(
@@ -65,40 +65,42 @@ def closing_home(
 
     None if the arm file's home is good (by `from_home`) or if no pose was found.
     """
-    off = from_home.from_home_rad
+    from_home_rad = from_home.from_home_rad
     if not fixture.holds_hand or (
-        not from_home.refused and off is not None and float(np.abs(off).max()) <= HOME_DISTANCE_RAD
+        not from_home.refused
+        and from_home_rad is not None
+        and float(np.abs(from_home_rad).max()) <= HOME_DISTANCE_RAD
     ):
         return None
     model = fixture.model(arm)
     x = nominal_vector(model.parameters)
     for q in _closed(arm, model, x):
-        there = replace(arm, home_rad=frozen(_whole_degrees(q)))
-        found = outlook(there, fixture)
-        if found.refused or found.from_home_rad is None:
+        arm_there = replace(arm, home_rad=frozen(_whole_degrees(q)))
+        prospect = outlook(arm_there, fixture)
+        if prospect.refused or prospect.from_home_rad is None:
             continue
-        if found.seen is None or found.seen.scaled_condition_number <= CONDITION_LIMIT:
-            return there.home_rad, found
+        if prospect.seen is None or prospect.seen.scaled_condition_number <= CONDITION_LIMIT:
+            return arm_there.home_rad, prospect
     return None
 
 
 def _closed(arm: ArmModel, model: ClosureModel, x: FloatArray) -> Iterator[FloatArray]:
     """Yield closed poses, nearest to home first, in which all joints can move and none is near an end of its range."""
-    found = close_loops(model, x, np.concatenate((arm.home_rad[None], _drawn(arm))))
+    closed = close_loops(model, x, np.concatenate((arm.home_rad[None], _drawn(arm))))
     low, high = _ranges(arm).T
     room = CLEAR * (high - low)
-    here = found.closed & ((found.q > low + room) & (found.q < high - room)).all(axis=1)
-    if not here.any():
+    inside = closed.closed & ((closed.q > low + room) & (closed.q < high - room)).all(axis=1)
+    if not inside.any():
         return
-    q = found.q[here]
-    error = model.at_poses(np.flatnonzero(here)).loop(x, q, found.u[here])
+    q = closed.q[inside]
+    error = model.at_poses(np.flatnonzero(inside)).loop(x, q, closed.u[inside])
     columns = np.concatenate((error.jac_q, error.jac_u), axis=-1)
     # The last three rows are lengths; without rotations there are only those.
     columns[:, -3:] /= _size_m(arm)
     score = _least_motion(columns, joints=arm.joint_count)
     good = q[(score > 0.0) & (score >= AS_GOOD * score.max())]
-    off = np.abs(good - arm.home_rad).max(axis=1)
-    yield from good[np.argsort(off, kind="stable")[:BEST]]
+    distance = np.abs(good - arm.home_rad).max(axis=1)
+    yield from good[np.argsort(distance, kind="stable")[:BEST]]
 
 
 def _least_motion(columns: FloatArray, joints: int | None = None) -> FloatArray:
@@ -172,8 +174,8 @@ def hinge_between(arm: ArmModel, hand: Line, base: Line | None) -> Hinge:
 
 
 def _distance(arm: ArmModel, fixture: EndpointConstraint) -> float:
-    off = from_home_rad(arm, fixture)
-    return np.inf if off is None else float(np.abs(off).max())
+    distances = from_home_rad(arm, fixture)
+    return np.inf if distances is None else float(np.abs(distances).max())
 
 
 def _hand_at_home(arm: ArmModel) -> tuple[FloatArray, FloatArray]:

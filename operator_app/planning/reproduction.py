@@ -76,8 +76,8 @@ def published(*, poses: int = PUBLISHED_POSES) -> Published:
     procedure = load_procedure("hinge")
     all_three = scenario("as_reported")
     quiet = replace(all_three, linearity_of_full_scale=0.0, lengths=None, loads=STIFF)
-    taken = capture_specimen(procedure, all_three, poses=poses)
-    solution = _calibrated(procedure, taken)
+    poses_taken = capture_specimen(procedure, all_three, poses=poses)
+    solution = _calibrated(procedure, poses_taken)
     # Table 2, the true values of the specimen without length errors.
     table2 = all_three.truth.table.stacked()
     entries = {p.name: DhEntry.parse(p.name) for p in solution.estimate.parameters}
@@ -103,9 +103,13 @@ def published(*, poses: int = PUBLISHED_POSES) -> Published:
     known = replace(procedure, arm=measured)
     remedies = (
         ("as it is, the paper's estimator", "3", solution),
-        ("as it is, implicit", "", _calibrated(procedure, taken, "implicit")),
-        ("joints 6 and 7 unsensed", "4, first", _calibrated(procedure, taken, "implicit", (6, 7))),
-        ("fixed lengths measured", "4, second", _calibrated(known, taken)),
+        ("as it is, implicit", "", _calibrated(procedure, poses_taken, "implicit")),
+        (
+            "joints 6 and 7 unsensed",
+            "4, first",
+            _calibrated(procedure, poses_taken, "implicit", (6, 7)),
+        ),
+        ("fixed lengths measured", "4, second", _calibrated(known, poses_taken)),
         ("a rigid fixture", "4, third", _calibrated(procedure, stiff)),
         ("all three", "4", _calibrated(known, stiff, "implicit", (6, 7))),
     )
@@ -133,28 +137,30 @@ def _calibrated(
     )
 
 
-def _share(name: str, found: Solution) -> Share:
-    sigmas = found.estimate.sigmas
+def _share(name: str, solution: Solution) -> Share:
+    sigmas = solution.estimate.sigmas
     turned = sigmas.orientation_rad
     return Share(
         source=name,
         position_m=sigmas.position_m.rms,
         orientation_rad=float("nan") if turned is None else turned.rms,
-        condition=found.seen.scaled_condition_number,
+        condition=solution.seen.scaled_condition_number,
     )
 
 
-def _remedy(name: str, where: str, found: Solution, truth: dict[str, float]) -> Remedy:
-    estimate = found.identified
-    off = {
+def _remedy(name: str, where: str, solution: Solution, truth: dict[str, float]) -> Remedy:
+    estimate = solution.identified
+    errors = {
         p.name: float(x) - truth[p.name]
         for p, x in zip(estimate.parameters, estimate.x, strict=True)
         if p.name in truth
     }
     turned = [
-        float(np.arctan2(np.sin(e), np.cos(e))) for n, e in off.items() if n.startswith("theta_off")
+        float(np.arctan2(np.sin(e), np.cos(e)))
+        for n, e in errors.items()
+        if n.startswith("theta_off")
     ]
-    lengths = [e for n, e in off.items() if n.startswith(("a_", "s_"))]
+    lengths = [e for n, e in errors.items() if n.startswith(("a_", "s_"))]
     return Remedy(
         name=name,
         paragraph=where,
@@ -190,9 +196,9 @@ def capture_specimen(procedure: Procedure, chosen: Scenario, *, poses: int) -> P
         return np.asarray(plant.step(commands).position_counts * resolution)
 
     held = [JointCommand(mode=None, target_rad=0.0)] * arm.joint_count
-    here = np.asarray(plant.step(held).position_counts * resolution)
-    box = box_of(arm, plan, drives, home_rad=arm.home_rad, start_rad=here)
-    targets, taken, spreads = here.copy(), [], []
+    q = np.asarray(plant.step(held).position_counts * resolution)
+    box = box_of(arm, plan, drives, home_rad=arm.home_rad, start_rad=q)
+    targets, readings, spreads = q.copy(), [], []
     for waypoint in waypoints(box, poses=plan.poses, seed=plan.seed)[:poses]:
         goal = targets.copy()
         for joint, angle in waypoint.items():
@@ -205,12 +211,12 @@ def capture_specimen(procedure: Procedure, chosen: Scenario, *, poses: int) -> P
         for _ in range(AT_REST):
             step(targets)
         samples = np.array([step(targets) for _ in range(plan.samples_per_pose)])
-        taken.append(samples.mean(axis=0))
+        readings.append(samples.mean(axis=0))
         spreads.append(samples.std(axis=0, ddof=1))
     return PoseSet(
         placement=np.ones(poses, dtype=np.int64),
         label=tuple(str(k) for k in range(1, poses + 1)),
-        q_rad=np.array(taken),
+        q_rad=np.array(readings),
         sd_rad=np.array(spreads),
         samples=np.full(poses, plan.samples_per_pose, dtype=np.int64),
     )

@@ -56,14 +56,14 @@ def simulated_poses(
     require_closed_chain(fixture.fixture)
     rng = np.random.default_rng([seed, 7])
     model, spread = free_within_tolerance(fixture.fixture.model(arm), arm)
-    x, reached = _moving(arm, fixture, model, spread, rng, poses)
-    chosen = np.sort(rng.choice(reached.size, size=poses, replace=False))
+    x, manifold = _moving(arm, fixture, model, spread, rng, poses)
+    chosen = np.sort(rng.choice(manifold.size, size=poses, replace=False))
     sensors = [_sensor(arm, j, rng) for j in range(arm.joint_count)]
     draws = rng.standard_normal((poses, samples, arm.joint_count))
     readings = np.zeros((poses, arm.joint_count, samples))
     for j, sensor in enumerate(sensors):
         if sensor is not None:
-            for k, angle in enumerate(reached.q[chosen, j].tolist()):
+            for k, angle in enumerate(manifold.q[chosen, j].tolist()):
                 counts = [sensor.counts(angle, z) for z in draws[k, :, j].tolist()]
                 readings[k, j] = np.array(counts) * sensor.resolution_rad
     return SimulatedPoses(
@@ -92,11 +92,11 @@ def _moving(
     for _ in range(SIMULATION_TRIES):
         x = _drawn(fixture, model, spread, arm.offset_tolerance_rad or PLANTED_OFFSET_RAD, rng)
         try:
-            reached = candidate_poses(model, x, arm.home_rad, ranges, count=ROOM * poses)
+            manifold = candidate_poses(model, x, arm.home_rad, ranges, count=ROOM * poses)
         except ValueError:
             continue
-        if reached.size >= poses:
-            return x, reached
+        if manifold.size >= poses:
+            return x, manifold
     raise SessionError(
         f"the loop of {arm.name} in fixture {fixture.name} does not close near home for "
         f"{poses} poses in any of {SIMULATION_TRIES} drawn placements",
@@ -113,16 +113,16 @@ def _drawn(
 ) -> FloatArray:
     """True values (P,) of all parameters."""
     mounted = {*model.ground_side, *model.hand_side}
-    off = []
+    errors = []
     for p in model.parameters:
         if p.name in spread:
-            off.append(spread[p.name] * rng.standard_normal())
+            errors.append(spread[p.name] * rng.standard_normal())
         elif p.name in mounted and not p.name.startswith("theta_off"):
             most = fixture.tolerance_rad if p.is_angle else fixture.tolerance_m
-            off.append(OF_TOLERANCE * most * rng.uniform(-1.0, 1.0))
+            errors.append(OF_TOLERANCE * most * rng.uniform(-1.0, 1.0))
         else:
-            off.append((offset_rad if p.is_angle else 0.0) * rng.standard_normal())
-    return np.asarray(nominal_vector(model.parameters) + np.array(off))
+            errors.append((offset_rad if p.is_angle else 0.0) * rng.standard_normal())
+    return np.asarray(nominal_vector(model.parameters) + np.array(errors))
 
 
 def _sensor(arm: ArmModel, joint: int, rng: np.random.Generator) -> JointSensor | None:
@@ -130,12 +130,12 @@ def _sensor(arm: ArmModel, joint: int, rng: np.random.Generator) -> JointSensor 
 
     None without a sensor.
     """
-    found = arm.joints[joint]
-    if isinstance(found.sensor, NoSensor):
+    stated = arm.joints[joint]
+    if isinstance(stated.sensor, NoSensor):
         return None
     curve = None
-    if isinstance(found.sensor, Rvdt) and found.sensor.linearity > 0.0:
+    if isinstance(stated.sensor, Rvdt) and stated.sensor.linearity > 0.0:
         curve = LinearityDeviation.drawn(
-            rng, full_scale_rad=found.sensor.full_scale_rad, peak=found.sensor.linearity
+            rng, full_scale_rad=stated.sensor.full_scale_rad, peak=stated.sensor.linearity
         )
-    return joint_sensor(found, with_noise=True, curve=curve)
+    return joint_sensor(stated, with_noise=True, curve=curve)

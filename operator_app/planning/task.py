@@ -116,7 +116,7 @@ def fixed_parameter_checks(procedure: Procedure) -> tuple[SetupCheck, ...]:
     """Return a set-up check for each fixed entry of the arm, with the reason."""
     stacked = procedure.arm.table.stacked()
     checks = []
-    for name, why in procedure.held.items():
+    for name, reason in procedure.held.items():
         entry = DhEntry.parse(name)
         value = float(stacked[entry.kind, entry.row - 1])
         shown = (NOMINAL_OFFSET if entry.kind.is_angle else MOUNTED_LENGTH)(value).with_unit
@@ -125,7 +125,7 @@ def fixed_parameter_checks(procedure: Procedure) -> tuple[SetupCheck, ...]:
                 kind=CheckKind.FIXED,
                 entry=name,
                 severity=Severity.OK,
-                text=f"{name} is fixed at {shown}, its value in the arm file: {why}",
+                text=f"{name} is fixed at {shown}, its value in the arm file: {reason}",
             )
         )
     return tuple(checks)

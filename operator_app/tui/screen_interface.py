@@ -139,9 +139,9 @@ class ScreenInterface:
         """Call a function 0.1 s later, without blocking the screen."""
         self.app.set_timer(SOON_S, work)
 
-    def refuse(self, why: str) -> None:
+    def refuse(self, reason: str) -> None:
         """Show a refusal above the footer."""
-        self.app.main.refuse(why)
+        self.app.main.refuse(reason)
 
     def ask(self, question: Question, then: Callable[[str], None]) -> None:
         """Ask in a dialog."""

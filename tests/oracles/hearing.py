@@ -22,7 +22,7 @@ class Hearing(Listener):
     def report(self, text: str) -> None:
         self.said.append(text)
 
-    def pose_captured(self, state: SessionState, wanted: int) -> None:
+    def pose_captured(self, state: SessionState, total: int) -> None:
         self.heard.append(len(state.used_poses))
         self._then(len(state.poses))
 

@@ -75,11 +75,11 @@ class LoopAtReading:
         Q[unknown] = UNKNOWN_RAD**2
         x, q = x0.copy(), q0.copy()
         u = model.initial_unsensed(x, q[None])
-        dof, size, moved, by_prior = 0, np.inf, np.inf, 0.0
+        dof, size, displacement, by_prior = 0, np.inf, np.inf, 0.0
         for _ in range(GATE_ROUNDS):
             error = model.loop(x, q[None], u)
             size = float(np.abs(error.residual).max())
-            if size < CLOSURE_TOLERANCE and moved < CLOSURE_TOLERANCE:
+            if size < CLOSURE_TOLERANCE and displacement < CLOSURE_TOLERANCE:
                 break
             reduced = reduced_equations(error)
             w, A, B = reduced.w[0], reduced.A[0], reduced.B[0]
@@ -89,8 +89,8 @@ class LoopAtReading:
             pull = np.linalg.lstsq(V, w - A @ (x - x0) - B @ (q - q0), rcond=1e-12)[0]
             dx, dq = x0 - S @ (A.T @ pull) - x, q0 - Q * (B.T @ pull) - q
             by_prior = float(pull @ of_x @ pull)
-            moved = max(float(np.abs(dx).max(initial=0.0)), float(np.abs(dq).max()))
-            share = min(1.0, LONGEST_STEP / max(moved, 1e-300))
+            displacement = max(float(np.abs(dx).max(initial=0.0)), float(np.abs(dq).max()))
+            share = min(1.0, LONGEST_STEP / max(displacement, 1e-300))
             dx, dq = share * dx, share * dq
             u = u + unsensed_step(error, (error.jac_x @ dx + (error.jac_q @ dq[..., None])[..., 0]))
             x, q = x + dx, q + dq
@@ -98,8 +98,8 @@ class LoopAtReading:
             return ClosureFit(chi2=math.inf, dof=dof, q_rad=q)
         by_readings = np.where(Q > 0.0, (q - q0) ** 2 / np.where(Q > 0.0, Q, 1.0), 0.0)
         by_readings[unknown] = 0.0
-        left = max(dof - len(unknown), 0)
-        return ClosureFit(chi2=by_prior + float(by_readings.sum()), dof=left, q_rad=q)
+        dof_left = max(dof - len(unknown), 0)
+        return ClosureFit(chi2=by_prior + float(by_readings.sum()), dof=dof_left, q_rad=q)
 
 
 def loop_at_reading(

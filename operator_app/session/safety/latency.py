@@ -62,6 +62,6 @@ class LatenessRecorder:
         late = self._arm.snapshot().lateness
         new = late.times - self._recorded.times
         if new > 0:
-            found = {"last_s": late.last_s, "longest_s": late.longest_s}
-            self._logbook.record("late", {"times": new, **found})
+            delays = {"last_s": late.last_s, "longest_s": late.longest_s}
+            self._logbook.record("late", {"times": new, **delays})
         self._recorded = late

@@ -52,10 +52,10 @@ def require_plausible_readings(
     try:
         check_counters(session.model, reading.mean_rad)
         unresolved: tuple[int, ...] = ()
-        for found in _closure_results(session, reading, endpoint):
-            unresolved = unresolved or found.unresolved_joints
-            kept = {"told": found.message, "probability": found.probability, "refused": False}
-            session.record("standing", kept)
+        for result in _closure_results(session, reading, endpoint):
+            unresolved = unresolved or result.unresolved_joints
+            record = {"told": result.message, "probability": result.probability, "refused": False}
+            session.record("standing", record)
     except ClosureRefusedError as refused:
         why = {"told": refused.happened, "probability": refused.probability, "refused": True}
         session.record("standing", why)
@@ -68,9 +68,9 @@ def _closure_results(
 ) -> Iterator[ClosureResult]:
     procedure = session.procedure
     if session.state.poses_here:
-        found = check_closure_by_poses(session.state, procedure, reading, endpoint())
-        yield found
-        if found.probability is not None:
+        result = check_closure_by_poses(session.state, procedure, reading, endpoint())
+        yield result
+        if result.probability is not None:
             return
     known = _arm_from_earlier_placements(session.state, procedure)
     probability = check_closure_without_poses(procedure, reading, known)
@@ -149,9 +149,9 @@ def check_closure_without_poses(
         unsensed_joints=procedure.unsensed_joints,
         known=known,
     )
-    found = loop.fit()
-    probability = _probability(found)
-    reset = _reset_counters(arm, loop, found)
+    closure = loop.fit()
+    probability = _probability(closure)
+    reset = _reset_counters(arm, loop, closure)
     if reset:
         where = zero_position(arm, reading.mean_rad, list(reset))
         remedy = (
@@ -171,7 +171,7 @@ def check_closure_without_poses(
     )
 
 
-def _reset_counters(arm: ArmModel, loop: LoopAtReading, found: ClosureFit) -> dict[int, float]:
+def _reset_counters(arm: ArmModel, loop: LoopAtReading, closure: ClosureFit) -> dict[int, float]:
     """Joints whose counters were reset, with their estimated angles (rad); empty for none.
 
     The joint nearest to zero is tested first, then the two nearest together, and so on.
@@ -179,13 +179,13 @@ def _reset_counters(arm: ArmModel, loop: LoopAtReading, found: ClosureFit) -> di
     times = {j: t for j, t in counters_near_zero(arm, loop.reading_rad).items() if j in loop.joints}
     for farthest in dict.fromkeys(times.values()):
         near = tuple(j for j, t in times.items() if t <= farthest)
-        if reset := _reset_among(arm, loop, found, near, RESET_PROBABILITY / farthest):
+        if reset := _reset_among(arm, loop, closure, near, RESET_PROBABILITY / farthest):
             return reset
     return {}
 
 
 def _reset_among(
-    arm: ArmModel, loop: LoopAtReading, found: ClosureFit, zeros: tuple[int, ...], at_most: float
+    arm: ArmModel, loop: LoopAtReading, closure: ClosureFit, zeros: tuple[int, ...], at_most: float
 ) -> dict[int, float]:
     """Return, by joint of `zeros` whose counter was reset, the angle (rad) that closes the loop.
 
@@ -201,8 +201,8 @@ def _reset_among(
     without = loop.fit(*zeros)
     if not np.isfinite(without.chi2):
         return {}
-    freed = found.dof - without.dof
-    if chdtrc(freed, found.chi2 - without.chi2) >= at_most:
+    freed = closure.dof - without.dof
+    if chdtrc(freed, closure.chi2 - without.chi2) >= at_most:
         return {}
     for joint, explaining in _fits_without(loop, zeros).items():
         more = explaining.dof - without.dof
@@ -229,15 +229,15 @@ def _reset_text(reset: dict[int, float], where: str) -> str:
 
 
 def _not_closing_text(explaining: dict[int, ClosureFit]) -> str:
-    said = (
+    text = (
         "the loop cannot close with the present joint readings, within the tolerances of the files"
     )
     if not explaining:
-        return f"{said}; ignoring any one joint's reading does not help"
+        return f"{text}; ignoring any one joint's reading does not help"
     joints = list(explaining)[:MAX_NAMED_JOINTS]
     near = {j: REACH(float(explaining[j].q_rad[j - 1])).with_unit for j in joints}
     would = " or ".join(f"joint {j} near {angle}" for j, angle in near.items())
-    return f"{said}; it closes with {would}"
+    return f"{text}; it closes with {would}"
 
 
 def _not_closing_remedy(explaining: dict[int, ClosureFit]) -> str:
@@ -261,7 +261,7 @@ def _fits_without(loop: LoopAtReading, joints: tuple[int, ...]) -> dict[int, Clo
     return dict(sorted(fits.items(), key=lambda item: item[1].chi2))
 
 
-def _probability(found: ClosureFit) -> float:
+def _probability(closure: ClosureFit) -> float:
     from scipy.special import chdtrc
 
-    return float(chdtrc(found.dof, found.chi2)) if np.isfinite(found.chi2) else 0.0
+    return float(chdtrc(closure.dof, closure.chi2)) if np.isfinite(closure.chi2) else 0.0

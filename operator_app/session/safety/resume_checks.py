@@ -184,7 +184,7 @@ def check_closure_by_poses(
     from scipy.special import chdtrc, chdtri
 
     state = state.here
-    here = CheckReading(
+    reading_here = CheckReading(
         kind="standing",
         number=0,
         mean_rad=reading.mean_rad,
@@ -198,7 +198,7 @@ def check_closure_by_poses(
     if fixture.holds_hand:
         taken, unsensed = state.pose_set(), procedure.unsensed_joints
         before = Experiment(arm=arm, fixture=fixture, poses=taken, unsensed=unsensed)
-        near = innovation(before, pose_set_of([here]))
+        near = innovation(before, pose_set_of([reading_here]))
     if near is not None:
         limit = max(
             float(chdtri(near.dof, INNOVATION_PROBABILITY)), CHI2_RATIO_TO_WORST_POSE * near.usual
@@ -216,15 +216,15 @@ def check_closure_by_poses(
         )
     closes, probability = True, 1.0
     if fixed is not None:
-        poses = pose_set_of([*state.used_poses, here])
+        poses = pose_set_of([*state.used_poses, reading_here])
         unsensed = fixed.unsensed_joints
         both = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=unsensed)
-        found = predict(both, fixed)
-        probability, closes = float(found.pose_probability[-1]), bool(found.closed[-1])
-        worst = float(found.pose_chi2[:-1].max())
+        predicted = predict(both, fixed)
+        probability, closes = float(predicted.pose_probability[-1]), bool(predicted.closed[-1])
+        worst = float(predicted.pose_chi2[:-1].max())
         as_usual = (
             probability >= FALSE_REFUSAL_PROBABILITY
-            or found.pose_chi2[-1] <= CHI2_RATIO_TO_WORST_POSE * worst
+            or predicted.pose_chi2[-1] <= CHI2_RATIO_TO_WORST_POSE * worst
         )
         if closes and as_usual and not unexpected:
             return ClosureResult(
@@ -243,17 +243,17 @@ def check_closure_by_poses(
             f"home the joint; {NEW_SESSION_REMEDY}",
             probability=probability,
         )
-    off = "" if not closes else f" (probability {probability:.0e})"
+    probability_text = "" if not closes else f" (probability {probability:.0e})"
     if not fixture.holds_hand:
         raise ClosureRefusedError(
             f"the tracker does not measure the target where this session's {len(state.used_poses)} poses "
-            f"predict it{off}: a joint's zero, the target or the tracker has changed",
+            f"predict it{probability_text}: a joint's zero, the target or the tracker has changed",
             NEW_SESSION_REMEDY,
             probability=probability,
         )
     raise ClosureRefusedError(
         f"the loop does not close at the present pose, by this session's {len(state.used_poses)} "
-        f"poses{off}: {_cause_text(near)}",
+        f"poses{probability_text}: {_cause_text(near)}",
         NEW_SESSION_REMEDY,
         probability=probability,
     )
@@ -293,22 +293,24 @@ def parameters_from_poses(state: SessionState, procedure: Procedure) -> Fixed | 
     known = journal_calibration(state)
     if isinstance(known, StoredCalibration):
         return fixed_calibration(known.solution)
-    taken = Experiment(
+    experiment = Experiment(
         arm=procedure.arm,
         fixture=fixture_in_place(state, procedure),
         poses=state.pose_set(),
         unsensed=procedure.unsensed_joints,
     )
     try:
-        found = estimate_implicit(taken.loop(), taken.poses.q_rad, stated_noise(taken))
+        estimate = estimate_implicit(
+            experiment.loop(), experiment.poses.q_rad, stated_noise(experiment)
+        )
     except (SolverError, FixtureError, np.linalg.LinAlgError):
         return None
-    if not found.converged or not np.isfinite(found.covariance).all():
+    if not estimate.converged or not np.isfinite(estimate.covariance).all():
         return None
     return Fixed(
-        values=found.values_by_name,
-        covariance=found.covariance,
+        values=estimate.values_by_name,
+        covariance=estimate.covariance,
         rvdt_sd_rad={},
         fixture_variance=None,
-        unsensed_joints=taken.unsensed,
+        unsensed_joints=experiment.unsensed,
     )

@@ -38,23 +38,23 @@ def check_repeat(state: SessionState, procedure: Procedure) -> str:
     state = state.here
     if not procedure.fixture.fixture.holds_hand:
         return _check_target_again(state, procedure)
-    found = _significant_repeat(state, procedure)
-    if found is None:
+    repeat = _significant_repeat(state, procedure)
+    if repeat is None:
         return ""
     pose = state.repeats[-1].first.number
-    if found.joint_odds > 1.0:
+    if repeat.joint_odds > 1.0:
         raise GuardError(
-            f"pose {pose} differs from its first reading: joint {found.joint} has shifted by "
-            f"{POSITION(found.size_rad).with_unit} (sigma {SLIP_SIGMA(found.sigma_rad).with_unit})",
-            f"check the coupling and the counter of joint {found.joint}; {NEW_SESSION_REMEDY}",
+            f"pose {pose} differs from its first reading: joint {repeat.joint} has shifted by "
+            f"{POSITION(repeat.size_rad).with_unit} (sigma {SLIP_SIGMA(repeat.sigma_rad).with_unit})",
+            f"check the coupling and the counter of joint {repeat.joint}; {NEW_SESSION_REMEDY}",
         )
-    if found.shifted_m > FIXTURE_MOVED_M or found.turned_rad > FIXTURE_TURNED_RAD:
+    if repeat.shifted_m > FIXTURE_MOVED_M or repeat.turned_rad > FIXTURE_TURNED_RAD:
         raise GuardError(
             f"pose {pose} differs from its first reading: the fixture has moved by about "
-            f"{SHIFTED(found.shifted_m).with_unit} and {TURNED(found.turned_rad).with_unit}",
+            f"{SHIFTED(repeat.shifted_m).with_unit} and {TURNED(repeat.turned_rad).with_unit}",
             NEW_SESSION_REMEDY,
         )
-    return _fixture_moved_text(pose, found)
+    return _fixture_moved_text(pose, repeat)
 
 
 def repeat_text(state: SessionState, procedure: Procedure) -> str:
@@ -68,25 +68,25 @@ def repeat_text(state: SessionState, procedure: Procedure) -> str:
             return _check_target_again(state, procedure)
         except GuardError as error:
             return f"{error.happened[0].upper()}{error.happened[1:]}. The diagnosis of the calibration uses this."
-    found = _significant_repeat(state, procedure)
-    if found is None:
+    repeat = _significant_repeat(state, procedure)
+    if repeat is None:
         return ""
     pose = state.repeats[-1].first.number
-    if found.joint_odds < JOINT_ODDS:
-        return _fixture_moved_text(pose, found)
+    if repeat.joint_odds < JOINT_ODDS:
+        return _fixture_moved_text(pose, repeat)
     return (
-        f"Pose {pose} differs from its first reading: joint {found.joint} has shifted by "
-        f"{POSITION(found.size_rad).with_unit} (sigma {SLIP_SIGMA(found.sigma_rad).with_unit}) in between, and poses "
+        f"Pose {pose} differs from its first reading: joint {repeat.joint} has shifted by "
+        f"{POSITION(repeat.size_rad).with_unit} (sigma {SLIP_SIGMA(repeat.sigma_rad).with_unit}) in between, and poses "
         "before and after the shift do not fit together. Check the coupling and the counter of joint "
-        f"{found.joint}, and start a new session."
+        f"{repeat.joint}, and start a new session."
     )
 
 
-def _fixture_moved_text(pose: int, found: Repeat) -> str:
+def _fixture_moved_text(pose: int, repeat: Repeat) -> str:
     """Return the message about a fixture that has moved slightly."""
     return (
         f"Pose {pose} differs from its first reading, as if the fixture had moved by about "
-        f"{SHIFTED(found.shifted_m).with_unit}: it was remounted, or is more compliant than its file states. The "
+        f"{SHIFTED(repeat.shifted_m).with_unit}: it was remounted, or is more compliant than its file states. The "
         "diagnosis of the calibration uses this."
     )
 
@@ -100,10 +100,10 @@ def _significant_repeat(state: SessionState, procedure: Procedure) -> Repeat | N
     fixed = parameters_from_poses(state, procedure)
     values = {} if fixed is None else fixed.values
     x: FloatArray = np.array([values.get(p.name, p.nominal) for p in model.parameters])
-    found = compare_readings(arm, model, x, state.rereads[-1], fixture.compliance)
-    if found.chi2 <= float(chdtri(found.dof, FALSE_REFUSAL_PROBABILITY)):
+    repeat = compare_readings(arm, model, x, state.rereads[-1], fixture.compliance)
+    if repeat.chi2 <= float(chdtri(repeat.dof, FALSE_REFUSAL_PROBABILITY)):
         return None
-    return found
+    return repeat
 
 
 def _check_target_again(state: SessionState, procedure: Procedure) -> str:
@@ -118,9 +118,9 @@ def _check_target_again(state: SessionState, procedure: Procedure) -> str:
     if not isinstance(fixture, Measured) or not all(p.endpoint for p in pair):
         return ""
     full = fixture.full_pose
-    seen, q = np.array([p.endpoint for p in pair]), np.array([p.mean_rad for p in pair])
+    measured, q = np.array([p.endpoint for p in pair]), np.array([p.mean_rad for p in pair])
     model = fixture.model(arm).with_endpoints(
-        seen[:, :3], rotation_matrix(seen[:, 3:]) if full else None
+        measured[:, :3], rotation_matrix(measured[:, 3:]) if full else None
     )
     x: FloatArray = np.array([p.nominal for p in model.parameters])
     error = model.loop(x, q, np.zeros((2, 0)))

@@ -92,8 +92,8 @@ class SensorFaults:
         if not state.poses_here:
             return ()
         last = state.poses_here[-1].mean_rad[joint - 1]
-        here = self._arm.snapshot().positions_rad[joint - 1]
-        alike = abs(here - last) <= _resolution_rad(model, joint)
+        position_rad = self._arm.snapshot().positions_rad[joint - 1]
+        alike = abs(position_rad - last) <= _resolution_rad(model, joint)
         return poses_with_same_reading(state, model, joint) if alike else ()
 
 
@@ -108,15 +108,15 @@ def require_no_stuck_sensor(state: SessionState, procedure: Procedure, reading: 
         # On an open arm every joint is driven, and its drive detects a stuck sensor.
         return
     last, arm = state.poses_here[-1], procedure.arm
-    moved = reading.mean_rad - last.mean_rad
-    still = [j for j in range(1, arm.joint_count + 1) if _stands_still(arm, j, moved, reading)]
-    if not still or np.abs(moved).max() < TURNED_RAD:
+    turned_rad = reading.mean_rad - last.mean_rad
+    still = [j for j in range(1, arm.joint_count + 1) if _stands_still(arm, j, turned_rad, reading)]
+    if not still or np.abs(turned_rad).max() < TURNED_RAD:
         return
     model = procedure.fixture.fixture.model(arm)
     x: FloatArray = np.array([p.nominal for p in model.parameters])
-    found = turned_unread(model, x, last.mean_rad, reading.mean_rad, still)
-    if found is not None and abs(found[1]) > TURNED_RAD:
-        joint, turn = found
+    turned = turned_unread(model, x, last.mean_rad, reading.mean_rad, still)
+    if turned is not None and abs(turned[1]) > TURNED_RAD:
+        joint, turn = turned
         raise SensorFault(
             joint,
             f"reads the same count as at pose {last.number}, but according to the other joints it has turned by about "
@@ -128,24 +128,24 @@ def require_no_stuck_sensor(state: SessionState, procedure: Procedure, reading: 
 
 def poses_with_same_reading(state: SessionState, arm: ArmModel, joint: int) -> tuple[int, ...]:
     """Numbers of the latest poses in which a joint has the same count as in the last one."""
-    near, here = _resolution_rad(arm, joint), state.poses_here
+    near, poses = _resolution_rad(arm, joint), state.poses_here
     alike = takewhile(
-        lambda pose: abs(pose.mean_rad[joint - 1] - here[-1].mean_rad[joint - 1]) <= near,
-        reversed(here),
+        lambda pose: abs(pose.mean_rad[joint - 1] - poses[-1].mean_rad[joint - 1]) <= near,
+        reversed(poses),
     )
     return tuple(pose.number for pose in alike)
 
 
-def _stands_still(arm: ArmModel, joint: int, moved: FloatArray, reading: Reading) -> bool:
+def _stands_still(arm: ArmModel, joint: int, turned_rad: FloatArray, reading: Reading) -> bool:
     sensor = arm.joints[joint - 1].sensor
     if isinstance(sensor, NoSensor):
         return False
     if isinstance(sensor, Rvdt) and sensor.noise_lsb > 0.0:
         # A working converter has noise.
         return bool(
-            reading.sd_rad[joint - 1] == 0.0 and abs(moved[joint - 1]) < sensor.resolution_rad
+            reading.sd_rad[joint - 1] == 0.0 and abs(turned_rad[joint - 1]) < sensor.resolution_rad
         )
-    return bool(abs(moved[joint - 1]) <= sensor.resolution_rad)
+    return bool(abs(turned_rad[joint - 1]) <= sensor.resolution_rad)
 
 
 def _resolution_rad(arm: ArmModel, joint: int) -> float:

@@ -142,8 +142,8 @@ def list_of(item: Check) -> Check:
     def check(value: Any, joints: int | None) -> str:
         if not isinstance(value, list):
             return f"must be a list, not {_quoted(value)}"
-        found = (f"item {k}: {p}" for k, v in enumerate(value, 1) if (p := item(v, joints)))
-        return next(found, "")
+        problems = (f"item {k}: {p}" for k, v in enumerate(value, 1) if (p := item(v, joints)))
+        return next(problems, "")
 
     return check
 
@@ -173,8 +173,8 @@ def mapping_of(key: Check, item: Check) -> Check:
     def check(value: Any, joints: int | None) -> str:
         if not isinstance(value, dict):
             return f"must be an object, not {_quoted(value)}"
-        for name, found in value.items():
-            if problem := key(name, joints) or item(found, joints):
+        for name, item_value in value.items():
+            if problem := key(name, joints) or item(item_value, joints):
                 return f"{_quoted(name)}: {problem}"
         return ""
 

@@ -68,13 +68,13 @@ def find_session(root: Path, reference: str) -> Path:
     """Return the folder of a session given by path, by its name below `root`, or as ``latest``."""
     if reference == "latest":
         # Sessions that only verify another one do not count. Sessions with poses come first.
-        found = [
+        sessions = [
             entry
             for entry in reversed(list_sessions(root))
             if entry.state is None or not entry.state.settings.get("verifies")
         ]
-        if found:
-            return max(found, key=lambda e: e.state.captured > 0 if e.state else -1).folder
+        if sessions:
+            return max(sessions, key=lambda e: e.state.captured > 0 if e.state else -1).folder
         raise SessionError(f"there is no session in {root}", "run `sarcal run hinge` first")
     for candidate in (expanded(reference), root / reference):
         if os.path.lexists(candidate / JOURNAL_NAME):
@@ -123,17 +123,17 @@ def _begun(entries: Sequence[SessionEntry]) -> dict[str, tuple[str, int]]:
     The sequence number counts sessions that were opened later but, because the clock was set back, at an earlier time.
     """
     states = {entry.folder.name: entry.state for entry in entries}
-    found: dict[str, tuple[str, int]] = {}
+    begun: dict[str, tuple[str, int]] = {}
     for entry in entries:
         chain, name = list[str](), entry.folder.name
-        while name in states and name not in found and name not in chain:
+        while name in states and name not in begun and name not in chain:
             chain.append(name)
             state = states[name]
             name = state.after if state else ""
-        before = found.get(name, ("", 0))
+        before = begun.get(name, ("", 0))
         for name in reversed(chain):
             state = states[name]
             own = state.opened_utc if state else ""
             before = (before[0], before[1] + 1) if before[0] >= own > "" else (own, 0)
-            found[name] = before
-    return found
+            begun[name] = before
+    return begun

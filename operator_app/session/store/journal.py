@@ -224,17 +224,17 @@ class Journal:
     def _file_problem(self) -> str:
         """Return text on what another program did to the file; "" for nothing."""
         try:
-            there, here = self.path.stat(), os.fstat(self._descriptor)
+            on_disk, opened = self.path.stat(), os.fstat(self._descriptor)
         except (FileNotFoundError, NotADirectoryError):
             return "was deleted, moved or renamed"
         except OSError as error:
             return f"can no longer be reached ({error.strerror})"
-        if (there.st_dev, there.st_ino) != (here.st_dev, here.st_ino):
+        if (on_disk.st_dev, on_disk.st_ino) != (opened.st_dev, opened.st_ino):
             return "was replaced by another file"
-        if here.st_size < self._size:
-            return f"was cut from {self._size} to {here.st_size} bytes"
+        if opened.st_size < self._size:
+            return f"was cut from {self._size} to {opened.st_size} bytes"
         # With `_broken`, the excess bytes are part of our own failed line.
-        if here.st_size > self._size and not self._broken:
+        if opened.st_size > self._size and not self._broken:
             return "was written to by another program"
         return ""
 
@@ -243,10 +243,10 @@ class Journal:
         position = 0
         for number, line in enumerate(self._lines, 1):
             try:
-                found = os.pread(self._descriptor, len(line), position)
+                stored = os.pread(self._descriptor, len(line), position)
             except OSError as error:
                 return f"cannot be read back ({error.strerror})"
-            if found != line:
+            if stored != line:
                 return f"was changed in line {number}"
             position += len(line)
         return ""

@@ -85,8 +85,8 @@ def format_line(event: JournalEvent, chain: str) -> tuple[bytes, str]:
     text = json.dumps(record, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     # A lone surrogate (from a file name that is not UTF-8) has no UTF-8 bytes.
     body = LONE_SURROGATE.sub(lambda half: f"\\u{ord(half[0]):04x}", text).encode()
-    found = checksum(chain, body)
-    return body[:-1] + f',"sum":"{found}"}}\n'.encode(), found
+    new_chain = checksum(chain, body)
+    return body[:-1] + f',"sum":"{new_chain}"}}\n'.encode(), new_chain
 
 
 def format_lines(events: Iterable[JournalEvent]) -> list[bytes]:
@@ -110,10 +110,10 @@ def checksum(previous: str, body: bytes) -> str:
 
 def split_checksum(line: bytes) -> tuple[bytes, str] | None:
     """Split a line into content and checksum; None if it does not end in a checksum."""
-    found = CHECKSUM.search(line, max(len(line) - 26, 0))
-    if found is None or found.end() != len(line):
+    match = CHECKSUM.search(line, max(len(line) - 26, 0))
+    if match is None or match.end() != len(line):
         return None
-    return line[: found.start()] + b"}", found[1].decode()
+    return line[: match.start()] + b"}", match[1].decode()
 
 
 def verified_line(line: bytes, number: int, chain: str) -> tuple[JournalEvent, str]:
@@ -245,7 +245,7 @@ def require_regular(descriptor: int, path: Path) -> None:
     if stat.S_ISREG(mode):
         return
     kinds = ((stat.S_ISDIR, "a folder"), (stat.S_ISFIFO, "a pipe"), (stat.S_ISSOCK, "a socket"))
-    kind = next((words for is_kind, words in kinds if is_kind(mode)), "a device")
+    kind = next((description for is_kind, description in kinds if is_kind(mode)), "a device")
     raise JournalForeignError(
         f"{path} is {kind}, not a file", "move it away, or name another session"
     )
@@ -273,15 +273,15 @@ def require_own_format(complete: list[bytes], rest: bytes, path: Path) -> None:
 
 def _require_version(first: bytes, path: Path) -> None:
     """Raise an error if the first line has another version, unless the checksum shows that the version is damaged."""
-    found = re.match(rb'\{"schema":"([^"\\]{0,60})"', first)
+    match = re.match(rb'\{"schema":"([^"\\]{0,60})"', first)
     split = split_checksum(first)
-    if found is None or found[1].decode(errors="replace") == JOURNAL_SCHEMA:
+    if match is None or match[1].decode(errors="replace") == JOURNAL_SCHEMA:
         return
     if split is not None:
-        mended = split[0].replace(found[1], JOURNAL_SCHEMA.encode(), 1)
+        mended = split[0].replace(match[1], JOURNAL_SCHEMA.encode(), 1)
         if checksum("", mended) == split[1]:
             return
-    happened, remedy = _other_version(found[1].decode(errors="replace"))
+    happened, remedy = _other_version(match[1].decode(errors="replace"))
     raise JournalForeignError(f"{path} {happened}", remedy)
 
 

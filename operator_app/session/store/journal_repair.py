@@ -94,13 +94,13 @@ def repair_journal(folder: Path) -> RepairResult:
     try:
         raw = read_bytes(path)
         lines, torn = examine_lines(raw)
-        kept = [line.event for line in lines if line.event is not None]
+        events = [line.event for line in lines if line.event is not None]
         aside = None
         if any(line.words for line in lines):
             aside = timestamped_path(path, "damaged")
-            kept.append(_repaired_event(lines, aside))
-            _replace_journal(path, aside, kept)
-        state = session_state(JournalContents(events=_numbered(kept), file=str(path)))
+            events.append(_repaired_event(lines, aside))
+            _replace_journal(path, aside, events)
+        state = session_state(JournalContents(events=_numbered(events), file=str(path)))
     except OSError as error:
         raise JournalError(
             f"cannot repair {path}: {error.strerror}",
@@ -116,35 +116,37 @@ def examine_lines(raw: bytes) -> tuple[tuple[RepairedLine, ...], bool]:
     *physical, rest = raw.split(b"\n")
     if rest:
         physical.append(rest)
-    found: list[RepairedLine] = []
+    results: list[RepairedLine] = []
     known: str | None = ""
     torn = False
     while physical:
-        number = len(found) + 1
+        number = len(results) + 1
         line = physical.pop(0)
         proof = None if known is None else _recover(line, known, physical)
         if proof is None and rest and not physical:
             torn = True
             break
         if proof is None:
-            why = (
+            reason = (
                 "cannot be verified: the line before it is lost"
                 if known is None
                 else "the checksum does not match"
                 if line.rstrip().endswith(b'"}')
                 else "it is not a line"
             )
-            found.append(RepairedLine(number=number, event=None, words=f"{why}{_event_hint(line)}"))
+            results.append(
+                RepairedLine(number=number, event=None, words=f"{reason}{_event_hint(line)}")
+            )
             stated = line[-TAIL + 8 : -2]
             known = stated.decode() if re.fullmatch(rb"[0-9a-f]{16}", stated) else None
             continue
-        whole, known, words = proof
+        original, known, restored = proof
         try:
-            event = parse_line(whole, number, any_number=True)
+            event = parse_line(original, number, any_number=True)
         except BadLineError as error:
-            event, words = None, str(error) + _event_hint(whole)
-        found.append(RepairedLine(number=number, event=event, words=words))
-    return _without_invalid(found), torn
+            event, restored = None, str(error) + _event_hint(original)
+        results.append(RepairedLine(number=number, event=event, words=restored))
+    return _without_invalid(results), torn
 
 
 # -- one line ------------------------------------------------------------------------------------
@@ -157,32 +159,32 @@ def _recover(line: bytes, before: str, after: list[bytes]) -> tuple[bytes, str, 
     """
     chain = _checksum_if_stated(line, before)
     if chain is not None:
-        whole = _with_checksum(line, chain)
-        exact = whole == line
-        return whole, chain, "" if exact else "restored: only the checksum was damaged"
-    said = "restored: the checksum matches with one bit flipped back"
+        completed = _with_checksum(line, chain)
+        exact = completed == line
+        return completed, chain, "" if exact else "restored: only the checksum was damaged"
+    restored = "restored: the checksum matches with one bit flipped back"
     for k, byte in enumerate(line):
         if byte ^ NEWLINE in BITS and (chain := _checksum_if_stated(line[:k], before)) is not None:
             if line[k + 1 :]:
                 after.insert(0, line[k + 1 :])
-            return _with_checksum(line[:k], chain), chain, said
+            return _with_checksum(line[:k], chain), chain, restored
     if after:
         for bit in BITS:
             joined = line + bytes((NEWLINE ^ bit,)) + after[0]
             if (chain := _checksum_if_stated(joined, before)) is not None:
                 after.pop(0)
-                return _with_checksum(joined, chain), chain, said
+                return _with_checksum(joined, chain), chain, restored
     mended = _with_bit_restored(line, before)
-    return None if mended is None else (mended, mended[-TAIL + 8 : -2].decode(), said)
+    return None if mended is None else (mended, mended[-TAIL + 8 : -2].decode(), restored)
 
 
 def _checksum_if_stated(line: bytes, before: str) -> str | None:
     """Return the checksum at the end of a line, if it can be read with at most one wrong byte."""
     if len(line) < TAIL:
         return None
-    found = checksum(before, line[:-TAIL] + b"}")
-    end = f',"sum":"{found}"}}'.encode()
-    return found if sum(a != b for a, b in zip(line[-TAIL:], end, strict=True)) <= 1 else None
+    expected = checksum(before, line[:-TAIL] + b"}")
+    end = f',"sum":"{expected}"}}'.encode()
+    return expected if sum(a != b for a, b in zip(line[-TAIL:], end, strict=True)) <= 1 else None
 
 
 def _with_checksum(line: bytes, chain: str) -> bytes:
@@ -226,7 +228,7 @@ def _without_invalid(lines: list[RepairedLine]) -> tuple[RepairedLine, ...]:
         and (joints := joint_count_in(line.event)) is not None
     )
     joints = counted.most_common(1)[0][0] if counted else None
-    found, captured = [], 0
+    results, captured = [], 0
     for line in lines:
         event = line.event
         if event is not None:
@@ -234,10 +236,10 @@ def _without_invalid(lines: list[RepairedLine]) -> tuple[RepairedLine, ...]:
             if not problem and event.name == "pose":
                 captured = event.data["number"]
             if problem:
-                words = f"the data are invalid: {event.name}.{key}: {problem}"
-                line = RepairedLine(number=line.number, event=None, words=words)  # noqa: PLW2901
-        found.append(line)
-    return tuple(found)
+                problem_text = f"the data are invalid: {event.name}.{key}: {problem}"
+                line = RepairedLine(number=line.number, event=None, words=problem_text)  # noqa: PLW2901
+        results.append(line)
+    return tuple(results)
 
 
 # -- the new file --------------------------------------------------------------------------------

@@ -73,10 +73,10 @@ class Logbook:
 
     def undo(self) -> CapturedPose:
         """Remove the last pose of the current placement."""
-        here = [p for p in self.state.poses if p.placement == self.state.placement]
-        if not here:
+        poses = [p for p in self.state.poses if p.placement == self.state.placement]
+        if not poses:
             raise GuardError("this placement has no pose to undo", "capture one first")
-        last = here[-1]
+        last = poses[-1]
         self.record("pose_undone", {"number": last.number})
         return last
 
@@ -111,19 +111,19 @@ class Logbook:
     def recorded_calibration(self) -> StoredCalibration | None:
         """Return the journal's calibration from the used poses, if it was made with the procedure's options."""
         own, then = self.procedure, self.state.solved
-        asked = (
+        options = (
             own.estimator,
             sorted({*own.unsensed_joints, *self.model.unsensed_joints}),
             own.length_tolerance_m,
         )
         keys = ("estimator", "unsensed_joints", "length_tolerance_m")
-        if not then or tuple(then.get(k) for k in keys) != asked:
+        if not then or tuple(then.get(k) for k in keys) != options:
             return None
         if then.get("rereads", 0) != len(self.state.rereads):
             # A pose was measured again after it: the diagnosis may change.
             return None
-        found = journal_calibration(self.state)
-        return found if isinstance(found, StoredCalibration) else None
+        calibration = journal_calibration(self.state)
+        return calibration if isinstance(calibration, StoredCalibration) else None
 
     def calibrate(
         self,
@@ -161,16 +161,16 @@ class Logbook:
     def record_solution(self, solution: Solution) -> None:
         """Record a solution from the used poses; raises JournalLostError if the journal has changed."""
         self.require_journal(unchanged=True)
-        kept = solution_data(
+        data = solution_data(
             solution, self.state, length_tolerance_m=self.procedure.length_tolerance_m
         )
-        self.record("solved", kept)
+        self.record("solved", data)
 
     def check(self, solution: Solution, solver: Solver = solve_here) -> Checks:
         """Cross-validate the last calibration and record the result."""
-        found = solver(check, solution, self.model, self.fixture, self.state.pose_set())
-        self.record("checked", {"record": to_dict(found)})
-        return found
+        checks = solver(check, solution, self.model, self.fixture, self.state.pose_set())
+        self.record("checked", {"record": to_dict(checks)})
+        return checks
 
     def document(self, solution: Solution, *, forced: str = "") -> ParametersDocument:
         """Return the parameters document of this calibration."""

@@ -187,13 +187,13 @@ def _with_measured(table: DhTable, offsets_rad: Mapping[int, float]) -> DhTable:
     return replace(table, theta_off_rad=theta_off)
 
 
-def rvdt_remedy(found: ReadingTable) -> RvdtRemedy:
+def rvdt_remedy(table: ReadingTable) -> RvdtRemedy:
     """Return corrections as a parameters file states them."""
-    columns = (found.reading_rad, found.add_rad, found.sigma_rad)
+    columns = (table.reading_rad, table.add_rad, table.sigma_rad)
     return RvdtRemedy(
-        joint=found.joint,
-        theta_off_deg=math.degrees(found.theta_off_rad),
-        gain=found.gain,
+        joint=table.joint,
+        theta_off_deg=math.degrees(table.theta_off_rad),
+        gain=table.gain,
         table=tuple(
             Correction(reading_deg=reading, add_deg=add, sigma_deg=sigma)
             for reading, add, sigma in np.rad2deg(columns).T.tolist()
@@ -205,10 +205,10 @@ def _in_spite_of(solution: Solution, reason: str) -> tuple[DocumentWarning, ...]
     if solution.accepted:
         return ()
     refused = f"not accepted ({'; '.join(solution.reasons)})"
-    said = " ".join(reason.split())
-    if not said:
+    text = " ".join(reason.split())
+    if not text:
         return (DocumentWarning(code=NOT_ACCEPTED, text=refused),)
-    return (DocumentWarning(code=FORCED, text=f"{refused}; exported because: {said}"),)
+    return (DocumentWarning(code=FORCED, text=f"{refused}; exported because: {text}"),)
 
 
 def _figures(reading: TwoReadings) -> TwoFigures:

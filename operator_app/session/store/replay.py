@@ -118,12 +118,12 @@ def _measured(data: Mapping[str, Any], utc: str) -> dict[str, Any]:
 
 def _undone(state: SessionState, number: int, *, back: bool) -> SessionState:
     """Return the state after a pose was undone, or restored (`back`)."""
-    moved = tuple(p for p in (state.undone if back else state.poses) if p.number == number)
+    changed = tuple(p for p in (state.undone if back else state.poses) if p.number == number)
     undone = tuple(p for p in state.undone if p.number != number)
-    kept = tuple(p for p in state.poses if p.number != number)
+    remaining = tuple(p for p in state.poses if p.number != number)
     if not back:
-        return _with_other_poses(replace(state, undone=(*undone, *moved)), kept)
-    poses = tuple(sorted((*kept, *moved), key=lambda p: p.number))
+        return _with_other_poses(replace(state, undone=(*undone, *changed)), remaining)
+    poses = tuple(sorted((*remaining, *changed), key=lambda p: p.number))
     return _with_other_poses(replace(state, undone=undone), poses)
 
 

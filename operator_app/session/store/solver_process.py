@@ -107,16 +107,16 @@ class SolvingProcess:
                 self._go_on()
                 if not connection.poll(PROCESS_POLL_S):
                     continue
-                what, said = connection.recv()
+                what, message = connection.recv()
                 if what == "progress" and progress is not None:
-                    progress(*said)
-                elif what == "refused" and isinstance(said, Exception):
-                    raise said
+                    progress(*message)
+                elif what == "refused" and isinstance(message, Exception):
+                    raise message
                 elif what == "refused":
-                    raise SessionError(*said)
+                    raise SessionError(*message)
                 elif what == "found":
-                    found: T = said
-                    return found
+                    result: T = message
+                    return result
         except (EOFError, OSError) as gone:
             raise SessionError(
                 f"The solver process ended by itself ({self._how_it_ended()})",
@@ -125,22 +125,22 @@ class SolvingProcess:
 
     def _started(self) -> Connection:
         if self._connection is None or self._process is None:
-            self._connection, there = Pipe()
-            command = [sys.executable, "-P", "-c", _START, str(there.fileno())]
+            self._connection, other_end = Pipe()
+            command = [sys.executable, "-P", "-c", _START, str(other_end.fileno())]
             self._process = subprocess.Popen(  # noqa: S603 - this interpreter, this module
                 command,
                 # The end of its standard input shows that this process has ended.
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
-                pass_fds=[there.fileno()],
+                pass_fds=[other_end.fileno()],
                 # Ctrl-C and a closed terminal must not signal it.
                 start_new_session=True,
                 env=os.environ
                 | dict.fromkeys(THREADS, "1")
                 | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
             )
-            there.close()
+            other_end.close()
         return self._connection
 
     def _how_it_ended(self) -> str:
@@ -166,7 +166,7 @@ def serve() -> None:
         while True:
             function, args, options, wants_progress = connection.recv()
             if wants_progress:
-                options["progress"] = lambda *said: connection.send(("progress", said))
+                options["progress"] = lambda *progress: connection.send(("progress", progress))
             connection.send(_answer(function, args, options))
 
 
@@ -182,8 +182,8 @@ def _answer(
         if isinstance(error, SolverError):  # can be pickled
             return "refused", error
         if isinstance(error, EXPECTED):
-            said = words(error)
-            return "refused", (said.happened, said.remedy)
+            text = words(error)
+            return "refused", (text.happened, text.remedy)
         where = traceback.extract_tb(error.__traceback__)[-1]
         return "refused", (
             f"Program error: {error!r} in {where.name}, line {where.lineno} of {where.filename}",

@@ -71,15 +71,15 @@ def session_calibration(
         unsensed = {*(unsensed_joints or ()), *procedure.arm.unsensed_joints}
         if (estimator or by) == by and (unsensed_joints is None or unsensed == {*without}):
             return read
-        why = f"the session was solved by {by} with joints {list(without)} unsensed"
+        reason = f"the session was solved by {by} with joints {list(without)} unsensed"
     else:
-        why = read
+        reason = read
     then = state.solved
     if unsensed_joints is None:
         unsensed_joints = tuple(then.get("unsensed_joints", procedure.unsensed_joints))
     estimator = estimator or then.get("estimator", procedure.estimator)
     solution = solve(state, procedure, estimator=estimator, unsensed_joints=unsensed_joints)
-    return StoredCalibration(solution=solution, checks=None, recalculated_because=why)
+    return StoredCalibration(solution=solution, checks=None, recalculated_because=reason)
 
 
 def require_estimator_for(unsensed_joints: tuple[int, ...], estimator: str) -> None:
@@ -115,13 +115,15 @@ def solve(
 
 
 def with_checks(
-    found: StoredCalibration, state: SessionState, procedure: Procedure
+    calibration: StoredCalibration, state: SessionState, procedure: Procedure
 ) -> StoredCalibration:
     """Return a calibration with its cross-validation, which is computed if the calibration was solved again."""
-    if not found.recalculated_because:
-        return found
+    if not calibration.recalculated_because:
+        return calibration
     fixture = procedure.fixture.fixture
-    return replace(found, checks=check(found.solution, procedure.arm, fixture, state.pose_set()))
+    return replace(
+        calibration, checks=check(calibration.solution, procedure.arm, fixture, state.pose_set())
+    )
 
 
 def solution_data(
@@ -174,7 +176,7 @@ def _is_consistent(estimate: Estimate | None, poses: int) -> bool:
     return (
         estimate.x.shape == (count,)
         and estimate.covariance.shape == (count, count)
-        and all(found is None or found.shape[:1] == (poses,) for found in of_poses)
+        and all(array is None or array.shape[:1] == (poses,) for array in of_poses)
         and estimate.dof > 0
     )
 
@@ -195,20 +197,20 @@ def missing_repeat_notices(state: SessionState) -> tuple[Finding, ...]:
 
 
 def _missing_repeat(state: SessionState, placement: int, *, several: bool) -> Finding | None:
-    here = [p.number for p in state.used_poses if p.placement == placement]
+    numbers = [p.number for p in state.used_poses if p.placement == placement]
     again = [r for r in state.repeats if r.first.placement == placement]
-    if any(r.again.after >= here[-1] for r in again):
+    if any(r.again.after >= numbers[-1] for r in again):
         return None
-    why = "the capture ended before that"
+    reason = "the capture ended before that"
     if placement == state.placement and state.missed_repeat:
-        why = state.missed_repeat
+        reason = state.missed_repeat
     before = max((r.again.after for r in again), default=0)
-    goes_on = placement == state.placement and why != NO_WAY_BACK
+    goes_on = placement == state.placement and reason != NO_WAY_BACK
     return Finding(
         kind=FindingKind.NOT_REPEATED if goes_on else FindingKind.NEVER_REPEATED,
         joints=(placement,) if several else (),
-        poses=(str(here[0]), str(before or here[0]), str(here[-1])),
-        reported=(why,),
+        poses=(str(numbers[0]), str(before or numbers[0]), str(numbers[-1])),
+        reported=(reason,),
     )
 
 

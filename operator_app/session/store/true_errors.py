@@ -34,13 +34,13 @@ def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int 
         true = truths(int(number[:-1]) if number else first).get(name)
         if true is None:  # the orientation of a target has no true value by that name
             continue
-        off = true - x
+        errors = true - x
         if parameter.is_angle:
-            off = math.remainder(off, 2.0 * math.pi)
+            errors = math.remainder(errors, 2.0 * math.pi)
         of += 1
-        inside += bound.low <= x + off <= bound.high
+        inside += bound.low <= x + errors <= bound.high
     # The identified entries are compared, since the best table also includes errors of readings.
-    found = replace(calibrated_arm(solution, arm), best=None)
+    calibrated = replace(calibrated_arm(solution, arm), best=None)
     part = solution.model.parts()[0][0]
     values = dict(truths(first))
     mine = {
@@ -50,12 +50,12 @@ def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int 
         if (entry := DhEntry(kind=kind, row=row)).name not in part.ground_side
     }
     true_arm = replace(
-        found,
-        hand=with_entries(found.hand, mine),
-        tip_m=np.array([values.get(n, v) for n, v in zip(TIP, found.tip_m, strict=True)]),
+        calibrated,
+        hand=with_entries(calibrated.hand, mine),
+        tip_m=np.array([values.get(n, v) for n, v in zip(TIP, calibrated.tip_m, strict=True)]),
     )
     q = even_poses(arm)
-    tip, sigma = found.tip_with_sigma_m(q)
+    tip, sigma = calibrated.tip_with_sigma_m(q)
     off_m = np.linalg.norm(tip - true_arm.T_base(q)[:, :3, 3], axis=-1)
     return replace(
         solution,

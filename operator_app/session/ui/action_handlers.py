@@ -40,18 +40,18 @@ def connect(context: ActionContext) -> None:
     elif context.s.simulated:
         context.submit(kind, text, lambda o: o.connect_mounted())
     else:
-        said = (
+        confirmation = (
             f"Placement {state.placement} has no pose yet. Is the {context.s.procedure.fixture.name} mounted, the "
             "loop closed, and nobody within reach of the arm?"
         )
-        question = YesNo(title="Is the fixture mounted?", text=said, yes="Mounted")
+        question = YesNo(title="Is the fixture mounted?", text=confirmation, yes="Mounted")
         _ask(context, question, task(kind, text, lambda o: o.connect_mounted()))
 
 
 def manual(context: ActionContext) -> None:
     """Ask which page of the manual to show, and show it."""
     interface = context.interface
-    options = tuple((topic, f"{topic}: {said}") for topic, said in interface.topics().items())
+    options = tuple((topic, f"{topic}: {title}") for topic, title in interface.topics().items())
     interface.ask(OneOf(title="Manual", text="Which page?", options=options), interface.show_page)
 
 
@@ -156,8 +156,8 @@ def note(context: ActionContext) -> None:
         return
     context.ask(
         Typed(title=f"Note to pose {pose.number}", text="Text of the note:", value=pose.note),
-        lambda again, said: again.submit(
-            TaskKind.NOTE, "noting", lambda o: o.note(pose.number, said)
+        lambda again, answer: again.submit(
+            TaskKind.NOTE, "noting", lambda o: o.note(pose.number, answer)
         ),
     )
 
@@ -189,15 +189,15 @@ def upload(context: ActionContext, forced: str = "") -> None:
 
 def force(context: ActionContext) -> None:
     """Upload a calibration that was not accepted, after the operator has typed a reason."""
-    why = "; ".join(context.s.solution.reasons) if context.s.solution is not None else ""
+    reasons = "; ".join(context.s.solution.reasons) if context.s.solution is not None else ""
     text = (
-        f"Not accepted: {why}. Why should these parameters be used? The reason is kept in the journal and in "
+        f"Not accepted: {reasons}. Why should these parameters be used? The reason is kept in the journal and in "
         "the file."
     )
 
-    def because(again: ActionContext, said: str) -> None:
-        if said.strip():
-            upload(again, said.strip())
+    def because(again: ActionContext, answer: str) -> None:
+        if answer.strip():
+            upload(again, answer.strip())
         else:
             again.interface.refuse("nothing was uploaded: a reason is required")
 
@@ -243,18 +243,20 @@ def apply_prompt(s: SessionSnapshot) -> str:
 def resume(context: ActionContext) -> None:
     """Resume an earlier session, chosen from a list."""
     interface = context.interface
-    here = context.runner.session.journal.path.parent.name
+    folder_name = context.runner.session.journal.path.parent.name
     options = tuple(
         (e.folder.name, f"{e.folder.name}  {_in_a_line(e)}")
         for e in interface.sessions.sessions()
-        if e.folder.name != here
+        if e.folder.name != folder_name
     )
     if not options:
         interface.refuse("there is no other session to resume")
         return
     text = "A resumed session checks arm, fixture and modes again before anything moves."
     question = OneOf(title="Open a session", text=text, options=options[:50])
-    interface.ask(question, lambda said: interface.open(lambda: interface.sessions.resumed(said)))
+    interface.ask(
+        question, lambda answer: interface.open(lambda: interface.sessions.resumed(answer))
+    )
 
 
 def _in_a_line(entry: SessionEntry) -> str:
@@ -272,7 +274,7 @@ def procedure(context: ActionContext) -> None:
     options = tuple((p.name, summary(p)) for p in interface.sessions.procedures())
     text = "This session is closed and kept, the arm is held, and a new session starts."
     question = OneOf(title="Which procedure?", text=text, options=options)
-    interface.ask(question, lambda said: interface.open(lambda: interface.sessions.new(said)))
+    interface.ask(question, lambda answer: interface.open(lambda: interface.sessions.new(answer)))
 
 
 def new_session(context: ActionContext) -> None:

@@ -66,12 +66,12 @@ def mark(runner: Runner, joints: tuple[int, ...]) -> None:
 def other_joints(context: ActionContext) -> None:
     """Ask for the drive joints."""
 
-    def take(again: ActionContext, said: str) -> None:
-        words = said.replace(",", " ").split()
-        if not words or not all(word.isdecimal() for word in words):
+    def take(again: ActionContext, answer: str) -> None:
+        numbers = answer.replace(",", " ").split()
+        if not numbers or not all(word.isdecimal() for word in numbers):
             again.interface.refuse("type joint numbers, e.g. 1 5")
             return
-        joints = tuple(sorted({int(word) for word in words}))
+        joints = tuple(sorted({int(word) for word in numbers}))
         problem = guards.modes_problem(again.s, joints)
         if problem:
             again.interface.refuse(problem[0])
@@ -319,6 +319,6 @@ def footer(step: Step, table: tuple[Action | OnScreen, ...] = ()) -> tuple[Actio
 
 def prompts(step: Step) -> tuple[list[Action], list[Action]]:
     """Return what plain mode lists: the actions of one step, and those of all steps."""
-    here = [a for a in ACTIONS if isinstance(a, Action) and step in a.steps]
-    common = [a for a in here if a.steps == EVERYWHERE]
-    return [a for a in here if a not in common], common
+    of_step = [a for a in ACTIONS if isinstance(a, Action) and step in a.steps]
+    common = [a for a in of_step if a.steps == EVERYWHERE]
+    return [a for a in of_step if a not in common], common

@@ -96,8 +96,8 @@ class CalibrationOperations:
             f"calibrated from {solution.poses} poses: {verdict}",
         )
         # The cross-validation takes seconds: the verdict is shown first.
-        found = self._session.check(solution, solver)
-        self._publisher.publish(lambda s: replace(s, cross_checks=found))
+        checks = self._session.check(solution, solver)
+        self._publisher.publish(lambda s: replace(s, cross_checks=checks))
         if solution.accepted:
             self._compare()
 
@@ -142,13 +142,13 @@ class CalibrationOperations:
 
     def verify(self, poses: int) -> None:
         """Capture new poses and test the current calibration with them."""
-        found, _ = verify(self._session, self._current_solution(), poses, self._listener)
+        result, _ = verify(self._session, self._current_solution(), poses, self._listener)
         self._refresh()
-        self._publisher.publish(lambda s: replace(s, verification=found))
+        self._publisher.publish(lambda s: replace(s, verification=result))
         self._publisher.say(
-            Level.INFO if found.holds else Level.WARNING,
-            f"{found.poses} new poses {found.verdict}: "
-            f"{SIGMA_POS(found.verification.sigmas.position_m.rms).with_unit} rms",
+            Level.INFO if result.holds else Level.WARNING,
+            f"{result.poses} new poses {result.verdict}: "
+            f"{SIGMA_POS(result.verification.sigmas.position_m.rms).with_unit} rms",
         )
 
     def _current_solution(self) -> Solution:

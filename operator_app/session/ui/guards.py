@@ -49,9 +49,11 @@ def modes_ready(s: SessionSnapshot) -> Missing:
     if not s.checks:
         return ("the fixture has not been checked (step 2)",)
     refused = tuple(f"{c.text}: {c.remedy}" for c in s.checks if c.severity is Severity.REFUSED)
-    left = len(s.procedure.fixture.checklist) - len(s.ticked)
-    if left:
-        refused += (f"{left} item{'s' if left > 1 else ''} of the check list not ticked (step 2)",)
+    unticked = len(s.procedure.fixture.checklist) - len(s.ticked)
+    if unticked:
+        refused += (
+            f"{unticked} item{'s' if unticked > 1 else ''} of the check list not ticked (step 2)",
+        )
     return refused
 
 
@@ -120,8 +122,8 @@ def idle(s: SessionSnapshot) -> Missing:
 
 def may_connect(s: SessionSnapshot) -> Missing:
     """Connecting is possible if no arm is connected, if data are lost, or if an alarm asks for it."""
-    asked = any(TaskKind.CONNECT in alarm.resolving_tasks for alarm in s.alarms)
-    if s.connected and s.data is not DataState.LOST and not asked:
+    offered = any(TaskKind.CONNECT in alarm.resolving_tasks for alarm in s.alarms)
+    if s.connected and s.data is not DataState.LOST and not offered:
         return ("the arm is already connected",)
     return idle(s)
 
@@ -139,9 +141,9 @@ def may_use_data(s: SessionSnapshot) -> Missing:
     if s.data is DataState.STALE:
         joints = ", ".join(f"J{j}" for j in s.stale_joints)
         ours = s.arm is not None and s.oldest_s - s.arm.late_s <= STALE_S
-        why = " because this computer is late" if ours else ""
+        cause = " because this computer is late" if ours else ""
         return (
-            f"the data of {joints} are {DATA_AGE(s.oldest_s).with_unit} old{why}: wait for new data",
+            f"the data of {joints} are {DATA_AGE(s.oldest_s).with_unit} old{cause}: wait for new data",
         )
     return ()
 
@@ -331,7 +333,7 @@ def _not_ready(s: SessionSnapshot) -> str:
         if joint.drive is not DriveState.OPERATION_ENABLED:
             return f"drive {joint.joint} is {drive_words(joint.drive)}"
         if joint.mode is not mode:
-            found = "no mode" if joint.mode is None else joint.mode.value
-            wanted = "position" if mode is JointMode.POSITION else "free"
-            return f"joint {joint.joint} reports {found} instead of {wanted}"
+            actual = "no mode" if joint.mode is None else joint.mode.value
+            required = "position" if mode is JointMode.POSITION else "free"
+            return f"joint {joint.joint} reports {actual} instead of {required}"
     return "the drives are not ready"

@@ -75,9 +75,9 @@ def add_message(
     )
     if level is not Level.ALARM:
         return replace(s, messages=(*s.messages, message)[-MAX_MESSAGES:])
-    said = {standing.number for standing in s.alarms if standing.text == text}
+    repeated = {standing.number for standing in s.alarms if standing.text == text}
     messages, alarms = (
-        (*(m for m in before if m.number not in said), message)[-MAX_MESSAGES:]
+        (*(m for m in before if m.number not in repeated), message)[-MAX_MESSAGES:]
         for before in (s.messages, s.alarms)
     )
     return replace(s, messages=messages, alarms=alarms)

@@ -29,11 +29,11 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
     if s.task is not None and not s.task.moves:
         return NextAction("", "", f"{s.task.text} ...")
     if s.stopped:
-        why = "the arm stopped by itself: keep clear until the cause is known, then Enter (or R) resets it"
+        reason = "the arm stopped by itself: keep clear until the cause is known, then Enter (or R) resets it"
         return NextAction(
             "reset",
             "Reset STOP",
-            f"{why}; nothing moves by itself"
+            f"{reason}; nothing moves by itself"
             if s.stopped_for
             else "STOP is latched: when it is safe, Enter (or R) resets it; nothing moves by itself",
         )
@@ -109,17 +109,17 @@ def _fixture(s: SessionSnapshot) -> NextAction:
             "Check",
             "remount the fixture as the refused check says, then Enter checks it again",
         )
-    left = len(s.procedure.fixture.checklist) - len(s.ticked)
-    if left and s.simulated:
+    unticked = len(s.procedure.fixture.checklist) - len(s.ticked)
+    if unticked and s.simulated:
         return NextAction(
             "confirm_all",
             "Tick all",
             "on a real arm the items are checked and ticked one at a time; this arm is simulated: "
-            f"Enter ticks all {left}",
+            f"Enter ticks all {unticked}",
         )
-    if left:
+    if unticked:
         return NextAction(
-            "confirm", "Tick", f"check each item of the list, then Enter ticks it: {left} left"
+            "confirm", "Tick", f"check each item of the list, then Enter ticks it: {unticked} left"
         )
     return _next(Step.MODES, "the fixture is checked")
 

@@ -82,10 +82,10 @@ class Operations:
             f"connected to {identity.model}, serial {identity.serial_number}, "
             f"{len(identity.nodes)} nodes",
         )
-        if words := configured_words(identity):
-            self._publisher.say(Level.INFO, words)
-        if words := unwatching_words(identity):
-            self._publisher.say(Level.WARNING, words)
+        if configured := configured_words(identity):
+            self._publisher.say(Level.INFO, configured)
+        if configured := unwatching_words(identity):
+            self._publisher.say(Level.WARNING, configured)
         self.results.show_recorded_calibration()
         self.check_fixture()
 
@@ -93,14 +93,14 @@ class Operations:
         """Check the fixture, rank the drive joints, predict the plan."""
         session = self._session
         checks = session.check_fixture()
-        here = session.arm.snapshot().positions_rad
+        q_rad = session.arm.snapshot().positions_rad
         model = session.fixture.model(session.model)
         joints = session.procedure.position_joints
         ranked: tuple[RankedDrives, ...] = ()
         if not session.fixture.holds_hand:
             joints = tuple(range(1, session.model.joint_count + 1))
         else:
-            ranked = rank_at_pose(model, nominal_vector(model.parameters), here)
+            ranked = rank_at_pose(model, nominal_vector(model.parameters), q_rad)
         if joints is None:
             choice = choose(session, may_move=False)
             joints, ranked = choice.drives, choice.ranked
@@ -115,7 +115,7 @@ class Operations:
             # The plan of the session, not one that would start here.
             self._set_plan(waypoints_of(session), start)
         elif len(joints) == session.mobility:
-            self._set_plan(waypoints_from(session, here, joints), here)
+            self._set_plan(waypoints_from(session, q_rad, joints), q_rad)
         self.refresh()
 
     def confirm(self, item: str, text: str) -> None:
@@ -139,39 +139,39 @@ class Operations:
     def wiggle(self) -> None:
         """Move each drive joint by 2 deg and back; report how the other joints follow."""
         self._at(None)
-        session, said = self._session, []
+        session, lines = self._session, []
         for joint in session.position_joints:
             before = session.arm.snapshot().positions_rad
             away = session.go_to({joint: float(before[joint - 1]) + TEST_WIGGLE_RAD})
-            there = session.arm.snapshot().positions_rad
+            positions = session.arm.snapshot().positions_rad
             back = session.go_to({joint: float(before[joint - 1])})
             if not (away.reached and back.reached):
                 raise GuardError(
                     f"The trial wiggle of J{joint} was stopped: {away.reason or back.reason}",
                     "Clear the way before anything else moves",
                 )
-            moved = [MOVED(v) for v in (there - before).tolist()]
-            followed = ", ".join(f"J{j} {m.shown}" for j, m in enumerate(moved, 1) if j != joint)
+            changes = [MOVED(v) for v in (positions - before).tolist()]
+            followed = ", ".join(f"J{j} {m.shown}" for j, m in enumerate(changes, 1) if j != joint)
             unit = MOVED.quantity.unit
-            said.append(f"J{joint} {moved[joint - 1].with_unit} moved {followed} {unit}")
-        self._publisher.publish(lambda s: replace(s, wiggle="; ".join(said)))
-        self._publisher.say(Level.INFO, "trial wiggle done: " + "; ".join(said))
+            lines.append(f"J{joint} {changes[joint - 1].with_unit} moved {followed} {unit}")
+        self._publisher.publish(lambda s: replace(s, wiggle="; ".join(lines)))
+        self._publisher.say(Level.INFO, "trial wiggle done: " + "; ".join(lines))
 
     def go_home(self) -> None:
         """Move the drive joints home at 5 deg/s."""
         self._at(None)
-        said = go_home(self._session)
+        message = go_home(self._session)
         self.refresh()
-        self._publisher.say(Level.INFO, said)
+        self._publisher.say(Level.INFO, message)
 
     # -- 4 Capture ---------------------------------------------------------------------------------
 
     def go(self, waypoint: int) -> None:
         """Move to a waypoint."""
         self._at(None)
-        reached = visit(self._session, waypoint)
-        self._at(waypoint if reached else None)
-        if reached:
+        arrived = visit(self._session, waypoint)
+        self._at(waypoint if arrived else None)
+        if arrived:
             self._publisher.say(Level.INFO, f"at waypoint {waypoint + 1}: capture at standstill")
         else:
             self._publisher.say(
@@ -206,8 +206,8 @@ class Operations:
             self._publisher.publish(lambda s: replace(s, heading=None))
         self.refresh()
         if end is None:
-            wanted = self._session.procedure.capture.poses
-            self._publisher.say(Level.INFO, f"all {wanted} poses captured")
+            total = self._session.procedure.capture.poses
+            self._publisher.say(Level.INFO, f"all {total} poses captured")
         else:
             level = Level.INFO if end.complete else Level.WARNING
             self._publisher.say(
@@ -347,7 +347,7 @@ class _PublishingListener(Listener):
     def arrived(self, waypoint: int) -> None:
         self._publisher.publish(lambda s: replace(s, at_waypoint=waypoint))
 
-    def pose_captured(self, state: SessionState, wanted: int) -> None:
+    def pose_captured(self, state: SessionState, total: int) -> None:
         self._operations.captured(state.poses[-1])
 
     def report(self, text: str) -> None:

@@ -79,11 +79,11 @@ class PoseQuality:
             numbers = tuple(p.number for p in used)
             loop = self._loop_of(state)
             self.live = live_quality(session.model, loop, q_rad, numbers, earlier=self.live)
-        left = [k for k in range(len(self.plan)) if k not in state.visited]
-        self.next_waypoint = left[0] if left else None
-        self.best_waypoint = self._most_informative_waypoint(state, left)
+        unvisited = [k for k in range(len(self.plan)) if k not in state.visited]
+        self.next_waypoint = unvisited[0] if unvisited else None
+        self.best_waypoint = self._most_informative_waypoint(state, unvisited)
 
-    def _most_informative_waypoint(self, state: SessionState, left: list[int]) -> int | None:
+    def _most_informative_waypoint(self, state: SessionState, unvisited: list[int]) -> int | None:
         if self.live is None or self.forecast is None or self._task is None:
             return None
         names = [p.name for p in self._nominal_loop.parameters]
@@ -92,7 +92,7 @@ class PoseQuality:
             self.live.x[[names.index(p.name) for p in self._task.model.parameters]],
             taken_rad=np.array([p.mean_rad for p in state.used_poses]),
             forecast=self.forecast,
-            open_waypoints=left,
+            open_waypoints=unvisited,
         )
 
     def _loop_of(self, state: SessionState) -> ClosureModel:

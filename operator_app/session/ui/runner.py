@@ -227,7 +227,7 @@ class Runner:
 
     def stop(self) -> None:
         """Software STOP in the calling thread: waits for no queue, lock or task."""
-        asked = self._monotonic()
+        pressed_s = self._monotonic()
         problem = ""
         before = self._base.stop
         again = (before is not None and not before.problem) or bool(self._supervisor.reported_stop)
@@ -237,7 +237,7 @@ class Runner:
             problem = str(error) or repr(error)
         self.cancel()
         report = StopReport(
-            asked_s=asked,
+            asked_s=pressed_s,
             acknowledged_after_s=None,
             drives_stopped=0,
             problem=problem,
@@ -248,8 +248,8 @@ class Runner:
             self.say(Level.ALARM, problem, ARM_RECOVERY)
         elif not again:
             # Reported once, and not again after a stop by the arm itself.
-            said = "software STOP sent to all drives; it is latched (R resets)"
-            self.say(Level.ALARM, said, frozenset({TaskKind.RESET}))
+            message = "software STOP sent to all drives; it is latched (R resets)"
+            self.say(Level.ALARM, message, frozenset({TaskKind.RESET}))
 
     def close(self, reason: str) -> None:
         """Cancel the running task, leave the arm held and close the journal. Safe to call twice."""
@@ -304,9 +304,11 @@ class Runner:
             self.say(Level.INFO, f"{job.text}: {error}")
             self._recover()
         except EXPECTED as error:
-            said = words(error)
+            message = words(error)
             self.say(
-                Level.ALARM, f"{said.happened}. {said.remedy}", resolving_tasks(error, job.kind)
+                Level.ALARM,
+                f"{message.happened}. {message.remedy}",
+                resolving_tasks(error, job.kind),
             )
             self._recover()
         except BaseException as error:  # noqa: BLE001 - kept for the screen to raise

@@ -177,10 +177,10 @@ class Supervisor:
 
     def _report_stop(self, now: SessionSnapshot) -> None:
         """Report and record why the arm stopped by itself."""
-        why, before = now.stopped_for, self.reported_stop
-        self.reported_stop = why
-        if why and why != before:
-            self._runner.say(Level.ALARM, stopped_words(why), ARM_RECOVERY)
+        reason, before = now.stopped_for, self.reported_stop
+        self.reported_stop = reason
+        if reason and reason != before:
+            self._runner.say(Level.ALARM, stopped_words(reason), ARM_RECOVERY)
             self._runner.record_why_stopped()
 
     def _update_motion(self, now: SessionSnapshot) -> None:
@@ -193,9 +193,9 @@ class Supervisor:
 
     def recording_problem(self) -> str:
         """Return why a recording of the bus ended early; "" if it did not, or was reported already."""
-        words, before = self._recording_ended(), self._recording_reported
-        self._recording_reported = words
-        return "" if words == before else words[:1].upper() + words[1:]
+        problem, before = self._recording_ended(), self._recording_reported
+        self._recording_reported = problem
+        return "" if problem == before else problem[:1].upper() + problem[1:]
 
     def _end_unwatched_motion(self, now: SessionSnapshot, unseen_s: float) -> None:
         """End a motion if no screen polls, since no key could stop it."""

@@ -85,7 +85,7 @@ class UserInterface(Protocol):
     def retry_soon(self, work: Callable[[], None]) -> None:
         """Call `work` a few SYNC periods later."""
 
-    def refuse(self, why: str) -> None:
+    def refuse(self, reason: str) -> None:
         """Show why an action is refused."""
 
     def ask(self, question: Question, then: Callable[[str], None]) -> None:
@@ -205,8 +205,8 @@ class ActionContext:
         """Ask a question; `then` is called only if the guard still holds."""
         self.interface.ask(
             question,
-            lambda said: perform_action(
-                self.action, self.interface, lambda chosen: then(chosen, said)
+            lambda answer: perform_action(
+                self.action, self.interface, lambda chosen: then(chosen, answer)
             ),
         )
 

@@ -49,14 +49,16 @@ def campaign_from_log(arm: ArmModel, fixture: EndpointConstraint, state: Session
     )
 
 
-def log_is_current(state: SessionState, wanted: Mapping[str, Any]) -> bool:
+def log_is_current(state: SessionState, settings: Mapping[str, Any]) -> bool:
     """Whether the used poses and the settings of the campaign are unchanged."""
     log = state.campaign
     started = set(log.begun["captured"]) | {
         data["number"] for name, data in log.steps if name == "pose"
     }
     counting = {p.number for p in state.used_poses}
-    return started == counting and all(log.begun.get(key) == value for key, value in wanted.items())
+    return started == counting and all(
+        log.begun.get(key) == value for key, value in settings.items()
+    )
 
 
 def replay_campaign(arm: ArmModel, fixture: EndpointConstraint, state: SessionState) -> Campaign:
@@ -94,18 +96,18 @@ def is_same_action(action: Action, name: str, data: Mapping[str, Any]) -> bool:
     return False
 
 
-def can_continue_from(action: Action, last: FloatArray, here: FloatArray) -> bool:
-    """Whether an arm at `here` can continue with `action`: if it is at its `last` position or on the action's path."""
-    if float(np.abs(here - last).max()) <= SAME_POSITION_RAD or isinstance(action, Finished):
+def can_continue_from(action: Action, last: FloatArray, q_rad: FloatArray) -> bool:
+    """Whether an arm at `q_rad` can continue with `action`: if it is at its `last` position or on the action's path."""
+    if float(np.abs(q_rad - last).max()) <= SAME_POSITION_RAD or isinstance(action, Finished):
         return True
     if not isinstance(action, GoTo):
         return False
     if action.trace_rad is not None:
-        return float(np.abs(action.trace_rad - here).max(axis=-1).min()) <= SAME_POSITION_RAD
+        return float(np.abs(action.trace_rad - q_rad).max(axis=-1).min()) <= SAME_POSITION_RAD
     columns = [j - 1 for j in action.targets_rad]
     goal = np.array(list(action.targets_rad.values()))
     step = goal - last[columns]
     length = max(float(step @ step), 1e-12)
-    along = float(np.clip((here[columns] - last[columns]) @ step / length, 0.0, 1.0))
-    off = np.abs(here[columns] - last[columns] - along * step)
-    return float(off.max()) <= SAME_POSITION_RAD
+    along = float(np.clip((q_rad[columns] - last[columns]) @ step / length, 0.0, 1.0))
+    distance = np.abs(q_rad[columns] - last[columns] - along * step)
+    return float(distance.max()) <= SAME_POSITION_RAD

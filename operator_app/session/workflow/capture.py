@@ -52,10 +52,10 @@ def connect(session: Session, listener: Listener, *, measuring: bool = True) -> 
     session.instruct = listener.report
     identity = session.connect(measuring=measuring)
     listener.connected(identity)
-    if words := configured_words(identity):
-        listener.report(f"{words}.")
-    if words := unwatching_words(identity):
-        listener.report(f"{words}.")
+    if configured := configured_words(identity):
+        listener.report(f"{configured}.")
+    if configured := unwatching_words(identity):
+        listener.report(f"{configured}.")
     if _clear_lost_heartbeat(session):
         listener.report(
             "The drives had tripped on a lost operator heartbeat (8130h), as after a killed program: reset. "
@@ -103,14 +103,14 @@ def take_poses(
     Cancelled
         The operator ended the capture.
     """
-    wanted = session.position_joints if drives is None else drives
+    joints = session.position_joints if drives is None else drives
     planned = None
     if session.procedure.capture.strategy == "planned":
-        planned = PlannedCapture(session, wanted, listener)
-        wanted = planned.ready()
-    if drives is not None or wanted != session.position_joints:
-        session.set_modes(wanted)
-        listener.modes_set(wanted)
+        planned = PlannedCapture(session, joints, listener)
+        joints = planned.ready()
+    if drives is not None or joints != session.position_joints:
+        session.set_modes(joints)
+        listener.modes_set(joints)
     if homing and (planned is None or not planned.continues_in_place):
         go_home_if_outside(session, listener)
     if session.state.resumed and session.state.poses_here and _poses_are_missing(session, planned):
@@ -151,10 +151,10 @@ def _check_unresolved_joints(session: Session, listener: Listener) -> None:
     if not session.unresolved_joints or not session.fixture.holds_hand:
         return
     require_in_box(session)
-    here, drives = session.arm.snapshot().positions_rad, session.position_joints
+    q_rad, drives = session.arm.snapshot().positions_rad, session.position_joints
 
     def away_rad(pose: CapturedPose) -> float:
-        return max(abs(float(pose.mean_rad[j - 1] - here[j - 1])) for j in drives)
+        return max(abs(float(pose.mean_rad[j - 1] - q_rad[j - 1])) for j in drives)
 
     nearest = min(session.state.poses_here, key=away_rad)
     joints = " or ".join(map(str, session.unresolved_joints))
@@ -325,12 +325,12 @@ def verify(
             f"only {len(session.state.readings) - before} of {poses} new poses could be reached",
             "request fewer, or drive another pair of joints",
         )
-    taken = pose_set_of(session.state.readings[before:])
-    taken = replace(taken, placement=np.full(len(taken), session.state.placement))
+    new_poses = pose_set_of(session.state.readings[before:])
+    new_poses = replace(new_poses, placement=np.full(len(new_poses), session.state.placement))
     made = MadeFrom(solution=solution, poses=session.state.pose_set())
-    verdict = verify_poses(session.model, session.fixture, taken, made)
-    session.record("verified", _verification_data(verdict, taken))
-    return verdict, taken
+    verdict = verify_poses(session.model, session.fixture, new_poses, made)
+    session.record("verified", _verification_data(verdict, new_poses))
+    return verdict, new_poses
 
 
 def _new_targets(session: Session, solution: Solution, poses: int) -> Iterator[Mapping[int, float]]:
@@ -348,20 +348,20 @@ def _new_targets(session: Session, solution: Solution, poses: int) -> Iterator[M
         yield from verification_waypoints(session, poses)
         return
     for target in verification_waypoints(session, CANDIDATES_PER_POSE * poses):
-        here = session.arm.snapshot().positions_rad
-        if is_path_clear(session.model, model, x, here, target):
+        q_rad = session.arm.snapshot().positions_rad
+        if is_path_clear(session.model, model, x, q_rad, target):
             yield target
 
 
-def _verification_data(verdict: VerificationResult, taken: PoseSet) -> Mapping[str, object]:
-    found = verdict.verification
-    turned = found.sigmas.orientation_rad
+def _verification_data(verdict: VerificationResult, new_poses: PoseSet) -> Mapping[str, object]:
+    tested = verdict.verification
+    turned = tested.sigmas.orientation_rad
     return {
         "poses": verdict.poses,
-        "readings": [int(label) for label in taken.label],
-        "position_m": found.sigmas.position_m.rms,
+        "readings": [int(label) for label in new_poses.label],
+        "position_m": tested.sigmas.position_m.rms,
         "orientation_rad": None if turned is None else turned.rms,
-        "chi2_per_dof": found.chi2.per_dof,
+        "chi2_per_dof": tested.chi2.per_dof,
         "holds": verdict.holds,
         "why": verdict.why,
     }

@@ -59,9 +59,9 @@ def choose(session: Session, *, may_move: bool = True) -> DriveChoice:
     For this the drives are enabled.
     """
     arm, model = session.model, session.fixture.model(session.model)
-    here = session.arm.snapshot().positions_rad
+    q_rad = session.arm.snapshot().positions_rad
     prediction = predict_drives(
-        arm, model, nominal_vector(model.parameters), here, seed=session.procedure.capture.seed
+        arm, model, nominal_vector(model.parameters), q_rad, seed=session.procedure.capture.seed
     )
     unsensed = session.procedure.unsensed_joints
     trials: tuple[TrialWiggles, ...] = ()
@@ -86,28 +86,28 @@ def wiggle(session: Session, drives: tuple[int, ...]) -> TrialWiggles:
     """Move each drive joint by 1.5 deg to either side and back, and measure the motion of all joints."""
     session.set_modes(drives)
     start = session.read().mean_rad
-    commanded, moved, stopped = [], [], ""
+    commanded, displacements, stopped = [], [], ""
     for column, joint in enumerate(drives):
         for step in (WIGGLE_RAD, -WIGGLE_RAD):
             result = session.go_to({joint: float(start[joint - 1]) + step})
             stopped = stopped or ("" if result.reached else result.reason)
             if result.reached:
-                asked = np.zeros(len(drives))
-                asked[column] = step
-                commanded.append(asked)
-                moved.append(session.read().mean_rad - start)
+                command = np.zeros(len(drives))
+                command[column] = step
+                commanded.append(command)
+                displacements.append(session.read().mean_rad - start)
             session.go_to({joint: float(start[joint - 1])})
     measured = np.linalg.matrix_rank(np.array(commanded)) if commanded else 0
     if measured < len(drives):
         # Too few moves were completed to measure anything.
-        commanded, moved = (
+        commanded, displacements = (
             list(WIGGLE_RAD * np.eye(len(drives))),
             [np.zeros(len(start))] * len(drives),
         )
     return TrialWiggles(
         drives=drives,
         commanded_rad=np.array(commanded),
-        moved_rad=np.array(moved),
+        moved_rad=np.array(displacements),
         stopped=stopped,
     )
 
@@ -128,10 +128,10 @@ HOMING_SPEED_RAD_PER_S = float(np.deg2rad(5.0))
 
 def joints_outside_box(session: Session) -> str:
     """Return text on which drive joints are outside the box; "" for none."""
-    box, here = drive_box(session), session.arm.snapshot().positions_rad
-    beyond = box.beyond_rad(here)
+    box, q_rad = drive_box(session), session.arm.snapshot().positions_rad
+    beyond = box.beyond_rad(q_rad)
     return ", ".join(
-        f"joint {j} is at {REACH(float(here[j - 1])).with_unit}, outside "
+        f"joint {j} is at {REACH(float(q_rad[j - 1])).with_unit}, outside "
         f"{REACH(float(low)).shown} to {REACH(float(high)).with_unit}"
         for j, low, high, by in zip(box.joints, box.lower_rad, box.upper_rad, beyond, strict=True)
         if by > BOX_MARGIN_RAD
@@ -147,12 +147,12 @@ def require_no_reset_counter(session: Session) -> None:
     ------
     GuardError
     """
-    box, here = drive_box(session), session.arm.snapshot().positions_rad
+    box, q_rad = drive_box(session), session.arm.snapshot().positions_rad
     zeros = [
         j
-        for j, by in zip(box.joints, box.beyond_rad(here), strict=True)
+        for j, by in zip(box.joints, box.beyond_rad(q_rad), strict=True)
         if by > BOX_MARGIN_RAD
-        and abs(here[j - 1]) <= RESET_COUNTER_RAD
+        and abs(q_rad[j - 1]) <= RESET_COUNTER_RAD
         and isinstance(session.model.joints[j - 1].sensor, Encoder)
     ]
     if zeros:
@@ -181,15 +181,15 @@ def go_home(session: Session) -> str:
     require_no_reset_counter(session)
     box = drive_box(session)
     targets = dict(zip(box.joints, box.centre_rad, strict=True))
-    moved = session.go_to(targets, speed_rad_per_s=HOMING_SPEED_RAD_PER_S)
+    outcome = session.go_to(targets, speed_rad_per_s=HOMING_SPEED_RAD_PER_S)
     session.settle()
     q = session.arm.snapshot().positions_rad
     session.record(
-        "went_home", {"joints": list(box.joints), "q_rad": q.tolist(), "stopped": moved.reason}
+        "went_home", {"joints": list(box.joints), "q_rad": q.tolist(), "stopped": outcome.reason}
     )
-    if not moved.reached:
+    if not outcome.reached:
         raise GuardError(
-            f"the arm was stopped on its way home: {moved.reason}",
+            f"the arm was stopped on its way home: {outcome.reason}",
             "the arm holds; clear the way, and move it home by hand while its drives are off",
         )
     return "Home: " + ", ".join(
@@ -242,39 +242,39 @@ def reach(
 ) -> MoveResult:
     """Move to these angles; if the move is stopped, go back along the same path."""
     before = session.arm.snapshot().positions_rad
-    moved = session.go_to(targets_rad, speed_rad_per_s=speed_rad_per_s)
-    if not moved.reached:
+    outcome = session.go_to(targets_rad, speed_rad_per_s=speed_rad_per_s)
+    if not outcome.reached:
         back = session.go_to(
             {j: float(before[j - 1]) for j in targets_rad}, speed_rad_per_s=speed_rad_per_s
         )
         still = float(np.abs(back.positions_rad - before).max()) < STANDS_STILL_RAD
         loaded = overload(session.model, session.arm.snapshot())
-        if loaded and still and not back.reached and moved.syncs <= STARTING_SYNCS:
+        if loaded and still and not back.reached and outcome.syncs <= STARTING_SYNCS:
             raise GuardError(
-                f"the arm cannot start to move: {moved.reason}",
+                f"the arm cannot start to move: {outcome.reason}",
                 "no waypoint was skipped. Check what blocks it, and the drive of that joint, then go on "
                 "with this session",
             )
-    return moved
+    return outcome
 
 
 def visit(session: Session, index: int) -> bool:
     """Move to a waypoint; record it as skipped and return False if it cannot be reached."""
     require_in_box(session)
-    moved = reach(session, waypoints_of(session)[index])
-    if not moved.reached:
-        session.record("waypoint_skipped", {"waypoint": index, "reason": moved.reason})
-    return moved.reached
+    outcome = reach(session, waypoints_of(session)[index])
+    if not outcome.reached:
+        session.record("waypoint_skipped", {"waypoint": index, "reason": outcome.reason})
+    return outcome.reached
 
 
 def explore(session: Session, listener: Listener, after_pose: Callable[[], None]) -> None:
     """Capture poses at the waypoints until there are enough; calls `after_pose` after each."""
-    plan, wanted = waypoints_of(session), session.procedure.capture.poses
-    while (taken := len(session.state.poses_here)) < wanted:
+    plan, total = waypoints_of(session), session.procedure.capture.poses
+    while (count := len(session.state.poses_here)) < total:
         waypoint = session.state.next_waypoint
         if waypoint >= len(plan):
             raise GuardError(
-                f"only {taken} of {wanted} poses could be reached",
+                f"only {count} of {total} poses could be reached",
                 "drive another pair of joints, widen the span, mount the hinge elsewhere, or "
                 "calibrate from these poses",
             )

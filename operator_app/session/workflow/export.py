@@ -62,7 +62,7 @@ def export(
     save_poses(folder / POSES_NAME, poses)
     data = format_parameters(document)
     write_atomically(folder / PARAMETERS_NAME, data)
-    kept: dict[str, Any] = {
+    record: dict[str, Any] = {
         "file": PARAMETERS_NAME,
         "sha256": hashlib.sha256(data).hexdigest(),
         "uploaded": None,
@@ -74,16 +74,16 @@ def export(
         try:
             receipt = _upload(session.arm, data, counts)
         except (UploadUnknown, SessionError) as error:
-            _keep(session, {**kept, "unknown": str(error)}, report=str(error))
+            _keep(session, {**record, "unknown": str(error)}, report=str(error))
             raise
-        kept["uploaded"] = asdict(receipt)
+        record["uploaded"] = asdict(receipt)
     done = f"the parameters were uploaded to slot {receipt.slot} and read back" if receipt else ""
-    _keep(session, kept, report=done)
+    _keep(session, record, report=done)
     return Exported(
         folder=folder,
         parameters=folder / PARAMETERS_NAME,
         poses=folder / POSES_NAME,
-        sha256=kept["sha256"],
+        sha256=record["sha256"],
         receipt=receipt,
     )
 
@@ -122,12 +122,12 @@ def _upload(
             "the active parameters of the controller differ from the uploaded ones",
             "upload again; if it happens twice, do not move the arm and check the supervisor",
         )
-    for joint, (wanted, found) in enumerate(
+    for joint, (sent, read_back) in enumerate(
         zip(expected_counts, receipt.home_offset_counts, strict=True), 1
     ):
-        if wanted is not None and wanted != found:
+        if sent is not None and sent != read_back:
             raise SessionError(
-                f"joint {joint} holds home offset {found} counts, {wanted} were uploaded",
+                f"joint {joint} holds home offset {read_back} counts, {sent} were uploaded",
                 "upload again; if it happens twice, do not move the arm and check that drive",
             )
     return receipt

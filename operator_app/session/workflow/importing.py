@@ -123,10 +123,12 @@ class ImportedSession:
     def calibrate(self) -> tuple[Solution, Checks]:
         """Calibrate and cross-validate; raises SolverError, FixtureError."""
         own = self.procedure
-        found = solve(self.state, own, estimator=own.estimator, unsensed_joints=own.unsensed_joints)
-        checks = check(found, own.arm, own.fixture.fixture, self.state.pose_set())
-        self.add(found, checks)
-        return found, checks
+        solution = solve(
+            self.state, own, estimator=own.estimator, unsensed_joints=own.unsensed_joints
+        )
+        checks = check(solution, own.arm, own.fixture.fixture, self.state.pose_set())
+        self.add(solution, checks)
+        return solution, checks
 
     def add(self, solution: Solution, checks: Checks | None) -> None:
         """Record a solution of these poses."""
@@ -202,7 +204,7 @@ def _numbered(poses: PoseSet) -> PoseSet:
 
 def _pose(poses: PoseSet, k: int) -> dict[str, Any]:
     n = poses.joint_count
-    found: dict[str, Any] = {
+    record: dict[str, Any] = {
         "number": k + 1,
         "waypoint": -1,
         "mean_rad": poses.q_rad[k].tolist(),
@@ -213,14 +215,14 @@ def _pose(poses: PoseSet, k: int) -> dict[str, Any]:
         "taken_utc": "" if poses.utc is None else poses.utc[k],
     }
     if poses.endpoint is not None:
-        found["endpoint"] = poses.endpoint[k].tolist()
-    return found
+        record["endpoint"] = poses.endpoint[k].tolist()
+    return record
 
 
 def _procedure_name(name: str) -> str:
     """Return a procedure name made from a file name."""
-    found = re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-")[:48]
-    return found if re.match(r"[A-Za-z]", found) else f"poses-{found}".rstrip("-")
+    cleaned = re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-")[:48]
+    return cleaned if re.match(r"[A-Za-z]", cleaned) else f"poses-{cleaned}".rstrip("-")
 
 
 def _procedure(
@@ -288,10 +290,10 @@ def replace_session(
         ) from error
     lock(descriptor, path)
     try:
-        there = read_journal(folder)
-        _require_reproducible(folder, there.events)
-        if _contents(there.events) != _contents(events):
-            _require_overwrite(folder, there.events, overwrite=overwrite)
+        existing = read_journal(folder)
+        _require_reproducible(folder, existing.events)
+        if _contents(existing.events) != _contents(events):
+            _require_overwrite(folder, existing.events, overwrite=overwrite)
         for name in stale:
             # First, so that no file of the old calibration is ever beside the new journal.
             (folder / name).unlink(missing_ok=True)
@@ -322,14 +324,14 @@ def _require_overwrite(folder: Path, events: Sequence[JournalEvent], *, overwrit
 
 def _contents(events: Sequence[JournalEvent]) -> list[Any]:
     """Return the arm file, serial number, fixture file and poses of a session, for comparison."""
-    found: list[Any] = []
+    contents: list[Any] = []
     for event in events:
         match event.name:
             case "opened":
                 sources = event.data["sources"]
-                found += [sources.get(kind) for kind in ("arm", "fixture")]
+                contents += [sources.get(kind) for kind in ("arm", "fixture")]
             case "imported":
-                found.append(event.data["serial_number"])
+                contents.append(event.data["serial_number"])
             case "pose":
-                found.append(dict(event.data))
-    return found
+                contents.append(dict(event.data))
+    return contents

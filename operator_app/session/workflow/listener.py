@@ -31,8 +31,8 @@ class Listener:
     def arrived(self, waypoint: int) -> None:
         """The arm is at a waypoint."""
 
-    def pose_captured(self, state: SessionState, wanted: int) -> None:
-        """A pose was captured; `wanted` is the total number to be captured."""
+    def pose_captured(self, state: SessionState, total: int) -> None:
+        """A pose was captured; `total` is the total number to be captured."""
 
     def report(self, text: str) -> None:
         """A message for the operator."""

@@ -226,12 +226,12 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
             f"the journal of {folder} does not contain its procedure",
             "start a new session; its poses can be solved with `sarcal solve`",
         )
-    found = {
+    recorded = {
         kind: Resource(file=f"{folder}: {kind}", folder=None, data=state.sources[kind].encode())
         for kind in SOURCE_KINDS
         if kind in state.sources
     }
-    procedure = parse_procedure(found["procedure"], snapshot=found)
+    procedure = parse_procedure(recorded["procedure"], snapshot=recorded)
     # Check the journal again, now that the number of joints is known.
     session_state(contents, joint_count=procedure.arm.joint_count)
     _require_profile(procedure, choices)
@@ -267,11 +267,11 @@ def _require_profile(procedure: Procedure, choices: Choices) -> None:
     """Refuse a bus profile other than the session's, since the profile defines the counts of its poses."""
     if choices.profile is None:
         return
-    asked = resolve("profile", choices.profile)
-    found = parse_profile(asked.data, asked.file, joints=procedure.arm.joint_count)
-    if found != procedure.profile:
+    file = resolve("profile", choices.profile)
+    profile = parse_profile(file.data, file.file, joints=procedure.arm.joint_count)
+    if profile != procedure.profile:
         raise SessionError(
-            f"this session was started with the bus profile {procedure.profile.name}, and {asked.file} differs "
+            f"this session was started with the bus profile {procedure.profile.name}, and {file.file} differs "
             "from it",
             "leave --profile out, or start a new session",
         )

@@ -108,8 +108,8 @@ class PlannedCapture:
         except ReplayDivergedError:
             self._say("The recorded plan cannot be replayed: making a new plan from its poses.")
             return self._chosen
-        here = session.arm.snapshot().positions_rad
-        if can_continue_from(campaign.propose(), campaign.at_rad, here):
+        q_rad = session.arm.snapshot().positions_rad
+        if can_continue_from(campaign.propose(), campaign.at_rad, q_rad):
             self.campaign = campaign
             return campaign.drives
         if campaign.phase is Phase.EXPLORING:
@@ -162,13 +162,13 @@ class PlannedCapture:
                     return self._end(action)
                 case Capture():
                     pose = session.capture(planned=action.planned)
-                    wanted = session.state.wanted_poses(session.procedure.capture)
-                    self._listener.pose_captured(session.state, wanted)
+                    total = session.state.wanted_poses(session.procedure.capture)
+                    self._listener.pose_captured(session.state, total)
                     after_pose()
                     campaign.captured(pose.mean_rad)
                 case ChangeDrives():
-                    why = action.why[:1].upper() + action.why[1:]
-                    self._say(f"{why}. They are the drive joints from now on.")
+                    reason = action.why[:1].upper() + action.why[1:]
+                    self._say(f"{reason}. They are the drive joints from now on.")
                     session.set_modes(action.drives)
                     session.settle()
                     q = session.arm.snapshot().positions_rad
@@ -197,11 +197,11 @@ class PlannedCapture:
                 session.set_modes(move.drives)
                 session.settle()
                 continue
-            here = session.arm.snapshot().positions_rad
-            stops.append({j: float(here[j - 1]) for j in session.position_joints})
-            moved = session.go_to(move.targets_rad, _path_watch(campaign, move))
-            if not moved.reached:
-                return moved.reason, stops
+            q_rad = session.arm.snapshot().positions_rad
+            stops.append({j: float(q_rad[j - 1]) for j in session.position_joints})
+            outcome = session.go_to(move.targets_rad, _path_watch(campaign, move))
+            if not outcome.reached:
+                return outcome.reason, stops
         return "", stops
 
     def retrace(self, stops: Sequence[Mapping[int, float]]) -> None:
@@ -211,10 +211,10 @@ class PlannedCapture:
             if session.position_joints != tuple(stop):
                 session.set_modes(tuple(stop))
                 session.settle()
-            moved = session.go_to(stop)
-            if not moved.reached:
+            outcome = session.go_to(stop)
+            if not outcome.reached:
                 raise GuardError(
-                    f"the arm does not reach its position before the drift check: {moved.reason}",
+                    f"the arm does not reach its position before the drift check: {outcome.reason}",
                     "clear the way, then go on with this session",
                 )
 
@@ -224,10 +224,10 @@ class PlannedCapture:
         """Move, record and report to the campaign; a move that the operator ended is not reported."""
         session = self._session
         self._listener.going(action)
-        moved = session.go_to(action.targets_rad, _path_watch(campaign, action))
-        if not moved.reached:
+        outcome = session.go_to(action.targets_rad, _path_watch(campaign, action))
+        if not outcome.reached:
             session.settle()
-            self._say(f"Stopped short: {moved.reason}.")
+            self._say(f"Stopped short: {outcome.reason}.")
         q = session.arm.snapshot().positions_rad
         session.record(
             "campaign_move",
@@ -235,10 +235,10 @@ class PlannedCapture:
                 "targets_rad": {str(j): v for j, v in action.targets_rad.items()},
                 "why": action.why,
                 "q_rad": q.tolist(),
-                "stopped": moved.reason,
+                "stopped": outcome.reason,
             },
         )
-        campaign.observe(q, moved.reason)
+        campaign.observe(q, outcome.reason)
 
     def _move_back(self, campaign: Campaign) -> None:
         """Move the drives straight to their last position in the journal, from inside the box."""
@@ -246,15 +246,15 @@ class PlannedCapture:
         require_in_box(session)
         self._say("The arm was moved: going back to its last position first.")
         self._listener.going(None)
-        moved = session.go_to({j: float(last[j - 1]) for j in campaign.drives})
+        outcome = session.go_to({j: float(last[j - 1]) for j in campaign.drives})
         session.settle()
-        off = np.abs(session.arm.snapshot().positions_rad - last)
-        if not moved.reached or float(off.max()) > SAME_BRANCH_RAD:
-            joint = int(np.argmax(off)) + 1
+        deviation = np.abs(session.arm.snapshot().positions_rad - last)
+        if not outcome.reached or float(deviation.max()) > SAME_BRANCH_RAD:
+            joint = int(np.argmax(deviation)) + 1
             raise GuardError(
                 f"the arm does not return to its last position in this session: joint {joint} is "
-                f"{WHOLE_DEGREES(float(off.max())).with_unit} off"
-                + ("" if moved.reached else f" ({moved.reason})"),
+                f"{WHOLE_DEGREES(float(deviation.max())).with_unit} off"
+                + ("" if outcome.reached else f" ({outcome.reason})"),
                 "move it close to its home by hand, then resume again; or start a new session",
             )
         self._moved = False
@@ -268,9 +268,9 @@ class PlannedCapture:
             p.planned for p in self._session.state.used_poses
         )
         head = f"Explored {count} poses" if first else "New plan"
-        left = len(campaign.plan.visits)
+        visits_left = len(campaign.plan.visits)
         self._say(
-            f"{head} ({campaign.estimate.text}): {left} pose{'s' if left != 1 else ''} to take, "
+            f"{head} ({campaign.estimate.text}): {visits_left} pose{'s' if visits_left != 1 else ''} to take, "
             f"{joints_named(campaign.drives)} {'drives' if len(campaign.drives) == 1 else 'drive'}."
         )
 
@@ -308,7 +308,7 @@ class PlannedCapture:
         """Record and return a new campaign with the used poses, which starts at the current position."""
         session = self._session
         sets = session.state.drive_sets if session.procedure.position_joints is None else ()
-        here = session.read().mean_rad
+        q_rad = session.read().mean_rad
         earlier = session.state.campaign.begun
         session.record(
             "campaign",
@@ -318,8 +318,8 @@ class PlannedCapture:
                     list(self._chosen),
                     *(list(d) for d in sets if d != self._chosen),
                 ],
-                "start_rad": earlier.get("start_rad", here.tolist()),
-                "at_rad": here.tolist(),
+                "start_rad": earlier.get("start_rad", q_rad.tolist()),
+                "at_rad": q_rad.tolist(),
                 "captured": [p.number for p in session.state.used_poses],
             },
         )

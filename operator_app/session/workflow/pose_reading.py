@@ -44,9 +44,9 @@ SOURCES = "tcp:HOST:PORT, file:PATH (a growing CSV file) or stdin"
 class TargetLostError(SessionError):
     """The instrument does not see the target at this pose; `why` is the reason that the instrument gives."""
 
-    def __init__(self, why: str) -> None:
+    def __init__(self, reason: str) -> None:
         super().__init__(
-            f"the tracker does not see its target at this pose: {why}",
+            f"the tracker does not see its target at this pose: {reason}",
             "go on with another pose, or turn the target towards the tracker and start a new session",
         )
 
@@ -109,21 +109,21 @@ class Instrument:
                 return None
             left_s = until_s - time.monotonic()
             text = port.line(min(LINE_POLL_S, max(left_s, 0.0))) or ""
-            found = self._read(pose, text) if text.strip() else None
-            if found is None or found.pose not in ("", pose):
-                other = other if found is None else found.pose
+            endpoint = self._read(pose, text) if text.strip() else None
+            if endpoint is None or endpoint.pose not in ("", pose):
+                other = other if endpoint is None else endpoint.pose
                 # Also for an instrument that sends only other poses.
                 if left_s <= 0.0:
                     raise self._silent(pose, other)
                 continue
-            if found.lost:
-                raise TargetLostError(found.lost)
-            if self._full and len(found.endpoint) == 3:
+            if endpoint.lost:
+                raise TargetLostError(endpoint.lost)
+            if self._full and len(endpoint.endpoint) == 3:
                 raise InstrumentError(
                     f"{self.name} sent no orientation for pose {pose}, and the fixture file states measures: "
                     f"pose. Let it send one of {ROTATION_EXAMPLE}; or write measures: position"
                 )
-            return found.endpoint if self._full else found.endpoint[:3]
+            return endpoint.endpoint if self._full else endpoint.endpoint[:3]
 
     def _read(self, pose: str, text: str) -> EndpointLine:
         try:
@@ -132,11 +132,11 @@ class Instrument:
             raise InstrumentError(f"the line from {self.name} for pose {pose} {error}") from error
 
     def _silent(self, pose: str, other: str) -> InstrumentError:
-        said = f"; it sent one for pose {other}" if other else ""
+        other_pose = f"; it sent one for pose {other}" if other else ""
         return InstrumentError(
             f"no measurement of pose {pose} arrived from the tracker at {self.name} within "
-            f"{self._patience_s:.0f} s{said}. No pose is lost. Check that the tracker is on, sees its target and is "
-            "sending; then continue this session"
+            f"{self._patience_s:.0f} s{other_pose}. No pose is lost. Check that the tracker is on, sees its target and "
+            "is sending; then continue this session"
         )
 
 
@@ -206,8 +206,8 @@ class PoseReader:
         j = int(np.argmax(spread / limits))
         if spread[j] <= limits[j]:
             return ""
-        found, limit = (SCATTER(float(v)).with_unit for v in (spread[j], limits[j]))
-        return f": joint {j + 1} spreads by {found} within {2 * len(rows)} samples (limit {limit})"
+        spread_text, limit = (SCATTER(float(v)).with_unit for v in (spread[j], limits[j]))
+        return f": joint {j + 1} spreads by {spread_text} within {2 * len(rows)} samples (limit {limit})"
 
     def read(self) -> Reading:
         """Wait for standstill and measure a pose; records nothing."""
@@ -256,13 +256,13 @@ class PoseReader:
         """Return the tool's position (and orientation) as measured at this reading; None without an instrument."""
         if self._logbook.fixture.holds_hand or self._instrument is None:
             return None
-        found = self._instrument.measure(what, cancelled)
-        if found is None:
+        endpoint = self._instrument.measure(what, cancelled)
+        if endpoint is None:
             raise Cancelled
-        moved = np.abs(self._arm.snapshot().positions_rad - reading.mean_rad)
-        if np.any(moved > self._rule.spread_rad(self._logbook.model)):
+        turned = np.abs(self._arm.snapshot().positions_rad - reading.mean_rad)
+        if np.any(turned > self._rule.spread_rad(self._logbook.model)):
             raise GuardError(
-                f"joint {int(np.argmax(moved)) + 1} moved while the tracker measured",
+                f"joint {int(np.argmax(turned)) + 1} moved while the tracker measured",
                 "find what moves the arm, then capture again",
             )
-        return found
+        return endpoint

@@ -42,27 +42,27 @@ def record_in(folder: Path, event: Literal["remounting", "remounted"], placement
         journal.close()
 
 
-def require_mountable(procedure: Procedure, wanted: int) -> int:
-    """Return the number of placements `wanted`; raise SessionError if this fixture cannot have so many."""
-    if not 1 <= wanted <= MOST_PLACEMENTS:
-        raise SessionError(f"{wanted} placements were requested", f"request 1 to {MOST_PLACEMENTS}")
-    if wanted > 1 and not procedure.fixture.fixture.holds_hand:
+def require_mountable(procedure: Procedure, count: int) -> int:
+    """Return the number of placements `count`; raise SessionError if this fixture cannot have so many."""
+    if not 1 <= count <= MOST_PLACEMENTS:
+        raise SessionError(f"{count} placements were requested", f"request 1 to {MOST_PLACEMENTS}")
+    if count > 1 and not procedure.fixture.fixture.holds_hand:
         raise SessionError(
             f"{procedure.fixture.name} is an instrument: there is no fixture to remount",
             "leave --placements out",
         )
-    if wanted > 1 and procedure.capture.strategy == "planned":
+    if count > 1 and procedure.capture.strategy == "planned":
         raise SessionError(
             "a planned capture has one placement of the fixture",
             "capture explored poses (--plan explore) with --placements",
         )
-    return wanted
+    return count
 
 
 def remounting_steps(procedure: Procedure) -> tuple[str, ...]:
     """Return the operator's steps between two placements."""
-    kept = procedure.fixture.fixture.stays_on_hand
-    part = "; its part on the tool stays" if kept else " and off the tool"
+    on_hand = procedure.fixture.fixture.stays_on_hand
+    part = "; its part on the tool stays" if on_hand else " and off the tool"
     return (
         "1. Secure the arm against falling, by hand or by a strap, with a second person at the hardware stop.",
         f"2. Take the {procedure.fixture.name} off the table{part}.",

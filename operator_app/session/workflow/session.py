@@ -217,10 +217,10 @@ class Session(Logbook):
         """Refuse implausible readings, once after each connection."""
         if self._readings_checked:
             return
-        here = self.arm.capture(self.procedure.capture.samples_per_pose)
+        reading = self.arm.capture(self.procedure.capture.samples_per_pose)
         what = f"standing {self.state.captured}"
         self.unresolved_joints = require_plausible_readings(
-            self, here, lambda: self._reader.endpoint(what, here, self.cancelled)
+            self, reading, lambda: self._reader.endpoint(what, reading, self.cancelled)
         )
         self._readings_checked = True
 
@@ -264,13 +264,13 @@ class Session(Logbook):
             return in_range(snapshot) or (None if also is None else also(snapshot))
 
         with self._sensor_faults.recorded():
-            moved = self.arm.move(
+            outcome = self.arm.move(
                 targets_rad,
                 speed_rad_per_s=speed,
                 watch=watch,
             )
         self._raise_if_cancelled()
-        return moved
+        return outcome
 
     def capture(
         self, waypoint: int = -1, note: str = "", *, planned: bool | None = None

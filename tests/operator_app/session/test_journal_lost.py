@@ -71,8 +71,8 @@ class Overwriter(Listener):
         self._path, self._when = session.journal.path, when
         self.solutions = 0
 
-    def pose_captured(self, state: SessionState, wanted: int) -> None:
-        if self._when == "pose" and len(state.used_poses) == wanted:
+    def pose_captured(self, state: SessionState, total: int) -> None:
+        if self._when == "pose" and len(state.used_poses) == total:
             self._overwrite()
 
     def solved(self, solution: Solution) -> None:

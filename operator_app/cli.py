@@ -96,8 +96,8 @@ def _dispatch(argv: Sequence[str]) -> int:
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     completing = words_to_complete()
-    words = argv if completing is None else completing
-    wanted = next((word for word in words if word in COMMANDS), APP)
+    arguments = argv if completing is None else completing
+    wanted = next((word for word in arguments if word in COMMANDS), APP)
     if wanted == APP:
         declare(APP, parser)
     chosen = None
@@ -131,10 +131,10 @@ def _dispatch(argv: Sequence[str]) -> int:
     return code
 
 
-def _with_their_options(words: Sequence[str]) -> list[str]:
+def _with_their_options(arguments: Sequence[str]) -> list[str]:
     """Join ``--base-point -60,0,80`` into one word: argparse takes a value that begins with a minus for an option."""
     joined: list[str] = []
-    for word in words:
+    for word in arguments:
         if NUMBERS.fullmatch(word) and joined and OPTION.fullmatch(joined[-1]):
             joined[-1] = f"{joined[-1]}={word}"
         else:
@@ -189,12 +189,12 @@ class _CommandParser(_Parser):
             return super().parse_known_args(args, namespace)
         self._underway = True
         try:
-            found, unknown = self.parse_known_intermixed_args(args, namespace)
+            parsed, unknown = self.parse_known_intermixed_args(args, namespace)
         finally:
             self._underway = False
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}")
-        return found, unknown
+        return parsed, unknown
 
 
 class _Version(argparse.Action):

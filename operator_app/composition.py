@@ -111,8 +111,10 @@ def open_arm(
     outside = offer(bus.interface)
     if outside is not None:
         choices = _completed(opening.choices, bus, embedded=False)
-        kept = procedure.upload and outside.keeps_parameters
-        opening = replace(opening, procedure=replace(procedure, upload=kept), choices=choices)
+        keeps_parameters = procedure.upload and outside.keeps_parameters
+        opening = replace(
+            opening, procedure=replace(procedure, upload=keeps_parameters), choices=choices
+        )
         with _outside_arm(outside, opening, bus, record_to) as theirs:
             instrument = _instrument(procedure, choices, None)
             yield Rig(arm=theirs, opening=opening, simulated=False, instrument=instrument)
@@ -168,10 +170,10 @@ def open_arm(
 
 @contextmanager
 def _outside_arm(
-    found: ArmOffer, opening: Opening, bus: BusSettings, record_to: Path | None
+    offer: ArmOffer, opening: Opening, bus: BusSettings, record_to: Path | None
 ) -> Iterator[OutsideArm]:
     """Open an arm of another package; at the end it holds its position."""
-    if record_to is not None and not found.records:
+    if record_to is not None and not offer.records:
         raise SessionError(
             f"the arm {bus.interface!r} cannot record its bus",
             "leave --record out; all poses are in the journal",
@@ -179,10 +181,10 @@ def _outside_arm(
     description = describe(opening.procedure.arm)
     order = ArmOrder(description=description, channel=bus.channel, bitrate=bus.bitrate)
     arm = OutsideArm(
-        lambda: found.make(replace(order, record_to=arm.record_to)),
+        lambda: offer.make(replace(order, record_to=arm.record_to)),
         description,
         f"the arm {bus.interface!r}",
-        keeps_parameters=found.keeps_parameters,
+        keeps_parameters=offer.keeps_parameters,
         record_to=record_to,
     )
     try:
@@ -200,9 +202,9 @@ def _recording_problem(arm: CanopenArm) -> str:
     )
 
 
-def _print_problem(words: Callable[[], str]) -> None:
-    if found := words():
-        say(f"sarcal: {found}.", err=True)
+def _print_problem(problem_of: Callable[[], str]) -> None:
+    if problem := problem_of():
+        say(f"sarcal: {problem}.", err=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -253,11 +255,11 @@ def unattended(
                 # Of this run: an earlier one may have had another arm.
                 connected = session.identity is not None
                 held = session.close(reason)
-                kept = not remove_if_empty(session)
+                not_empty = not remove_if_empty(session)
             if cause is not None:
                 cut_short(
                     CutShort(
-                        session=session, cause=cause, connected=connected, held=held, kept=kept
+                        session=session, cause=cause, connected=connected, held=held, kept=not_empty
                     )
                 )
             if session.not_held is not None and isinstance(cause, KeyboardInterrupt | None):

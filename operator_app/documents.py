@@ -57,9 +57,9 @@ def parameters_at(reference: str, root: Path) -> ParametersDocument:
         folder = where
         if not (where / PARAMETERS_NAME).is_file():
             raise
-    found = _document_in_journal(folder)
-    if found is not None:
-        return found
+    document = _document_in_journal(folder)
+    if document is not None:
+        return document
     file = folder / PARAMETERS_NAME
     if not file.is_file():
         raise SessionError(
@@ -100,12 +100,12 @@ def arm_history(
         serials.add(state.serial_number)
         if state.serial_number != serial:
             continue
-        found = journal_calibration(state)
-        if isinstance(found, str):
+        calibration = journal_calibration(state)
+        if isinstance(calibration, str):
             if state.used_poses:
-                left_out.append((name, found))
+                left_out.append((name, calibration))
             continue
-        if not found.solution.accepted:
+        if not calibration.solution.accepted:
             left_out.append((name, "not accepted"))
             continue
         several = len({pose.placement for pose in state.used_poses}) > 1
@@ -113,8 +113,8 @@ def arm_history(
         calibrations.append(
             PastCalibration(
                 session=name,
-                document=_document(entry.folder, state, found),
-                within=found.solution.within,
+                document=_document(entry.folder, state, calibration),
+                within=calibration.solution.within,
                 mounting=mounting,
             )
         )
@@ -142,13 +142,15 @@ def arm_history(
 def _document_in_journal(folder: Path) -> ParametersDocument | None:
     """Return the document of the calibration in a session's journal; None without one."""
     state = read_session(folder).state
-    found = None if state is None else journal_calibration(state)
-    if state is None or not isinstance(found, StoredCalibration):
+    calibration = None if state is None else journal_calibration(state)
+    if state is None or not isinstance(calibration, StoredCalibration):
         return None
-    return _document(folder, state, found)
+    return _document(folder, state, calibration)
 
 
-def _document(folder: Path, state: SessionState, found: StoredCalibration) -> ParametersDocument:
+def _document(
+    folder: Path, state: SessionState, calibration: StoredCalibration
+) -> ParametersDocument:
     procedure = effective_procedure(resume(str(folder), Choices(), root=folder.parent))
     solved = datetime.fromisoformat(state.solved_utc)
-    return parameters_document(found.solution, state, procedure, utc=solved)
+    return parameters_document(calibration.solution, state, procedure, utc=solved)

@@ -29,8 +29,8 @@ class SessionError(Exception):
     def preceded_by(self, earlier: str) -> None:
         """Put a message about an earlier event in front of this error's own."""
         self.happened = f"{earlier.removesuffix('.')}. Then: {self.happened}"
-        (said,) = self.args
-        self.args = (f"{earlier.removesuffix('.')}. Then: {said}",)
+        (own,) = self.args
+        self.args = (f"{earlier.removesuffix('.')}. Then: {own}",)
 
 
 class NotLetGoError(SessionError):

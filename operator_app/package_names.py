@@ -29,24 +29,24 @@ class ForeignPackageError(ImportError):
         The top-level name, and the file that Python finds.
     """
 
-    def __init__(self, name: str, found: str, owners: Sequence[str], *, ours: bool) -> None:
-        self.found = found
+    def __init__(self, name: str, location: str, owners: Sequence[str], *, ours: bool) -> None:
+        self.found = location
         if owners:
-            said = (
-                f"belongs to another package here: Python finds {found}, which is not part of sarcal "
+            text = (
+                f"belongs to another package here: Python finds {location}, which is not part of sarcal "
                 f"(installed by {' and '.join(owners)}). sarcal cannot share an environment with it: install "
                 "sarcal in one of its own (python3 -m venv), or remove the other "
                 f"(pip uninstall {owners[0]}) and then repair ours ({REPAIR})"
             )
         elif ours:
-            said = f"belongs to another package here: {found} is not as sarcal has it; repair it ({REPAIR})"
+            text = f"belongs to another package here: {location} is not as sarcal has it; repair it ({REPAIR})"
         else:
-            said = (
-                f"is a part of sarcal, and Python finds {found} before it, which no installed package "
+            text = (
+                f"is a part of sarcal, and Python finds {location} before it, which no installed package "
                 "brought. Rename or move it, or start elsewhere: files beside a script, in the working "
                 "directory and on PYTHONPATH come first"
             )
-        super().__init__(f"the name {name!r} {said}", name=name)
+        super().__init__(f"the name {name!r} {text}", name=name)
 
 
 def require_own_names() -> None:
@@ -58,18 +58,18 @@ def require_own_names() -> None:
         One of them is not; the text states the remedy.
     """
     home = Path(__file__).resolve().parents[1]
-    for name, words in FIRST_WORDS.items():
+    for name, first_words in FIRST_WORDS.items():
         spec = importlib.util.find_spec(name)
         origin = "nothing" if spec is None or spec.origin is None else spec.origin
         own = home / name / "__init__.py"
         # Installed into the same folder, the other package may have replaced our __init__.py.
-        found = Path(origin).resolve()
-        if found != own or not own.read_bytes().startswith(words):
-            owners = _owners(name, found)
-            raise ForeignPackageError(name, origin, owners, ours=found == own or spec is None)
+        location = Path(origin).resolve()
+        if location != own or not own.read_bytes().startswith(first_words):
+            owners = _owners(name, location)
+            raise ForeignPackageError(name, origin, owners, ours=location == own or spec is None)
 
 
-def _owners(name: str, found: Path) -> list[str]:
+def _owners(name: str, location: Path) -> list[str]:
     """Return the other distributions that installed this file."""
     from importlib.metadata import files, packages_distributions
 
@@ -77,5 +77,5 @@ def _owners(name: str, found: Path) -> list[str]:
     return sorted(
         other
         for other in others
-        if any(Path(str(file.locate())).resolve() == found for file in files(other) or ())
+        if any(Path(str(file.locate())).resolve() == location for file in files(other) or ())
     )

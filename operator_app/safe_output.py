@@ -29,14 +29,14 @@ def harmless(text: str, *, keep: str = "") -> str:
     return "".join(c if c in keep or _is_shown(c) else MARK for c in text)
 
 
-def lines(found: Iterable[str]) -> str:
+def lines(texts: Iterable[str]) -> str:
     """Join lines; each is made harmless first."""
-    return "\n".join(map(harmless, found))
+    return "\n".join(map(harmless, texts))
 
 
-def as_json(found: object) -> str:
+def as_json(value: object) -> str:
     """Return a result as indented JSON; ValueError for NaN and infinity."""
-    return json.dumps(found, indent=2, allow_nan=False)
+    return json.dumps(value, indent=2, allow_nan=False)
 
 
 def say(text: str = "", *, err: bool = False, streaming: bool = False) -> None:
@@ -71,8 +71,8 @@ class Stderr:
     @property
     def _stream(self) -> TextIO:
         # A progress bar may have replaced sys.stderr.
-        found: TextIO = getattr(sys.stderr, "rich_proxied_file", sys.stderr)
-        return found
+        stream: TextIO = getattr(sys.stderr, "rich_proxied_file", sys.stderr)
+        return stream
 
     @property
     def encoding(self) -> str:

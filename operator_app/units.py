@@ -220,10 +220,10 @@ def significant(value: float, digits: int = 3) -> str:
     return fixed(value, max(0, digits - 1 - power)) if -4 <= power < 5 else written
 
 
-def typeset(words: str) -> str:
+def typeset(text: str) -> str:
     """Return numbers as in print: a real minus sign, a raised power of ten."""
     raised = re.sub(
-        r"(?<=\d)e([+-]\d+)\b", lambda m: "·10" + str(int(m[1])).translate(SUPERSCRIPTS), words
+        r"(?<=\d)e([+-]\d+)\b", lambda m: "·10" + str(int(m[1])).translate(SUPERSCRIPTS), text
     )
     return re.sub(r"(?<![\w-])-(?=\d)", MINUS, raised)
 

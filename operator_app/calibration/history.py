@@ -165,8 +165,8 @@ def _part(group: Sequence[PastCalibration], side: Side) -> EntryHistory:
     angles = np.array([e.kind.is_angle for e in entries], dtype=np.bool_)
     values, sigma, within = (np.zeros((len(group), len(names))) for _ in range(3))
     for k, past in enumerate(group):
-        found = nearest_values(first, past.document)
-        change = np.array([found[name] for name in names]) - base
+        nearest = nearest_values(first, past.document)
+        change = np.array([nearest[name] for name in names]) - base
         values[k] = base + np.where(angles, wrap_angle(change), change)
         stated = {e.entry: e.sigma for e in past.document.calibrated}
         sigma[k] = [stated[name] for name in names] * np.where(angles, math.radians(1.0), 1.0)

@@ -47,8 +47,8 @@ def fit_from_starts(
         part = (model.at_poses(screened), q[screened], errors.at_poses(screened), group[screened])
         few, misfit = _best_fit(starts, *part)
         if few is not None and misfit < limits.OTHER_START_MISFIT_SHARE * least:
-            other, left = _best_fit((few.estimate.x,), *data, progress)
-            best = other if left < least else best
+            other, other_misfit = _best_fit((few.estimate.x,), *data, progress)
+            best = other if other_misfit < least else best
     if best is None:
         raise PosesDoNotFitError
     return best

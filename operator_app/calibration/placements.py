@@ -129,7 +129,7 @@ def distances(
         if not set(GROUND) <= set(names):
             return ()
         where.append(columns[own][[names.index(name) for name in GROUND]])
-    stated = {frozenset(d.between): (d, off) for d, off in measured}
+    stated = {frozenset(d.between): (d, deviation_m) for d, deviation_m in measured}
     pairs = [
         (a, b)
         for a, b in combinations(range(len(where)), 2)

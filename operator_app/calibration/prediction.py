@@ -100,15 +100,15 @@ def predict_new_poses(
             old=len(later) if start else len(old),
             variances=partial(_at_least_stated, learned=learned),
         )  # fmt: skip
-        design, here = fitted.fit.design, fitted.fit.system
-        fit = LinearFit(design, here, _at_least_stated(design, learned=learned))
-        sharp = LinearFit(design, here, _as_learned(design, learned=learned))
+        design, equations = fitted.fit.design, fitted.fit.system
+        fit = LinearFit(design, equations, _at_least_stated(design, learned=learned))
+        sharp = LinearFit(design, equations, _as_learned(design, learned=learned))
     except (PosesDoNotFitError, np.linalg.LinAlgError):
         return None
     known = None
     if solution.estimate.estimator == "paper":
         # The estimate is not an optimum of these equations: it is tested at its own values.
-        at = here.state.x if isinstance(here, Linearisation) else fitted.x
+        at = equations.state.x if isinstance(equations, Linearisation) else fitted.x
         hard = design.hard_index
         covariance = _covariance(solution.estimate, [column[k] for k in hard])
         known = FixedParameters(x=(x0 - at)[hard], covariance=covariance)

@@ -147,7 +147,7 @@ def _noise_of_rvdts(
         # The motion noise of fixture and joints is as estimated, not as stated.
         v, error = sensor_noise_with_found_motion(calibrated.linear)
         by_name = {c.name: c for c in components(calibrated.linear.design, v, error)}
-    found = {
+    noise_by_joint = {
         j: single_noise(
             sensor,
             by_name.get(f"rvdt_{j}"),
@@ -156,7 +156,7 @@ def _noise_of_rvdts(
         )
         for j, sensor in sensors.items()
     }
-    return {j: noise for j, noise in found.items() if noise is not None}
+    return {j: noise for j, noise in noise_by_joint.items() if noise is not None}
 
 
 def measured_deviations(

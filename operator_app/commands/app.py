@@ -87,10 +87,10 @@ def farewell(sessions: Sessions, folder: Path, reason: str, *, plain: bool = Fal
     arm = _ARM[sessions.held]
     if sessions.not_held is not None and sessions.not_held.powered:
         arm = "the arm is not held: keep clear. "
-    said = f"sarcal: {how}{arm}Session {folder}\n"
+    message = f"sarcal: {how}{arm}Session {folder}\n"
     if sessions.exported:
-        said += f"parameters.yaml and poses.csv are in it. Report: sarcal report {folder}\n"
-    return f"{said}Go on with: sarcal {'--plain ' if plain else ''}--resume {folder}"
+        message += f"parameters.yaml and poses.csv are in it. Report: sarcal report {folder}\n"
+    return f"{message}Go on with: sarcal {'--plain ' if plain else ''}--resume {folder}"
 
 
 def _full_screen(args: argparse.Namespace, make_source: Callable[[], Sessions]) -> str:

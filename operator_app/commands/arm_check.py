@@ -57,8 +57,8 @@ def execute(args: argparse.Namespace) -> int:
                 held = arm.close()
                 powered = arm.left_powered if isinstance(arm, PowerReporting) else ()
     if args.json:
-        found = [{"stage": "", **asdict(f)} | {"stage": f.stage.value} for f in findings]
-        say(as_json({"findings": found, "held": held}))
+        rows = [{"stage": "", **asdict(f)} | {"stage": f.stage.value} for f in findings]
+        say(as_json({"findings": rows, "held": held}))
     failed = sum(f.passed is False for f in findings)
     passed = sum(f.passed is True for f in findings)
     say(
@@ -75,8 +75,8 @@ def _left(findings: Sequence[CheckFinding], problem: NotLetGoError | None) -> st
         return "Nothing was enabled: there is no connection to the arm."
     if problem is None:
         return "The arm is held."
-    said = str(problem)
-    return f"{said[0].upper()}{said[1:]}"
+    text = str(problem)
+    return f"{text[0].upper()}{text[1:]}"
 
 
 def _ask(question: str) -> bool:

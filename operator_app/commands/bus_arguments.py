@@ -80,18 +80,18 @@ def controller(parser: argparse.ArgumentParser) -> None:
     )
     from hardware.virtual.fault_messages import FAULTS
 
-    at_connect = [kind for kind, words in FAULTS.items() if words.at_connect]
+    at_connect = [kind for kind, fault_words in FAULTS.items() if fault_words.at_connect]
 
     def patience_s(text: str) -> float:
         try:
-            found = float(text)
+            value = float(text)
         except ValueError:
-            found = 0.0
-        if not 0.1 <= found <= MAX_OPERATOR_TIMEOUT_S:
+            value = 0.0
+        if not 0.1 <= value <= MAX_OPERATOR_TIMEOUT_S:
             raise argparse.ArgumentTypeError(
                 f"{text} is not a time from 0.1 to {MAX_OPERATOR_TIMEOUT_S:g} s"
             )
-        return found
+        return value
 
     option(parser, "--arm ARM", "arm file or built-in name (default sarcos_dextrous)")
     option(parser, "--fixture FIXTURE", "fixture file or built-in name (default hinge)")

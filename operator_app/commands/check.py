@@ -29,13 +29,13 @@ def execute(args: argparse.Namespace) -> int:
             known[source.file] = kind
     if not sources and not missing:
         raise UsageError("name a file, e.g. sarcal check my_arm.yaml my_hinge.yaml")
-    found = look_through(sources, known, missing)
-    chains = () if found.problems else chains_of(found)
+    files = look_through(sources, known, missing)
+    chains = () if files.problems else chains_of(files)
     if args.json:
-        say(as_json(found_json(found, chains)))
+        say(as_json(found_json(files, chains)))
     else:
-        say(problems_text(found.problems) if found.problems else check_text(found, chains))
-    if found.problems:
+        say(problems_text(files.problems) if files.problems else check_text(files, chains))
+    if files.problems:
         return ExitCode.BAD_INPUT
     refused = any(chain.refused for chain in chains)
     return ExitCode.NOT_IDENTIFIABLE if refused else ExitCode.ACCEPTED

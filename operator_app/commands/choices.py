@@ -78,7 +78,7 @@ def _operator_name() -> str | None:
     return settings.operator
 
 
-def print_warnings(file: str, found: LoadedPoses) -> None:
+def print_warnings(file: str, loaded: LoadedPoses) -> None:
     """Print the warnings about a poses file."""
-    for warning in found.warnings:
+    for warning in loaded.warnings:
         say(f"sarcal: {file}: {warning.text}", err=True)

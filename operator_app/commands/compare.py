@@ -18,8 +18,8 @@ def execute(args: argparse.Namespace) -> int:
     before = parameters_at(args.a, args.sessions)
     after = parameters_at(args.b, args.sessions)
     try:
-        found = compare(before, after, level=args.level, remounted=args.remounted)
+        comparison = compare(before, after, level=args.level, remounted=args.remounted)
     except IncomparableError as error:
         raise UsageError(f"{args.a}, {args.b}: {error}") from error
-    say(as_json(comparison_json(found)) if args.json else comparison_text(found))
-    return ExitCode.NOT_ACCEPTED if found.drifted else ExitCode.ACCEPTED
+    say(as_json(comparison_json(comparison)) if args.json else comparison_text(comparison))
+    return ExitCode.NOT_ACCEPTED if comparison.drifted else ExitCode.ACCEPTED

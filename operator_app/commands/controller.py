@@ -124,14 +124,14 @@ def _recorded(settings: BusSettings, path: Path | None) -> Iterator[None]:
     if path is None:
         yield
         return
-    ended: Callable[[], str | None] | None = None
+    problem_of: Callable[[], str | None] | None = None
     try:
-        with record_bus(settings, path) as ended:
+        with record_bus(settings, path) as problem_of:
             yield
     finally:
-        if ended is not None and (why := ended()):
+        if problem_of is not None and (problem := problem_of()):
             say(
-                f"sarcal: the recording of the bus, {path}, has ended early: {why}. "
+                f"sarcal: the recording of the bus, {path}, has ended early: {problem}. "
                 "Free some space, or record to another disk.",
                 err=True,
             )
@@ -147,8 +147,8 @@ def _tracker(tracker: SimulatedTracker | None, port: int | None) -> Iterator[str
         return
     if port is not None and not 0 <= port < 65536:
         raise UsageError("--tracker-port: ports are 1 to 65535, 0 takes any that is free")
-    with serve_tracker(tracker.answer, TRACKER_PORT if port is None else port) as found:
-        yield f" --tracker tcp:{HOST}:{found}"
+    with serve_tracker(tracker.answer, TRACKER_PORT if port is None else port) as port_served:
+        yield f" --tracker tcp:{HOST}:{port_served}"
 
 
 def fault_table() -> str:
@@ -164,13 +164,13 @@ def fault_table() -> str:
                 break_on_hyphens=False,
             )
             for head, text in (
-                ("broken", words.broken),
-                ("you see", words.seen()),
-                ("arm", words.does()),
-                ("kept", words.kept),
-                ("do", words.remedy),
+                ("broken", fault_words.broken),
+                ("you see", fault_words.seen()),
+                ("arm", fault_words.does()),
+                ("kept", fault_words.kept),
+                ("do", fault_words.remedy),
             )
         )
-        for kind, words in FAULTS.items()
+        for kind, fault_words in FAULTS.items()
     ]
     return "\n\n".join(rows)

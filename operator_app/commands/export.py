@@ -37,12 +37,12 @@ def execute(args: argparse.Namespace) -> int:
         return ExitCode.BAD_INPUT
     procedure = effective_procedure(opening)
     chosen = choices_from(args, journal=False)
-    found = session_calibration(
+    calibration = session_calibration(
         state, procedure, estimator=chosen.estimator, unsensed_joints=chosen.unsensed_joints
     )
-    solution = found.solution
-    if found.recalculated_because:
-        say(f"sarcal: calibrated again: {found.recalculated_because}.", err=True)
+    solution = calibration.solution
+    if calibration.recalculated_because:
+        say(f"sarcal: calibrated again: {calibration.recalculated_because}.", err=True)
     forced = "" if solution.accepted else (args.force or "").strip()
     if not solution.accepted:
         for reason in solution.reasons:
@@ -53,7 +53,7 @@ def execute(args: argparse.Namespace) -> int:
     if kind != "yaml":
         what = Calibration(
             solution=solution,
-            checks=found.checks,
+            checks=calibration.checks,
             arm=procedure.arm,
             serial_number=state.serial_number,
             poses=state.pose_set(),
@@ -114,11 +114,11 @@ def _converted(args: argparse.Namespace, what: Calibration, kind: str) -> tuple[
 
 def _format(args: argparse.Namespace) -> str:
     """Return the format, by --format or by the ending of the file name."""
-    asked: str | None = args.format
+    option: str | None = args.format
     if args.into is not None:
-        if asked not in (None, "urdf"):
+        if option not in (None, "urdf"):
             raise UsageError(
-                f"--into {args.into}: a description takes the format urdf, not {asked}"
+                f"--into {args.into}: a description takes the format urdf, not {option}"
             )
         if args.output is not None and args.output.absolute() == args.into.absolute():
             raise UsageError(f"-o {args.output}: it is the file of --into; name another")
@@ -126,9 +126,9 @@ def _format(args: argparse.Namespace) -> str:
     ending = args.output.suffix.removeprefix(".").lower() if args.output else ""
     named = "yaml" if ending == "yml" else ending
     if named not in FORMATS:
-        return asked or "yaml"
-    if asked not in (None, named):
+        return option or "yaml"
+    if option not in (None, named):
         raise UsageError(
-            f"-o {args.output} --format {asked}: it ends in .{ending}; name one of them"
+            f"-o {args.output} --format {option}: it ends in .{ending}; name one of them"
         )
     return named

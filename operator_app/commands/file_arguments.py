@@ -55,8 +55,8 @@ def check(parser: argparse.ArgumentParser) -> None:
 
 def compare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `sarcal compare`."""
-    for name, words in (("a", "earlier"), ("b", "later")):
-        what = f"{words} parameters file, session folder, session name or latest"
+    for name, which in (("a", "earlier"), ("b", "later")):
+        what = f"{which} parameters file, session folder, session name or latest"
         option(parser, f"{name} {name.upper()}", what)
     option(
         parser,

@@ -24,18 +24,18 @@ def execute(args: argparse.Namespace) -> int:
     """Print a page, the options of a command, or the list of topics."""
     from operator_app.manual.shown import as_text
 
-    found = manual()
+    pages = manual()
     if args.files is not None:
-        return _write_files(found, args.topic, args.files)
+        return _write_files(pages, args.topic, args.files)
     if args.topic is None:
-        text = _contents(found)
+        text = _contents(pages)
     elif args.topic in COMMANDS:
         text = command_section(parser_of(args.topic), COMMANDS[args.topic])
     else:
         try:
-            text = found.page(args.topic).markdown
+            text = pages.page(args.topic).markdown
         except NoSuchTopicError as error:
-            near = NoSuchTopicError(args.topic, (*found.topics, *COMMANDS))
+            near = NoSuchTopicError(args.topic, (*pages.topics, *COMMANDS))
             raise UsageError(f"{near}.") from error
     if args.markdown:
         say(text.rstrip("\n"))
@@ -45,24 +45,24 @@ def execute(args: argparse.Namespace) -> int:
     return ExitCode.ACCEPTED
 
 
-def _write_files(found: Manual, topic: str | None, folder: Path) -> int:
+def _write_files(pages: Manual, topic: str | None, folder: Path) -> int:
     """Write the files that a page contains."""
     from operator_app.config.atomic import write_atomically
 
-    with_files = [t for t in found.topics if not found.made_by_code(t) and found.page(t).files]
+    with_files = [t for t in pages.topics if not pages.made_by_code(t) and pages.page(t).files]
     if topic is None:
         raise UsageError(f"--files: name a page that shows files: {', '.join(with_files)}")
     try:
-        shown = found.page(topic).files
+        shown = pages.page(topic).files
     except NoSuchTopicError as error:
         raise UsageError(f"--files: {error}.") from error
     if not shown:
         raise UsageError(
             f"--files: the page {topic} shows no files; these do: {', '.join(with_files)}"
         )
-    there = [name for name in shown if (folder / name).exists()]
-    if there:
-        raise UsageError(f"--files: {folder / there[0]} exists already; name another folder")
+    existing = [name for name in shown if (folder / name).exists()]
+    if existing:
+        raise UsageError(f"--files: {folder / existing[0]} exists already; name another folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -82,12 +82,12 @@ def manual() -> Manual:
     return Manual({**reference(), "commands": commands})
 
 
-def _contents(found: Manual) -> str:
+def _contents(pages: Manual) -> str:
     """List the topics by section."""
     lines = ["# The manual of sarcal", "", "`sarcal help TOPIC` shows a page."]
     for section, topics in SECTIONS.items():
         lines += ["", f"## {section}", "", "| topic | what it is |", "|---|---|"]
-        lines += [f"| `{topic}` | {found.summary(topic)} |" for topic in topics]
+        lines += [f"| `{topic}` | {pages.summary(topic)} |" for topic in topics]
     return "\n".join([*lines, ""])
 
 
@@ -153,8 +153,8 @@ def _form(action: argparse.Action) -> str:
         value = metavar or (action.dest.upper() if action.option_strings else action.dest)
     if not action.option_strings:
         return f"`[{value}]`" if action.nargs in ("?", "*") else f"`{value}`"
-    taken = "" if action.nargs == 0 else f" {value}"
-    return ", ".join(f"`{name}{taken}`" for name in action.option_strings)
+    argument = "" if action.nargs == 0 else f" {value}"
+    return ", ".join(f"`{name}{argument}`" for name in action.option_strings)
 
 
 def _meaning(action: argparse.Action, prog: str) -> str:
@@ -163,8 +163,8 @@ def _meaning(action: argparse.Action, prog: str) -> str:
 
 def _anchor(title: str) -> str:
     """Return the anchor of a heading, as Markdown's table of contents makes it."""
-    kept = "".join(c for c in title.lower() if c.isalnum() or c in " -_")
-    return "-".join(kept.split())
+    letters = "".join(c for c in title.lower() if c.isalnum() or c in " -_")
+    return "-".join(letters.split())
 
 
 def _capital(text: str) -> str:
@@ -182,9 +182,9 @@ def on_files(files: Any, config: Any) -> Any:
     """Add the generated pages."""
     from mkdocs.structure.files import File  # type: ignore[import-not-found,import-untyped,unused-ignore]
 
-    found = manual()
-    for topic in found.topics:
-        if found.made_by_code(topic):
-            page = found.page(topic).markdown
+    pages = manual()
+    for topic in pages.topics:
+        if pages.made_by_code(topic):
+            page = pages.page(topic).markdown
             files.append(File.generated(config, f"{topic}.md", content=page))
     return files

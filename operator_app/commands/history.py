@@ -44,18 +44,18 @@ def execute(args: argparse.Namespace) -> int:
         raise UsageError(
             "sessions without a serial number may be from several arms; import with --serial"
         )
-    found = arm_history(
+    history = arm_history(
         args.serial or _only_serial(args.sessions),
         args.sessions,
         kept_mounted=args.kept_mounted,
         interval=None if args.every is None else timedelta(days=math.ceil(args.every)),
     )
     if args.output is not None:
-        write_atomically(args.output, history_html(found))
+        write_atomically(args.output, history_html(history))
     if args.json:
-        say(as_json(history_json(found)))
+        say(as_json(history_json(history)))
     else:
-        say(history_text(found))
+        say(history_text(history))
         if args.output is not None:
             say(f"\nPage        {args.output}")
-    return ExitCode.NOT_ACCEPTED if found.shifted else ExitCode.ACCEPTED
+    return ExitCode.NOT_ACCEPTED if history.shifted else ExitCode.ACCEPTED

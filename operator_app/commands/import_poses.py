@@ -67,13 +67,13 @@ def execute(args: argparse.Namespace) -> int:
         folder = session.write(root=args.sessions)
         if args.json:
             parameters = len(session.model.parameters)
-            found = unidentifiable_json(
+            undetermined = unidentifiable_json(
                 error,
                 parameters=parameters,
                 folder=folder,
                 state=session.state,
             )
-            say(as_json(found | recordings))
+            say(as_json(undetermined | recordings))
         else:
             say(f"{unidentifiable_text(error)}\n\nSession     {folder}")
         return ExitCode.NOT_IDENTIFIABLE
@@ -83,11 +83,11 @@ def execute(args: argparse.Namespace) -> int:
     save_poses(folder / POSES_NAME, session.state.pose_set())
     facts = facts_of(solution, checks=checks, limits=session.procedure.acceptance)
     if args.json:
-        said = session_json(facts, solution.paper, folder, session.state)
-        say(as_json(said | recordings))
+        data = session_json(facts, solution.paper, folder, session.state)
+        say(as_json(data | recordings))
     else:
-        words = session_text(folder, session.state, accepted=solution.accepted)
-        say(f"{facts_text(facts)}\n\n{words}")
+        text = session_text(folder, session.state, accepted=solution.accepted)
+        say(f"{facts_text(facts)}\n\n{text}")
     return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED
 
 
@@ -96,13 +96,13 @@ def _poses(
 ) -> tuple[PoseSet, dict[str, list[dict[str, Any]]]]:
     """Return the poses of all files (if several, one placement each), and the JSON data of recordings."""
     unit: Unit | None = "rad" if args.rad else "deg" if args.deg else None
-    found, recordings = [], []
+    pose_sets, recordings = [], []
     of_recordings = (args.dwell_s, args.spread_deg, args.topic) != (None, None, None)
     for file in args.poses:
         if args.time or is_bag(file):
-            poses, said = _recorded(args, file, joints, unit)
-            found.append(poses)
-            recordings.append(said)
+            poses, data = _recorded(args, file, joints, unit)
+            pose_sets.append(poses)
+            recordings.append(data)
             continue
         if of_recordings:
             raise UsageError(
@@ -117,12 +117,14 @@ def _poses(
             placement=args.placement or "",
         )
         print_warnings(file, read)
-        found.append(read.poses)
+        pose_sets.append(read.poses)
     said_of = {"recordings": recordings} if recordings else {}
-    if len(found) == 1:
-        return found[0], said_of
-    for k, (file, poses) in enumerate(zip(args.poses, found, strict=True)):
-        if same := [args.poses[i] for i in range(k) if np.array_equal(found[i].q_rad, poses.q_rad)]:
+    if len(pose_sets) == 1:
+        return pose_sets[0], said_of
+    for k, (file, poses) in enumerate(zip(args.poses, pose_sets, strict=True)):
+        if same := [
+            args.poses[i] for i in range(k) if np.array_equal(pose_sets[i].q_rad, poses.q_rad)
+        ]:
             raise UsageError(
                 f"{file}: holds the same readings as {same[0]}; give each placement's file once"
             )
@@ -131,15 +133,15 @@ def _poses(
                 f"{file}: with several files each is one placement without endpoints; import it alone"
             )
     together = PoseSet(
-        placement=np.repeat(np.arange(1, len(found) + 1), [len(p) for p in found]),
-        label=tuple(label for p in found for label in p.label),
-        q_rad=np.concatenate([p.q_rad for p in found]),
-        samples=_joined([p.samples for p in found]),
-        sd_rad=_joined([p.sd_rad for p in found]),
+        placement=np.repeat(np.arange(1, len(pose_sets) + 1), [len(p) for p in pose_sets]),
+        label=tuple(label for p in pose_sets for label in p.label),
+        q_rad=np.concatenate([p.q_rad for p in pose_sets]),
+        samples=_joined([p.samples for p in pose_sets]),
+        sd_rad=_joined([p.sd_rad for p in pose_sets]),
         utc=None
-        if any(p.utc is None for p in found)
-        else tuple(utc for p in found for utc in p.utc or ()),
-        notes=tuple(note for p in found for note in p.notes or ("",) * len(p)),
+        if any(p.utc is None for p in pose_sets)
+        else tuple(utc for p in pose_sets for utc in p.utc or ()),
+        notes=tuple(note for p in pose_sets for note in p.notes or ("",) * len(p)),
     )
     return together, said_of
 
@@ -191,10 +193,10 @@ def _recorded(
     say(text, err=True)
     if not dwells:
         quietest_deg = np.rad2deg(quietest_rad(recording.time_s, recording.q_rad, dwell_s))
-        found = f" (its quietest {dwell_s:g} s spread by {quietest_deg:.3g} deg)"
+        quietest = f" (its quietest {dwell_s:g} s spread by {quietest_deg:.3g} deg)"
         raise UsageError(
             f"{file}: the arm is never at rest for {dwell_s:g} s within {spread_deg:g} deg"
-            f"{found if np.isfinite(quietest_deg) else ''}; give another --dwell-s or --spread-deg, or "
+            f"{quietest if np.isfinite(quietest_deg) else ''}; give another --dwell-s or --spread-deg, or "
             "record an arm that stops at its poses"
         )
     return poses_of(dwells, utc_text), recording_json(recording, dwells, refused)

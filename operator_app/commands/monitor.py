@@ -25,7 +25,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.seconds is not None and not 0.0 < args.seconds <= 1e7:
         raise UsageError("--seconds: more than 0 and at most 1e7")
     settings = bus_of_others(args)
-    seen = BusMonitor(load_profile(args.profile or DEFAULT_PROFILE))
+    monitor = BusMonitor(load_profile(args.profile or DEFAULT_PROFILE))
     wire = SharedBus(open_bus(settings), record_to=args.record)
     begun = time.monotonic()
     try:
@@ -34,19 +34,19 @@ def execute(args: argparse.Namespace) -> int:
             message = wire.receive(BUS_POLL_S)
             now = time.monotonic()
             if message is not None:
-                _say(args, seen.take_in(message.arbitration_id, bytes(message.data), now))
-            _say(args, seen.time_passes(now))
+                _say(args, monitor.take_in(message.arbitration_id, bytes(message.data), now))
+            _say(args, monitor.time_passes(now))
     except KeyboardInterrupt:
         if args.seconds is not None:
             raise
     finally:
         wire.close()
-    found = seen.summary()
+    summary = monitor.summary()
     if args.json:
-        say(as_json(found))
+        say(as_json(summary))
     else:
         say(
-            f"{found['frames']} frames, {found['syncs']} SYNCs in "
+            f"{summary['frames']} frames, {summary['syncs']} SYNCs in "
             f"{time.monotonic() - begun:.1f} s; nothing was sent."
         )
     return ExitCode.ACCEPTED

@@ -123,9 +123,9 @@ def _arm(args: argparse.Namespace) -> int:
 
 def _fixture(args: argparse.Namespace) -> int:
     if args.packaged:
-        for given in OF_WHAT["fixture"]:
-            if getattr(args, given):
-                raise UsageError(f"--from copies a file: leave {_typed(given)} out")
+        for option in OF_WHAT["fixture"]:
+            if getattr(args, option):
+                raise UsageError(f"--from copies a file: leave {_typed(option)} out")
         return _copy(args, parse_fixture)
     if not (args.kind and args.arm and args.hand_point):
         raise UsageError(
@@ -135,9 +135,9 @@ def _fixture(args: argparse.Namespace) -> int:
     name = _named(args.name or f"{arm.name}_{args.kind}")
     fixture: Ball | Hinge
     if args.kind == "ball":
-        for given in ("hand_direction", "base_direction"):
-            if getattr(args, given):
-                raise UsageError(f"{_typed(given)}: a ball is a point and has no direction")
+        for option in ("hand_direction", "base_direction"):
+            if getattr(args, option):
+                raise UsageError(f"{_typed(option)}: a ball is a point and has no direction")
         base = _millimetres(args, "base_point") if args.base_point else None
         fixture = ball_between(arm, _millimetres(args, "hand_point"), base)
     else:
@@ -156,15 +156,15 @@ def _fixture(args: argparse.Namespace) -> int:
     content = fixture_file(replace(fixture, tolerance=tolerance), name=name, arm=arm)
     target = _save(args, "fixture", name, content, parse_fixture)
     say(f"Fixture     {target}: {args.kind} for {arm.name}")
-    off = from_home_rad(arm, fixture)
-    if off is None:
+    distance = from_home_rad(arm, fixture)
+    if distance is None:
         say(
             "! No pose near the arm's home_deg closes. Check the measured values; then find a home that closes: "
             f"sarcal check {args.arm} {target}"
         )
     else:
-        joint = int(np.argmax(np.abs(off)))
-        size = DEVIATION(float(abs(off[joint]))).with_unit
+        joint = int(np.argmax(np.abs(distance)))
+        size = DEVIATION(float(abs(distance[joint]))).with_unit
         say(
             f"From the arm's home_deg to the nearest pose that closes: {size} at most, joint {joint + 1}."
         )
@@ -195,8 +195,8 @@ def _procedure(args: argparse.Namespace) -> int:
     )
     target = _save(args, "procedure", name, content, read)
     say(f"Procedure   {target}: {arm.name} in {spec.name}")
-    for entry, why in held.items():
-        say(f"{entry} is fixed: {why}.")
+    for entry, reason in held.items():
+        say(f"{entry} is fixed: {reason}.")
     say(f"Check it with: sarcal check {target}")
     return ExitCode.ACCEPTED
 
@@ -277,11 +277,11 @@ def _vector(args: argparse.Namespace, option: str) -> FloatArray:
             f"a hinge is measured as a point and a direction along it: {_typed(option)} is missing"
         )
     try:
-        found = np.array([float(part) for part in text.split(",")])
+        vector = np.array([float(part) for part in text.split(",")])
     except ValueError:
-        found = np.array([])
-    if found.shape != (3,) or not np.all(np.isfinite(found)):
+        vector = np.array([])
+    if vector.shape != (3,) or not np.all(np.isfinite(vector)):
         raise UsageError(
             f"{_typed(option)} {text!r}: write three numbers with commas, e.g. 0,30,-12.5"
         )
-    return found
+    return vector

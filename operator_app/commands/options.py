@@ -17,10 +17,10 @@ MOST_POSES = 100_000
 
 def pose_count(text: str) -> int:
     """Parse ``--poses``; commands check the lower limit."""
-    found = int(text) if re.fullmatch(r"[-+]?\d{1,18}", text) else MOST_POSES + 1
-    if found > MOST_POSES:
+    count = int(text) if re.fullmatch(r"[-+]?\d{1,18}", text) else MOST_POSES + 1
+    if count > MOST_POSES:
         raise argparse.ArgumentTypeError(f"{text} is not a whole number up to {MOST_POSES}")
-    return found
+    return count
 
 
 def a_name(text: str) -> str:
@@ -73,7 +73,7 @@ ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
 """Further arguments to argparse for some of these options."""
 
 
-def option(parser: argparse._ActionsContainer, usage: str, words: str, **more: Any) -> None:
+def option(parser: argparse._ActionsContainer, usage: str, description: str, **more: Any) -> None:
     """Declare an option by its usage, such as ``-o --output FILE``, or an argument: ``poses+ FILE``, ``poses``.
 
     An option without a metavar (and without `choices`) is a switch; any other takes, by default, text that must not be
@@ -88,7 +88,7 @@ def option(parser: argparse._ActionsContainer, usage: str, words: str, **more: A
         more = {"type": a_name, "metavar": names.pop()} | more
     elif "choices" not in more:
         more["action"] = "store_true"
-    parser.add_argument(*names, help=words, **more)
+    parser.add_argument(*names, help=description, **more)
 
 
 def options(parser: argparse.ArgumentParser, usages: str) -> None:
@@ -138,10 +138,10 @@ def arm_bus_options(parser: argparse.ArgumentParser) -> None:
 
 def placement_count(text: str) -> int:
     """Parse ``--placements`` and ``--placement``."""
-    found = int(text) if re.fullmatch(r"\d{1,4}", text) else 0
-    if found < 1:
+    count = int(text) if re.fullmatch(r"\d{1,4}", text) else 0
+    if count < 1:
         raise argparse.ArgumentTypeError(f"{text} is not a whole number of at least 1")
-    return found
+    return count
 
 
 def arm_and_fixture_options(parser: argparse.ArgumentParser) -> None:
@@ -173,12 +173,12 @@ def arm_options(parser: argparse.ArgumentParser) -> None:
 
 def tolerance_m(args: argparse.Namespace) -> float | None:
     """Return ``--length-tolerance`` in metres; UsageError if it is out of range."""
-    found: float | None = args.length_tolerance
-    if found is None:
+    tolerance_mm: float | None = args.length_tolerance
+    if tolerance_mm is None:
         return None
-    if not 0.0 < found <= 100.0:
+    if not 0.0 < tolerance_mm <= 100.0:
         raise UsageError("--length-tolerance: millimetres, more than 0 and at most 100")
-    return found / 1e3
+    return tolerance_mm / 1e3
 
 
 def parse_joints(text: str | None) -> tuple[int, ...]:

@@ -49,10 +49,10 @@ def execute(args: argparse.Namespace) -> int:
     advice = _advice(args, procedure, shown, poses) if args.advise else None
     parameters = {p.name: p for p in shown.parameters}
     if args.json:
-        found = plan_json(shown, basis=basis)
+        data = plan_json(shown, basis=basis)
         if advice is not None:
-            found["advice"] = advice_json(advice, parameters)
-        say(as_json(found))
+            data["advice"] = advice_json(advice, parameters)
+        say(as_json(data))
         return _code(shown)
     title = (
         f"Plan of {procedure.name}: {procedure.arm.name} in fixture {procedure.fixture.name}, "
@@ -81,11 +81,11 @@ def _of_files(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, s
     """
     procedure = load_procedure(args.procedure or "hinge")
     if args.arm:
-        found = resolve("arm", args.arm)
-        if found.data != procedure.sources[1].data:
+        resource = resolve("arm", args.arm)
+        if resource.data != procedure.sources[1].data:
             procedure = replace(
                 procedure,
-                arm=parse_arm(found.data, found.file),
+                arm=parse_arm(resource.data, resource.file),
                 position_joints=None,
                 unsensed_joints=(),
                 held={},

@@ -44,20 +44,20 @@ def execute(args: argparse.Namespace) -> int:
     settings = bus_of_others(args)
     if args.draft is not None and args.draft.exists():
         raise UsageError(f"--draft: {args.draft} exists; name another file")
-    found = probe(settings, load_profile(args.profile or DEFAULT_PROFILE), record_to=args.record)
+    result = probe(settings, load_profile(args.profile or DEFAULT_PROFILE), record_to=args.record)
     if args.draft is not None:
-        return _draft(args, found)
-    problems = [problem for node in found.nodes for problem in node.problems]
-    if found.meanwhile:
-        problems.insert(0, f"{found.meanwhile}: end that program, then probe again")
-    fine = bool(found.nodes) and not problems
+        return _draft(args, result)
+    problems = [problem for node in result.nodes for problem in node.problems]
+    if result.meanwhile:
+        problems.insert(0, f"{result.meanwhile}: end that program, then probe again")
+    fine = bool(result.nodes) and not problems
     if args.json:
-        say(as_json(probe_json(found)))
+        say(as_json(probe_json(result)))
         return ExitCode.ACCEPTED if fine else ExitCode.ARM_FAULT
-    if _report_no_nodes(found, str(settings)):
+    if _report_no_nodes(result, str(settings)):
         return ExitCode.ARM_FAULT
     rows = [["node", "device", "type (1000h)", "serial", "6064h (counts)", "state"]]
-    for node in found.nodes:
+    for node in result.nodes:
         rows.append(
             [
                 str(node.node),
@@ -69,16 +69,16 @@ def execute(args: argparse.Namespace) -> int:
             ]
         )
     say(aligned(rows))
-    for words in (*problems, *(note for node in found.nodes for note in node.notes)):
-        say(words)
+    for line in (*problems, *(note for node in result.nodes for note in node.notes)):
+        say(line)
     say("Nothing was enabled and nothing has moved.")
     return ExitCode.ACCEPTED if fine else ExitCode.ARM_FAULT
 
 
-def probe_json(found: Probe) -> dict[str, Any]:
+def probe_json(result: Probe) -> dict[str, Any]:
     """Return a probe as JSON data: valid PDOs, and as `room` all PDOs and the widths of objects for others."""
-    data = asdict(found)
-    for node, shown in zip(found.nodes, data["nodes"], strict=True):
+    data = asdict(result)
+    for node, shown in zip(result.nodes, data["nodes"], strict=True):
         shown["pdos"] = [
             {key: value for key, value in asdict(pdo).items() if key != "valid"}
             for pdo in node.pdos
@@ -93,30 +93,30 @@ def probe_json(found: Probe) -> dict[str, Any]:
     return data
 
 
-def _report_no_nodes(found: Probe, bus: str) -> bool:
+def _report_no_nodes(result: Probe, bus: str) -> bool:
     """If no nodes were probed, print why and return true."""
-    if found.busy:
-        heard = ", ".join(map(str, found.heard)) or "none"
+    if result.busy:
+        heard = ", ".join(map(str, result.heard)) or "none"
         say(
-            f"sarcal: {found.busy}. No node was probed. End that program, then probe again. "
+            f"sarcal: {result.busy}. No node was probed. End that program, then probe again. "
             f"Heartbeats of nodes: {heard}.",
             err=True,
         )
-    elif not found.nodes:
+    elif not result.nodes:
         say(f"sarcal: no node answers on {bus}. Check power, cable and bitrate.", err=True)
-    return bool(found.busy) or not found.nodes
+    return bool(result.busy) or not result.nodes
 
 
-def _draft(args: argparse.Namespace, found: Probe) -> int:
-    if _report_no_nodes(found, "this bus"):
+def _draft(args: argparse.Namespace, result: Probe) -> int:
+    if _report_no_nodes(result, "this bus"):
         return ExitCode.ARM_FAULT
-    unsure = [p for node in found.nodes for p in node.problems if "two devices" in p]
-    if found.meanwhile:
-        unsure.append(found.meanwhile)
+    unsure = [p for node in result.nodes for p in node.problems if "two devices" in p]
+    if result.meanwhile:
+        unsure.append(result.meanwhile)
     try:
         if unsure:
             raise DraftRefused(unsure)
-        made = draft(found.nodes, name=_name(args.draft), configure=args.configure)
+        made = draft(result.nodes, name=_name(args.draft), configure=args.configure)
     except DraftRefused as none:
         for reason in none.reasons:
             say(f"sarcal: {reason}", err=True)
@@ -128,12 +128,12 @@ def _draft(args: argparse.Namespace, found: Probe) -> int:
         say(f"sarcal: no profile was written. Set these up{otherwise}, then probe again.", err=True)
         return ExitCode.ARM_FAULT
     heading = f"{schema_line('profile')}\n{CHECK.format(maps=MAPS[args.configure])}"
-    if silent := ", ".join(str(node.node) for node in found.nodes if node.notes):
+    if silent := ", ".join(str(node.node) for node in result.nodes if node.notes):
         heading += f"\n  Not known for lack of a 1016h: node {silent}."
     content = format_profile(made, comment=heading)
     save_with_schema(args.draft, content, "profile")
     if args.json:
-        say(as_json({**probe_json(found), "draft": str(args.draft)}))
+        say(as_json({**probe_json(result), "draft": str(args.draft)}))
         return ExitCode.ACCEPTED
     say(_drafted(made, args.draft))
     return ExitCode.ACCEPTED

@@ -32,18 +32,18 @@ def execute(args: argparse.Namespace) -> int:
     require_joints(unsensed or (), procedure.arm.joint_count)
     contents = read_journal(opening.folder)
     state = session_state(contents)
-    found, blind = None, None
+    calibration, blind = None, None
     try:
         # From the journal, else calculated now; the report says which.
-        found = session_calibration(
+        calibration = session_calibration(
             state, procedure, estimator=args.estimator, unsensed_joints=unsensed
         )
-        found = with_checks(found, state, procedure)
+        calibration = with_checks(calibration, state, procedure)
     except UnidentifiableError as error:
         blind = error
     name = opening.folder.resolve().name
     subject = subject_of_session(
-        name, contents.events, procedure, found, torn=contents.torn, unidentifiable=blind
+        name, contents.events, procedure, calibration, torn=contents.torn, unidentifiable=blind
     )
     if args.json or args.text:
         _print(args, subject, opening.folder, state)
@@ -66,15 +66,15 @@ def _print(args: argparse.Namespace, subject: Subject, folder: Path, state: Sess
         model = procedure.fixture.fixture.model(
             procedure.arm, unsensed_joints=subject.unsensed_joints
         )
-        found = unidentifiable_json(
+        data = unidentifiable_json(
             blind, parameters=len(model.parameters), folder=folder, state=state
         )
-        say(as_json(found))
+        say(as_json(data))
     if solution is None or facts is None:
         return
     if args.json:
-        found = session_json(facts, solution.paper, folder, state)
-        say(as_json(found))
+        data = session_json(facts, solution.paper, folder, state)
+        say(as_json(data))
     else:
         say(f"{facts_text(facts)}\n\n{session_text(folder, state, accepted=solution.accepted)}")
 

@@ -17,6 +17,6 @@ def execute(args: argparse.Namespace) -> int:
     if not FEWEST_POSES <= args.poses <= LARGEST_POSES:
         raise UsageError(f"--poses: between {FEWEST_POSES} and {LARGEST_POSES}")
     say("Capturing six sets of poses and calibrating ten times: about 30 s.", err=True)
-    found = published(poses=args.poses)
-    say(as_json(published_json(found)) if args.json else published_text(found))
+    reproduction = published(poses=args.poses)
+    say(as_json(published_json(reproduction)) if args.json else published_text(reproduction))
     return ExitCode.ACCEPTED

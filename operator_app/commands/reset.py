@@ -26,33 +26,33 @@ def execute(args: argparse.Namespace) -> int:
         if isinstance(rig.arm, CanopenArm):
             rig.arm.take_over()  # the only command that switches off drives another program left enabled
         identity = rig.arm.connect()
-        written = [f"Set up as the bus profile requires: {words}" for words in identity.configured]
+        written = [f"Set up as the bus profile requires: {line}" for line in identity.configured]
         unwatching = unwatching_words(identity)
-        for words in (*written, *([unwatching] if unwatching else [])):
-            say(words, err=args.json)  # beside the JSON
+        for line in (*written, *([unwatching] if unwatching else [])):
+            say(line, err=args.json)  # beside the JSON
         before = rig.arm.snapshot()
         known = {fault.joint: f"{fault.text} ({fault.code:04X}h)" for fault in before.faults}
         stopped = {DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE, *POWERED_STATES}
-        found = {
+        faults = {
             joint.joint: known.get(joint.joint, drive_words(joint.drive))
             for joint in before.joints
             if joint.drive in stopped
         }
         stays: dict[int, str] = {}
-        if found:
+        if faults:
             try:
                 rig.arm.reset_stop()
             except DriveFault as fault:
                 stays[fault.joint] = str(fault)
             after = rig.arm.snapshot()
             stays |= {
-                joint.joint: found.get(joint.joint, drive_words(joint.drive))
+                joint.joint: faults.get(joint.joint, drive_words(joint.drive))
                 for joint in after.joints
                 if joint.drive in stopped and joint.joint not in stays
             }
-    cleared = {joint: text for joint, text in found.items() if joint not in stays}
-    left = {joint: found.get(joint, text) for joint, text in stays.items()}
-    report(cleared, left, arm_joints=len(before.joints), in_json=args.json)
+    cleared = {joint: text for joint, text in faults.items() if joint not in stays}
+    remaining = {joint: faults.get(joint, text) for joint, text in stays.items()}
+    report(cleared, remaining, arm_joints=len(before.joints), in_json=args.json)
     return ExitCode.ARM_FAULT if stays else ExitCode.ACCEPTED
 
 
@@ -76,7 +76,7 @@ def report(
             "No drive has a fault. The connection has reset the nodes' communication, as every connection does."
         )
     for text in dict.fromkeys(stays.values()):
-        joints = [joint for joint, why in stays.items() if why == text]
+        joints = [joint for joint, reason in stays.items() if reason == text]
         # A fault of all joints, such as an open stop contact, is reported once for the arm.
         who = "the arm" if len(joints) > 1 and len(joints) == arm_joints else ""
         for name in [who] if who else [f"joint {joint}" for joint in joints]:

@@ -93,9 +93,9 @@ def _report(args: argparse.Namespace, session: Session, result: RunResult) -> No
     )
     parameters = solution.model.parameters
     if args.json:
-        found = session_json(facts, solution.paper, folder, state)
-        found["capture"] = capture_json(result.capture, result.advice, parameters, state.used_poses)
-        say(as_json(found))
+        data = session_json(facts, solution.paper, folder, state)
+        data["capture"] = capture_json(result.capture, result.advice, parameters, state.used_poses)
+        say(as_json(data))
         return
     say(facts_text(facts))
     if result.capture is not None:
@@ -110,10 +110,10 @@ def _report_unidentifiable(
         say(unidentifiable_text(error))
         return
     model = session.fixture.model(session.model, unsensed_joints=session.procedure.unsensed_joints)
-    found = unidentifiable_json(
+    undetermined = unidentifiable_json(
         error,
         parameters=len(model.parameters),
         folder=session.journal.path.parent,
         state=session.state,
     )
-    say(as_json(found))
+    say(as_json(undetermined))

@@ -24,13 +24,15 @@ from operator_app.session.store.state import SessionState
 def execute(args: argparse.Namespace) -> int:
     """Report on stdout."""
     if args.action == "list":
-        found = list_sessions(args.sessions)
+        sessions = list_sessions(args.sessions)
         if args.json:
-            say(as_json([_facts(entry) for entry in found]))
-        elif not found:
+            say(as_json([_facts(entry) for entry in sessions]))
+        elif not sessions:
             say(f"No sessions in {args.sessions}. `sarcal run hinge` makes one.")
         else:
-            say(aligned([["session", "begun (UTC)", "arm", "poses", "state"], *map(_row, found)]))
+            say(
+                aligned([["session", "begun (UTC)", "arm", "poses", "state"], *map(_row, sessions)])
+            )
         return ExitCode.ACCEPTED
     if args.action == "repair":
         return _repair(args)
@@ -81,16 +83,16 @@ def _procedure_of(state: SessionState) -> str:
     from operator_app.config.strict_yaml import load_strict
 
     try:
-        found = load_strict(state.sources["procedure"].encode(), "procedure").data
+        document = load_strict(state.sources["procedure"].encode(), "procedure").data
     except (KeyError, ConfigError):
         return "not known"
-    known = [str(found[key]) for key in ("arm", "fixture") if key in found]
-    return f"{found.get('name', 'not known')}: {', '.join(known)}"
+    known = [str(document[key]) for key in ("arm", "fixture") if key in document]
+    return f"{document.get('name', 'not known')}: {', '.join(known)}"
 
 
 def _repair(args: argparse.Namespace) -> int:
     if args.name is None:
         raise UsageError("session repair: name the session; `sarcal session list` shows them")
-    found = repair_journal(find_session(args.sessions, args.name))
-    say(as_json(repair_json(found)) if args.json else repair_text(found))
+    repair = repair_journal(find_session(args.sessions, args.name))
+    say(as_json(repair_json(repair)) if args.json else repair_text(repair))
     return ExitCode.ACCEPTED

@@ -18,27 +18,27 @@ from operator_app.safe_output import as_json, say
 
 def execute(args: argparse.Namespace) -> int:
     """Change the named settings, then show all."""
-    words: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for text in args.settings:
         key, equals, value = text.partition("=")
         if not equals:
             raise UsageError(f"{text!r}: write KEY=VALUE, with KEY one of {', '.join(KEYS)}")
-        words[key] = value.strip()
+        texts[key] = value.strip()
     path = settings_path()
-    if words:
-        found = changed(words)
+    if texts:
+        settings = changed(texts)
         try:
-            path = save_settings(found)
+            path = save_settings(settings)
         except OSError as error:
             raise UsageError(f"{path} cannot be written: {error.strerror}") from error
     else:
-        found = load_settings()
+        settings = load_settings()
     if args.json:
-        say(as_json({"file": str(path), "settings": found.stated}))
+        say(as_json({"file": str(path), "settings": settings.stated}))
         return ExitCode.ACCEPTED
     say(f"File       {path}{'' if path.exists() else ' (there is none)'}")
     for key, meaning in SETTINGS_MEANING.items():
-        say(f"{key:<10} {found.stated.get(key, '-')!s:<20} {meaning}")
+        say(f"{key:<10} {settings.stated.get(key, '-')!s:<20} {meaning}")
     say(
         "Precedence: command line, session, procedure, environment (CAN_INTERFACE), can.conf, these settings.\n"
         "`virtual` in a procedure names no bus; -i virtual does, and is the simulated arm."

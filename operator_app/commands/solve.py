@@ -70,8 +70,10 @@ def execute(args: argparse.Namespace) -> int:
     except UnidentifiableError as error:
         loop = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=unsensed).loop()
         if args.json:
-            found = unidentifiable_data(error, parameters=len(loop.parameters), poses=len(poses))
-            say(as_json(found))
+            undetermined = unidentifiable_data(
+                error, parameters=len(loop.parameters), poses=len(poses)
+            )
+            say(as_json(undetermined))
         else:
             say(unidentifiable_text(error))
         return ExitCode.NOT_IDENTIFIABLE
@@ -125,17 +127,17 @@ def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[str, tuple[Reading
     """Return the digest of the poses used for ``--rvdt-table``, and its corrections; "" and () without that option."""
     if not args.rvdt_table:
         return "", ()
-    document, given = load_parameters(args.rvdt_table), f"--rvdt-table {args.rvdt_table}"
+    document, option = load_parameters(args.rvdt_table), f"--rvdt-table {args.rvdt_table}"
     tables = tuple(map(ReadingTable.of, document.rvdt))
     if document.arm.model != arm.name:
-        raise UsageError(f"{given} is for {document.arm.model}, these poses are from {arm.name}")
+        raise UsageError(f"{option} is for {document.arm.model}, these poses are from {arm.name}")
     if not tables:
         raise UsageError(
-            f"{given} contains no RVDT table; calibrate in the hinge with poses that determine one"
+            f"{option} contains no RVDT table; calibrate in the hinge with poses that determine one"
         )
     for table in tables:
         if not isinstance(arm.joints[table.joint - 1].sensor, Rvdt):
-            raise UsageError(f"{given}: joint {table.joint} of {arm.name} has no RVDT")
+            raise UsageError(f"{option}: joint {table.joint} of {arm.name} has no RVDT")
     return document.pose_set_sha256, tables
 
 

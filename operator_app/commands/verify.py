@@ -85,7 +85,7 @@ def _from_file(file: str, joint_count: int) -> PoseSet:
 
 
 def _open_loop(
-    args: argparse.Namespace, opening: Opening, solution: Solution, wanted: int | None
+    args: argparse.Namespace, opening: Opening, solution: Solution, count: int | None
 ) -> ExitCode:
     """Verify the session with measured endpoints, from a file or on the arm."""
     if solution.model.dh_table(solution.estimate.x) is None:
@@ -102,19 +102,19 @@ def _open_loop(
             )
         poses = _from_file(args.csv, arm.joint_count)
     else:
-        instrument, poses = _open_arm(args, opening, wanted)
-    found = check_open_loop(arm, instrument, poses, solution)
-    say(as_json(open_loop_json(found)) if args.json else open_loop_text(found, str(opening.folder)))
-    return ExitCode.ACCEPTED if found.holds else ExitCode.NOT_ACCEPTED
+        instrument, poses = _open_arm(args, opening, count)
+    check = check_open_loop(arm, instrument, poses, solution)
+    say(as_json(open_loop_json(check)) if args.json else open_loop_text(check, str(opening.folder)))
+    return ExitCode.ACCEPTED if check.holds else ExitCode.NOT_ACCEPTED
 
 
 def _open_arm(
-    args: argparse.Namespace, judged: Opening, wanted: int | None
+    args: argparse.Namespace, judged: Opening, count: int | None
 ) -> tuple[Measured, PoseSet]:
     """Capture poses of the open arm in a separate session, on the bus of the calibration's session."""
     choices = replace(
         judged.choices,
-        poses=OPEN_POSES if wanted is None else wanted,
+        poses=OPEN_POSES if count is None else count,
         plan=None,
         estimator=None,
         unsensed_joints=None,
@@ -129,10 +129,12 @@ def _open_arm(
             f"--procedure: the procedure {args.procedure} closes the chain with a {instrument.kind}; name a procedure "
             "whose fixture is an instrument, such as open_loop"
         )
-    here, there = opening.procedure.arm, judged.procedure.arm
-    if here.name != there.name or not np.array_equal(here.table.stacked(), there.table.stacked()):
+    own_arm, other_arm = opening.procedure.arm, judged.procedure.arm
+    if own_arm.name != other_arm.name or not np.array_equal(
+        own_arm.table.stacked(), other_arm.table.stacked()
+    ):
         raise UsageError(
-            f"--procedure: {args.procedure} is for {here.name}, not for the {there.name} of "
+            f"--procedure: {args.procedure} is for {own_arm.name}, not for the {other_arm.name} of "
             f"{judged.folder}; name a procedure with that arm file"
         )
     state, listener = read_session(judged.folder).state, ConsoleListener()
@@ -163,6 +165,6 @@ def _on_the_arm(
         session.set_modes(drives_of(session))
         if homing:
             go_home_if_outside(session, ConsoleListener())
-        found = verify(session, solution, count, Listener())
+        result = verify(session, solution, count, Listener())
     say(f"Captured {count} new poses, kept in the journal of {opening.folder}", err=True)
-    return found
+    return result

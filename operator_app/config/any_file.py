@@ -51,15 +51,15 @@ def json_schema(kind: FileKind) -> dict[str, Any]:
     models: list[tuple[Any, Literal["validation"], TypeAdapter[Any]]] = [
         (model, "validation", adapter(model)) for model in FILES[kind]
     ]
-    _, found = TypeAdapter.json_schemas(models)
+    _, schema = TypeAdapter.json_schemas(models)
     choices = []
     for model in FILES[kind]:
-        whole = found["$defs"][model.__name__]
-        whole["properties"] = {"schema": line, **whole["properties"]}
-        whole["required"] = ["schema", *whole["required"]]
+        definition = schema["$defs"][model.__name__]
+        definition["properties"] = {"schema": line, **definition["properties"]}
+        definition["required"] = ["schema", *definition["required"]]
         choices.append({"$ref": f"#/$defs/{model.__name__}"})
     meanings = _meanings()[kind]
-    for name, model in found["$defs"].items():
+    for name, model in schema["$defs"].items():
         for key, spec in model.get("properties", {}).items():
             meaning = meanings.get(f"{name}.{key}", meanings.get(key))
             if meaning:
@@ -68,7 +68,7 @@ def json_schema(kind: FileKind) -> dict[str, Any]:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": f"sarcal {kind} file",
         "oneOf": choices,
-        "$defs": found["$defs"],
+        "$defs": schema["$defs"],
     }
 
 
@@ -76,8 +76,8 @@ def json_schema(kind: FileKind) -> dict[str, Any]:
 def _meanings() -> dict[str, dict[str, str]]:
     """Return, by kind of file, descriptions of keys for which their models have no docstring."""
     text = (files("operator_app") / "data" / "key_meanings.yaml").read_text("utf-8")
-    found: dict[str, dict[str, str]] = yaml.safe_load(text)
-    return found
+    meanings: dict[str, dict[str, str]] = yaml.safe_load(text)
+    return meanings
 
 
 def schema_name(kind: FileKind) -> str:
@@ -174,10 +174,10 @@ def _parsed(source: Resource, kind: AnyKind | None, joints: set[int]) -> Holds:
             return parse_parameters(data, file)
         case "poses":
             loaded = parse_poses(data, file, joint_count=count)
-            found = loaded.poses.joint_count
-            if joints and found not in joints:
+            joint_count = loaded.poses.joint_count
+            if joints and joint_count not in joints:
                 known = " and ".join(map(str, sorted(joints)))
-                text = f"poses of {found} joint{'s' if found != 1 else ''}, the arms have {known}"
+                text = f"poses of {joint_count} joint{'s' if joint_count != 1 else ''}, the arms have {known}"
                 raise only(file, text, "is it the right arm?", line=1)
             return loaded
     # The error that prevents reading it is reported instead.

@@ -372,5 +372,5 @@ def parse_arm(data: bytes, file: str) -> ArmModel:
 
 def load_arm(reference: str | Path) -> ArmModel:
     """Read an arm by built-in name or path; raises the same errors as `parse_arm`."""
-    found = resolve("arm", reference)
-    return parse_arm(found.data, found.file)
+    resource = resolve("arm", reference)
+    return parse_arm(resource.data, resource.file)

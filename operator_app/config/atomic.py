@@ -67,15 +67,15 @@ def _replace(target: Path, data: bytes) -> None:
 
 def _mode(target: Path) -> int:
     try:
-        found = target.lstat().st_mode
+        mode = target.lstat().st_mode
     except FileNotFoundError:
-        found = stat.S_IFLNK
-    if stat.S_ISLNK(found):
+        mode = stat.S_IFLNK
+    if stat.S_ISLNK(mode):
         # mkstemp makes files for the owner only; a result has ordinary permissions.
         mask = os.umask(0)
         os.umask(mask)
         return 0o666 & ~mask
-    return stat.S_IMODE(found)
+    return stat.S_IMODE(mode)
 
 
 PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_./-]*")

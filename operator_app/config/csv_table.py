@@ -192,13 +192,13 @@ def write_records(records: Iterable[Iterable[str]], *, texts: Collection[str] = 
 
 def text_of(cell: str) -> str:
     """Return the original text of a cell written by `write_records`."""
-    words = cell[1:] if cell.startswith("'") and FORMULA.match(cell) else cell
-    return ESCAPED.sub(_unescaped, words)
+    text = cell[1:] if cell.startswith("'") and FORMULA.match(cell) else cell
+    return ESCAPED.sub(_unescaped, text)
 
 
-def _as_text(words: str) -> str:
+def _as_text(text: str) -> str:
     # Backslashes before an escape are doubled, so that text that looks like an escape is unchanged.
-    safe = LOOKS_ESCAPED.sub(r"\1\1\2", words)
+    safe = LOOKS_ESCAPED.sub(r"\1\1\2", text)
     if harmless(safe, keep=SHOWN_BLANKS) != safe:
         safe = HIDDEN_CANDIDATE.sub(_escaped, safe)
     return f"'{safe}" if FORMULA.match(safe) else safe

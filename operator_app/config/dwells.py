@@ -79,29 +79,29 @@ def find_dwells(
     observed_s = np.concatenate(([0.0], np.cumsum(np.minimum(step, most_s))))
     dwells: list[Dwell] = []
     refused: list[RefusedDwell] = []
-    taken = np.zeros(len(time_s), dtype=bool)
+    used = np.zeros(len(time_s), dtype=bool)
     pending = [(0, len(time_s), spread_rad, 0)]
     while pending:
         begin, end, limit, depth = pending.pop()
         for a, b in _at_rest(observed_s[begin:end], q_rad[begin:end], dwell_s, limit):
             first, last = begin + a, begin + b
-            found = _dwell(time_s, observed_s, q_rad, (first, last), spread_rad)
-            if isinstance(found, RefusedDwell) and depth < MOST_BISECTIONS:
+            dwell = _dwell(time_s, observed_s, q_rad, (first, last), spread_rad)
+            if isinstance(dwell, RefusedDwell) and depth < MOST_BISECTIONS:
                 pending.append((first, last + 1, 0.5 * limit, depth + 1))
-            elif isinstance(found, Dwell):
-                dwells.append(found)
-                taken[first : last + 1] = True
-    edges = np.flatnonzero(np.diff(np.concatenate(([True], taken, [True])).astype(int)))
+            elif isinstance(dwell, Dwell):
+                dwells.append(dwell)
+                used[first : last + 1] = True
+    edges = np.flatnonzero(np.diff(np.concatenate(([True], used, [True])).astype(int)))
     for begin, end in edges.reshape(-1, 2).tolist():
         for a, b in _at_rest(observed_s[begin:end], q_rad[begin:end], 0.5 * dwell_s, spread_rad):
             first, last = begin + a, begin + b
             start, seconds = float(time_s[first]), float(observed_s[last] - observed_s[first])
-            moved = np.ptp(q_rad[first : last + 1], axis=0)
-            short = moved.max() <= spread_rad and seconds < dwell_s
+            moved_rad = np.ptp(q_rad[first : last + 1], axis=0)
+            short = moved_rad.max() <= spread_rad and seconds < dwell_s
             refused.append(
                 RefusedDwell(start_s=start, seconds=seconds)
                 if short
-                else _moving(start, seconds, moved)
+                else _moving(start, seconds, moved_rad)
             )
     return tuple(sorted(dwells, key=lambda d: d.start_s)), tuple(refused)
 
@@ -114,8 +114,8 @@ def quietest_rad(time_s: FloatArray, q_rad: FloatArray, dwell_s: float) -> float
 
 def _moving(start_s: float, seconds: float, moved_rad: FloatArray) -> RefusedDwell:
     joint = int(np.argmax(moved_rad))
-    moved = float(moved_rad[joint])
-    return RefusedDwell(start_s=start_s, seconds=seconds, joint=joint + 1, moved_rad=moved)
+    moved_here_rad = float(moved_rad[joint])
+    return RefusedDwell(start_s=start_s, seconds=seconds, joint=joint + 1, moved_rad=moved_here_rad)
 
 
 def _dwell(
@@ -126,8 +126,8 @@ def _dwell(
     spread_rad: float,
 ) -> Dwell | RefusedDwell:
     """Test the samples between two indices, both included, without the motion at their edges."""
-    whole = q_rad[ends[0] : ends[1] + 1]
-    away = np.abs(whole - np.median(whole, axis=0))
+    at_rest = q_rad[ends[0] : ends[1] + 1]
+    away = np.abs(at_rest - np.median(at_rest, axis=0))
     noise = 1.4826 * np.median(away, axis=0)
     inside = np.flatnonzero(np.all(away <= np.maximum(EDGE_SIGMAS * noise, 1e-9), axis=1))
     a, b = (
@@ -178,13 +178,13 @@ def _ranges(q_rad: FloatArray, last: IntArray) -> FloatArray:
     """Largest minus smallest value of rows k to last[k], (len(last), n), from tables over 1, 2, 4, ... rows."""
     first = np.arange(len(last))
     length = last - first + 1
-    found = np.zeros((len(last), q_rad.shape[1]))
+    ranges = np.zeros((len(last), q_rad.shape[1]))
     high = low = q_rad
     for level in range(int(length.max(initial=0)).bit_length()):
         size = 1 << level
-        here = np.flatnonzero(length >> level == 1)
-        other = last[here] - size + 1
-        found[here] = np.maximum(high[here], high[other]) - np.minimum(low[here], low[other])
+        rows = np.flatnonzero(length >> level == 1)
+        other = last[rows] - size + 1
+        ranges[rows] = np.maximum(high[rows], high[other]) - np.minimum(low[rows], low[other])
         high = np.maximum(high[:-size], high[size:])
         low = np.minimum(low[:-size], low[size:])
-    return found
+    return ranges

@@ -126,12 +126,12 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
         hint = f"did you mean {near[0]}? " if near else ""
         shown = context.get("tag", value_in_words(value))
         return f"{shown} is not a valid value", f"{hint}use one of: {', '.join(options)}"
-    wanted = WANTED.get(kind.partition("_")[0])
-    if wanted and kind.endswith(("_type", "_from_float")):
-        return f"must be {wanted}, not {value_in_words(value)}", _number_hint(value, kind)
+    expected = WANTED.get(kind.partition("_")[0])
+    if expected and kind.endswith(("_type", "_from_float")):
+        return f"must be {expected}, not {value_in_words(value)}", _number_hint(value, kind)
     if kind in LIMITS_IN_WORDS:
-        name, words = LIMITS_IN_WORDS[kind]
-        return f"must be {words} {context[name]:g}, not {value:g}", "correct the number"
+        name, limit_words = LIMITS_IN_WORDS[kind]
+        return f"must be {limit_words} {context[name]:g}, not {value:g}", "correct the number"
     if kind in ("too_short", "too_long"):
         few = kind == "too_short"
         bound = f"at least {context['min_length']}" if few else f"at most {context['max_length']}"
@@ -184,5 +184,5 @@ def is_near_option(error: ErrorDetails) -> bool:
 
 
 def _options(context: dict[str, Any]) -> list[str]:
-    wanted = str(context.get("expected_tags") or context.get("expected") or "")
-    return re.findall(r"'([^']*)'", wanted)
+    listed = str(context.get("expected_tags") or context.get("expected") or "")
+    return re.findall(r"'([^']*)'", listed)

@@ -73,18 +73,18 @@ def parse_fixture(data: bytes, file: str) -> FixtureSpec:
     ConfigError
         The file is invalid; the error lists all problems.
     """
-    found = read_by_kind(MODELS, data, kind="fixture", file=file)
+    model = read_by_kind(MODELS, data, kind="fixture", file=file)
     return FixtureSpec(
-        name=found.name,
-        fixture=found.fixture(),
-        checklist=found.checklist,
+        name=model.name,
+        fixture=model.fixture(),
+        checklist=model.checklist,
     )
 
 
 def load_fixture(reference: str | Path) -> FixtureSpec:
     """Read a fixture by built-in name or path; raises the same errors as `parse_fixture`."""
-    found = resolve("fixture", reference)
-    return parse_fixture(found.data, found.file)
+    resource = resolve("fixture", reference)
+    return parse_fixture(resource.data, resource.file)
 
 
 PointMm = tuple[LengthMm, LengthMm, LengthMm]

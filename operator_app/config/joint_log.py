@@ -97,8 +97,8 @@ def load_joint_log(
         text = f"the header has {len(header)} cells, the first row of angles {len(there)}"
         raise only(file, text, "name each column, or remove the header", line=rows[0].line)
     by = find_column("--placement", placement, header, len(there), file) if placement else None
-    left = [k for k in there if k != by]
-    where = find_columns(columns, header, left, joint_count, file)
+    remaining = [k for k in there if k != by]
+    where = find_columns(columns, header, remaining, joint_count, file)
     q = _angles(body, where, file, radians=unit == "rad")
     if unit is None and len(q) >= FEWEST_POSES_FOR_UNIT and np.abs(q).max() < 2.0 * np.pi:
         text = f"does not state the unit of its angles, and none in {len(q)} poses exceeds {np.abs(q).max():.3g}"
@@ -134,12 +134,12 @@ def _placements(body: list[Row], by: int, file: str) -> tuple[list[int], tuple[s
 
 def read_rows(text: str) -> list[Row]:
     """Split lines into cells: at commas if the line has any, otherwise at white space."""
-    found = []
-    for line, words in enumerate(text.splitlines(), 1):
-        if words.strip() and not words.lstrip().startswith("#"):
-            cells = words.split(",") if "," in words else words.split()
-            found.append(Row(line, [cell.strip().strip('"') for cell in cells]))
-    return found
+    rows = []
+    for line, line_text in enumerate(text.splitlines(), 1):
+        if line_text.strip() and not line_text.lstrip().startswith("#"):
+            cells = line_text.split(",") if "," in line_text else line_text.split()
+            rows.append(Row(line, [cell.strip().strip('"') for cell in cells]))
+    return rows
 
 
 def is_number(cell: str) -> bool:
@@ -151,35 +151,35 @@ def is_number(cell: str) -> bool:
     return True
 
 
-def find_column(option: str, word: str, header: list[str], there: int, file: str) -> int:
+def find_column(option: str, word: str, header: list[str], count: int, file: str) -> int:
     """Return the index of a column by its name in the header or its number."""
     if word in header:
         return header.index(word)
     if not re.fullmatch(r"[1-9]\d{0,3}", word):
         known = f"the header has {', '.join(header)}" if header else "the file has no header"
         raise only(file, f"{option}: there is no column {word!r}", known)
-    if int(word) > there:
-        raise only(file, f"{option}: there is no column {word}", f"the file has {there}")
+    if int(word) > count:
+        raise only(file, f"{option}: there is no column {word}", f"the file has {count}")
     return int(word) - 1
 
 
 def find_columns(
-    wanted: str, header: list[str], left: list[int], joint_count: int, file: str
+    option: str, header: list[str], remaining: list[int], joint_count: int, file: str
 ) -> tuple[int, ...]:
-    """Return the indices of the columns of joints 1 to n, to be found among the columns `left`."""
-    there = left[-1] + 1 if left else 0
-    if not wanted:
-        if len(left) == joint_count:
-            return tuple(left)
-        names = f" ({', '.join(header[k] for k in left)})" if header else ""
-        text = f"{len(left)} columns{names} for an arm of {joint_count} joints"
-        if header and (named := numbered_series([header[k] for k in left], joint_count)):
-            return tuple(left[k] for k in named)
+    """Return the indices of the columns of joints 1 to n, to be found among the columns `remaining`."""
+    count = remaining[-1] + 1 if remaining else 0
+    if not option:
+        if len(remaining) == joint_count:
+            return tuple(remaining)
+        names = f" ({', '.join(header[k] for k in remaining)})" if header else ""
+        text = f"{len(remaining)} columns{names} for an arm of {joint_count} joints"
+        if header and (named := numbered_series([header[k] for k in remaining], joint_count)):
+            return tuple(remaining[k] for k in named)
         # Other columns of a log, mostly times, come before the joints.
-        first = max(1, there - joint_count + 1)
+        first = max(1, count - joint_count + 1)
         example = f"{first}-{first + joint_count - 1}"
         if header:
-            likely = [header[k] for k in left if not OTHER_COLUMNS.fullmatch(header[k])][
+            likely = [header[k] for k in remaining if not OTHER_COLUMNS.fullmatch(header[k])][
                 :joint_count
             ]
             example = ",".join(likely) if len(likely) == joint_count else example
@@ -188,19 +188,19 @@ def find_columns(
             text,
             f"select the columns of the joints, e.g. --columns {example}, or write a header: {HEADER_COLUMNS}",
         )
-    found: list[int] = []
-    for word in (part.strip() for part in wanted.split(",")):
+    columns: list[int] = []
+    for word in (part.strip() for part in option.split(",")):
         if match := RANGE.fullmatch(word):
-            found += range(int(match[1]) - 1, int(match[2]))
+            columns += range(int(match[1]) - 1, int(match[2]))
         else:
-            found.append(find_column("--columns", word, header, there, file))
-    if over := [k for k in found if k >= there]:
+            columns.append(find_column("--columns", word, header, count, file))
+    if over := [k for k in columns if k >= count]:
         text = f"--columns: there is no column {over[0] + 1}"
-        raise only(file, text, f"the file has {there}")
-    if len(found) != joint_count or len(set(found)) != len(found):
-        text = f"--columns names {len(set(found))} columns for an arm of {joint_count} joints"
+        raise only(file, text, f"the file has {count}")
+    if len(columns) != joint_count or len(set(columns)) != len(columns):
+        text = f"--columns names {len(set(columns))} columns for an arm of {joint_count} joints"
         raise only(file, text, "name one for each joint, in the order of the joints")
-    return tuple(found)
+    return tuple(columns)
 
 
 def numbered_series(names: Sequence[str], count: int) -> tuple[int, ...]:
@@ -209,15 +209,17 @@ def numbered_series(names: Sequence[str], count: int) -> tuple[int, ...]:
     Empty unless there is exactly one such series. Case is ignored only if no series is found otherwise (`Q1` does not
     belong to `q1` to `q7`).
     """
-    wanted = [*range(count)], [*range(1, count + 1)]
+    numberings = [*range(count)], [*range(1, count + 1)]
     for spelled in (names, [name.casefold() for name in names]):
-        found: dict[tuple[str, str], list[tuple[int, int]]] = defaultdict(list)
+        by_pattern: dict[tuple[str, str], list[tuple[int, int]]] = defaultdict(list)
         for k, name in enumerate(spelled):
             if match := NUMBERED_JOINT.fullmatch(name):
-                found[match[1], match[3]].append((int(match[2]), k))
-        whole = [series for series in found.values() if sorted(n for n, _ in series) in wanted]
-        if len(whole) == 1:
-            return tuple(k for _, k in sorted(whole[0]))
+                by_pattern[match[1], match[3]].append((int(match[2]), k))
+        complete = [
+            series for series in by_pattern.values() if sorted(n for n, _ in series) in numberings
+        ]
+        if len(complete) == 1:
+            return tuple(k for _, k in sorted(complete[0]))
     return ()
 
 
@@ -226,7 +228,7 @@ def _angles(body: list[Row], where: tuple[int, ...], file: str, *, radians: bool
     problems: list[Problem] = []
     doubted: list[Problem] = []
     width = len(body[0].cells)
-    found = np.zeros((len(body), len(where)))
+    angles = np.zeros((len(body), len(where)))
     for k, row in enumerate(body):
         if len(row.cells) != width:
             text = f"{len(row.cells)} cells; the lines before have {width}"
@@ -239,7 +241,7 @@ def _angles(body: list[Row], where: tuple[int, ...], file: str, *, radians: bool
                 file=file, line=row.line, column=column + 1, key=f"joint {j + 1}", text=""
             )
             try:
-                value = found[k, j] = number(row.cells[column])
+                value = angles[k, j] = number(row.cells[column])
             except BadCell as error:
                 problems.append(replace(cell, text=error.text, remedy=error.remedy))
                 continue
@@ -254,4 +256,4 @@ def _angles(body: list[Row], where: tuple[int, ...], file: str, *, radians: bool
         problems.append(replace(doubted[0], text=f"{doubted[0].text}{more}", remedy=remedy))
     if problems:
         raise ConfigError(problems)
-    return found
+    return angles

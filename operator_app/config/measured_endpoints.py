@@ -60,8 +60,8 @@ def group_of(name: str) -> tuple[str, ...] | None:
 
 def groups_in(names: Collection[str]) -> tuple[tuple[str, ...], ...]:
     """All representations of an orientation to which any of these names belongs; a file may have at most one."""
-    found = {group: None for name in names if (group := group_of(name)) is not None}
-    return tuple(found)
+    groups = {group: None for name in names if (group := group_of(name)) is not None}
+    return tuple(groups)
 
 
 def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
@@ -117,12 +117,12 @@ class EndpointLine:
 def read_json_line(text: str) -> EndpointLine:
     """Read a line of JSON; raises BadLine."""
     try:
-        found = json.loads(text)
+        value = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise BadLine(f"is not JSON ({error}): write one object per line") from error
-    if not isinstance(found, dict):
+    if not isinstance(value, dict):
         raise BadLine("is not a JSON object: write one per line, with x_m, y_m and z_m")
-    return _line_of(found)
+    return _line_of(value)
 
 
 def read_row(heading: str, text: str) -> EndpointLine:
@@ -147,16 +147,16 @@ def _cells(line: str) -> list[str]:
         raise BadLine(f"is not a line of CSV ({error})") from error
 
 
-def _line_of(found: Mapping[str, Any]) -> EndpointLine:
-    if found.get("error"):
-        raise BadLine(f"reports that the instrument failed: {found['error']}")
-    pose, lost = str(found.get("pose", "")), str(found.get("lost", "") or "")
+def _line_of(fields: Mapping[str, Any]) -> EndpointLine:
+    if fields.get("error"):
+        raise BadLine(f"reports that the instrument failed: {fields['error']}")
+    pose, lost = str(fields.get("pose", "")), str(fields.get("lost", "") or "")
     if lost:
         return EndpointLine(pose=pose, endpoint=frozen(np.zeros(0)), lost=lost)
-    _require_names(found)
-    position = np.array([_number(name, found[name]) for name in POSITION_COLUMNS])
-    for group in groups_in(found):
-        values = np.array([[_number(name, found[name]) for name in group]])
+    _require_names(fields)
+    position = np.array([_number(name, fields[name]) for name in POSITION_COLUMNS])
+    for group in groups_in(fields):
+        values = np.array([[_number(name, fields[name]) for name in group]])
         try:
             turned = rotation_vectors(group, values)[0]
         except ValueError as error:
@@ -206,16 +206,16 @@ def _number(name: str, value: Any) -> float:
     try:
         # JSON allows whole numbers larger than any float.
         known = isinstance(value, int | float) and not isinstance(value, bool)
-        found = float(value) if known else math.nan
+        value_read = float(value) if known else math.nan
     except OverflowError:
-        found = math.inf
-    if not math.isfinite(found):
+        value_read = math.inf
+    if not math.isfinite(value_read):
         raise BadLine(f"has {name} {str(value)[:40]!r}, which is not a finite number")
-    doubt = length_doubt(found) if name in POSITION_COLUMNS else ""
-    doubt = doubt or (angle_doubt(found) if name.endswith("_deg") else "")
+    doubt = length_doubt(value_read) if name in POSITION_COLUMNS else ""
+    doubt = doubt or (angle_doubt(value_read) if name.endswith("_deg") else "")
     if doubt:
-        raise BadLine(f"has {name} {found:g}: {doubt}")
-    return found
+        raise BadLine(f"has {name} {value_read:g}: {doubt}")
+    return value_read
 
 
 TARGETS = tuple(f"{axis}{k}_m" for k in (1, 2, 3) for axis in "xyz")
@@ -249,19 +249,19 @@ def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:
     """
     points = points_m.reshape(-1, 3, 3)
     centroid = points.mean(axis=1)
-    seen = points - centroid[:, None, :]
-    shape = seen[0]
+    measured = points - centroid[:, None, :]
+    shape = measured[0]
     _require_a_triangle(shape)
     for _ in range(TRIANGLE_ROUNDS):
-        shape = (seen @ _turns(shape, seen)).mean(axis=0)
-    turns = _turns(shape, seen)
-    _require_the_same(np.linalg.norm(seen @ turns - shape, axis=-1).max(axis=1), labels)
+        shape = (measured @ _turns(shape, measured)).mean(axis=0)
+    turns = _turns(shape, measured)
+    _require_the_same(np.linalg.norm(measured @ turns - shape, axis=-1).max(axis=1), labels)
     return np.concatenate((centroid, rotation_vector(turns @ _frame(shape))), axis=1)
 
 
-def _turns(shape: FloatArray, seen: FloatArray) -> FloatArray:
+def _turns(shape: FloatArray, measured: FloatArray) -> FloatArray:
     """Rotations (m, 3, 3) that align a triangle (3, 3), one row for each point, with the measured ones (Kabsch)."""
-    U, _, Vt = np.linalg.svd(np.swapaxes(seen, -1, -2) @ shape)
+    U, _, Vt = np.linalg.svd(np.swapaxes(measured, -1, -2) @ shape)
     U[..., 2] *= np.linalg.det(U @ Vt)[:, None]
     return np.asarray(U @ Vt)
 

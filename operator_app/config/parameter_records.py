@@ -204,9 +204,9 @@ def correlations_of(names: Sequence[str], covariance: FloatArray) -> dict[str, t
     """Return the correlations of parameters (k,) from their covariance (k, k); 0 for one without variance."""
     sd = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     scale = np.where(sd > 0.0, sd, np.inf)
-    found = np.clip(covariance / np.outer(scale, scale), -1.0, 1.0)
+    correlation = np.clip(covariance / np.outer(scale, scale), -1.0, 1.0)
     # Minus zero would be written differently.
-    rounded = np.round(found, CORRELATION_PLACES) + 0.0
+    rounded = np.round(correlation, CORRELATION_PLACES) + 0.0
     return {name: tuple(rounded[k, :k].tolist()) for k, name in enumerate(names) if k}
 
 

@@ -206,14 +206,14 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
                 "there is no such joint",
                 "give one spread column for each joint, or none",
             )
-    there = {*names, *meant}
+    present = {*names, *meant}
     have = f"({len(joints)} joint column{'s' if len(joints) != 1 else ''}"
     have += f", the arm has {joint_count} joints)" if joint_count is not None else ")"
     endpoint = (
         "an endpoint is x_m,y_m,z_m (and rx_deg,ry_deg,rz_deg), or three targets x1_m to z3_m"
     )
-    turns = groups_in(sorted(there))
-    targets = bool(there & {*TARGETS})
+    turns = groups_in(sorted(present))
+    targets = bool(present & {*TARGETS})
     if targets and (both := [c for c in names if c in POSITION_COLUMNS or group_of(c)]):
         yield (
             None,
@@ -224,16 +224,16 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     for other in turns[1:]:
         text = f"states the orientation, and so does {turns[0][0]}"
         yield None, other[0], text, "keep one of the two"
-    for group, wanted, more, remedy in (
+    for group, required, more, remedy in (
         (KEY, True, "", HEADER_EXAMPLE),
         (theta, True, f" {have}", ""),
-        (sd, bool(there & {*sd}), "", "give one spread column for each joint, or none"),
-        (POSITION_COLUMNS, bool(turns or there & {*POSITION_COLUMNS}), "", endpoint),
+        (sd, bool(present & {*sd}), "", "give one spread column for each joint, or none"),
+        (POSITION_COLUMNS, bool(turns or present & {*POSITION_COLUMNS}), "", endpoint),
         *((turn, True, "", endpoint) for turn in turns),
         (TARGETS, targets, "", endpoint),
     ):
         for name in group:
-            if wanted and name not in there:
+            if required and name not in present:
                 yield None, name, f"this column is missing{more}", remedy or f"add {name}"
 
 
@@ -330,13 +330,13 @@ def _pose_set(columns: Mapping[str, Sequence[Any]]) -> PoseSet:
 
 
 def _warnings(poses: PoseSet) -> tuple[FileWarning, ...]:
-    found = _euler_suspected(poses)
+    suspected = _euler_suspected(poses)
     largest_deg = float(np.max(np.abs(np.rad2deg(poses.q_rad))))
     if len(poses) < FEWEST_POSES_FOR_UNIT or largest_deg >= 2.0 * np.pi:
-        return found
+        return suspected
     text = f"no joint angle of {len(poses)} poses exceeds {largest_deg:.3g} deg: "
     return (
-        *found,
+        *suspected,
         FileWarning(code="RADIANS_SUSPECTED", text=f"{text}they may be in radians"),
     )
 

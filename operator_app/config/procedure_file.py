@@ -44,7 +44,7 @@ def parse_procedure(
     document = load_strict(source.data, source.file)
     files = _NamedFiles(document=document, folder=source.folder, snapshot=snapshot or {})
     try:
-        found = check_model(ProcedureFile, document, kind="procedure")
+        file_model = check_model(ProcedureFile, document, kind="procedure")
     except ConfigError as error:
         # Its other files are read anyway, so that all problems are reported at once.
         if isinstance(name := document.data.get("arm"), str):
@@ -52,38 +52,38 @@ def parse_procedure(
         if isinstance(name := document.data.get("fixture"), str):
             files.read("fixture", name, parse_fixture)
         raise ConfigError((*error.problems, *files.problems)) from error
-    arm = files.read("arm", found.arm, parse_arm)
-    fixture = files.read("fixture", found.fixture, parse_fixture)
+    arm = files.read("arm", file_model.arm, parse_arm)
+    fixture = files.read("fixture", file_model.fixture, parse_fixture)
     for_arm = partial(parse_profile, joints=None if arm is None else arm.joint_count)
-    profile = files.read("profile", found.bus.profile, for_arm, at=("bus", "profile"))
+    profile = files.read("profile", file_model.bus.profile, for_arm, at=("bus", "profile"))
     complaints: list[Complaint] = []
     if arm is not None:
-        complaints += check_own(found, arm)
-        arm = _as_here(found, arm)
-    complaints += check_joints(found, arm)
+        complaints += check_own(file_model, arm)
+        arm = _as_here(file_model, arm)
+    complaints += check_joints(file_model, arm)
     if not (files.problems or complaints) and arm is not None and fixture is not None:
-        loop = fixture.fixture.model(arm, unsensed_joints=found.unsensed_joints)
-        complaints += check_requested(found, loop.parameters)
+        loop = fixture.fixture.model(arm, unsensed_joints=file_model.unsensed_joints)
+        complaints += check_requested(file_model, loop.parameters)
     problems = [*files.problems, *(document.problem(*complaint) for complaint in complaints)]
     if problems or arm is None or fixture is None or profile is None:
         raise ConfigError(problems)
     read = files.sources
     return Procedure(
-        name=found.name,
+        name=file_model.name,
         arm=arm,
         fixture=fixture,
         profile=profile,
         sources=(source, read["arm"], read["fixture"], read["profile"]),
-        bus=found.bus,
-        position_joints=found.chosen_modes.listed or None,
-        trial=found.chosen_modes.trial,
-        unsensed_joints=found.unsensed_joints,
-        capture=found.capture,
-        estimator=found.estimator,
-        acceptance=found.acceptance,
-        upload=found.export.upload,
-        held=found.held,
-        tracker=found.tracker,
+        bus=file_model.bus,
+        position_joints=file_model.chosen_modes.listed or None,
+        trial=file_model.chosen_modes.trial,
+        unsensed_joints=file_model.unsensed_joints,
+        capture=file_model.capture,
+        estimator=file_model.estimator,
+        acceptance=file_model.acceptance,
+        upload=file_model.export.upload,
+        held=file_model.held,
+        tracker=file_model.tracker,
     )
 
 
@@ -92,13 +92,13 @@ def load_procedure(reference: str | Path) -> Procedure:
     return parse_procedure(resolve("procedure", reference))
 
 
-def _as_here(found: ProcedureFile, arm: ArmModel) -> ArmModel:
+def _as_here(file_model: ProcedureFile, arm: ArmModel) -> ArmModel:
     """Return the arm with this procedure's home, and with its `held` entries fixed."""
-    home = found.home_deg
+    home = file_model.home_deg
     fits = home is not None and len(home) == arm.joint_count
     return replace(
         arm,
-        free=tuple(entry for entry in arm.free if entry.name not in found.held),
+        free=tuple(entry for entry in arm.free if entry.name not in file_model.held),
         home_rad=frozen(np.deg2rad(home)) if home is not None and fits else arm.home_rad,
     )
 
@@ -118,28 +118,28 @@ class _NamedFiles:
     ) -> T | None:
         """Read a file; the procedure names it under the key `at`, by default `kind`."""
         try:
-            found = self.snapshot.get(kind) or resolve(kind, name, folder=self.folder)
+            resource = self.snapshot.get(kind) or resolve(kind, name, folder=self.folder)
         except ConfigError as error:
             # The reference is wrong: report its place.
             for p in error.problems:
                 text = f"{p.file}: {p.text}"
                 self.problems.append(self.document.problem(at or (kind,), text, p.remedy))
             return None
-        self.sources[kind] = found
+        self.sources[kind] = resource
         try:
-            return parse(found.data, found.file)
+            return parse(resource.data, resource.file)
         except ConfigError as error:
             self.problems.extend(error.problems)
             return None
 
 
-def check_joints(found: ProcedureFile, arm: ArmModel | None) -> Iterator[Complaint]:
+def check_joints(file_model: ProcedureFile, arm: ArmModel | None) -> Iterator[Complaint]:
     """Check joint numbers against each other and, if it is known, against the arm."""
-    modes = found.chosen_modes
+    modes = file_model.chosen_modes
     drives = modes.listed
     lists: tuple[tuple[KeyPath, tuple[int, ...]], ...] = (
         (("modes", "position"), drives),
-        (("unsensed_joints",), found.unsensed_joints),
+        (("unsensed_joints",), file_model.unsensed_joints),
     )
     for path, joints in lists:
         for k, joint in enumerate(joints):
@@ -150,7 +150,7 @@ def check_joints(found: ProcedureFile, arm: ArmModel | None) -> Iterator[Complai
                 text = f"joint {joint} is listed twice"
                 yield (*path, k), text, "list each joint once"
     for k, joint in enumerate(drives):
-        if joint in found.unsensed_joints:
+        if joint in file_model.unsensed_joints:
             yield (
                 ("modes", "position", k),
                 f"joint {joint} is in position mode and unsensed",
@@ -162,18 +162,18 @@ def check_joints(found: ProcedureFile, arm: ArmModel | None) -> Iterator[Complai
             "the drive joints are listed, so that there is nothing to choose by trial",
             "write position: auto, or leave trial out",
         )
-    yield from _check_exploration(found, drives, arm)
+    yield from _check_exploration(file_model, drives, arm)
     if arm is not None:
-        yield from _check_limits(found, arm)
+        yield from _check_limits(file_model, arm)
 
 
-def check_own(found: ProcedureFile, arm: ArmModel) -> Iterator[Complaint]:
+def check_own(file_model: ProcedureFile, arm: ArmModel) -> Iterator[Complaint]:
     """Check that the procedure's home is complete and in range, and that entries in `held` are free in the arm file."""
-    if found.home_deg is not None:
+    if file_model.home_deg is not None:
         ranges = [(math.degrees(j.lower_rad), math.degrees(j.upper_rad)) for j in arm.joints]
-        yield from check_home(found.home_deg, ranges)
+        yield from check_home(file_model.home_deg, ranges)
     free = {entry.name for entry in arm.free}
-    for name in found.held:
+    for name in file_model.held:
         if name not in free:
             yield (
                 ("held", name),
@@ -183,31 +183,31 @@ def check_own(found: ProcedureFile, arm: ArmModel) -> Iterator[Complaint]:
 
 
 def _check_exploration(
-    found: ProcedureFile, drives: tuple[int, ...], arm: ArmModel | None
+    file_model: ProcedureFile, drives: tuple[int, ...], arm: ArmModel | None
 ) -> Iterator[Complaint]:
     """Check that each drive joint has exactly one travel and no other joint has any; a plan needs none."""
-    here: KeyPath = ("capture", "exploration")
-    named = [item.joint for item in found.capture.exploration]
+    place: KeyPath = ("capture", "exploration")
+    named = [item.joint for item in file_model.capture.exploration]
     for k, joint in enumerate(named):
         if joint in named[:k]:
             text = f"joint {joint} is listed twice"
-            yield (*here, k, "joint"), text, "keep one of them"
+            yield (*place, k, "joint"), text, "keep one of them"
         elif joint not in drives:
             text = f"joint {joint} is not in position mode"
-            yield (*here, k, "joint"), text, "explore with the drive joints only"
-    if found.capture.strategy == "planned":
+            yield (*place, k, "joint"), text, "explore with the drive joints only"
+    if file_model.capture.strategy == "planned":
         return
     for joint in sorted(set(drives) - set(named)):
         if arm is None or joint <= arm.joint_count:
             remedy = f"add {{joint: {joint}, from_deg: ..., to_deg: ...}}"
-            yield here, f"joint {joint} has no travel", remedy
+            yield place, f"joint {joint} has no travel", remedy
 
 
-def _check_limits(found: ProcedureFile, arm: ArmModel) -> Iterator[Complaint]:
+def _check_limits(file_model: ProcedureFile, arm: ArmModel) -> Iterator[Complaint]:
     """Check that travels from home stay inside the ranges, and check the speed of the drive joints."""
     boxes = [
         (k, item)
-        for k, item in enumerate(found.capture.exploration)
+        for k, item in enumerate(file_model.capture.exploration)
         if item.joint <= arm.joint_count
     ]
     for k, item in boxes:
@@ -222,23 +222,25 @@ def _check_limits(found: ProcedureFile, arm: ArmModel) -> Iterator[Complaint]:
                 yield ("capture", "exploration", k, key), text, "shorten the travel"
     # If the program chooses, any joint may drive.
     named = [item.joint for _, item in boxes]
-    drives = named if found.chosen_modes.listed else range(1, arm.joint_count + 1)
+    drives = named if file_model.chosen_modes.listed else range(1, arm.joint_count + 1)
     slowest = min(drives, key=lambda j: arm.joints[j - 1].max_speed_rad_per_s, default=None)
     if slowest is not None:
         limit = math.degrees(arm.joints[slowest - 1].max_speed_rad_per_s)
-        if found.capture.speed_deg_per_s > limit * (1.0 + 1e-9):
+        if file_model.capture.speed_deg_per_s > limit * (1.0 + 1e-9):
             text = f"exceeds the limit of joint {slowest} ({limit:.6g} deg/s)"
             yield ("capture", "speed_deg_per_s"), text, "reduce the speed"
 
 
-def check_requested(found: ProcedureFile, parameters: Sequence[Parameter]) -> Iterator[Complaint]:
+def check_requested(
+    file_model: ProcedureFile, parameters: Sequence[Parameter]
+) -> Iterator[Complaint]:
     """Check that requested standard deviations name existing parameters with their units, and are used with a plan."""
-    here: KeyPath = ("capture", "requested_sigma")
-    asked = found.capture.requested_sigma
-    if asked and found.capture.strategy != "planned":
-        yield here, "only a planned capture evaluates it", "add plan: planned"
+    place: KeyPath = ("capture", "requested_sigma")
+    requested = file_model.capture.requested_sigma
+    if requested and file_model.capture.strategy != "planned":
+        yield place, "only a planned capture evaluates it", "add plan: planned"
     known = {f"{p.name}_{'deg' if p.is_angle else 'mm'}": p for p in parameters}
-    for key in asked:
+    for key in requested:
         if key in known:
             continue
         name, _, _ = key.rpartition("_")
@@ -248,4 +250,4 @@ def check_requested(found: ProcedureFile, parameters: Sequence[Parameter]) -> It
             remedy = f"known here: {', '.join(known)}"
         else:
             remedy = f"did you mean {meant or near[0]}?"
-        yield (*here, key), "is not a parameter of this calibration", remedy
+        yield (*place, key), "is not a parameter of this calibration", remedy

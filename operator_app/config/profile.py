@@ -77,8 +77,8 @@ class PdoSpec(StrictRecord):
     @property
     def entries(self) -> tuple[Entry, ...]:
         """Index, sub-index and bits of everything mapped."""
-        found = [re.fullmatch(_ENTRY, text) for text in self.map]
-        return tuple((int(m[1], 16), int(m[2] or 0), int(m[3])) for m in found if m is not None)
+        matches = [re.fullmatch(_ENTRY, text) for text in self.map]
+        return tuple((int(m[1], 16), int(m[2] or 0), int(m[3])) for m in matches if m is not None)
 
     def at(self, node: int) -> Pdo:
         """Return the PDO of one node."""

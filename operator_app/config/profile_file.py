@@ -35,16 +35,18 @@ def parse_profile(data: bytes, file: str, *, joints: int | None) -> BusProfile:
         The file is invalid; the error lists all problems.
     """
     document = load_strict(data, file)
-    found = check_model(ProfileFile, document, kind="profile")
-    if problems := [document.problem(*complaint) for complaint in check_profile(found, joints)]:
+    file_model = check_model(ProfileFile, document, kind="profile")
+    if problems := [
+        document.problem(*complaint) for complaint in check_profile(file_model, joints)
+    ]:
         raise ConfigError(problems)
-    return found.for_joints(joints)
+    return file_model.for_joints(joints)
 
 
 def load_profile(reference: str | Path, *, joints: int | None = None) -> BusProfile:
     """Read a bus profile by built-in name or path; raises as `parse_profile`."""
-    found = resolve("profile", reference)
-    return parse_profile(found.data, found.file, joints=joints)
+    resource = resolve("profile", reference)
+    return parse_profile(resource.data, resource.file, joints=joints)
 
 
 def format_profile(profile: BusProfile, *, comment: str) -> bytes:
@@ -95,50 +97,50 @@ _RESERVED = (
 )
 
 
-def check_profile(found: ProfileFile, joints: int | None) -> Iterator[Complaint]:
+def check_profile(file_model: ProfileFile, joints: int | None) -> Iterator[Complaint]:
     """Yield all problems of a profile for an arm of `joints` joints (None: any number)."""
-    yield from _check_supervisor(found)
-    yield from _check_listed(found, joints)
-    if found.modes.position == found.modes.free:
+    yield from _check_supervisor(file_model)
+    yield from _check_listed(file_model, joints)
+    if file_model.modes.position == file_model.modes.free:
         yield ("modes", "free"), "is the code of position mode as well", "give each mode its own"
-    for k, text in enumerate(found.compared):
+    for k, text in enumerate(file_model.compared):
         if hexadecimal(text) not in DESCRIPTION_OBJECTS:
             known = ", ".join(f"{index:04X}h" for index in DESCRIPTION_OBJECTS)
             yield ("compared", k), f"{text} cannot be compared with an arm file", f"known: {known}"
-    owners: list[tuple[KeyPath, ProfileFile | JointSpec]] = [((), found)]
-    owners += ((("joints", k), joint) for k, joint in enumerate(found.joints))
+    owners: list[tuple[KeyPath, ProfileFile | JointSpec]] = [((), file_model)]
+    owners += ((("joints", k), joint) for k, joint in enumerate(file_model.joints))
     for place, owner in owners:
         if owner.commands:
             yield from _check_pdos((*place, "commands"), owner.commands, sent=False)
         if owner.answers:
             yield from _check_pdos((*place, "answers"), owner.answers, sent=True)
-    whole = found.for_joints(joints)
-    count = len(whole.joints)
+    profile = file_model.for_joints(joints)
+    count = len(profile.joints)
     for number in range(1, count + 1):
-        own = found.own(number)
+        own = file_model.own(number)
         for key in ("commands", "answers"):
-            if not getattr(own, key) and not getattr(found, key):
+            if not getattr(own, key) and not getattr(file_model, key):
                 yield (
                     (key,),
                     f"joint {number} has none",
                     f"give {key} for all joints, or its own",
                 )
                 return  # and so for the others
-    yield from _check_unique(found, count)
+    yield from _check_unique(file_model, count)
 
 
-def _check_supervisor(found: ProfileFile) -> Iterator[Complaint]:
-    if found.supervisor == "none":
-        if found.serial_number is None:
+def _check_supervisor(file_model: ProfileFile) -> Iterator[Complaint]:
+    if file_model.supervisor == "none":
+        if file_model.serial_number is None:
             yield (
                 ("serial_number",),
                 "is missing: without a supervisor only this file states which arm this is",
                 "add it",
             )
         return
-    if found.serial_number is not None:
+    if file_model.serial_number is not None:
         yield ("serial_number",), "is stated by the supervisor", "leave it out"
-    for k, joint in enumerate(found.joints):
+    for k, joint in enumerate(file_model.joints):
         if joint.counts_otherwise:
             yield (
                 ("joints", k),
@@ -147,31 +149,31 @@ def _check_supervisor(found: ProfileFile) -> Iterator[Complaint]:
             )
 
 
-def _check_listed(found: ProfileFile, joints: int | None) -> Iterator[Complaint]:
-    seen = set[int]()
-    for k, joint in enumerate(found.joints):
-        if joint.joint in seen:
+def _check_listed(file_model: ProfileFile, joints: int | None) -> Iterator[Complaint]:
+    listed = set[int]()
+    for k, joint in enumerate(file_model.joints):
+        if joint.joint in listed:
             text = f"joint {joint.joint} is listed twice"
             yield ("joints", k, "joint"), text, "keep one of them"
         elif joints is not None and joint.joint > joints:
             text = f"there is no joint {joint.joint}"
             yield ("joints", k, "joint"), text, f"the arm's joints are 1 to {joints}"
-        seen.add(joint.joint)
+        listed.add(joint.joint)
 
 
 def _check_pdos(place: KeyPath, pdos: Sequence[PdoSpec], *, sent: bool) -> Iterator[Complaint]:
-    wanted = FEEDBACK_OBJECTS if sent else COMMAND_OBJECTS
-    times = dict.fromkeys(wanted, 0)
-    width = dict.fromkeys(wanted, 0)
+    required = FEEDBACK_OBJECTS if sent else COMMAND_OBJECTS
+    times = dict.fromkeys(required, 0)
+    width = dict.fromkeys(required, 0)
     for k, pdo in enumerate(pdos):
-        here = (*place, k)
+        key_path = (*place, k)
         if pdo.pdo in (other.pdo for other in pdos[:k]):
-            yield (*here, "pdo"), f"PDO {pdo.pdo} is listed twice", "keep one of them"
+            yield (*key_path, "pdo"), f"PDO {pdo.pdo} is listed twice", "keep one of them"
         if sum(bits for _, _, bits in pdo.entries) > 64:
-            yield (*here, "map"), "is longer than the 8 bytes of a frame", "correct the map"
+            yield (*key_path, "map"), "is longer than the 8 bytes of a frame", "correct the map"
         for m, (index, sub, bits) in enumerate(pdo.entries):
-            at, shown = (*here, "map", m), format_entry((index, sub, bits))
-            if index in wanted and sub == 0:
+            at, shown = (*key_path, "map", m), format_entry((index, sub, bits))
+            if index in required and sub == 0:
                 times[index] += 1
                 width[index] = max(width[index], bits)
                 if bits not in FIELD_BITS:
@@ -198,13 +200,13 @@ def _check_pdos(place: KeyPath, pdos: Sequence[PdoSpec], *, sent: bool) -> Itera
         )
 
 
-def _check_unique(found: ProfileFile, count: int) -> Iterator[Complaint]:
+def _check_unique(file_model: ProfileFile, count: int) -> Iterator[Complaint]:
     """Check that no node and no identifier is used twice."""
-    whole = found.for_joints(count)
-    places = {joint.joint: ("joints", k) for k, joint in enumerate(found.joints)}
-    nodes = {} if whole.supervisor is None else {whole.supervisor: "the supervisor"}
+    profile = file_model.for_joints(count)
+    places = {joint.joint: ("joints", k) for k, joint in enumerate(file_model.joints)}
+    nodes = {} if profile.supervisor is None else {profile.supervisor: "the supervisor"}
     identifiers, reported = dict[int, str](), set[KeyPath]()
-    for number, joint in enumerate(whole.joints, 1):
+    for number, joint in enumerate(profile.joints, 1):
         place: KeyPath = places.get(number, ("joints",))
         if joint.node in nodes:
             yield (
@@ -215,16 +217,16 @@ def _check_unique(found: ProfileFile, count: int) -> Iterator[Complaint]:
             return  # with its consequences
         nodes[joint.node] = f"joint {number}"
         for key, pdos in (("commands", joint.commands), ("answers", joint.answers)):
-            own = bool(getattr(found.own(number), key))
+            own = bool(getattr(file_model.own(number), key))
             for k, pdo in enumerate(pdos):
-                here: KeyPath = (*place, key, k, "cob_id") if own else (key, k, "cob_id")
+                key_path: KeyPath = (*place, key, k, "cob_id") if own else (key, k, "cob_id")
                 used = identifiers.get(pdo.cob_id) or next(
                     (what for low, high, what in _RESERVED if low <= pdo.cob_id <= high), ""
                 )
-                if used and here not in reported:  # settings of all joints are written once
-                    reported.add(here)
+                if used and key_path not in reported:  # settings of all joints are written once
+                    reported.add(key_path)
                     yield (
-                        here,
+                        key_path,
                         f"{pdo.cob_id:03X}h, for joint {number}, is taken by {used}",
                         "choose another identifier, in the drive too",
                     )

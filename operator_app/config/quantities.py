@@ -49,17 +49,17 @@ def refuse(text: str, remedy: str = "") -> PydanticCustomError:
 
 def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
     """Convert numbers (and tuples of numbers) to SI units, and rename them accordingly: a_mm to a_m."""
-    found = {}
+    converted = {}
     for key, value in values.items():
         match = UNIT.fullmatch(key)
         unit, convert = TO_SI.get(match[2], ("", float)) if match is not None else ("", float)
         if match is None or not unit:
-            found[key] = value
+            converted[key] = value
         elif isinstance(value, tuple):
-            found[f"{match[1]}_{unit}"] = tuple(convert(item) for item in value)
+            converted[f"{match[1]}_{unit}"] = tuple(convert(item) for item in value)
         else:
-            found[f"{match[1]}_{unit}"] = convert(value)
-    return found
+            converted[f"{match[1]}_{unit}"] = convert(value)
+    return converted
 
 
 TOO_LONG = (
@@ -153,9 +153,9 @@ def degrees_for_file(angle_rad: FloatArray | float) -> FloatArray:
     If there are several, the one with the fewest digits. An angle that came from a file in degrees always has such a
     double, so that reading, writing and reading again changes no bit.
     """
-    wanted = np.asarray(angle_rad, dtype=np.float64)
-    degrees = [_degrees(float(value)) for value in wanted.reshape(-1)]
-    return np.array(degrees, dtype=np.float64).reshape(wanted.shape)
+    target_rad = np.asarray(angle_rad, dtype=np.float64)
+    degrees = [_degrees(float(value)) for value in target_rad.reshape(-1)]
+    return np.array(degrees, dtype=np.float64).reshape(target_rad.shape)
 
 
 def _degrees(wanted_rad: float) -> float:

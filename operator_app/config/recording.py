@@ -95,12 +95,12 @@ def load_timed_log(
     header = [] if any(map(is_number, lines[0].cells)) else lines[0].cells
     lines, width = lines[1:] if header else lines, len(lines[1].cells)
     by = find_column("--time", time, header, width, file)
-    left = [k for k in range(width) if k != by]
+    remaining = [k for k in range(width) if k != by]
     if header and not columns:
-        order = find_joints([header[k] for k in left if k < len(header)], joints, file=file)
+        order = find_joints([header[k] for k in remaining if k < len(header)], joints, file=file)
         where: tuple[int, ...] = tuple(map(header.index, order))
     else:
-        where = find_columns(columns, header, left, len(joints), file)
+        where = find_columns(columns, header, remaining, len(joints), file)
         order = tuple(header[k] if header else f"column {k + 1}" for k in where)
     cells = array("d")
     for row in lines:
@@ -135,12 +135,12 @@ def _time_s(cell: str, file: str, line: int, column: int) -> float:
     except ValueError:
         pass
     try:
-        found = datetime.fromisoformat(cell)
+        time = datetime.fromisoformat(cell)
     except ValueError as error:
         remedy = "write seconds, or a time such as 2026-01-31T12:00:00.250Z"
         text = f"{cell[:40]!r} is not a time"
         raise only(file, text, remedy, line=line, column=column + 1) from error
-    return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
+    return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
 
 
 def _angle(cell: str, file: str, line: int, column: int) -> float:
@@ -162,20 +162,20 @@ def recording_of(
     ConfigError
         No complete sample remains, or the values are not angles.
     """
-    whole = np.flatnonzero(np.isfinite(time_s) & np.all(np.isfinite(q_rad), axis=1))
-    if not len(whole):
+    complete = np.flatnonzero(np.isfinite(time_s) & np.all(np.isfinite(q_rad), axis=1))
+    if not len(complete):
         text = f"no sample has an angle of every joint ({', '.join(joints)})"
         raise only(file, text, "record all joints at once")
-    rising, kept = np.unique(time_s[whole], return_index=True)
-    found = q_rad[whole][kept]
-    joint = int(np.argmax(np.abs(found).max(axis=0)))
-    if (largest := float(np.abs(found[:, joint]).max())) > LARGEST_ANGLE_RAD:
+    rising, first = np.unique(time_s[complete], return_index=True)
+    q_rising = q_rad[complete][first]
+    joint = int(np.argmax(np.abs(q_rising).max(axis=0)))
+    if (largest := float(np.abs(q_rising[:, joint]).max())) > LARGEST_ANGLE_RAD:
         text = f"{joints[joint]} reaches {np.rad2deg(largest):.4g} deg"
         raise only(file, text, "degrees where radians belong, or not a revolute joint?")
     return JointRecording(
         file=file,
         time_s=rising,
-        q_rad=found,
+        q_rad=q_rising,
         joints=joints,
         source=source,
         left_out=len(time_s) - len(rising),
@@ -191,20 +191,20 @@ def find_joints(
     """
     count = len(joints)
     if columns:
-        given = tuple(part.strip() for part in columns.split(","))
-        if missing := [name for name in given if name not in names]:
+        listed = tuple(part.strip() for part in columns.split(","))
+        if missing := [name for name in listed if name not in names]:
             text = f"--columns: there is no joint {missing[0]!r}"
             raise only(file, text, f"there is {', '.join(names)}")
-        if len(given) != count or len(set(given)) != count:
-            text = f"--columns names {len(set(given))} joints of an arm of {count}"
+        if len(listed) != count or len(set(listed)) != count:
+            text = f"--columns names {len(set(listed))} joints of an arm of {count}"
             raise only(file, text, "name one for each joint, in the order of the joints")
-        return given
+        return listed
     if set(joints) <= set(names) and len(set(joints)) == count:
         return tuple(joints)
-    if not (found := numbered_series(names, count)):
+    if not (series := numbered_series(names, count)):
         text = f"its columns of joints 1 to {count} cannot be recognised: {', '.join(names[:40])}"
         raise only(file, text, "name them in order: --columns NAME,NAME,...")
-    return tuple(names[k] for k in found)
+    return tuple(names[k] for k in series)
 
 
 BAG_SUFFIXES = (".mcap", ".db3")
@@ -254,14 +254,14 @@ def load_bag(
         raise only(file, "there is no such file", "give the path of a bag")
     try:
         with Reader(where) as bag:
-            wanted = [c for c in bag.connections if c.msgtype == JOINT_STATE]
-            chosen = _topic(sorted({c.topic for c in wanted}), topic, file)
+            connections = [c for c in bag.connections if c.msgtype == JOINT_STATE]
+            chosen = _topic(sorted({c.topic for c in connections}), topic, file)
             for connection, log_ns, data in bag.messages(
-                connections=[c for c in wanted if c.topic == chosen]
+                connections=[c for c in connections if c.topic == chosen]
             ):
-                found: Any = messages.deserialize_cdr(data, connection.msgtype)
-                stamp_ns = found.header.stamp.sec * 10**9 + found.header.stamp.nanosec
-                at = dict(zip(found.name, found.position.tolist(), strict=False))
+                message: Any = messages.deserialize_cdr(data, connection.msgtype)
+                stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+                at = dict(zip(message.name, message.position.tolist(), strict=False))
                 states.append((stamp_ns, log_ns, at))
     except ConfigError:
         raise
@@ -285,14 +285,14 @@ def load_bag(
     )
 
 
-def _topic(there: list[str], wanted: str, file: str) -> str:
-    if not there:
+def _topic(topics: list[str], option: str, file: str) -> str:
+    if not topics:
         text = f"has no topic of type {JOINT_STATE}"
         raise only(file, text, f"record {TOPIC} (ros2 bag record {TOPIC})")
-    if wanted and wanted not in there:
-        text = f"--topic: there is no {wanted} of type {JOINT_STATE}"
-        raise only(file, text, f"there is {', '.join(there)}")
-    if not wanted and TOPIC not in there and there[1:]:
-        text = f"has {len(there)} topics of joint states: {', '.join(there)}"
-        raise only(file, text, f"name one, e.g. --topic {there[0]}")
-    return wanted or (TOPIC if TOPIC in there else there[0])
+    if option and option not in topics:
+        text = f"--topic: there is no {option} of type {JOINT_STATE}"
+        raise only(file, text, f"there is {', '.join(topics)}")
+    if not option and TOPIC not in topics and topics[1:]:
+        text = f"has {len(topics)} topics of joint states: {', '.join(topics)}"
+        raise only(file, text, f"name one, e.g. --topic {topics[0]}")
+    return option or (TOPIC if TOPIC in topics else topics[0])

@@ -140,16 +140,16 @@ def schema_name(kind: str) -> str:
 
 def _check_schema(document: YamlDocument, kind: str) -> Iterator[Problem]:
     versions = VERSIONS.get(kind, (1,))
-    wanted = schema_name(kind)
-    line = f"the first line must be `schema: {wanted}`"
+    expected = schema_name(kind)
+    line = f"the first line must be `schema: {expected}`"
     if "schema" not in document.data:
         yield document.problem((), "has no schema", line)
         return
-    found = document.data["schema"]
-    if found not in [f"sarcal/{kind}/{version}" for version in versions]:
-        match = re.fullmatch(r"sarcal/([a-z]+)/(\d{1,9})", str(found))
+    stated = document.data["schema"]
+    if stated not in [f"sarcal/{kind}/{version}" for version in versions]:
+        match = re.fullmatch(r"sarcal/([a-z]+)/(\d{1,9})", str(stated))
         problem = document.problem(
-            ("schema",), f"{found!r} is not a schema this program knows", line
+            ("schema",), f"{stated!r} is not a schema this program knows", line
         )
         if match is not None and match[1] != kind:
             problem = document.problem(
@@ -201,7 +201,7 @@ def _without_alternatives(
     Pydantic lists the problems of every alternative. The problem of the word is kept if the value is nearly one of the
     words, or if only a word may be text.
     """
-    kept = list(placed)
+    remaining = list(placed)
     for path, error in placed:
         if error["type"] != "literal_error":
             continue
@@ -210,8 +210,8 @@ def _without_alternatives(
         numeric = any(e["type"].startswith(("float", "int")) for e in rest)
         word = isinstance(value, str) and (not numeric or is_near_option(error))
         dropped = rest if word else [error] if rest else []
-        kept = [item for item in kept if not any(item[1] is e for e in dropped)]
-    return kept
+        remaining = [item for item in remaining if not any(item[1] is e for e in dropped)]
+    return remaining
 
 
 def _path(document: YamlDocument, error: ErrorDetails) -> Path:
@@ -260,30 +260,32 @@ def _unknown_key(
 
 def _keys(document: YamlDocument, model: type[M], path: Path) -> list[str]:
     """Keys that the schema knows in the mapping at `path`."""
-    whole = adapter(model).json_schema()
-    found = [whole]
+    schema = adapter(model).json_schema()
+    nodes = [schema]
     for depth, part in enumerate(path, 1):
         inside = "items" if isinstance(part, int) else part
-        found = [
+        nodes = [
             choice
-            for node in found
+            for node in nodes
             for child in [
                 (node if isinstance(part, int) else node.get("properties", {})).get(inside)
             ]
             if child is not None
-            for choice in _choices(child, whole, document.at(path[:depth]))
+            for choice in _choices(child, schema, document.at(path[:depth]))
         ]
-    names = [name for node in found for name in node.get("properties", {})]
+    names = [name for node in nodes for name in node.get("properties", {})]
     return ["schema", *names] if not path else names
 
 
-def _choices(node: dict[str, Any], whole: dict[str, Any], value: Any) -> list[dict[str, Any]]:
+def _choices(node: dict[str, Any], schema: dict[str, Any], value: Any) -> list[dict[str, Any]]:
     """Resolve a node of a JSON Schema into models; of models with a `kind`, only that of the kind of `value`."""
     if "$ref" in node:
-        return [whole["$defs"][node["$ref"].rpartition("/")[2]]]
+        return [schema["$defs"][node["$ref"].rpartition("/")[2]]]
     # Older versions of pydantic write a reference with a default as allOf of one.
     options = (option for word in ("anyOf", "oneOf", "allOf") for option in node.get(word, ()))
-    found = [choice for option in options for choice in _choices(option, whole, value)]
+    choices = [choice for option in options for choice in _choices(option, schema, value)]
     kind = value.get("kind") if isinstance(value, dict) else None
-    named = [n for n in found if n.get("properties", {}).get("kind", {}).get("const", kind) == kind]
-    return named if found else [node]
+    named = [
+        n for n in choices if n.get("properties", {}).get("kind", {}).get("const", kind) == kind
+    ]
+    return named if choices else [node]

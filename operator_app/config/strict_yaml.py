@@ -76,7 +76,7 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
         problems=(),
         unreadable=frozenset(builder.unreadable),
     )
-    return replace(bare, problems=tuple(bare.problem(*found) for found in builder.found))
+    return replace(bare, problems=tuple(bare.problem(*problem) for problem in builder.found))
 
 
 @lru_cache(maxsize=16)
@@ -164,18 +164,23 @@ class _Builder:
                 self._complain(key_node, path, "has a key that is not a word", "write `key: value`")
                 continue
             key = str(key_node.value)
-            here = (*path, key)
+            key_path = (*path, key)
             if key == "<<" and key_node.style is None:
-                self._complain(key_node, here, "merge keys are not supported", "write the keys out")
-                continue
-            if key in out:
-                first = self.marks[here][0]
                 self._complain(
-                    key_node, here, f"is given twice (first in line {first})", "keep one of them"
+                    key_node, key_path, "merge keys are not supported", "write the keys out"
                 )
                 continue
-            self.marks[here] = _mark(key_node)
-            out[key] = self.build(value_node, here)
+            if key in out:
+                first = self.marks[key_path][0]
+                self._complain(
+                    key_node,
+                    key_path,
+                    f"is given twice (first in line {first})",
+                    "keep one of them",
+                )
+                continue
+            self.marks[key_path] = _mark(key_node)
+            out[key] = self.build(value_node, key_path)
         return out
 
     def _scalar(self, node: ScalarNode, path: Path) -> Scalar:

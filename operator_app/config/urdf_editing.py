@@ -83,8 +83,8 @@ def format_urdf(
 def xml_comment(lines: Iterable[str]) -> bytes:
     """Format lines as an XML comment; empty without lines."""
     # Two hyphens would end it.
-    words = re.sub("-(?=-)", "- ", "\n".join(f"  {_xml_text(line)}" for line in lines))
-    return f"<!--\n{words}\n-->\n".encode() if words else b""
+    text = re.sub("-(?=-)", "- ", "\n".join(f"  {_xml_text(line)}" for line in lines))
+    return f"<!--\n{text}\n-->\n".encode() if text else b""
 
 
 def _xml_text(text: str) -> str:
@@ -144,25 +144,25 @@ def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray
     before: FloatArray = np.eye(4)
     T: FloatArray = np.eye(4)
     fixed: FloatArray = np.eye(4)
-    found, j = dict[str, FloatArray](), 0
+    origins, j = dict[str, FloatArray](), 0
     for step in chain.steps:
         T = T @ step.T
-        wanted: FloatArray = step.T
+        target: FloatArray = step.T
         if step.axis is None:
             fixed = fixed @ step.T
         else:
             own = _inverse(chain.frames[j]) @ T
-            wanted = _inverse(fixed) @ before @ place @ turned[j] @ own
+            target = _inverse(fixed) @ before @ place @ turned[j] @ own
             before, place, fixed = _inverse(own), link_transform(rows[j]), np.eye(4)
             j += 1
-        if step.rounded or np.abs(wanted - step.T).max() > SAME:
-            found[step.name] = wanted
+        if step.rounded or np.abs(target - step.T).max() > SAME:
+            origins[step.name] = target
     after: FloatArray = before @ place @ chain.T_flange_tip
     if np.abs(after - fixed).max() > SAME and chain.steps[-1].axis is None:
         last = next(s for s in reversed(chain.steps[:-1]) if s.axis is not None)
         first = chain.steps[chain.steps.index(last) + 1]
-        found[first.name] = after @ _inverse(fixed) @ first.T
-    return found
+        origins[first.name] = after @ _inverse(fixed) @ first.T
+    return origins
 
 
 def _inverse(T: FloatArray) -> FloatArray:
@@ -184,19 +184,19 @@ def _chains(data: bytes, file: str, arm: ArmModel) -> Iterator[UrdfChain]:
 
 def _matching(chains: Iterable[UrdfChain], arm: ArmModel, file: str) -> UrdfChain:
     """Return the chain whose rows are nearest to the arm's; raises ConfigError if they are of another arm."""
-    n, found = arm.joint_count, list[tuple[float, str, UrdfChain]]()
+    n, candidates = arm.joint_count, list[tuple[float, str, UrdfChain]]()
     for chain in chains:
         if len(chain.joints) != n:
             text = f"has {len(chain.joints)} revolute joints from {chain.base} to {chain.tip}"
             raise only(file, text, f"{arm.name} has {n}: is this its URDF?")
-        off = chain.table.stacked() - arm.table.stacked()
+        difference = chain.table.stacked() - arm.table.stacked()
         angles = [kind for kind in DhKind if kind.is_angle]
-        off[angles] = wrap_angle(off[angles]) / OTHER_ARM_RAD
-        off[[DhKind.S, DhKind.A]] /= OTHER_ARM_M
-        kind, row = np.unravel_index(np.argmax(np.abs(off)), off.shape)
+        difference[angles] = wrap_angle(difference[angles]) / OTHER_ARM_RAD
+        difference[[DhKind.S, DhKind.A]] /= OTHER_ARM_M
+        kind, row = np.unravel_index(np.argmax(np.abs(difference)), difference.shape)
         entry = DhEntry(DhKind(int(kind)), int(row) + 1)
-        found.append((float(np.abs(off).max()), entry.name, chain))
-    size, entry_name, nearest = min(found, key=lambda item: item[0])
+        candidates.append((float(np.abs(difference).max()), entry.name, chain))
+    size, entry_name, nearest = min(candidates, key=lambda item: item[0])
     if size > 1.0:
         text = f"its {entry_name} differs from {arm.name}'s {size:.0f} times more than arms of one model can"
         raise only(file, text, "is this the file that the arm file was made from?")
@@ -223,8 +223,8 @@ def _into_xml(data: bytes, origins: Mapping[str, FloatArray], comment: Sequence[
             cuts.append((at, at, xml_comment(comment)))
         if tag == "joint" and "type" in attributes and attributes.get("name") in origins:
             joint = attributes["name"]
-            words = origin_words(origins[joint])
-            added = f'<origin xyz="{words["xyz"]}" rpy="{words["rpy"]}"/>'.encode()
+            attribute = origin_words(origins[joint])
+            added = f'<origin xyz="{attribute["xyz"]}" rpy="{attribute["rpy"]}"/>'.encode()
             cuts.append((match.end(), match.end(), added))
         elif tag == "origin" and joint and way[-1] == "joint" and cuts[-1][0] == cuts[-1][1]:
             # Replaces an earlier comment of this program.

@@ -212,8 +212,8 @@ def _robot(data: bytes, file: str) -> ET.Element:
 
 def _links(element: ET.Element) -> tuple[str, str]:
     """Return parent and child of a joint; empty if missing."""
-    found = (element.find(key) for key in ("parent", "child"))
-    parent, child = ("" if e is None else e.get("link", "") for e in found)
+    ends = (element.find(key) for key in ("parent", "child"))
+    parent, child = ("" if e is None else e.get("link", "") for e in ends)
     return parent, child
 
 
@@ -369,8 +369,8 @@ def _row_records(table: DhTable) -> Iterator[dict[str, float]]:
     columns = table.stacked()
     degrees, lengths = np.rad2deg(columns[[0, 3, 4]]).round(12), columns[1:3].round(13)
     rows = np.column_stack((*lengths, *degrees)).tolist()
-    for k, (s, a, off, alpha, beta) in enumerate(rows, 1):
-        row = {"row": k, "theta_off_deg": off, "s_m": s, "a_m": a, "alpha_deg": alpha}
+    for k, (s, a, theta_off, alpha, beta) in enumerate(rows, 1):
+        row = {"row": k, "theta_off_deg": theta_off, "s_m": s, "a_m": a, "alpha_deg": alpha}
         yield row | ({"beta_deg": beta} if beta else {})
 
 

@@ -70,8 +70,8 @@ def rows_of(
 
 def link_transform(row: Sequence[float]) -> FloatArray:
     """``Rz(theta_off) Tz(s) Tx(a) Rx(alpha) Ry(beta)`` as (4, 4)."""
-    off, s, a, alpha, beta = row
-    c, n, ca, sa, cb, sb = (f(v) for v in (off, alpha, beta) for f in (math.cos, math.sin))
+    theta_off, s, a, alpha, beta = row
+    c, n, ca, sa, cb, sb = (f(v) for v in (theta_off, alpha, beta) for f in (math.cos, math.sin))
     turn = np.array([[c, -n * ca, n * sa], [n, c * ca, -c * sa], [0.0, sa, ca]])
     T = np.eye(4)
     T[:3, :3] = turn @ np.array([[cb, 0.0, sb], [0.0, 1.0, 0.0], [-sb, 0.0, cb]])
@@ -135,13 +135,13 @@ def _normal_to(line: AxisLine, apart: FloatArray, z: FloatArray) -> tuple[FloatA
     return (-normal, -a) if normal @ line.x < 0.0 else (normal, a)
 
 
-def _across(z: FloatArray, *wanted: FloatArray) -> FloatArray:
-    """Return the first of the `wanted` directions that is not parallel to z, made orthogonal to z."""
-    for direction in wanted:
+def _across(z: FloatArray, *directions: FloatArray) -> FloatArray:
+    """Return the first of `directions` that is not parallel to z, made orthogonal to z."""
+    for direction in directions:
         x = direction - (direction @ z) * z
         if np.linalg.norm(x) > 0.1:
             return np.asarray(x / np.linalg.norm(x))
-    return np.asarray(np.cross(z, wanted[-1]))
+    return np.asarray(np.cross(z, directions[-1]))
 
 
 def _angle(a: FloatArray, b: FloatArray, about: FloatArray) -> float:

@@ -114,8 +114,8 @@ def usual_bus(named: str | None = None) -> BusSettings | None:
     """
     from hardware.buses.python_can import BusSettings
 
-    asked = named is None and not os.environ.get("CAN_INTERFACE")
-    usual = load_settings() if asked else UserSettings()
+    applies = named is None and not os.environ.get("CAN_INTERFACE")
+    usual = load_settings() if applies else UserSettings()
     if usual.interface is None:
         return None
     return BusSettings(
@@ -126,7 +126,7 @@ def usual_bus(named: str | None = None) -> BusSettings | None:
     )
 
 
-def changed(words: Mapping[str, str]) -> UserSettings:
+def changed(texts: Mapping[str, str]) -> UserSettings:
     """Return the user's settings with these keys set; an empty text removes a key.
 
     An invalid file can be repaired in this way, key by key, and unknown keys can be removed.
@@ -145,22 +145,22 @@ def changed(words: Mapping[str, str]) -> UserSettings:
         if document.problems:
             raise ConfigError(document.problems)
         before = document.data
-    for key, text in words.items():
+    for key, text in texts.items():
         if key not in KEYS and (text or key not in before):
             raise only("settings", f"{key!r} is none", f"one of {', '.join(KEYS)}")
-    interface = words.get("interface")
+    interface = texts.get("interface")
     if interface and interface not in known_interfaces():
         known = ", ".join(known_interfaces())
         raise only("settings", f"there is no interface {interface!r}", f"one of {known}")
-    typed: dict[str, str | int] = {k: v for k, v in words.items() if v}
-    rate = words.get("bitrate", "")
+    typed: dict[str, str | int] = {k: v for k, v in texts.items() if v}
+    rate = texts.get("bitrate", "")
     if rate.isdecimal() and len(rate) < 10:  # Python refuses to convert thousands of digits
         typed["bitrate"] = int(rate)
     parse_settings(dump_strict({"schema": SETTINGS_SCHEMA, **typed}), "settings")
-    kept = {k: v for k, v in before.items() if k not in words and k != "schema"}
+    unchanged = {k: v for k, v in before.items() if k not in texts and k != "schema"}
     schema = before.get("schema", SETTINGS_SCHEMA)
     try:
-        return parse_settings(dump_strict({"schema": schema, **kept, **typed}), file)
+        return parse_settings(dump_strict({"schema": schema, **unchanged, **typed}), file)
     except ConfigError:
         # Reported with the lines of the present file.
         parse_settings(data or b"", file)

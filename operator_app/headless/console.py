@@ -54,10 +54,10 @@ class ConsoleListener(Listener):
         self._late_times = session.state.late.times
         self.say(f"Resuming with {len(session.state.used_poses)} poses.")
 
-    def cut_short(self, found: CutShort) -> None:
+    def cut_short(self, cut: CutShort) -> None:
         """Report what has been saved of a run that ended early, and how to continue."""
         self.close()
-        for line in cut_short_lines(found):
+        for line in cut_short_lines(cut):
             self.say(line)
 
     def connected(self, identity: ArmIdentity) -> None:
@@ -127,48 +127,48 @@ class ConsoleListener(Listener):
             self._progress = None
 
 
-def cut_short_lines(found: CutShort) -> list[str]:
+def cut_short_lines(cut: CutShort) -> list[str]:
     """Return the messages about a run that ended early, the most important first."""
-    session, state = found.session, found.session.state
-    interrupted = isinstance(found.cause, KeyboardInterrupt)
-    said = "The run was interrupted" if interrupted else "The run ended early"
-    if found.connected and found.held:
-        said += "; the arm is held"
+    session, state = cut.session, cut.session.state
+    interrupted = isinstance(cut.cause, KeyboardInterrupt)
+    what = "The run was interrupted" if interrupted else "The run ended early"
+    if cut.connected and cut.held:
+        what += "; the arm is held"
     folder = session.journal.kept_folder
     if session.journal.loss is not None:
-        return [*_danger(found), f"{said}. The rescued entries are in {folder}."]
+        return [*_danger(cut), f"{what}. The rescued entries are in {folder}."]
     # From the journal: an interrupt may come between writing an event and applying it.
-    kept = read_session(folder).state if found.kept else None
+    kept = read_session(folder).state if cut.kept else None
     poses = len(state.poses if kept is None else kept.poses)
-    lines = [f"{said}; no pose was captured."]
+    lines = [f"{what}; no pose was captured."]
     if poses:
         lines = [
-            f"{said}. {plural(poses, 'pose')} {'is' if poses == 1 else 'are'} kept in {folder}.",
-            *_way_on(found),
+            f"{what}. {plural(poses, 'pose')} {'is' if poses == 1 else 'are'} kept in {folder}.",
+            *_way_on(cut),
         ]
-    if isinstance(found.cause, DriveDiverged):
+    if isinstance(cut.cause, DriveDiverged):
         # The operator has just seen the arm move: the cause first.
-        lines.insert(0, f"{stopped_words(str(found.cause))}.")
-    if late := _late(found):
+        lines.insert(0, f"{stopped_words(str(cut.cause))}.")
+    if late := _late(cut):
         lines.insert(0, late)
-    return [*_danger(found), *lines]
+    return [*_danger(cut), *lines]
 
 
-def _danger(found: CutShort) -> list[str]:
+def _danger(cut: CutShort) -> list[str]:
     """Return the warning that the arm is not held; after an interrupt the caller raises it as an error."""
-    left = found.session.not_held
-    if left is None or not found.connected or isinstance(found.cause, KeyboardInterrupt):
+    error = cut.session.not_held
+    if error is None or not cut.connected or isinstance(cut.cause, KeyboardInterrupt):
         return []
-    said = words(left)
-    return [f"{said.happened}. {said.remedy}."]
+    message = words(error)
+    return [f"{message.happened}. {message.remedy}."]
 
 
-def _late(found: CutShort) -> str:
+def _late(cut: CutShort) -> str:
     """Return the message that this computer was late, if drives tripped because its heartbeat was missing."""
-    cause = found.cause
+    cause = cut.cause
     if not (isinstance(cause, DriveFault) and cause.code == EmergencyCode.HEARTBEAT_LOST):
         return ""
-    late = found.session.connection_lateness
+    late = cut.session.connection_lateness
     if late.times == 0:
         return ""
     again = "" if late.times == 1 else f" ({late.times} times, by {late.longest_s:.2f} s at most)"
@@ -178,9 +178,9 @@ def _late(found: CutShort) -> str:
     )
 
 
-def _way_on(found: CutShort) -> list[str]:
+def _way_on(cut: CutShort) -> list[str]:
     """Return text on how to continue; empty if resuming would fail again."""
-    cause, session = found.cause, found.session
+    cause, session = cut.cause, cut.session
     folder = session.journal.path.parent
     goes_on = f"Go on with: sarcal run --resume {folder}"
     if isinstance(cause, DriveFault) and cause.code != EmergencyCode.HEARTBEAT_LOST:

@@ -247,8 +247,8 @@ class Plain:
         except EXPECTED as error:
             if not self.sessions.is_open:
                 raise
-            said = words(error)
-            self.refuse(f"{said.happened}. {said.remedy}")
+            message = words(error)
+            self.refuse(f"{message.happened}. {message.remedy}")
             return
         self._step, self._heard = Step.CONNECT, 0
 
@@ -269,11 +269,11 @@ class Plain:
     def show_history(self, serial: str) -> None:
         """Write the history of an arm."""
         try:
-            found = arm_history(serial, self.sessions.root)
+            history = arm_history(serial, self.sessions.root)
         except EXPECTED as error:
             self.refuse(words(error).happened)
         else:
-            self._terminal.say(history_text(found))
+            self._terminal.say(history_text(history))
 
     # -- inside ------------------------------------------------------------------------------------
 

@@ -65,8 +65,8 @@ def _fixture(s: SessionSnapshot) -> list[str]:
     elif s.forecast is not None:
         predicted = CONDITION(s.forecast.scaled_condition_number).shown
         lines.append(f"Predicted condition number {predicted}.")
-    left = len(s.procedure.fixture.checklist) - len(s.ticked)
-    return [*lines, f"Check list: {left} items left."]
+    unticked = len(s.procedure.fixture.checklist) - len(s.ticked)
+    return [*lines, f"Check list: {unticked} items left."]
 
 
 def _modes(s: SessionSnapshot) -> list[str]:
@@ -77,8 +77,8 @@ def _modes(s: SessionSnapshot) -> list[str]:
             position = POSITION(state.position_rad).with_unit
             lines.append(f"Joint {state.joint} {joint.name}: {mode}, {position}.")
     for ranked in s.ranked[:3]:
-        drives, why = joints_named(ranked.drives), "; ".join(ranked.reasons)
-        lines.append(f"Ranked {drives}: score {ranked.score:.2f}, {why}.")
+        drives, reasons = joints_named(ranked.drives), "; ".join(ranked.reasons)
+        lines.append(f"Ranked {drives}: score {ranked.score:.2f}, {reasons}.")
     return lines
 
 
@@ -92,10 +92,10 @@ def _capture(s: SessionSnapshot) -> list[str]:
         )
     for pose in s.state.poses[-3:]:
         noise = READING_SD(float(pose.sd_rad.max())).with_unit
-        words = f"Pose {pose.number}: noise up to {noise}"
-        words += f", excluded {pose.excluded}" if pose.excluded else ""
-        words += f", note: {pose.note}" if pose.note else ""
-        lines.append(words + ".")
+        text = f"Pose {pose.number}: noise up to {noise}"
+        text += f", excluded {pose.excluded}" if pose.excluded else ""
+        text += f", note: {pose.note}" if pose.note else ""
+        lines.append(text + ".")
     return lines
 
 

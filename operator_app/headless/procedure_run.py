@@ -128,9 +128,9 @@ def next_placement(
     listener.close()
     # The journal has the bus that was really used; the options may leave it to the environment.
     opening = resume(str(opening.folder), opening.choices, root=root)
-    number, wanted = opening.placement + 1, opening.procedure.placements
+    number, placements = opening.placement + 1, opening.procedure.placements
     if opening.choices.interface == "virtual":
-        listener.say(f"Placement {number} of {wanted}: the virtual fixture is remounted.")
+        listener.say(f"Placement {number} of {placements}: the virtual fixture is remounted.")
     else:
         with _interrupted_in_words(opening, listener):
             for line in words(opening, drives_off=drives_off):

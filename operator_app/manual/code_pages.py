@@ -92,16 +92,18 @@ def _model(name: str, model: Mapping[str, Any], models: Mapping[str, Any]) -> It
 def heading(model: str) -> str:
     """Return the name of a model as shown on the page: Rvdt for ``RvdtModel``."""
     bare = re.sub(r"(Model|Spec)$", "", model)
-    words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", bare).lower()
-    return words[:1].upper() + words[1:]
+    name = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", bare).lower()
+    return name[:1].upper() + name[1:]
 
 
 def _docstring(text: str) -> tuple[str, dict[str, str]]:
     """Return the descriptions of a model and of its keys, from its docstring."""
     about, _, attributes = text.replace("``", "`").partition("Attributes\n----------\n")
     of_keys = {}
-    for names, said in re.findall(r"^(\w[\w, ]*)\n((?:    .*\n?)+)", attributes, re.MULTILINE):
-        of_keys.update({name.strip(): " ".join(said.split()) for name in names.split(",")})
+    for names, description in re.findall(
+        r"^(\w[\w, ]*)\n((?:    .*\n?)+)", attributes, re.MULTILINE
+    ):
+        of_keys.update({name.strip(): " ".join(description.split()) for name in names.split(",")})
     return " ".join(about.split()), of_keys
 
 
@@ -146,8 +148,8 @@ def _number(spec: Mapping[str, Any], word: str) -> str:
 
 
 def _key_default(spec: Mapping[str, Any]) -> str:
-    found = spec.get("default")
-    return "" if found is None or found == {} else f"`{json.dumps(found)}`"
+    default = spec.get("default")
+    return "" if default is None or default == {} else f"`{json.dumps(default)}`"
 
 
 TYPES = {

@@ -129,7 +129,7 @@ class Manual:
 
     def summary(self, topic: str) -> str:
         """Return the summary of a page in one line."""
-        return next(found[topic] for found in SECTIONS.values() if topic in found)
+        return next(section[topic] for section in SECTIONS.values() if topic in section)
 
     def page(self, topic: str) -> Page:
         """Return a page.

@@ -16,15 +16,15 @@ LISTED = 4
 """How many parameters a message lists."""
 
 
-def words(found: Finding) -> tuple[str, str]:
+def words(finding: Finding) -> tuple[str, str]:
     """Return the text and the remedy of a finding."""
-    fields = _Fields(found)
-    return found.kind.text.format_map(fields), found.kind.remedy.format_map(fields)
+    fields = _Fields(finding)
+    return finding.kind.text.format_map(fields), finding.kind.remedy.format_map(fields)
 
 
-def brief(found: Finding) -> str:
+def brief(finding: Finding) -> str:
     """Return the text of a finding for a small panel; for an RVDT, the verdict without figures."""
-    return found.kind.brief.format_map(_Fields(found)) or found.sentence
+    return finding.kind.brief.format_map(_Fields(finding)) or finding.sentence
 
 
 def poses_named(labels: tuple[str, ...]) -> str:
@@ -110,12 +110,12 @@ class _Choice(int):
 class _Fields(dict[str, object]):
     """Mapping of the names that a template may use: a finding's figures, and FIELDS."""
 
-    def __init__(self, found: Finding) -> None:
-        figures = {"size": found.size, "sigma": found.sigma, **found.figures}
+    def __init__(self, finding: Finding) -> None:
+        figures = {"size": finding.size, "sigma": finding.sigma, **finding.figures}
         super().__init__(
-            {k: _Amount.of(v, found.unit) for k, v in figures.items() if v is not None}
+            {k: _Amount.of(v, finding.unit) for k, v in figures.items() if v is not None}
         )
-        self._found = found
+        self._found = finding
 
     def __missing__(self, name: str) -> object:
         return FIELDS[name](self._found)

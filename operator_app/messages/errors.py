@@ -56,9 +56,9 @@ REACHES_NOTHING = (
 )
 
 
-def stopped_words(why: str) -> str:
+def stopped_words(reason: str) -> str:
     """Return why the arm stopped by itself, and the remedy."""
-    return f"{_capital(why)}. {REMEDIES[DriveDiverged]}"
+    return f"{_capital(reason)}. {REMEDIES[DriveDiverged]}"
 
 
 def _remedy(error: BaseException) -> str:
@@ -165,7 +165,7 @@ def unwatching_words(identity: ArmIdentity) -> str:
 def configured_words(identity: ArmIdentity) -> str:
     """Return a text with the drive objects set according to the bus profile; "" for none."""
     zeroed = identity.zeroed
-    pdos = tuple(words for words in identity.configured if words not in zeroed)
+    pdos = tuple(text for text in identity.configured if text not in zeroed)
     parts = [
         f"{len(changed)} {what}{'s' if len(changed) > 1 else ''} {'were' if len(changed) > 1 else 'was'} {how}: "
         f"{changed[0]}"

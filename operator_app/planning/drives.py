@@ -234,7 +234,7 @@ def _with_others(
 ) -> tuple[tuple[int, ...], ...]:
     """Add the sets that reach poses which the sets before them cannot."""
     chosen = [drives]
-    reached = float(PathGraph(manifold, chosen, LIMITS).reachable(0).mean())
+    reachable = float(PathGraph(manifold, chosen, LIMITS).reachable(0).mean())
     # A set that reaches little alone adds little: the first six are enough.
     others = [d for d in usable if d != drives][:6]
     while others and len(chosen) < MOST_SETS:
@@ -242,10 +242,10 @@ def _with_others(
             float(PathGraph(manifold, [*chosen, d], LIMITS).reachable(0).mean()) for d in others
         ]
         best = int(np.argmax(share))
-        if share[best] < reached + WORTH_A_CHANGE:
+        if share[best] < reachable + WORTH_A_CHANGE:
             break
         chosen.append(others.pop(best))
-        reached = share[best]
+        reachable = share[best]
     return tuple(chosen)
 
 

@@ -185,11 +185,11 @@ def predict(
     chosen = q[reachable][:poses]
     condition = float("inf")
     if len(chosen) * model.equations_per_pose > len(model.parameters):
-        seen = model
+        loop = model
         if isinstance(model, MeasuredClosure):
             position, rotation = model.predicted(x, chosen)
-            seen = model.with_endpoints(position, rotation if model.full_pose else None)
-        condition = identifiability(seen, x, chosen).scaled_condition_number
+            loop = model.with_endpoints(position, rotation if model.full_pose else None)
+        condition = identifiability(loop, x, chosen).scaled_condition_number
     return Forecast(q_rad=q, reachable=reachable, scaled_condition_number=condition)
 
 
@@ -197,11 +197,11 @@ def _followed(
     model: ClosureModel, x: FloatArray, start_rad: FloatArray, columns: list[int], goal: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
     """Return the poses (w, n) on the way of the drive joints (`columns`) to `goal`, and which of them close (w,)."""
-    here = close_loops(model, x, np.asarray(start_rad)[None, :])
+    start = close_loops(model, x, np.asarray(start_rad)[None, :])
     weight = np.ones(model.joint_count)
     # The drive joints are given; the other joints follow.
     weight[columns] = 0.0
-    q, u = (np.repeat(angles, len(goal), axis=0) for angles in (here.q, here.u))
+    q, u = (np.repeat(angles, len(goal), axis=0) for angles in (start.q, start.u))
     begin, closed = q[:, columns].copy(), np.ones(len(goal), dtype=np.bool_)
     for leg in np.linspace(0.0, 1.0, LEGS + 1)[1:]:
         q[:, columns] = begin + leg * (goal - begin)

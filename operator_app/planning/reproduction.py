@@ -117,7 +117,7 @@ def published(*, poses: int = PUBLISHED_POSES) -> Published:
         solution=solution,
         printed=printed,
         shares=tuple(shares),
-        remedies=tuple(_remedy(name, where, found, printed) for name, where, found in remedies),
+        remedies=tuple(_remedy(name, where, variant, printed) for name, where, variant in remedies),
         poses=poses,
     )
 

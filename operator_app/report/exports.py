@@ -61,65 +61,65 @@ class Calibration:
         return calibrated_arm(self.solution, self.arm)
 
 
-def in_format(found: Calibration, kind: str) -> bytes:
+def in_format(calibration: Calibration, kind: str) -> bytes:
     """Return the calibration in one of the formats in `EXPORT_FILES`, as bytes."""
-    return {"json": _json, "csv": _csv, "urdf": _urdf, "mat": _mat}[kind](found)
+    return {"json": _json, "csv": _csv, "urdf": _urdf, "mat": _mat}[kind](calibration)
 
 
-def _json(found: Calibration) -> bytes:
+def _json(calibration: Calibration) -> bytes:
     """The object of `sarcal solve --json`, with the arm and its table."""
-    said: Mapping[str, Any] = facts_of(found.solution, checks=found.checks).json
+    content: Mapping[str, Any] = facts_of(calibration.solution, checks=calibration.checks).json
     document = {
         "schema": "sarcal/result/1",
-        "arm": {"model": found.arm.name, "serial": found.serial_number},
-        **said,
-        "dh_arm": _rows(found),
-        "forced": found.forced,
-        "pose_set_sha256": found.poses.sha256(),
+        "arm": {"model": calibration.arm.name, "serial": calibration.serial_number},
+        **content,
+        "dh_arm": _rows(calibration),
+        "forced": calibration.forced,
+        "pose_set_sha256": calibration.poses.sha256(),
         "software_version": version("sarcal"),
     }
     return (json.dumps(document, indent=2, allow_nan=False) + "\n").encode()
 
 
-def _rows(found: Calibration) -> list[dict[str, Any]]:
+def _rows(calibration: Calibration) -> list[dict[str, Any]]:
     """D-H rows 1..n of the arm itself, without the fixture's entries, in deg and m, as in its URDF."""
-    arm = found.by_itself
+    arm = calibration.by_itself
     columns = arm.table().stacked()
     angles = [kind for kind in DhKind if kind.is_angle]
     columns[angles] = np.rad2deg(columns[angles])
     return [
         {
             "row": k,
-            "theta_off_deg": off,
+            "theta_off_deg": theta_off,
             "s_m": s,
             "a_m": a,
             "alpha_deg": alpha,
-            **({"beta_deg": beta} if k in found.arm.hayati_rows else {}),
+            **({"beta_deg": beta} if k in calibration.arm.hayati_rows else {}),
             "calibrated": [n for n in arm.identified if n.endswith(f"_{k}")],
         }
-        for k, (off, s, a, alpha, beta) in enumerate(columns.T.tolist(), 1)
+        for k, (theta_off, s, a, alpha, beta) in enumerate(columns.T.tolist(), 1)
     ]
 
 
-def _csv(found: Calibration) -> bytes:
+def _csv(calibration: Calibration) -> bytes:
     """One row for each parameter, angles in deg, lengths in mm; a forced export has its reason in a last column."""
-    estimate = found.solution.identified
+    estimate = calibration.solution.identified
     rows = [
-        (p.name, side_of(found.solution.model, p.name), quantity_of(p).unit,
+        (p.name, side_of(calibration.solution.model, p.name), quantity_of(p).unit,
          *(repr(quantity_of(p).per_si * float(v)) for v in (p.nominal, value, sigma)))
         for p, value, sigma in zip(
             estimate.parameters, estimate.x, estimate.standard_deviation, strict=True
         )
     ]  # fmt: skip
-    if found.solution.accepted:
+    if calibration.solution.accepted:
         return write_records([CSV_HEADER, *rows])
-    why = " ".join(found.forced.split())
+    reason = " ".join(calibration.forced.split())
     return write_records(
-        [(*CSV_HEADER, "forced"), *((*row, why) for row in rows)], texts=("forced",)
+        [(*CSV_HEADER, "forced"), *((*row, reason) for row in rows)], texts=("forced",)
     )
 
 
-def into_description(found: Calibration, data: bytes, file: str) -> bytes:
+def into_description(calibration: Calibration, data: bytes, file: str) -> bytes:
     """Return the user's own URDF, xacro or UR kinematics file with the calibration in its joint origins.
 
     Raises
@@ -127,7 +127,7 @@ def into_description(found: Calibration, data: bytes, file: str) -> bytes:
     ConfigError
         The file cannot be read, or describes another arm.
     """
-    estimate, own = found.solution.identified, set(found.by_itself.identified)
+    estimate, own = calibration.solution.identified, set(calibration.by_itself.identified)
     figures = [
         f"{p.name}: {quantity_of(p).per_si * value:.6f}, sigma {quantity_of(p).per_si * sigma:.6f} "
         f"{quantity_of(p).unit}"
@@ -139,61 +139,65 @@ def into_description(found: Calibration, data: bytes, file: str) -> bytes:
         )
         if p.name in own
     ]
-    comments = ["Only joint origins are changed.", *_provenance(found), *figures]
-    return with_calibration(data, file, found.arm, found.by_itself.table(), comments)
+    comments = ["Only joint origins are changed.", *_provenance(calibration), *figures]
+    return with_calibration(data, file, calibration.arm, calibration.by_itself.table(), comments)
 
 
-def _urdf(found: Calibration) -> bytes:
-    arm, n = found.by_itself, found.arm.joint_count
-    said = [
-        *_provenance(found),
+def _urdf(calibration: Calibration) -> bytes:
+    arm, n = calibration.by_itself, calibration.arm.joint_count
+    comments = [
+        *_provenance(calibration),
         f"The link 'flange' is frame {n} of the D-H table, 'tip' the fixture's point. No masses, no shapes.",
     ]
     T_tip = link_transform(arm.table("tip").stacked()[:, -1].tolist())
     T_tip[:3, 3] += T_tip[:3, :3] @ arm.table_tip_m
-    return format_urdf(found.arm, arm.table(), T_tip=T_tip, comment=said)
+    return format_urdf(calibration.arm, arm.table(), T_tip=T_tip, comment=comments)
 
 
-def _provenance(found: Calibration) -> list[str]:
+def _provenance(calibration: Calibration) -> list[str]:
     """Return comment lines that state arm, poses, calibrated entries, and the reason for a forced export."""
-    arm = found.by_itself
-    model = found.solution.model.parts()[0][0]
+    arm = calibration.by_itself
+    model = calibration.solution.model.parts()[0][0]
     mounting = [
         name
         for name in (p.name for p in model.parameters)
         if name in {*model.ground_side, *model.hand_side}
     ]
-    said = [
-        f"{found.arm.name}, serial {found.serial_number}, calibrated by sarcal {version('sarcal')}",
-        f"from {found.solution.poses} poses (SHA-256 {found.poses.sha256()}).",
+    comments = [
+        f"{calibration.arm.name}, serial {calibration.serial_number}, calibrated by sarcal {version('sarcal')}",
+        f"from {calibration.solution.poses} poses (SHA-256 {calibration.poses.sha256()}).",
         "Joint values are sensor readings: the joint-angle offsets are in the origins.",
         f"Calibrated: {', '.join(arm.identified) or 'no entry of the arm itself'}.",
         "As in the arm file, because they belong to the mounting:",
         f"{', '.join(mounting)}.",
     ]
-    if not found.solution.accepted:
-        said += [f"NOT ACCEPTED: {'; '.join(found.solution.reasons)}.", f"Used: {found.forced}"]
-    return said
+    if not calibration.solution.accepted:
+        comments += [
+            f"NOT ACCEPTED: {'; '.join(calibration.solution.reasons)}.",
+            f"Used: {calibration.forced}",
+        ]
+    return comments
 
 
-def _mat(found: Calibration) -> bytes:
+def _mat(calibration: Calibration) -> bytes:
     """MATLAB variables in SI units, with units in their names."""
     from scipy.io import savemat
 
-    estimate = found.solution.identified
-    arm = found.by_itself
+    estimate = calibration.solution.identified
+    arm = calibration.by_itself
     names = np.array([p.name for p in estimate.parameters], dtype=object)
     buffer = io.BytesIO()
     savemat(
         buffer,  # type: ignore[arg-type] # the stubs know paths only
         {
-            "arm_model": found.arm.name,
-            "arm_serial": found.serial_number,
-            "verdict": found.solution.verdict.value,
-            "forced": found.forced,
+            "arm_model": calibration.arm.name,
+            "arm_serial": calibration.serial_number,
+            "verdict": calibration.solution.verdict.value,
+            "forced": calibration.forced,
             "names": names,
             "side": np.array(
-                [side_of(found.solution.model, p.name) for p in estimate.parameters], dtype=object
+                [side_of(calibration.solution.model, p.name) for p in estimate.parameters],
+                dtype=object,
             ),
             "is_angle": np.array([p.is_angle for p in estimate.parameters]),
             "value_rad_or_m": estimate.x,
@@ -204,9 +208,9 @@ def _mat(found: Calibration) -> bytes:
             "dh_arm_rad_m": arm.table().stacked().T,
             "dh_hand_rad_m": arm.table("tip").stacked().T,
             "tip_m": arm.tip_m,
-            "q_rad": found.poses.q_rad,
-            "placement": found.poses.placement,
-            "T_base_tip": np.moveaxis(arm.T_base(found.poses.q_rad), 0, -1),
+            "q_rad": calibration.poses.q_rad,
+            "placement": calibration.poses.placement,
+            "T_base_tip": np.moveaxis(arm.T_base(calibration.poses.q_rad), 0, -1),
         },
         oned_as="column",
     )

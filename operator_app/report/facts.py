@@ -186,21 +186,23 @@ def merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _headlines(solution: Solution, limits: AcceptanceLimits, left_out: int) -> tuple[Headline, ...]:
-    estimate, before, seen = solution.identified, solution.before, solution.seen
+    estimate, before, identifiability = solution.identified, solution.before, solution.seen
     after = estimate.sigmas
-    said = [_sigma("sigma_pos", SIGMA_POS, before.position_m, after.position_m)]
+    headlines = [_sigma("sigma_pos", SIGMA_POS, before.position_m, after.position_m)]
     turned = before.orientation_rad, after.orientation_rad
     if estimate.rotation_rows and turned[0] is not None and turned[1] is not None:
-        said.append(_sigma("sigma_ori", SIGMA_ORI, turned[0], turned[1]))
-    said += [
+        headlines.append(_sigma("sigma_ori", SIGMA_ORI, turned[0], turned[1]))
+    headlines += [
         Headline(
             name="scaled condition number",
-            figure=CONDITION(seen.scaled_condition_number, key=("scaled_condition_number",)),
+            figure=CONDITION(
+                identifiability.scaled_condition_number, key=("scaled_condition_number",)
+            ),
             note=f"limit {limits.scaled_condition_number:g}, the paper had {CONDITION_PAPER}",
         ),
         Headline(
             name="rank",
-            figure=Figure(seen.rank, places=0, key=("rank",)),
+            figure=Figure(identifiability.rank, places=0, key=("rank",)),
             note=f"of {len(estimate.parameters)}",
         ),
     ]
@@ -208,10 +210,10 @@ def _headlines(solution: Solution, limits: AcceptanceLimits, left_out: int) -> t
         fitted = solution.components is not None and solution.components.components
         note = "noise fitted with it" if fitted else "1 expected"
         ratio = CHI2(estimate.chi2_per_dof, key=("chi2_per_dof",))
-        said.append(Headline(name="chi2/dof", figure=ratio, note=note))
+        headlines.append(Headline(name="chi2/dof", figure=ratio, note=note))
     poses = Figure(solution.poses, places=0, key=("poses",))
     note = f"{left_out} left out" if left_out else ""
-    return (*said, Headline(name="poses", figure=poses, note=note))
+    return (*headlines, Headline(name="poses", figure=poses, note=note))
 
 
 def _sigma(name: str, kind: Kind, before: TwoReadings, after: TwoReadings) -> Headline:
@@ -229,25 +231,25 @@ def side_note(solution: Solution) -> str:
     names: dict[str, list[str]] = {"arm": [], "ground": [], "hand": []}
     for parameter in solution.identified.parameters:
         names[side_of(solution.model, parameter.name)].append(parameter.name)
-    said = [f"Arm: {', '.join(names['arm'])}." if names["arm"] else "Arm: none."]
-    said += [
+    sentences = [f"Arm: {', '.join(names['arm'])}." if names["arm"] else "Arm: none."]
+    sentences += [
         f"{side.capitalize()}: {', '.join(names[side])}."
         for side in ("ground", "hand")
         if names[side]
     ]
-    return " ".join([*said, "Parameters of the arm stay valid in another mounting."])
+    return " ".join([*sentences, "Parameters of the arm stay valid in another mounting."])
 
 
 def remedy_table(solution: Solution) -> FactTable | None:
     """Offset, gain and corrections of every RVDT that the poses could determine; None without any."""
     rows: list[tuple[Cell, ...]] = []
-    for found in reading_tables(solution):
+    for table in reading_tables(solution):
         head: tuple[Cell, ...] = (
-            str(found.joint),
-            Figure(found.theta_off_rad, ANGLE, places=3),
-            Figure(found.gain, places=4),
+            str(table.joint),
+            Figure(table.theta_off_rad, ANGLE, places=3),
+            Figure(table.gain, places=4),
         )
-        columns = (found.reading_rad, found.add_rad, found.sigma_rad)
+        columns = (table.reading_rad, table.add_rad, table.sigma_rad)
         for reading, add, sigma in zip(*(c[::EVERY].tolist() for c in columns), strict=True):
             rows.append(
                 (

@@ -104,31 +104,31 @@ def checks_data(checks: Checks) -> dict[str, Any]:
     }
 
 
-def _hold_out_data(found: HoldOut | None) -> dict[str, Any] | None:
-    if found is None:
+def _hold_out_data(hold_out: HoldOut | None) -> dict[str, Any] | None:
+    if hold_out is None:
         return None
     return {
-        "parts": len(found.parts),
-        "chi2_per_dof": [part.per_dof for part in found.parts],
+        "parts": len(hold_out.parts),
+        "chi2_per_dof": [part.per_dof for part in hold_out.parts],
     }
 
 
-def _components_data(found: VarianceComponents | None) -> dict[str, Any]:
-    if found is None:
+def _components_data(components: VarianceComponents | None) -> dict[str, Any]:
+    if components is None:
         return {"variance_components": {}}
     # A rigid fixture is given as zero, not left out.
-    rigid = {} if found.compliance is None else {"fixture_mm": 0.0, "fixture_mrad": 0.0}
+    rigid = {} if components.compliance is None else {"fixture_mm": 0.0, "fixture_mrad": 0.0}
     return {
         "variance_components": rigid,
         "variance_components_interval": {},
-        "flexure_p_value": None if found.compliance is None else found.compliance.p_value,
+        "flexure_p_value": None if components.compliance is None else components.compliance.p_value,
     }
 
 
 def _rvdt_data(verdict: RvdtVerdict) -> dict[str, Any]:
     """Return one RVDT's diagnosis; angles in deg, its linearity deviation as a correction table."""
     figures = verdict.figures
-    found: dict[str, Any] = {
+    data: dict[str, Any] = {
         "joint": verdict.joint,
         "verdict": verdict.verdict.value,
         "text": verdict.text,
@@ -136,9 +136,9 @@ def _rvdt_data(verdict: RvdtVerdict) -> dict[str, Any]:
         "share_of_residual": verdict.share,
     }
     if (noise := verdict.noise) is not None:
-        found |= {"noise_lsb": noise.lsb, "noise_lsb_interval": [noise.low, noise.high]}
+        data |= {"noise_lsb": noise.lsb, "noise_lsb_interval": [noise.low, noise.high]}
     if figures is not None:
-        found |= {
+        data |= {
             "linearity_percent_of_full_scale": 100.0 * figures.linearity,
             "linearity_sd_percent": 100.0 * figures.linearity_sd,
             "half_range_percent_of_full_scale": 100.0 * figures.half_range,
@@ -150,7 +150,7 @@ def _rvdt_data(verdict: RvdtVerdict) -> dict[str, Any]:
                 for row in np.rad2deg(figures.table_rad).tolist()
             ],
         }
-    return found
+    return data
 
 
 def unidentifiable_data(

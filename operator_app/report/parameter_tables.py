@@ -210,7 +210,7 @@ def dh_table(solution: Solution) -> FactTable | None:
     after = model.dh_table(solution.estimate.x)
     if before is None or after is None:
         return None
-    nominal, found = before.stacked(), after.stacked()
+    nominal, identified = before.stacked(), after.stacked()
     free = set(model.entries)
     kinds = shown_kinds(
         with_beta=any(e.kind is DhKind.BETA for e in free) or bool(before.beta_rad.any())
@@ -232,7 +232,7 @@ def dh_table(solution: Solution) -> FactTable | None:
             if kind is DhKind.THETA_OFF and (row == 0 or row in model.unsensed_joints):
                 cells += [NOT_AVAILABLE, ""]
                 continue
-            value = float(found[kind, row])
+            value = float(identified[kind, row])
             cells += [
                 Figure(float(nominal[kind, row]), quantity, places=round_places(quantity)),
                 Figure(value, quantity, places=places(quantity), role="found")

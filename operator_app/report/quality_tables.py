@@ -38,18 +38,20 @@ OBSERVABILITY = (
 
 def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactTable:
     """Condition, rank, degrees of freedom, chi2, weakest direction."""
-    estimate, seen = solution.identified, solution.seen
+    estimate, identifiability = solution.identified, solution.seen
     weights = ", ".join(
         f"{name} {significant(weight, 2)}"
-        for name, weight in zip(seen.weakest.parameters[:4], seen.weakest.weights, strict=False)
+        for name, weight in zip(
+            identifiability.weakest.parameters[:4], identifiability.weakest.weights, strict=False
+        )
     )
     freedom = f"{plural(solution.model.equations_per_pose, 'equation')} per pose, minus parameters"
-    ended = "converged" if estimate.converged else "did not converge"
+    convergence = "converged" if estimate.converged else "did not converge"
     if solution.adjudication.diverged and estimate.converged:
-        ended += ", but far from what the files state"
+        convergence += ", but far from what the files state"
 
     rows: list[tuple[Cell, ...]] = [(h.name, h.figure, h.note) for h in headlines if not h.closure]
-    plain = CONDITION(seen.condition_number, key=("condition_number",))
+    plain = CONDITION(identifiability.condition_number, key=("condition_number",))
     rows[1:1] = [("condition number, 1 m : 1 rad", plain, "")]
     if (read := solution.condition_at_readings) is not None:
         figure = CONDITION(read, key=("scaled_condition_number_at_readings",))
@@ -59,7 +61,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
         rows.append(("chi2/dof at stated noise", ratio, "1 or less if errors are as stated"))
     rows += [
         ("degrees of freedom", Figure(estimate.dof, places=0, key=("dof",)), freedom),
-        ("iterations", Figure(estimate.iterations, places=0, key=("iterations",)), ended),
+        ("iterations", Figure(estimate.iterations, places=0, key=("iterations",)), convergence),
     ]
     return FactTable(
         ident="determined",
@@ -116,25 +118,25 @@ def hand_table(solution: Solution) -> FactTable | None:
 
 def accuracy_table(solution: Solution) -> FactTable | None:
     """Return the tool's accuracy over the joints' ranges, before and after calibration."""
-    found = solution.accuracy
-    if found is None:
+    accuracy = solution.accuracy
+    if accuracy is None:
         return None
-    columns = [("before", found.before), ("after", found.after)]
+    columns = [("before", accuracy.before), ("after", accuracy.after)]
     note = (
-        f"At {found.poses} poses evenly over the ranges, obstacles ignored. Before: the "
+        f"At {accuracy.poses} poses evenly over the ranges, obstacles ignored. Before: the "
         "tool by the arm file against the tool by the calibrated entries, in the arm's base frame, "
         "without entries of the mounting. After: by the best D-H table, corrections not applied"
-        f"{fixed_briefly(tuple(h.name for h in found.holds_for))}."
+        f"{fixed_briefly(tuple(h.name for h in accuracy.holds_for))}."
     )
-    if found.after.rms > found.before.rms:
+    if accuracy.after.rms > accuracy.before.rms:
         note += (
             " Before is a distance, after an uncertainty. After is larger: these poses do not show that the arm "
             "file's entries are wrong."
         )
-    if found.after_by_poses is not None:
-        columns.append(("after_by_poses", found.after_by_poses))
+    if accuracy.after_by_poses is not None:
+        columns.append(("after_by_poses", accuracy.after_by_poses))
         note += (
-            f" If as stated: without the uncertainty of {names(found.stated)}, which the files state and these "
+            f" If as stated: without the uncertainty of {names(accuracy.stated)}, which the files state and these "
             "poses hardly determine."
         )
     return FactTable(

@@ -104,14 +104,14 @@ def sensor_words(sensor: Sensor, *, used: bool) -> str:
     """Return a description of a joint's sensor."""
     match sensor:
         case Encoder():
-            words = f"encoder, {sensor.counts_per_rev} counts/rev"
+            text = f"encoder, {sensor.counts_per_rev} counts/rev"
         case Rvdt():
             places = places_needed([ANGLE.per_si * sensor.full_scale_rad], least=0, most=3)
             full_scale = Figure(sensor.full_scale_rad, ANGLE, places=places).with_unit
-            words = f"RVDT, {sensor.bits} bit over {full_scale}"
+            text = f"RVDT, {sensor.bits} bit over {full_scale}"
         case NoSensor():
             return "none"
-    return words if used else f"{words} (reading not used)"
+    return text if used else f"{text} (reading not used)"
 
 
 def rvdt_table(subject: Subject) -> FactTable | None:
@@ -119,20 +119,20 @@ def rvdt_table(subject: Subject) -> FactTable | None:
     rows: list[tuple[Cell, ...]] = []
     for verdict in () if subject.solution is None else subject.solution.rvdt:
         sensor = subject.procedure.arm.joints[verdict.joint - 1].sensor
-        found = verdict.figures
-        if found is None or not isinstance(sensor, Rvdt):
+        figures_of_rvdt = verdict.figures
+        if figures_of_rvdt is None or not isinstance(sensor, Rvdt):
             continue
         rows.append(
             (
                 f"joint {verdict.joint}",
-                Figure(found.covered, SHARE, places=0),
-                Figure(found.gain, places=4),
-                Figure(found.linearity, SHARE, places=2),
-                Figure(found.linearity_sd, SHARE, places=2),
+                Figure(figures_of_rvdt.covered, SHARE, places=0),
+                Figure(figures_of_rvdt.gain, places=4),
+                Figure(figures_of_rvdt.linearity, SHARE, places=2),
+                Figure(figures_of_rvdt.linearity_sd, SHARE, places=2),
                 Figure(sensor.linearity, SHARE, digits=2),
-                Figure(found.noise.lsb, LSB, digits=2),
-                Figure(found.noise.low, LSB, digits=2),
-                Figure(found.noise.high, LSB, digits=2),
+                Figure(figures_of_rvdt.noise.lsb, LSB, digits=2),
+                Figure(figures_of_rvdt.noise.low, LSB, digits=2),
+                Figure(figures_of_rvdt.noise.high, LSB, digits=2),
                 Figure(sensor.noise_lsb, LSB, digits=2),
                 Figure(verdict.share, SHARE, places=0),
             )

@@ -34,12 +34,12 @@ def clip(of: Line, width: int) -> Line:
     if length(of) <= width:
         return of
     out: list[Span] = []
-    left = width - 1
+    room = width - 1
     for text, role in of:
-        if left <= 0:
+        if room <= 0:
             break
-        out.append((text[:left], role))
-        left -= len(text[:left])
+        out.append((text[:room], role))
+        room -= len(text[:room])
     return (*out, ("…", "dim")) if width > 0 else ()
 
 
@@ -49,9 +49,9 @@ def cut(rows: list[Line], width: int, height: int, more: str) -> list[Line]:
         return rows
     if height < 1:
         return []
-    *kept, last = rows[:height]
+    *shown, last = rows[:height]
     text = "".join(text for text, _ in last)[: width - 1 - len(more)].rstrip()
-    return [*kept, ((text + more, last[-1][1]),)]
+    return [*shown, ((text + more, last[-1][1]),)]
 
 
 def wrapped(text: str, width: int, role: str = "text", indent: str = "") -> list[Line]:
@@ -70,8 +70,8 @@ def window(rows: Sequence[Line], first: int, height: int) -> tuple[list[Line], i
     room = max(1, height - 1)
     first = max(0, min(first, len(rows) - room))
     below = len(rows) - first - room
-    said = f" {below} more below (Down)" if below else f" {first} more above (Up)"
-    return [*rows[first : first + room], ((said, "dim"),)], room, first
+    more = f" {below} more below (Down)" if below else f" {first} more above (Up)"
+    return [*rows[first : first + room], ((more, "dim"),)], room, first
 
 
 def beside(left: Line, right: Line, width: int) -> Line:

@@ -78,25 +78,27 @@ class Subject:
     @property
     def notices(self) -> tuple[Finding, ...]:
         """Findings about the calibration and about the session that an operator should read."""
-        found = () if self.solution is None else self.solution.warnings
-        return (*found, *self._about_the_session)
+        findings = () if self.solution is None else self.solution.warnings
+        return (*findings, *self._about_the_session)
 
     @property
     def _about_the_session(self) -> tuple[Finding, ...]:
-        K, found = FindingKind, []
+        K, findings = FindingKind, []
         if (blind := self.unidentifiable) is not None:
             if blind.note:
-                found.append(Finding(kind=K.REPORTED, names=(blind.code,), reported=(blind.note,)))
-            found += [
+                findings.append(
+                    Finding(kind=K.REPORTED, names=(blind.code,), reported=(blind.note,))
+                )
+            findings += [
                 Finding(kind=K.NOT_IDENTIFIABLE, reported=(str(d),)) for d in blind.directions
             ]
         if self.torn:
-            found.append(Finding(kind=K.JOURNAL_TORN, reported=(self.torn,)))
+            findings.append(Finding(kind=K.JOURNAL_TORN, reported=(self.torn,)))
         if self.recalculated_because and self.solution is not None:
-            found.append(Finding(kind=K.SOLVED_AGAIN, reported=(self.recalculated_because,)))
+            findings.append(Finding(kind=K.SOLVED_AGAIN, reported=(self.recalculated_because,)))
         if self.solution is not None and self.checks is None:
-            found.append(Finding(kind=K.NOT_CROSS_VALIDATED, names=(self.name,)))
-        return tuple(found)
+            findings.append(Finding(kind=K.NOT_CROSS_VALIDATED, names=(self.name,)))
+        return tuple(findings)
 
     @property
     def implicit(self) -> Estimate | None:

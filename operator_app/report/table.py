@@ -90,11 +90,11 @@ class FactTable:
         """The table without its summary columns."""
         return self._of([k for k, column in enumerate(self.columns) if not column.summary])
 
-    def _of(self, kept: list[int]) -> FactTable:
+    def _of(self, rows: list[int]) -> FactTable:
         return replace(
             self,
-            columns=tuple(self.columns[k] for k in kept),
-            rows=tuple(tuple(row[k] for k in kept) for row in self.rows),
+            columns=tuple(self.columns[k] for k in rows),
+            rows=tuple(tuple(row[k] for k in rows) for row in self.rows),
         )
 
 
@@ -123,10 +123,10 @@ def keyed(tables: Iterable[FactTable]) -> dict[str, Any]:
     tree: dict[str | int, Any] = {}
     for figure in (c for t in tables for row in t.rows for c in row if isinstance(c, Figure)):
         if figure.key:
-            here = tree
+            branch = tree
             for step in figure.key[:-1]:
-                here = here.setdefault(step, {})
-            here[figure.key[-1]] = figure.in_json
+                branch = branch.setdefault(step, {})
+            branch[figure.key[-1]] = figure.in_json
     return {str(name): _with_lists(part) for name, part in tree.items()}
 
 

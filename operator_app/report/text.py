@@ -35,7 +35,7 @@ def facts_text(facts: Facts, *, failed: str = "") -> str:
 
 def verdict_text(facts: Facts, *, failed: str = "") -> str:
     """Return the verdict with its reasons and, in the same line, the test with new poses that `failed`."""
-    said = facts.reasons
+    reasons = facts.reasons
     head = facts.verdict.upper()
     if failed:
         so = "BUT" if facts.accepted else "AND"
@@ -43,11 +43,11 @@ def verdict_text(facts: Facts, *, failed: str = "") -> str:
     head += ":"
     if facts.accepted:
         codes = _said_first(facts)
-        said = tuple(n.sentence for n in facts.notices if n.code in codes)
-        head = f"{head} the calibration meets its limits.{' Possible causes of error:' if said else ''}"
+        reasons = tuple(n.sentence for n in facts.notices if n.code in codes)
+        head = f"{head} the calibration meets its limits.{' Possible causes of error:' if reasons else ''}"
     if failed:
         head = paragraph(head)
-    return "\n".join((head, *(paragraph(f"- {text}", indent=2) for text in said)))
+    return "\n".join((head, *(paragraph(f"- {text}", indent=2) for text in reasons)))
 
 
 def _said_first(facts: Facts) -> set[str]:
@@ -121,10 +121,10 @@ def table_spans(table: FactTable) -> tuple[list[Line], list[Line]]:
         line(
             *(
                 (
-                    f" {words}",
+                    f" {cell_text}",
                     ROLES.get(cell.role, cell.role) if isinstance(cell, Figure) else "text",
                 )
-                for words, cell in zip(words_of, row, strict=True)
+                for cell_text, cell in zip(words_of, row, strict=True)
             )
         )
         for words_of, row in zip(rows, table.rows, strict=True)
@@ -136,8 +136,8 @@ def headline_spans(headlines: Sequence[Headline], width: int) -> Line:
     """Return headlines side by side; the last ones without their notes if these do not fit."""
     row = ""
     for with_note in range(len(headlines), -1, -1):
-        said = [h.text if k < with_note else h.figure_text for k, h in enumerate(headlines)]
-        row = "   " + "   ".join(said)
+        texts = [h.text if k < with_note else h.figure_text for k, h in enumerate(headlines)]
+        row = "   " + "   ".join(texts)
         if len(row) <= width:
             break
     return line(row)

@@ -33,16 +33,16 @@ LARGEST = 3
 
 
 def components_table(
-    found: VarianceComponents | None, *, diverged: bool = False
+    components: VarianceComponents | None, *, diverged: bool = False
 ) -> FactTable | None:
     """Size of every estimated source of error, with its interval.
 
     If the solution has `diverged`, there is no note on the fixture's compliance.
     """
-    if found is None or (not found.components and found.compliance is None):
+    if components is None or (not components.components and components.compliance is None):
         return None
     rows: list[tuple[Cell, ...]] = []
-    for c in found.components:
+    for c in components.components:
         quantity = CLOSURE_LENGTH if c.unit == "m" else CLOSURE_ANGLE
         fixture = c.name.startswith("fixture")
         key = f"fixture_{quantity.unit}" if fixture else f"{c.name}_{quantity.unit}"
@@ -57,10 +57,10 @@ def components_table(
             )
         )
     note = ""
-    if found.compliance is not None and not diverged:
-        p = found.compliance.p_value
+    if components.compliance is not None and not diverged:
+        p = components.compliance.p_value
         chance = f"= {significant(p, 2)}" if p > SMALLEST_P else f"< {SMALLEST_P:.0e}"
-        asks = "ask" if found.compliance.gives else "do not ask"
+        asks = "ask" if components.compliance.gives else "do not ask"
         note = f"The data {asks} for a fixture more compliant than stated (score test, p {chance})."
     return FactTable(
         ident="noise",
@@ -120,9 +120,9 @@ def budget_table(solution: Solution) -> FactTable | None:
 
 def sensitivity_table(solution: Solution) -> FactTable | None:
     """For the largest sigmas: the largest source, and the sigma if that source were halved."""
-    found = source_sensitivities(solution)
+    sensitivities = source_sensitivities(solution)
     rows: list[tuple[Cell, ...]] = []
-    for h in found:
+    for h in sensitivities:
         quantity = quantity_of(h.parameter)
         rows.append(
             (
@@ -133,7 +133,7 @@ def sensitivity_table(solution: Solution) -> FactTable | None:
                 Figure(h.then, quantity, digits=2, key=("halved", h.parameter.name, "sigma")),
             )
         )
-    done = dict.fromkeys(f"{source_words(h.source)}: {h.remedy}" for h in found)
+    done = dict.fromkeys(f"{source_words(h.source)}: {h.remedy}" for h in sensitivities)
     return None if not rows else FactTable(
         ident="halving",
         title="What narrows the widest sigmas: half of their largest source",
@@ -238,7 +238,7 @@ def best_table_table(solution: Solution) -> FactTable | None:
 def posterior_data(solution: Solution) -> dict[str, Any]:
     """Return the JSON keys of the posterior's results; angles in deg, lengths in m or as the key says."""
     best = solution.best
-    found: dict[str, Any] = {
+    data: dict[str, Any] = {
         "shares": dict(solution.shares),
         "scales": {},
         "distances": [
@@ -265,15 +265,15 @@ def posterior_data(solution: Solution) -> dict[str, Any]:
             for link, value in enumerate(best.rows[kind].tolist(), 1):
                 if kind is not DhKind.BETA or value:
                     shown = math.degrees(value) if kind.is_angle else value
-                    found["best_table"][f"{kind.symbol}_{link}"] = shown
-        found["best_table_tool_sigma_mm"] = 1e3 * best.sigma_m
+                    data["best_table"][f"{kind.symbol}_{link}"] = shown
+        data["best_table_tool_sigma_mm"] = 1e3 * best.sigma_m
     if solution.corrections is not None:
-        found["corrections"] = [_correction_data(c) for c in solution.corrections.each]
-        found["corrections_dh"] = [
+        data["corrections"] = [_correction_data(c) for c in solution.corrections.each]
+        data["corrections_dh"] = [
             dict(zip(("theta_off_deg", "s_m", "a_m", "alpha_deg"), row[:4], strict=True))
             for row in (solution.corrections.rows * _PER_SI[:, None]).T.tolist()
         ]
-    return found
+    return data
 
 
 _PER_SI = np.array([np.rad2deg(1.0) if kind.is_angle else 1.0 for kind in DhKind])
@@ -281,7 +281,7 @@ _PER_SI = np.array([np.rad2deg(1.0) if kind.is_angle else 1.0 for kind in DhKind
 
 def _correction_data(c: ReadingCorrection) -> dict[str, Any]:
     """Return one correction; its coefficients are in deg, those for gravity in deg/(N m) kg and deg/(N m) kg m."""
-    found: dict[str, Any] = {
+    data: dict[str, Any] = {
         "source": c.source,
         "joint": c.joint,
         "kind": c.kind,
@@ -289,10 +289,10 @@ def _correction_data(c: ReadingCorrection) -> dict[str, Any]:
         "unit": "deg" if c.kind != "gravity" else "deg/(N m) kg, deg/(N m) kg m",
     }
     if c.kind == "linearity":
-        found |= {
+        data |= {
             "middle_deg": math.degrees(c.middle_rad),
             "half_scale_deg": math.degrees(c.half_scale_rad),
         }
     if c.kind == "gravity":
-        found["down"] = list(c.down)
-    return found
+        data["down"] = list(c.down)
+    return data

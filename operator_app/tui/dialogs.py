@@ -87,8 +87,10 @@ class Confirm(Dialog[YesNo]):
 
     def action_other(self) -> None:
         """Move between the two buttons."""
-        here = self.focused
-        self.query_one("#yes" if here is not None and here.id == "cancel" else "#cancel").focus()
+        focused = self.focused
+        self.query_one(
+            "#yes" if focused is not None and focused.id == "cancel" else "#cancel"
+        ).focus()
 
 
 class Ask(Dialog[Typed]):
@@ -107,8 +109,8 @@ class Ask(Dialog[Typed]):
         """Accept the text, or show why it is refused."""
         typed, expected = event.value.strip(), self._question.expected
         if expected and typed != expected:
-            said = self._plain(f"▲ that is not {expected}: nothing was sent")
-            self.query_one("#said", Static).update(said)
+            refusal = self._plain(f"▲ that is not {expected}: nothing was sent")
+            self.query_one("#said", Static).update(refusal)
             return
         self.dismiss(typed)
 
@@ -124,9 +126,9 @@ class Choose(Dialog[OneOf]):
 
     def on_mount(self) -> None:
         """Give the list the focus, with Cancel marked."""
-        found = self.query_one(OptionList)
-        found.focus()
-        found.highlighted = 0
+        options = self.query_one(OptionList)
+        options.focus()
+        options.highlighted = 0
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         """Close with the answer."""

@@ -174,7 +174,7 @@ class Lines(Widget, can_focus=True):
         segments = [
             Segment(look.text(harmless(text)), base + look.style(role)) for text, role in row
         ]
-        left = width - length(row)
-        if left > 0:
-            segments.append(Segment(" " * left, base))
+        padding = width - length(row)
+        if padding > 0:
+            segments.append(Segment(" " * padding, base))
         return Strip(segments, width)

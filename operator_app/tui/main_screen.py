@@ -48,8 +48,8 @@ def detail(step: Step, s: SessionSnapshot) -> str:
         case Step.CONNECT:
             return s.identity.serial_number if s.identity else "not connected"
         case Step.FIXTURE:
-            left = len(s.procedure.fixture.checklist) - len(s.ticked)
-            return f"{left} to tick" if left else s.procedure.fixture.kind
+            unticked = len(s.procedure.fixture.checklist) - len(s.ticked)
+            return f"{unticked} to tick" if unticked else s.procedure.fixture.kind
         case Step.MODES:
             names = [str(k) for k, m in enumerate(s.modes, 1) if m is JointMode.POSITION]
             if not names:
@@ -78,10 +78,10 @@ class StepRail(Lines, can_focus=False):
         """Return glyph, number and title of each step, with its detail below."""
         rows: list[Line] = []
         for step in Step:
-            here = step is self.current
+            is_current = step is self.current
             open_ = not missing_for(step, s)
-            glyph = "▶" if here else "✓" if done(step, s) else "·"
-            role = "accent" if here else "text" if open_ else "dim"
+            glyph = "▶" if is_current else "✓" if done(step, s) else "·"
+            role = "accent" if is_current else "text" if open_ else "dim"
             rows += [line((f" {glyph} {int(step)} {step.title}", role))]
             rows += [line((f"    {detail(step, s)}"[: width - 1], "dim")), ()]
         return rows
@@ -111,10 +111,10 @@ class StepRow(StepRail, can_focus=False):
         """Return one row, in which only the current step is shown with its name."""
         row: list[Span] = []
         for step in Step:
-            here = step is self.current
-            glyph = "▶" if here else "✓" if done(step, s) else "·"
-            text = f" {glyph}{int(step)} {step.title} " if here else f" {glyph}{int(step)} "
-            row.append((text, "accent" if here else "dim"))
+            is_current = step is self.current
+            glyph = "▶" if is_current else "✓" if done(step, s) else "·"
+            text = f" {glyph}{int(step)} {step.title} " if is_current else f" {glyph}{int(step)} "
+            row.append((text, "accent" if is_current else "dim"))
         row.append((f"  {detail(self.current, s)}", "dim"))
         view, count = self.place
         self._view_at = length(tuple(row)) if count > 1 else None

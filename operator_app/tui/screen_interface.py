@@ -57,15 +57,15 @@ def help_text(step: Step, panel: Lines | None, width: int) -> str:
         blocks.append(textwrap.fill(f"This panel ({panel.TITLE}): {panel.HELP}", width))
     else:
         blocks.append("Tab focuses a panel; ? then explains that panel.")
-    here = [a for a in action_table.ACTIONS if step in a.steps and a.steps != EVERYWHERE]
+    of_step = [a for a in action_table.ACTIONS if step in a.steps and a.steps != EVERYWHERE]
     everywhere = [a for a in action_table.ACTIONS if a.steps == EVERYWHERE]
-    for title, some in (("Keys of this step", here), ("Keys everywhere", everywhere)):
+    for title, actions in (("Keys of this step", of_step), ("Keys everywhere", everywhere)):
         rows = [
             textwrap.fill(
                 f"{a.shown:<9} {a.label}: {a.help}", width, initial_indent="  ",
                 subsequent_indent=" " * 12,
             )
-            for a in some
+            for a in actions
         ]  # fmt: skip
         blocks.append("\n".join([title, *rows]))
     return "\n\n".join(blocks)
@@ -86,8 +86,8 @@ class ScreenInterface:
 
     def press(self, *keys: str | None) -> bool:
         """Do the action of a key (name or character) at this step; return False if it has none."""
-        found = (action_table.for_key(key, self.app.step) for key in keys if key is not None)
-        action = next((a for a in found if a is not None), None)
+        matching = (action_table.for_key(key, self.app.step) for key in keys if key is not None)
+        action = next((a for a in matching if a is not None), None)
         if action is not None:
             self.do(action)
         return action is not None
@@ -146,9 +146,9 @@ class ScreenInterface:
     def ask(self, question: Question, then: Callable[[str], None]) -> None:
         """Ask in a dialog."""
 
-        def answered(said: str | None) -> None:
-            if said is not None:
-                then(said)
+        def answered(answer: str | None) -> None:
+            if answer is not None:
+                then(answer)
 
         self.app.push_screen(dialog(question), answered)
 
@@ -158,9 +158,9 @@ class ScreenInterface:
 
     def item(self, s: SessionSnapshot) -> int | None:
         """The marked item of the check list or, if none is marked, the next open one."""
-        left = action_table.open_items(s)
+        open_items = action_table.open_items(s)
         marked = self.marked_item()
-        return marked if marked in left else next(iter(left), None)
+        return marked if marked in open_items else next(iter(open_items), None)
 
     def marked_item(self) -> int:
         """The marked item of the check list."""
@@ -217,11 +217,11 @@ class ScreenInterface:
 
     async def _show_history(self, serial: str) -> None:
         try:
-            found = await asyncio.to_thread(arm_history, serial, self.sessions.root)
+            history = await asyncio.to_thread(arm_history, serial, self.sessions.root)
         except EXPECTED as error:
             self.refuse(words(error).happened)
             return
-        self.app.push_screen(Read(f"History of {serial}", history_text(found, brief=True)))
+        self.app.push_screen(Read(f"History of {serial}", history_text(history, brief=True)))
 
     # -- sessions ----------------------------------------------------------------------------------
 
@@ -271,8 +271,8 @@ class ScreenInterface:
             if self.app.runner is None or not self.sessions.is_open:
                 self.app.give_up(error)
                 return
-            said = words(error)
-            self.refuse(f"{said.happened}. {said.remedy}")
+            message = words(error)
+            self.refuse(f"{message.happened}. {message.remedy}")
             return
         finally:
             self._opening = False

@@ -63,10 +63,10 @@ class Look:
 
     def style(self, role: str) -> Style:
         """Return the style of a role; a role may combine names, e.g. ``"warn bold"``."""
-        found = self.styles.get(role)
-        if found is None:
-            found = Style.combine([self.styles[name] for name in role.split()])
-        return found
+        style = self.styles.get(role)
+        if style is None:
+            style = Style.combine([self.styles[name] for name in role.split()])
+        return style
 
     def text(self, text: str) -> str:
         """Return text in the characters that this terminal shows, without control characters except line breaks."""

@@ -52,8 +52,8 @@ class ConnectedArm:
         if self.procedure.position_joints is not None:
             return self.procedure.position_joints
         model = fixture.model(self.procedure.arm)
-        here = self.arm.snapshot().positions_rad
-        return rank_at_pose(model, nominal_vector(model.parameters), here)[0].drives
+        q_rad = self.arm.snapshot().positions_rad
+        return rank_at_pose(model, nominal_vector(model.parameters), q_rad)[0].drives
 
     def ready(self) -> tuple[int, ...]:
         """Enable the drives in the modes of a capture; return the drive joints."""
@@ -74,9 +74,12 @@ class ConnectedArm:
 
     def away(self, joint: int) -> float:
         """A target `STEP_RAD` away, on the side where the joint has more range."""
-        here, limits = self.arm.snapshot().joints[joint - 1], self.procedure.arm.joints[joint - 1]
-        up = limits.upper_rad - here.position_rad > here.position_rad - limits.lower_rad
-        return here.position_rad + (STEP_RAD if up else -STEP_RAD)
+        position, limits = (
+            self.arm.snapshot().joints[joint - 1],
+            self.procedure.arm.joints[joint - 1],
+        )
+        up = limits.upper_rad - position.position_rad > position.position_rad - limits.lower_rad
+        return position.position_rad + (STEP_RAD if up else -STEP_RAD)
 
     def turn(self, joint: int, target_rad: float, speed_rad_per_s: float) -> checks.Turn:
         """Move a joint to a target."""
@@ -150,24 +153,24 @@ def test_modes_are_read_back(bench: ConnectedArm) -> None:
 def test_a_drive_joint_goes_where_it_is_told_and_back(bench: ConnectedArm) -> None:
     bench.require_moved()
     joint = bench.ready()[0]
-    here, there = bench.arm.snapshot().joints[joint - 1].position_rad, bench.away(joint)
-    turns = (bench.turn(joint, target, bench.speed_rad_per_s) for target in (there, here))
+    start_rad, target_rad = bench.arm.snapshot().joints[joint - 1].position_rad, bench.away(joint)
+    turns = (bench.turn(joint, target, bench.speed_rad_per_s) for target in (target_rad, start_rad))
     fulfils(clause for turn in turns for clause in checks.goes(turn))
 
 
 def test_a_watch_sees_the_move_and_its_sentence_ends_it(bench: ConnectedArm) -> None:
     drives = bench.ready()
-    seen: list[ArmSnapshot] = []
+    snapshots: list[ArmSnapshot] = []
 
     def watch(snapshot: ArmSnapshot) -> str | None:
-        seen.append(snapshot)
-        return "that is enough" if len(seen) == 3 else None
+        snapshots.append(snapshot)
+        return "that is enough" if len(snapshots) == 3 else None
 
     targets = {j: bench.away(j) for j in drives}
-    moved = bench.arm.move(targets, speed_rad_per_s=bench.speed_rad_per_s / 4.0, watch=watch)
-    assert len(seen) >= 3 or bench.identity.by_hand
-    if len(seen) >= 3:
-        assert (moved.reached, moved.reason) == (False, "that is enough")
+    outcome = bench.arm.move(targets, speed_rad_per_s=bench.speed_rad_per_s / 4.0, watch=watch)
+    assert len(snapshots) >= 3 or bench.identity.by_hand
+    if len(snapshots) >= 3:
+        assert (outcome.reached, outcome.reason) == (False, "that is enough")
 
 
 def test_a_joint_that_is_free_is_not_moved(bench: ConnectedArm) -> None:

@@ -235,13 +235,13 @@ class SimulatedChain:
         `modes` has one entry per joint, None where the drive is off and the joint is blocked; `targets_rad` (n,) is
         used in position mode.
         """
-        found = self._plant.step(
+        state = self._plant.step(
             [
                 JointCommand(mode=mode, target_rad=float(target))
                 for mode, target in zip(modes, targets_rad, strict=True)
             ]
         )
-        counts = zip(found.position_counts, self._resolution, strict=True)
+        counts = zip(state.position_counts, self._resolution, strict=True)
         self.angles_rad = frozen([count * step for count, step in counts])
-        self.torques_nm = frozen(found.torque_nm)
+        self.torques_nm = frozen(state.torque_nm)
         return self.angles_rad

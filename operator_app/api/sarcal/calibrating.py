@@ -161,7 +161,7 @@ def load_result(session: str | PathLike[str]) -> Result:
     state, procedure = read_session(opening.folder).state, effective_procedure(opening)
     if state is None:
         raise SessionError(f"{opening.folder} contains no session", "name another folder")
-    found = session_calibration(state, procedure)
+    calibration = session_calibration(state, procedure)
     _, arm, fixture, _ = procedure.sources
     return Result(
         arm=Arm(procedure.arm.name, arm.file, procedure.arm, arm),
@@ -169,7 +169,7 @@ def load_result(session: str | PathLike[str]) -> Result:
             procedure.fixture.name, procedure.fixture.kind, fixture.file, procedure.fixture, fixture
         ),
         poses=Poses(str(opening.folder), state.pose_set()),
-        solution=found.solution,
-        checks=found.checks,
+        solution=calibration.solution,
+        checks=calibration.checks,
         origin=Journalled(folder=opening.folder, state=state, procedure=procedure),
     )

@@ -35,78 +35,78 @@ def shown(value: Any) -> str:
 
 def whole(name: str, value: Any, *, least: int = 0) -> int:
     """Check a whole number, which must be `least` or more, and return it."""
-    wanted = f"give a whole number, {least} or more"
+    expected = f"give a whole number, {least} or more"
     if isinstance(value, bool | np.bool_):
-        raise TypeError(f"{name}={value}: {wanted}")
+        raise TypeError(f"{name}={value}: {expected}")
     try:
-        found = operator.index(value)
+        number_read = operator.index(value)
     except TypeError:
-        raise TypeError(f"{name}={shown(value)}: {wanted}") from None
-    if found < least:
-        raise ValueError(f"{name}={found}: {wanted}")
-    return found
+        raise TypeError(f"{name}={shown(value)}: {expected}") from None
+    if number_read < least:
+        raise ValueError(f"{name}={number_read}: {expected}")
+    return number_read
 
 
 def numbers(name: str, value: Any) -> FloatArray:
     """Check real, finite numbers and return them as an array of floats."""
     try:
-        found = np.asarray(value)
+        array = np.asarray(value)
     except ValueError:
         raise ValueError(
             f"{name}: rows of different lengths; give the same number of values in each"
         ) from None
-    if found.dtype.kind == "O":
+    if array.dtype.kind == "O":
         with suppress(TypeError, ValueError):
-            found = found.astype(np.float64)
-    if found.dtype.kind not in "iuf":
-        kind = "complex numbers" if found.dtype.kind == "c" else shown(value)
+            array = array.astype(np.float64)
+    if array.dtype.kind not in "iuf":
+        kind = "complex numbers" if array.dtype.kind == "c" else shown(value)
         raise TypeError(f"{name}: give real numbers, not {kind}")
-    found = found.astype(np.float64)
-    if not np.isfinite(found).all():
-        where = [int(k) for k in np.argwhere(~np.isfinite(found))[0]]
+    array = array.astype(np.float64)
+    if not np.isfinite(array).all():
+        where = [int(k) for k in np.argwhere(~np.isfinite(array))[0]]
         place = f" at index {where[0] if len(where) == 1 else where}" if where else ""
         raise ValueError(
-            f"{name} contains {found[tuple(where)]}{place}: every number must be finite "
+            f"{name} contains {array[tuple(where)]}{place}: every number must be finite "
             "(leave out poses without readings)"
         )
-    return found
+    return array
 
 
 def number(name: str, value: Any) -> float:
     """Check one real, finite number and return it."""
-    found = numbers(name, value)
-    if found.ndim:
-        raise TypeError(f"{name} has shape {found.shape}: give one number")
-    return float(found)
+    array = numbers(name, value)
+    if array.ndim:
+        raise TypeError(f"{name} has shape {array.shape}: give one number")
+    return float(array)
 
 
 def tolerance_m(name: str, value_mm: Any) -> float | None:
     """Convert a standard deviation of lengths from mm to m; None stays None."""
     if value_mm is None:
         return None
-    found = number(name, value_mm)
-    if not 0.0 < found <= LARGEST_TOLERANCE_MM:
+    tolerance_mm = number(name, value_mm)
+    if not 0.0 < tolerance_mm <= LARGEST_TOLERANCE_MM:
         raise ValueError(
             f"{name}={value_mm}: give millimetres, more than 0 and at most {LARGEST_TOLERANCE_MM:g}"
         )
-    return found / 1e3
+    return tolerance_mm / 1e3
 
 
 def joints(name: str, value: Any, joint_count: int) -> tuple[int, ...]:
     """Check joint numbers, counted from 1, and return them in ascending order, each once."""
-    wanted = f"give a list of joint numbers from 1 to {joint_count}, such as [6, 7]"
+    expected = f"give a list of joint numbers from 1 to {joint_count}, such as [6, 7]"
     if isinstance(value, str | bytes) or not isinstance(value, Iterable):
-        raise TypeError(f"{name}={shown(value)}: {wanted}")
-    found = set()
+        raise TypeError(f"{name}={shown(value)}: {expected}")
+    chosen = set()
     for joint in value:
         try:
-            found.add(operator.index(joint))
+            chosen.add(operator.index(joint))
         except TypeError:
-            raise TypeError(f"{name} contains {joint!r}: {wanted}") from None
-    for joint in sorted(found):
+            raise TypeError(f"{name} contains {joint!r}: {expected}") from None
+    for joint in sorted(chosen):
         if not 1 <= joint <= joint_count:
-            raise ValueError(f"{name} contains {joint}: {wanted}")
-    return tuple(sorted(found))
+            raise ValueError(f"{name} contains {joint}: {expected}")
+    return tuple(sorted(chosen))
 
 
 def one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:
@@ -117,18 +117,18 @@ def one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:
 
 def readings_rad(name: str, value: Any, lower_rad: FloatArray, upper_rad: FloatArray) -> FloatArray:
     """Check sensor readings (n,) or (m, n) against these ranges, which they may exceed by a turn, and return them."""
-    found, n = numbers(name, value), len(lower_rad)
-    if found.ndim == 0 or found.shape[-1] != n:
-        raise ValueError(f"{name} has shape {found.shape}: {shape_wanted(found.shape, n)}")
+    readings, n = numbers(name, value), len(lower_rad)
+    if readings.ndim == 0 or readings.shape[-1] != n:
+        raise ValueError(f"{name} has shape {readings.shape}: {shape_wanted(readings.shape, n)}")
     largest = np.maximum(np.abs(lower_rad), np.abs(upper_rad)) + math.tau
-    far = np.argwhere(np.abs(found) > largest)
+    far = np.argwhere(np.abs(readings) > largest)
     if len(far):
-        q, joint = found[tuple(far[0])], int(far[0][-1])
+        q, joint = readings[tuple(far[0])], int(far[0][-1])
         raise ValueError(
             f"{name} contains {q:g} rad for joint {joint + 1}, whose range is {lower_rad[joint]:.3g} to "
             f"{upper_rad[joint]:.3g} rad: convert degrees to radians with np.deg2rad"
         )
-    return found
+    return readings
 
 
 def shape_wanted(shape: tuple[int, ...], joint_count: int) -> str:

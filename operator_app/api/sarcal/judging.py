@@ -55,8 +55,8 @@ class Verification:
         return verification_text(self._found, self._poses._set, self._of)
 
     def __repr__(self) -> str:
-        said = "holds" if self.holds else "does not hold"
-        return f"<sarcal.Verification {said}: {len(self._poses)} new poses>"
+        verdict = "holds" if self.holds else "does not hold"
+        return f"<sarcal.Verification {verdict}: {len(self._poses)} new poses>"
 
 
 @one_blas_thread
@@ -92,14 +92,14 @@ def verify(result: Result, poses: str | PathLike[str] | Poses | Any) -> Verifica
             f"result={shown(result)}: give what sarcal.calibrate or sarcal.load_result returned"
         )
     new = load_poses(poses, joint_count=result.arm.joint_count)
-    found = verify_new_poses(
+    result_found = verify_new_poses(
         result.arm._model,
         result.fixture._spec.fixture,
         result._solution,
         made_from=result.poses._set,
         new=new._set,
     )
-    return Verification(found, new, f"{result.arm.name} in {result.fixture.name}")
+    return Verification(result_found, new, f"{result.arm.name} in {result.fixture.name}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -121,26 +121,26 @@ def load_arm(arm: str | PathLike[str] | Arm) -> Arm:
     """
     if isinstance(arm, Arm):
         return arm
-    found = resolve("arm", _reference("arm", arm))
-    model = parse_arm(found.data, found.file)
-    return Arm(model.name, found.file, model, found)
+    resource = resolve("arm", _reference("arm", arm))
+    model = parse_arm(resource.data, resource.file)
+    return Arm(model.name, resource.file, model, resource)
 
 
 def load_fixture(fixture: str | PathLike[str] | Fixture) -> Fixture:
     """Read a fixture by the path of its file or the name of a packaged one; raises the same errors as `load_arm`."""
     if isinstance(fixture, Fixture):
         return fixture
-    found = resolve("fixture", _reference("fixture", fixture))
-    spec = parse_fixture(found.data, found.file)
-    return Fixture(spec.name, spec.kind, found.file, spec, found)
+    resource = resolve("fixture", _reference("fixture", fixture))
+    spec = parse_fixture(resource.data, resource.file)
+    return Fixture(spec.name, spec.kind, resource.file, spec, resource)
 
 
-def _reference(kind: Literal["arm", "fixture"], given: Any) -> str:
+def _reference(kind: Literal["arm", "fixture"], value: Any) -> str:
     """Return a path or a name as text; raises TypeError if it is neither."""
-    found = fspath(given) if isinstance(given, str | PathLike) else None
-    if not isinstance(found, str):
+    path = fspath(value) if isinstance(value, str | PathLike) else None
+    if not isinstance(path, str):
         raise TypeError(
-            f"{kind}={shown(given)}: give the path of its file, the name of a packaged one, or what "
+            f"{kind}={shown(value)}: give the path of its file, the name of a packaged one, or what "
             f"sarcal.load_{kind} returned"
         )
-    return found
+    return path

@@ -128,57 +128,59 @@ def poses_of(
     if (q_rad is None) == (q_deg is None):
         raise ValueError("give the readings in one unit only: q_rad=... or q_deg=...")
     name = "q_deg" if q_rad is None else "q_rad"
-    given = numbers("q_rad", q_rad) if q_deg is None else np.deg2rad(numbers("q_deg", q_deg))
-    if given.ndim != 2 or 0 in given.shape:
+    angles = numbers("q_rad", q_rad) if q_deg is None else np.deg2rad(numbers("q_deg", q_deg))
+    if angles.ndim != 2 or 0 in angles.shape:
         raise ValueError(
-            f"{name} has shape {given.shape}: it must have one row per pose and one column per joint"
+            f"{name} has shape {angles.shape}: it must have one row per pose and one column per joint"
         )
     if isinstance(names, str):
         raise TypeError(f"names={names!r}: give a list of one name per pose")
-    m = len(given)
-    found = PoseSet(
+    m = len(angles)
+    pose_set = PoseSet(
         placement=_one_a_pose("placement", 1 if placement is None else placement, m),
         label=tuple(str(k) for k in range(1, m + 1)) if names is None else tuple(names),
-        q_rad=given,
-        sd_rad=None if sd_rad is None else _spread_rad(sd_rad, given.shape),
+        q_rad=angles,
+        sd_rad=None if sd_rad is None else _spread_rad(sd_rad, angles.shape),
         samples=None if samples is None else _one_a_pose("samples", samples, m),
         endpoint=None if endpoint_m is None else _endpoint_m(endpoint_m, m),
     )
-    return Poses("an array", found)
+    return Poses("an array", pose_set)
 
 
 def _one_a_pose(name: str, value: Any, poses: int) -> IntArray:
     """Return a whole number for each pose, from 1; a single one applies to all."""
-    given = [value] * poses if np.ndim(value) == 0 else value
-    found = [whole(name, number, least=1) for number in given]
-    if len(found) != poses:
-        raise ValueError(f"{name} has {len(found)} entries for {poses} poses: give one per pose")
+    values = [value] * poses if np.ndim(value) == 0 else value
+    numbers_read = [whole(name, number, least=1) for number in values]
+    if len(numbers_read) != poses:
+        raise ValueError(
+            f"{name} has {len(numbers_read)} entries for {poses} poses: give one per pose"
+        )
     try:
-        return np.array(found, dtype=np.int64)
+        return np.array(numbers_read, dtype=np.int64)
     except OverflowError:
-        raise ValueError(f"{name} contains {max(found)}: give numbers below 2**63") from None
+        raise ValueError(f"{name} contains {max(numbers_read)}: give numbers below 2**63") from None
 
 
 def _spread_rad(value: Any, shape: tuple[int, ...]) -> FloatArray:
     """Return standard deviations of the readings; a single one, or one for each joint, applies to all."""
-    found = numbers("sd_rad", value)
-    if found.shape not in (shape, shape[1:], ()):
+    spread = numbers("sd_rad", value)
+    if spread.shape not in (shape, shape[1:], ()):
         raise ValueError(
-            f"sd_rad has shape {found.shape}: give {shape} like the readings, {shape[1:]} for one per joint, or one "
+            f"sd_rad has shape {spread.shape}: give {shape} like the readings, {shape[1:]} for one per joint, or one "
             "number"
         )
-    return np.broadcast_to(found, shape)
+    return np.broadcast_to(spread, shape)
 
 
 def _endpoint_m(value: Any, poses: int) -> FloatArray:
     """Return points, or points and rotation vectors, one for each pose."""
-    found = numbers("endpoint_m", value)
-    if found.shape not in ((poses, 3), (poses, 6)):
+    endpoint = numbers("endpoint_m", value)
+    if endpoint.shape not in ((poses, 3), (poses, 6)):
         raise ValueError(
-            f"endpoint_m has shape {found.shape}: give {(poses, 3)} (x, y, z per pose) or {(poses, 6)} (with "
+            f"endpoint_m has shape {endpoint.shape}: give {(poses, 3)} (x, y, z per pose) or {(poses, 6)} (with "
             "a rotation vector)"
         )
-    return found
+    return endpoint
 
 
 def load_poses(

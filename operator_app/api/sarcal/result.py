@@ -133,9 +133,9 @@ class Result:
     @property
     def intervals_95(self) -> Mapping[str, tuple[float, float]]:
         """95 % intervals of the values, lower and upper end, with the keys of `values`."""
-        found = intervals(self._solution.identified)
+        by_name = intervals(self._solution.identified)
         low, high = (
-            self._by_name(np.array([getattr(i, end) for i in found])) for end in ("low", "high")
+            self._by_name(np.array([getattr(i, end) for i in by_name])) for end in ("low", "high")
         )
         return MappingProxyType({name: (low[name], high[name]) for name in low})
 
@@ -151,10 +151,10 @@ class Result:
 
     def table(self, name: str = "parameters") -> Table:
         """Return one table; raises KeyError, which lists the available names, if there is none of that name."""
-        found = self._facts.table(name)
-        if found is None:
+        table = self._facts.table(name)
+        if table is None:
             raise KeyError(f"no table {name!r}; there are {', '.join(self.tables)}")
-        return Table(found.ident, found.title, found)
+        return Table(table.ident, table.title, table)
 
     @property
     def figures(self) -> tuple[str, ...]:
@@ -269,11 +269,11 @@ class Result:
         save_poses(where / POSES_NAME, session.state.pose_set())
         if self.accepted and self._has_table:
             save_parameters(where / PARAMETERS_NAME, self._document(session=session))
-        found = StoredCalibration(
+        calibration = StoredCalibration(
             solution=self._solution, checks=self._checks, recalculated_because=""
         )
         subject = subject_of_session(
-            where.resolve().name, read_journal(where).events, session.procedure, found
+            where.resolve().name, read_journal(where).events, session.procedure, calibration
         )
         write_atomically(where / REPORT_NAME, report_html(subject))
         return where
@@ -345,11 +345,11 @@ class Result:
         )
 
     def _repr_html_(self) -> str:
-        said = [element("p", element("b", self._facts.verdict.capitalize()))]
-        said += [element("p", reason) for reason in self.reasons]
-        said += [element("p", h.text) for h in self._facts.headlines]
+        parts = [element("p", element("b", self._facts.verdict.capitalize()))]
+        parts += [element("p", reason) for reason in self.reasons]
+        parts += [element("p", h.text) for h in self._facts.headlines]
         parameters = self._facts.table("parameters")
-        return str(join([*said, *([] if parameters is None else [table_html(parameters)])]))
+        return str(join([*parts, *([] if parameters is None else [table_html(parameters)])]))
 
     # -- inside ------------------------------------------------------------------------------------
 

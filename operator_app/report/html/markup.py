@@ -121,9 +121,11 @@ def plots(drawn: Iterable[Html]) -> Html:
     return element("div", *drawn, class_="plots")
 
 
-def remark(*words: str) -> Html:
+def remark(*text_parts: str) -> Html:
     """Return an explanatory paragraph."""
-    return element("p", *(w if isinstance(w, Html) else prose(w) for w in words), class_="muted")
+    return element(
+        "p", *(w if isinstance(w, Html) else prose(w) for w in text_parts), class_="muted"
+    )
 
 
 def bullets(points: Iterable[str]) -> Html:
@@ -131,22 +133,22 @@ def bullets(points: Iterable[str]) -> Html:
     return element("ul", *(element("li", point) for point in points))
 
 
-def sentence(words: str) -> str:
+def sentence(text: str) -> str:
     """Return text as a sentence, with a capital letter and a full stop."""
-    return words[:1].upper() + words[1:] + ("" if words.endswith(".") else ".")
+    return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".")
 
 
-def prose(words: str) -> Html:
+def prose(text: str) -> Html:
     """Return a sentence in which options of the command line are highlighted and not broken."""
     parts: list[str] = []
     end = 0
-    for found in WRITTEN_OPTION.finditer(words):
+    for option in WRITTEN_OPTION.finditer(text):
         parts += [
-            typeset(words[end : found.start()]),
-            element("code", found.group(), class_="whole"),
+            typeset(text[end : option.start()]),
+            element("code", option.group(), class_="whole"),
         ]
-        end = found.end()
-    return join([*parts, typeset(words[end:])])
+        end = option.end()
+    return join([*parts, typeset(text[end:])])
 
 
 def table_html(table: FactTable) -> Html:
@@ -178,8 +180,8 @@ def table_html(table: FactTable) -> Html:
 def _words(cell: Cell) -> Html:
     """Return the content of a cell; text from people and devices is isolated (see `spoken`)."""
     if isinstance(cell, Figure):
-        words = text(typeset(cell.shown))
-        return element("span", "▲ ", words, class_="warn") if cell.role == "warn" else words
+        content = text(typeset(cell.shown))
+        return element("span", "▲ ", content, class_="warn") if cell.role == "warn" else content
     return element("span", spoken(cell), class_="remark") if len(cell) > 40 else text(cell)
 
 

@@ -112,13 +112,13 @@ REPORT_NAME = "report.html"
 
 def write_report(session: Session) -> Path:
     """Make the page from the session's journal and write it into the session's folder."""
-    found = journal_calibration(session.state)
-    if not isinstance(found, StoredCalibration):
+    calibration = journal_calibration(session.state)
+    if not isinstance(calibration, StoredCalibration):
         raise GuardError("There is no calibration of these poses", "Calibrate first (step 5)")
     folder = session.journal.path.parent
     contents = read_journal(folder)
     subject = subject_of_session(
-        folder.resolve().name, contents.events, session.procedure, found, torn=contents.torn
+        folder.resolve().name, contents.events, session.procedure, calibration, torn=contents.torn
     )
     target = folder / REPORT_NAME
     write_atomically(target, report_html(subject))
@@ -143,10 +143,10 @@ def summary(subject: Subject) -> Html:
 
 def _widest(subject: Subject) -> list[Html]:
     """Text on the least certain parameter and the remedy; empty without an uncertainty budget."""
-    found = () if subject.solution is None else source_sensitivities(subject.solution)
-    if not found:
+    sensitivities = () if subject.solution is None else source_sensitivities(subject.solution)
+    if not sensitivities:
         return []
-    worst = found[0]
+    worst = sensitivities[0]
     sigma, then = (
         Figure(v, quantity_of(worst.parameter), digits=2) for v in (worst.sigma, worst.then)
     )
@@ -165,10 +165,12 @@ def _widest(subject: Subject) -> list[Html]:
 def _tool(subject: Subject) -> list[Html]:
     """Tool position error before and after calibration, as figures and as a picture."""
     solution, facts = subject.solution, subject.facts
-    if solution is None or facts is None or (found := solution.accuracy) is None:
+    if solution is None or facts is None or (accuracy := solution.accuracy) is None:
         return []
     pair = hand_pair(solution, subject.procedure.arm)
-    before, after = (Figure(s.rms, CLOSURE_LENGTH).with_unit for s in (found.before, found.after))
+    before, after = (
+        Figure(s.rms, CLOSURE_LENGTH).with_unit for s in (accuracy.before, accuracy.after)
+    )
     truth = truth_in_words(solution)
     return [
         element(
@@ -186,8 +188,8 @@ def banner(subject: Subject) -> Html:
     if not subject.simulated:
         return Html("")
     scenario = subject.state.settings.get("scenario")
-    words = "SIMULATED: the drives report that they are virtual"
-    return element("p", f"{words}; scenario {scenario}" if scenario else words, class_="simulated")
+    text = "SIMULATED: the drives report that they are virtual"
+    return element("p", f"{text}; scenario {scenario}" if scenario else text, class_="simulated")
 
 
 def verdict(subject: Subject) -> Html:
@@ -195,7 +197,7 @@ def verdict(subject: Subject) -> Html:
     facts = subject.facts
     good = facts is not None and facts.accepted
     when = subject.state.opened_utc[:16].replace("T", " ")
-    said: list[str] = [
+    parts: list[str] = [
         element(
             "h1",
             element("span", "✓ " if good else "✕ ", class_="glyph", aria_hidden="true"),
@@ -210,8 +212,8 @@ def verdict(subject: Subject) -> Html:
         ),
     ]
     if reasons := _reasons(subject):
-        said.append(bullets(sentence(reason) for reason in reasons))
-    return element("div", *said, class_="verdict" if good else "verdict no")
+        parts.append(bullets(sentence(reason) for reason in reasons))
+    return element("div", *parts, class_="verdict" if good else "verdict no")
 
 
 def tiles(facts: Facts | None) -> Html:
@@ -244,9 +246,9 @@ def _reasons(subject: Subject) -> Sequence[str]:
     return [] if blind is None else [str(d) for d in blind.directions]
 
 
-def history_html(found: ArmHistory) -> bytes:
+def history_html(history: ArmHistory) -> bytes:
     """Return the page, UTF-8."""
-    last = found.calibrations[-1].document
+    last = history.calibrations[-1].document
     title = f"{last.arm.model} {last.arm.serial}: history"
     sections = [
         Section(
@@ -258,17 +260,17 @@ def history_html(found: ArmHistory) -> bytes:
                 table_html(sessions_table(part)),
             ),
         )
-        for k, part in enumerate(found.parts, 1)
+        for k, part in enumerate(history.parts, 1)
     ]
-    notes = [*checks_lines(found), *(f"{n} left out: {why}" for n, why in found.left_out)]
+    notes = [*checks_lines(history), *(f"{n} left out: {reason}" for n, reason in history.left_out)]
     how = Section(
         ident="how", title="Verifications and method", content=(bullets(notes), remark(HOW))
     )
-    good = not found.shifted
+    good = not history.shifted
     verdict = element(
         "div",
-        *(element("p", line.strip()) for line in verdict_text(found).split("\n- ")),
-        element("p", due_text(found)),
+        *(element("p", line.strip()) for line in verdict_text(history).split("\n- ")),
+        element("p", due_text(history)),
         class_="verdict" if good else "verdict no",
     )
     body = element(

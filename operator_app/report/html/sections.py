@@ -119,7 +119,7 @@ def sections_of(subject: Subject) -> tuple[Section, ...]:
     if facts is not None and estimate is not None:
         for table in facts.tables:
             (detail if table.detail else brief).append(_of_table(subject, estimate, table))
-    found = [
+    sections = [
         _warnings(subject),
         _what(subject),
         *brief,
@@ -129,7 +129,7 @@ def sections_of(subject: Subject) -> tuple[Section, ...]:
         _poses(subject, estimate),
         _method(subject),
     ]
-    return tuple(section for section in found if section is not None)
+    return tuple(section for section in sections if section is not None)
 
 
 def _of_table(subject: Subject, estimate: Estimate, table: FactTable) -> Section:
@@ -169,16 +169,16 @@ def _before_and_after(subject: Subject) -> list[str]:
 
 
 def _about_sigmas(subject: Subject, estimate: Estimate) -> str:
-    words = (
+    text = (
         "The 95 % interval includes the same sources of error as sigma."
         if estimate.chi2 is not None
         else "Sigma and the 95 % interval (Student's) follow from the size of the residuals."
     )
     if subject.solution is not None and subject.solution.paper is None:
-        words += " The paper's estimator, which needs every joint sensed, is not shown."
+        text += " The paper's estimator, which needs every joint sensed, is not shown."
     elif subject.implicit is None:
-        words += " The implicit estimator found no solution."
-    return words
+        text += " The implicit estimator found no solution."
+    return text
 
 
 def _warnings(subject: Subject) -> Section | None:
@@ -234,10 +234,10 @@ def _rvdt(subject: Subject) -> Section | None:
 
 
 def _judged(verdict: RvdtVerdict) -> Html:
-    words = prose(verdict.text + ".")
+    text = prose(verdict.text + ".")
     if verdict.verdict in (Soundness.SOUND, Soundness.CANNOT_DECIDE):
-        return words
-    return join((element("span", "▲ ", class_="warn", aria_hidden="true"), words))
+        return text
+    return join((element("span", "▲ ", class_="warn", aria_hidden="true"), text))
 
 
 def _poses(subject: Subject, estimate: Estimate | None) -> Section:

@@ -138,9 +138,9 @@ def arm_pair(subject: Subject) -> Pair | None:
     missed = np.linalg.norm(at_nominal.residual[:, at_nominal.rotation_rows :], axis=1)
     worst = int(np.argmax(missed))
     # An instrument measures the tool of an open arm at another place in every pose.
-    there = part.at_poses(np.array([worst]))
-    before = _seen(there, nominal, q[worst])
-    after = _seen(there, solution.estimate.x[columns], q[worst])
+    at_worst = part.at_poses(np.array([worst]))
+    before = _seen(at_worst, nominal, q[worst])
+    after = _seen(at_worst, solution.estimate.x[columns], q[worst])
     if before is None or after is None:
         return None
     masses = subject.procedure.arm.masses
@@ -149,8 +149,8 @@ def arm_pair(subject: Subject) -> Pair | None:
     reach = float(np.ptp(before.chain @ view.T, axis=0).max())
     times = max((k for k in ENLARGED if k * max(sizes) <= PANEL_GAP_SHARE * reach), default=1)
     kind = subject.procedure.fixture.kind
-    words = MEASURED if kind == "measured" else HELD
-    labels = (words.there or f"{kind}, table", f"{kind}, tool")
+    caption = MEASURED if kind == "measured" else HELD
+    labels = (caption.there or f"{kind}, table", f"{kind}, tool")
     drawn = [_layers(s, view, times, labels) for s in (before, after)]
     points = [np.array([layer.x, layer.y]) for layers in drawn for layer in layers]
     x, y = map_axes(
@@ -159,7 +159,7 @@ def arm_pair(subject: Subject) -> Pair | None:
     number = subject.used[int(np.arange(len(subject.used))[poses][worst])].number
 
     def picture(when: str, gap: float, layers: list[Layer]) -> Picture:
-        title = f"{when}: {words.title.format(number, Figure(gap, CLOSURE_LENGTH).with_unit)}"
+        title = f"{when}: {caption.title.format(number, Figure(gap, CLOSURE_LENGTH).with_unit)}"
         return Picture(
             ident=f"arm-{when.lower()}",
             title=title,
@@ -174,8 +174,8 @@ def arm_pair(subject: Subject) -> Pair | None:
     return Pair(
         before=picture("Before", sizes[0], [*drawn[0]]),
         after=picture("After", sizes[1], [*drawn[1]]),
-        note=f"The arm at the readings of pose {number}, {words.worst} before; the gap{enlarged} is from the "
-        f"tool to {words.where}.",
+        note=f"The arm at the readings of pose {number}, {caption.worst} before; the gap{enlarged} is from the "
+        f"tool to {caption.where}.",
     )
 
 
@@ -214,9 +214,9 @@ def _layers(
 
     joints, held = flat(seen.chain[:-1]), flat(pin[None, :])
     # A ball and a measured point have no axis: a mark shows them.
-    turns, (there, own) = bool(np.any(seen.pin_axis)), labels
+    turns, (label_there, own) = bool(np.any(seen.pin_axis)), labels
     axes = [
-        line(axis(pin, seen.pin_axis), "dashed", there),
+        line(axis(pin, seen.pin_axis), "dashed", label_there),
         line(axis(hand, seen.hand_axis), "b", own),
     ]
     return [
@@ -224,5 +224,7 @@ def _layers(
         line(seen.chain, "a", "arm"),
         Marks(x=joints[0], y=joints[1]),
         line(np.stack((hand, pin)), "gap", "gap"),
-        Marks(x=held[0], y=held[1], shape="triangle", class_="d", label="" if turns else there),
+        Marks(
+            x=held[0], y=held[1], shape="triangle", class_="d", label="" if turns else label_there
+        ),
     ]

@@ -140,7 +140,7 @@ def region_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
 
 def coverage_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
     """Draw the range of every joint, its reachable part, and the poses."""
-    empty, reached, taken, left, right = " -#||" if ascii_only else " ─█├┤"
+    empty, reachable, taken, left_end, right = " -#||" if ascii_only else " ─█├┤"
     reach = shown.plan.reach_rad
     lines = []
     for k, joint in enumerate(shown.arm.joints):
@@ -151,11 +151,11 @@ def coverage_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
 
         bar = [empty] * BAR_CELLS
         for c in range(cell(reach[k, 0]), cell(reach[k, 1]) + 1):
-            bar[c] = reached
+            bar[c] = reachable
         for pose in shown.poses:
             bar[cell(float(pose.q_rad[k]))] = taken
         low, high = (SPAN(v).shown for v in (joint.lower_rad, joint.upper_rad))
-        lines.append(f"  J{k + 1} {low:>8} {left}{''.join(bar)}{right} {high:>7}")
+        lines.append(f"  J{k + 1} {low:>8} {left_end}{''.join(bar)}{right} {high:>7}")
     return lines
 
 

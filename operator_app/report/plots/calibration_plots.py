@@ -154,10 +154,10 @@ def _closure(
     )
 
 
-def rvdt_deviations(subject: Subject, joint: int, found: RvdtFigures) -> Picture:
+def rvdt_deviations(subject: Subject, joint: int, figures: RvdtFigures) -> Picture:
     """Return the plot of one RVDT's readings minus the angles from the loops, with linearity deviation and limits."""
-    grid = np.linspace(found.curve.low, found.curve.high, CURVE_POINTS)
-    curve = found.curve(grid)
+    grid = np.linspace(figures.curve.low, figures.curve.high, CURVE_POINTS)
+    curve = figures.curve(grid)
     allowed = _rvdt(subject, joint).linearity_rad
     low, high = (Figure(float(v), CLOSURE_ANGLE) for v in (curve.min(), curve.max()))
     return _of_rvdt(
@@ -165,14 +165,14 @@ def rvdt_deviations(subject: Subject, joint: int, found: RvdtFigures) -> Picture
         ident=f"rvdt-{joint}",
         title=f"Joint {joint}: reading minus the angle measured by the loop",
         description=f"Curve from {low.shown} to {high.with_unit}; noise of a "
-        f"single reading {Figure(found.noise.lsb, LSB, digits=2).with_unit}. The specification allows "
+        f"single reading {Figure(figures.noise.lsb, LSB, digits=2).with_unit}. The specification allows "
         f"±{Figure(allowed, CLOSURE_ANGLE).with_unit} about the best-fit line.",
         labels=(f"true angle of joint {joint}", "deviation"),
-        at_rad=found.angle_rad,
-        values_rad=found.deviation_rad,
+        at_rad=figures.angle_rad,
+        values_rad=figures.deviation_rad,
         allowed_rad=(allowed, "allowed"),
         curve_rad=(grid, curve),
-        known_rad=found.table_rad,
+        known_rad=figures.table_rad,
     )
 
 

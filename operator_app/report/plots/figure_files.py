@@ -90,8 +90,8 @@ def save_figures(subject: Subject, folder: Path) -> tuple[Path, ...]:
     except OSError as error:
         raise WriteError(file=str(folder), reason=error.strerror or str(error)) from error
     written = []
-    for name, found in drawings(subject).items():
-        made = PaperFigure(_document(found))
+    for name, panels in drawings(subject).items():
+        made = PaperFigure(_document(panels))
         for ending in ENDINGS if pdf_is_possible() else ENDINGS[:1]:
             written.append(folder / f"{name}.{ending}")
             made.savefig(written[-1])
@@ -110,14 +110,14 @@ def pdf_is_possible() -> bool:
 def _document(of: Panels) -> str:
     """Return a complete SVG file with its own colours and the panels in rows, each under a letter."""
     columns = min(of.columns, len(of.pictures))
-    words = of.words or ("",) * len(of.pictures)
+    captions = of.words or ("",) * len(of.pictures)
     parts: list[Html] = []
     top = 0.0
     for first in range(0, len(of.pictures), columns):
         tallest = 0.0
         for k, shown in enumerate(of.pictures[first : first + columns]):
             drawn = bars(shown) if isinstance(shown, Bars) else draw(shown)
-            title = f"({chr(ord('a') + first + k)}) {words[first + k]}".rstrip()
+            title = f"({chr(ord('a') + first + k)}) {captions[first + k]}".rstrip()
             headed = len(of.pictures) > 1
             above = [label(title, 2.0, -4.0, class_="legend")] if headed else []
             at = f"translate({PLOT_WIDTH * k:g} {top + (TITLE if headed else 0.0):g})"
@@ -155,10 +155,10 @@ def _pdf(svg: str) -> bytes:
             "a PDF of a figure needs svglib, which is not installed", "pip install 'sarcal[plots]'"
         ) from error
     pdfmetrics.registerFont(TTFont(PDF_FONT, f"{PDF_FONT}.ttf"))
-    found: Any = svg2rlg(io.StringIO(svg.replace(FONT, PDF_FONT)))
+    converted: Any = svg2rlg(io.StringIO(svg.replace(FONT, PDF_FONT)))
     file = io.BytesIO()
-    canvas = Canvas(file, pagesize=(found.width, found.height), invariant=1)
-    renderPDF.draw(found, canvas, 0, 0)
+    canvas = Canvas(file, pagesize=(converted.width, converted.height), invariant=1)
+    renderPDF.draw(converted, canvas, 0, 0)
     canvas.save()
     return file.getvalue()
 
@@ -185,16 +185,16 @@ def drawing(subject: Subject, name: str) -> Panels:
     KeyError
         The calibration has no such figure; the message lists those that it has.
     """
-    found = _made(subject, name) if name in FIGURES else None
-    if found is None:
+    panels = _made(subject, name) if name in FIGURES else None
+    if panels is None:
         raise KeyError(f"no figure {name!r}; there are {', '.join(drawings(subject))}")
-    return found
+    return panels
 
 
 def drawings(subject: Subject) -> Mapping[str, Panels]:
     """Return all figures of a calibration, by name."""
-    found = {name: _made(subject, name) for name in FIGURES}
-    return {name: shown for name, shown in found.items() if shown is not None}
+    by_name = {name: _made(subject, name) for name in FIGURES}
+    return {name: shown for name, shown in by_name.items() if shown is not None}
 
 
 def _made(subject: Subject, name: str) -> Panels | None:
@@ -268,9 +268,9 @@ def _budget(_: Subject, solution: Solution) -> Panels | None:
         share = np.divide(100.0 * variance[rows], total, out=nothing.copy(), where=total > 0.0)
         percent[kind] = percent.get(kind, nothing) + np.maximum(share, 0.0)
     order = sorted(percent, key=lambda kind: -float(percent[kind].sum()))
-    kept = {kind: percent[kind] for kind in order[:MOST_SOURCES]}
-    kept["all others"] = sum((percent[kind] for kind in order[MOST_SOURCES:]), nothing)
-    ends = np.cumsum([nothing, *kept.values()], axis=0).tolist()
+    largest = {kind: percent[kind] for kind in order[:MOST_SOURCES]}
+    largest["all others"] = sum((percent[kind] for kind in order[MOST_SOURCES:]), nothing)
+    ends = np.cumsum([nothing, *largest.values()], axis=0).tolist()
     return Panels(
         pictures=(
             Bars(
@@ -278,7 +278,7 @@ def _budget(_: Subject, solution: Solution) -> Panels | None:
                 names=[listed[k].name for k in rows],
                 bars={
                     kind: list(zip(*pair, strict=True))
-                    for kind, pair in zip(kept, pairwise(ends), strict=True)
+                    for kind, pair in zip(largest, pairwise(ends), strict=True)
                 },
             ),
         )

@@ -125,12 +125,12 @@ def log_axis(label: str, values: Iterable[float], *, unit: str = "") -> LogAxis:
     return LogAxis(label=label, unit=unit, low=low, high=high, ticks=ticks)
 
 
-def _round_step(rough: float, *, whole: bool) -> float:
-    """Return the smallest 1, 2 or 5 times a power of ten that is not below `rough`."""
-    if whole and rough <= 1.0:
+def _round_step(least: float, *, whole: bool) -> float:
+    """Return the smallest 1, 2 or 5 times a power of ten that is not below `least`."""
+    if whole and least <= 1.0:
         return 1.0
-    power = 10.0 ** math.floor(math.log10(rough))
-    return next(m * power for m in (1.0, 2.0, 5.0, 10.0) if rough <= m * power * (1.0 + 1e-9))
+    power = 10.0 ** math.floor(math.log10(least))
+    return next(m * power for m in (1.0, 2.0, 5.0, 10.0) if least <= m * power * (1.0 + 1e-9))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

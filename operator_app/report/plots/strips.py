@@ -91,10 +91,10 @@ def strips(x: Axis, at: Sequence[float], rows: Sequence[Strip]) -> Html:
         parts.append(label(significant(reach, 2), PLOT_WIDTH - 2.0, middle + 3.6, anchor="end"))
         colour = "c" if row.odd else "a"
         for a, value in zip(at, row.values, strict=True):
-            here = x.place(a, NAME_WIDTH, right)
+            x_at = x.place(a, NAME_WIDTH, right)
             y = middle - half * value / reach
-            parts.append(segment(here, middle, here, y, f"stem {colour}"))
-            parts.append(mark("dot", here, y, 1.7, colour))
+            parts.append(segment(x_at, middle, x_at, y, f"stem {colour}"))
+            parts.append(mark("dot", x_at, y, 1.7, colour))
     parts += _x_axis(x, right, HEAD + ROW * len(rows))
     return picture(
         "corrections",
@@ -109,10 +109,10 @@ def strips(x: Axis, at: Sequence[float], rows: Sequence[Strip]) -> Html:
 def _x_axis(x: Axis, right: float, foot: float) -> list[Html]:
     """Ticks and title of the axis that all rows share."""
     parts = []
-    for value, words in zip(x.ticks, x.tick_texts, strict=True):
-        here = x.place(value, NAME_WIDTH, right)
-        parts.append(segment(here, foot, here, foot + 3.5, "frame"))
-        parts.append(label(words, here, foot + 14.0, anchor="middle"))
+    for value, tick_text in zip(x.ticks, x.tick_texts, strict=True):
+        x_at = x.place(value, NAME_WIDTH, right)
+        parts.append(segment(x_at, foot, x_at, foot + 3.5, "frame"))
+        parts.append(label(tick_text, x_at, foot + 14.0, anchor="middle"))
     return [*parts, label(x.title, right, foot + FOOT - 3.0, class_="axis", anchor="end")]
 
 
@@ -144,17 +144,17 @@ def bars(of: Bars) -> Drawn:
     fill = "ribbon" if len(bars) == 1 else "bar b{}"
     shapes: list[tuple[Shape, str]] = [("dot", "a"), ("triangle", "c"), ("square", "d")]
     parts = []
-    for k, words in enumerate(labels):
+    for k, legend in enumerate(labels):
         x, y = 2.0 + (k % 3) * (right - 2.0) / 3.0, LEGEND * (k // 3 + 1)
         parts.append(
             element("rect", x=x, y=y - 7.0, width=9.0, height=7.0, class_=fill.format(k))
             if k < len(bars)
             else mark(shapes[k - len(bars)][0], x + 4.0, y - 3.5, 2.4, shapes[k - len(bars)][1])
         )
-        parts.append(label(words, x + 12.0, y, class_="legend"))
+        parts.append(label(legend, x + 12.0, y, class_="legend"))
     for value in of.x.ticks:
-        here = of.x.place(value, NAME_WIDTH, right)
-        parts.append(segment(here, top, here, foot, "zero" if value == 0.0 else "grid"))
+        x_at = of.x.place(value, NAME_WIDTH, right)
+        parts.append(segment(x_at, top, x_at, foot, "zero" if value == 0.0 else "grid"))
     for k, name in enumerate(of.names):
         y = top + BAR_HEIGHT * k
         parts.append(label(name, 2.0, y + 8.6, class_="legend"))
@@ -168,8 +168,8 @@ def bars(of: Bars) -> Drawn:
             )  # fmt: skip
         for (shape, colour), values in zip(shapes, of.marks.values(), strict=False):
             if math.isfinite(values[k]):
-                here = of.x.place(values[k], NAME_WIDTH, right)
-                parts.append(mark(shape, here, y + 0.5 * BAR_HEIGHT, 2.4, colour))
+                x_at = of.x.place(values[k], NAME_WIDTH, right)
+                parts.append(mark(shape, x_at, y + 0.5 * BAR_HEIGHT, 2.4, colour))
     return Drawn(foot + FOOT, (*parts, *_x_axis(of.x, right, foot)))
 
 

@@ -110,10 +110,10 @@ def mark(shape: Shape, x: float, y: float, r: float, class_: str, tip: str = "")
 
 
 def label(
-    words: str, x: float, y: float, *, class_: str = "tick", anchor: str | None = None
+    text: str, x: float, y: float, *, class_: str = "tick", anchor: str | None = None
 ) -> Html:
     """Write text into a picture."""
-    return element("text", typeset(words), x=x, y=y, class_=class_, text_anchor=anchor)
+    return element("text", typeset(text), x=x, y=y, class_=class_, text_anchor=anchor)
 
 
 def segment(x1: float, y1: float, x2: float, y2: float, class_: str) -> Html:
@@ -122,15 +122,15 @@ def segment(x1: float, y1: float, x2: float, y2: float, class_: str) -> Html:
 
 
 def _grid(x: Axis, y: Axis, right: float, bottom: float) -> Iterable[Html]:
-    for value, words in zip(y.ticks, y.tick_texts, strict=True):
+    for value, tick_text in zip(y.ticks, y.tick_texts, strict=True):
         at = y.place(value, bottom, TOP)
         yield segment(LEFT, at, right, at, "zero" if value == 0.0 else "grid")
-        yield label(words, LEFT - 5.0, at + 3.6, anchor="end")
+        yield label(tick_text, LEFT - 5.0, at + 3.6, anchor="end")
     yield segment(LEFT, bottom, right, bottom, "frame")
-    for value, words in zip(x.ticks, x.tick_texts, strict=True):
+    for value, tick_text in zip(x.ticks, x.tick_texts, strict=True):
         at = x.place(value, LEFT, right)
         yield segment(at, bottom, at, bottom + 3.5, "frame")
-        yield label(words, at, bottom + 14.0, anchor="middle")
+        yield label(tick_text, at, bottom + 14.0, anchor="middle")
 
 
 def _points(

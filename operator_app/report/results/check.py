@@ -59,18 +59,18 @@ def problems_text(problems: Sequence[Problem]) -> str:
     return "\n".join([head, *(f"! {problem}" for problem in ordered)])
 
 
-def check_text(found: Found, chains: Sequence[Chain]) -> str:
+def check_text(files: Found, chains: Sequence[Chain]) -> str:
     """Return the kind of each file, and the prospects of each arm in its fixture."""
     arms = {chain.arm.name: chain.arm for chain in chains}
-    for looked in found.of("arm"):
+    for looked in files.of("arm"):
         if isinstance(looked.holds, ArmModel):
             arms[looked.holds.name] = looked.holds
     blocks = [
         "No problems were found in the files.\n"
-        + aligned([[looked.source.file, in_words(looked)] for looked in found.files], left=True),
+        + aligned([[looked.source.file, in_words(looked)] for looked in files.files], left=True),
         *(_arm(arm) for arm in arms.values()),
         *(_chain(chain) for chain in chains),
-        *([paragraph(FORECAST_NOTE)] if found.of("poses") and not chains else []),
+        *([paragraph(FORECAST_NOTE)] if files.of("poses") and not chains else []),
         paragraph(UNITS_NOTE),
     ]
     return "\n\n".join(blocks)
@@ -156,7 +156,7 @@ def _sensor(joint: Joint) -> str:
 
 def _chain(chain: Chain) -> str:
     """Prospects of one arm in one fixture."""
-    arm, spec, found = chain.arm, chain.fixture, chain.outlook
+    arm, spec, outlook = chain.arm, chain.fixture, chain.outlook
     give = spec.fixture.compliance
     yields = [
         *([GIVES_LENGTH(give.position_m).with_unit] if give.position_m else []),
@@ -175,53 +175,55 @@ def _chain(chain: Chain) -> str:
         ),
         *(paragraph(text) for text in _freedom(chain)),
         paragraph(
-            f"{plural(len(found.parameters), 'parameter')} would be identified: "
-            f"{', '.join(p.name for p in found.parameters)}."
+            f"{plural(len(outlook.parameters), 'parameter')} would be identified: "
+            f"{', '.join(p.name for p in outlook.parameters)}."
         ),
     ]
-    if found.refusal is not None:
-        lines.append(paragraph(f"! {found.refusal}", indent=2))
+    if outlook.refusal is not None:
+        lines.append(paragraph(f"! {outlook.refusal}", indent=2))
     lines += [
         paragraph(f"! {c.severity.value}: {c.text}: {c.remedy}", indent=2)
-        for c in found.checks
+        for c in outlook.checks
         if c.severity is not Severity.OK
     ]
-    immobile = {c.joint for c in found.checks if c.kind is CheckKind.IMMOBILE}
+    immobile = {c.joint for c in outlook.checks if c.kind is CheckKind.IMMOBILE}
     lines += [
         paragraph(f"! not identifiable: {d}", indent=2)
-        for d in found.blind
+        for d in outlook.blind
         if immobile.isdisjoint(d.immobile_joints)
     ]
     lines += _other_home(chain)
-    lines += [paragraph(f"{name} is fixed: {why}.") for name, why in chain.held.items()]
-    if found.seen is not None and not found.refused:
-        lines.append(_well("Poses over the whole reachable region", found.seen))
-    for file, seen in chain.poses:
-        lines.append(_well(f"The poses of {file}", seen))
-        lines += [paragraph(f"! not identifiable: {d}", indent=2) for d in seen.directions]
-    lines += [paragraph(f"! {file}: {why}", indent=2) for file, why in chain.unfit]
+    lines += [paragraph(f"{name} is fixed: {reason}.") for name, reason in chain.held.items()]
+    if outlook.seen is not None and not outlook.refused:
+        lines.append(_well("Poses over the whole reachable region", outlook.seen))
+    for file, identifiability in chain.poses:
+        lines.append(_well(f"The poses of {file}", identifiability))
+        lines += [
+            paragraph(f"! not identifiable: {d}", indent=2) for d in identifiability.directions
+        ]
+    lines += [paragraph(f"! {file}: {reason}", indent=2) for file, reason in chain.unfit]
     return "\n".join(lines)
 
 
 def _freedom(chain: Chain) -> list[str]:
     """Mobility, drive joints with reasons, and the distance between home and a closed pose."""
-    found, n = chain.outlook, chain.arm.joint_count
-    if found.mobility is None:
+    outlook, n = chain.outlook, chain.arm.joint_count
+    if outlook.mobility is None:
         return []
-    others = and_the_others(found.mobility, n)
+    others = and_the_others(outlook.mobility, n)
     lines = [
-        f"Mobility {found.mobility}: exactly {plural(found.mobility, 'joint')} in position mode{others}."
+        f"Mobility {outlook.mobility}: exactly {plural(outlook.mobility, 'joint')} in position mode{others}."
     ]
     if not chain.fixture.fixture.holds_hand:
         lines = [f"The tool is free: all {n} joints in position mode."]
-    if found.choice is not None:
-        chosen = f"{joints_named(found.choice.drives).capitalize()} would drive"
-        lines.append(f"{chosen} ({'; '.join(found.choice.reasons)}).")
-    if found.from_home_rad is not None:
-        off = abs(found.from_home_rad)
-        j = int(off.argmax())
+    if outlook.choice is not None:
+        chosen = f"{joints_named(outlook.choice.drives).capitalize()} would drive"
+        lines.append(f"{chosen} ({'; '.join(outlook.choice.reasons)}).")
+    if outlook.from_home_rad is not None:
+        distance = abs(outlook.from_home_rad)
+        j = int(distance.argmax())
         lines.append(
-            f"From home_deg to the nearest pose that closes: {DEVIATION(float(off[j])).with_unit} at most, "
+            f"From home_deg to the nearest pose that closes: {DEVIATION(float(distance[j])).with_unit} at most, "
             f"joint {j + 1}."
         )
     return lines
@@ -231,12 +233,12 @@ def _other_home(chain: Chain) -> list[str]:
     """A usable home pose, ready to be copied into the arm file, if the arm's own home is not usable."""
     if chain.home is None:
         return []
-    home, found = chain.home
+    home, outlook = chain.home
     degrees = ", ".join(f"{a:g}" for a in short_degrees(home))
     well = (
         []
-        if found.seen is None
-        else [_well("Poses over the whole region reachable from there", found.seen)]
+        if outlook.seen is None
+        else [_well("Poses over the whole region reachable from there", outlook.seen)]
     )
     return [
         paragraph(
@@ -249,28 +251,31 @@ def _other_home(chain: Chain) -> list[str]:
     ]
 
 
-def _well(what: str, seen: Identifiability) -> str:
-    if seen.directions:
-        return paragraph(f"{what} determine only {seen.rank} combinations of the parameters.")
+def _well(what: str, identifiability: Identifiability) -> str:
+    if identifiability.directions:
+        return paragraph(
+            f"{what} determine only {identifiability.rank} combinations of the parameters."
+        )
     return paragraph(
-        f"{what} determine all of them; scaled condition number {CONDITION(seen.scaled_condition_number).shown}, "
-        f"weakest: {', '.join(seen.weakest.parameters[:4])}."
+        f"{what} determine all of them; scaled condition number "
+        f"{CONDITION(identifiability.scaled_condition_number).shown}, "
+        f"weakest: {', '.join(identifiability.weakest.parameters[:4])}."
     )
 
 
-def found_json(found: Found, chains: Sequence[Chain]) -> dict[str, Any]:
+def found_json(files: Found, chains: Sequence[Chain]) -> dict[str, Any]:
     """Return the JSON object: files, problems, and the prospects of each arm in its fixture."""
     return {
         "files": [
-            {"file": f.source.file, "kind": f.kind, "text": in_words(f)} for f in found.files
+            {"file": f.source.file, "kind": f.kind, "text": in_words(f)} for f in files.files
         ],
-        "problems": [asdict(problem) for problem in found.problems],
+        "problems": [asdict(problem) for problem in files.problems],
         "chains": [_chain_data(chain) for chain in chains],
     }
 
 
 def _chain_data(chain: Chain) -> dict[str, Any]:
-    found, arm = chain.outlook, chain.arm
+    outlook, arm = chain.outlook, chain.arm
     sensors: dict[type, str] = {Encoder: "encoder", Rvdt: "rvdt", NoSensor: "none"}
     return {
         "procedure": chain.procedure or None,
@@ -281,27 +286,27 @@ def _chain_data(chain: Chain) -> dict[str, Any]:
             {"joint": k, "name": joint.name, "sensor": sensors[type(joint.sensor)]}
             for k, joint in enumerate(arm.joints, 1)
         ],
-        "mobility": found.mobility,
+        "mobility": outlook.mobility,
         "drives": None
-        if found.choice is None
-        else {"joints": list(found.choice.drives), "reasons": list(found.choice.reasons)},
+        if outlook.choice is None
+        else {"joints": list(outlook.choice.drives), "reasons": list(outlook.choice.reasons)},
         "home_deg": None if chain.home is None else short_degrees(chain.home[0]),
-        "refusal": None if found.refusal is None else str(found.refusal),
-        "checks": [c.data for c in found.checks],
-        "parameters": [p.name for p in found.parameters],
+        "refusal": None if outlook.refusal is None else str(outlook.refusal),
+        "checks": [c.data for c in outlook.checks],
+        "parameters": [p.name for p in outlook.parameters],
         "held": dict(chain.held),
-        "seen": None if found.seen is None else _seen(found.seen),
-        "poses": {file: _seen(seen) for file, seen in chain.poses},
+        "seen": None if outlook.seen is None else _seen(outlook.seen),
+        "poses": {file: _seen(identifiability) for file, identifiability in chain.poses},
         "unfit": dict(chain.unfit),
         "assumed": list(arm.assumed),
     }
 
 
-def _seen(seen: Identifiability) -> dict[str, Any]:
+def _seen(identifiability: Identifiability) -> dict[str, Any]:
     return {
-        "rank": seen.rank,
-        "scaled_condition_number": Figure(seen.scaled_condition_number).in_json,
+        "rank": identifiability.rank,
+        "scaled_condition_number": Figure(identifiability.scaled_condition_number).in_json,
         "not_identifiable": [
-            {"parameters": list(d.parameters), "text": str(d)} for d in seen.directions
+            {"parameters": list(d.parameters), "text": str(d)} for d in identifiability.directions
         ],
     }

@@ -24,27 +24,33 @@ MADE_OTHERWISE = {"ESTIMATOR", "ENTRIES", "TABLE"}
 NOTHING_FOLLOWS = "same poses: nothing follows for the arm"
 
 
-def comparison_text(found: CalibrationComparison) -> str:
+def comparison_text(comparison: CalibrationComparison) -> str:
     """Return the comparison for a terminal of 80 columns, the verdict first."""
-    table = _table(found)
+    table = _table(comparison)
     blocks = [
-        _verdict(found, table),
-        "\n".join(_whose(name, d) for name, d in (("A", found.before), ("B", found.after))),
+        _verdict(comparison, table),
+        "\n".join(
+            _whose(name, d) for name, d in (("A", comparison.before), ("B", comparison.after))
+        ),
         "\n".join(table_lines(table)),
-        paragraph(_reading(found)),
-        _left_out(found),
-        warnings_text(found.notices),
+        paragraph(_reading(comparison)),
+        _left_out(comparison),
+        warnings_text(comparison.notices),
     ]
     return "\n\n".join(block for block in blocks if block)
 
 
-def comparison_json(found: CalibrationComparison) -> dict[str, Any]:
+def comparison_json(comparison: CalibrationComparison) -> dict[str, Any]:
     """Return the object of `sarcal compare --json`: deg and m, as in the documents."""
     return {
-        "verdict": NOTHING_FOLLOWS if found.same_poses else DRIFTED if found.drifted else NO_DRIFT,
-        "drifted": [d.name for d in found.drifted],
-        "level": found.level,
-        "threshold_sigmas": found.threshold_sigmas,
+        "verdict": NOTHING_FOLLOWS
+        if comparison.same_poses
+        else DRIFTED
+        if comparison.drifted
+        else NO_DRIFT,
+        "drifted": [d.name for d in comparison.drifted],
+        "level": comparison.level,
+        "threshold_sigmas": comparison.threshold_sigmas,
         "parameters": {
             d.name: {
                 **change_data(d, "a", "b"),
@@ -52,48 +58,48 @@ def comparison_json(found: CalibrationComparison) -> dict[str, Any]:
                 "significant": d.significant,
                 "side": d.side.name.lower(),
             }
-            for d in found.drifts
+            for d in comparison.drifts
         },
-        "left_out": dict(found.left_out),
-        "a": _document_json(found.before, found.scale_before),
-        "b": _document_json(found.after, found.scale_after),
-        "warnings": notices_data(found.notices),
+        "left_out": dict(comparison.left_out),
+        "a": _document_json(comparison.before, comparison.scale_before),
+        "b": _document_json(comparison.after, comparison.scale_after),
+        "warnings": notices_data(comparison.notices),
     }
 
 
-def _reading(found: CalibrationComparison) -> str:
+def _reading(comparison: CalibrationComparison) -> str:
     """Return a note on how to interpret the table."""
     change = "Change = B - A, angles the short way round."
-    if found.same_poses:
+    if comparison.same_poses:
         return f"{change} Sigma applies to new poses; it is not used for the verdict here."
     return (
-        f"Significant: a change of more than {found.threshold_sigmas:.2f} sigmas, which noise alone "
-        f"gives to any parameter in {100.0 * found.level:g} % of comparisons (Bonferroni). {change}"
+        f"Significant: a change of more than {comparison.threshold_sigmas:.2f} sigmas, which noise alone "
+        f"gives to any parameter in {100.0 * comparison.level:g} % of comparisons (Bonferroni). {change}"
     )
 
 
-def _verdict(found: CalibrationComparison, table: FactTable) -> str:
-    if found.same_poses:
+def _verdict(comparison: CalibrationComparison, table: FactTable) -> str:
+    if comparison.same_poses:
         return paragraph(
             "SAME POSES: nothing follows for the arm. A and B are two estimates from the same readings; "
             "only new poses show whether it has drifted."
         )
-    if not found.drifted:
+    if not comparison.drifted:
         return "NO SIGNIFICANT DRIFT."
     cells = {row[0]: [shown(cell) for cell in row] for row in table.rows}
     lines = []
-    for d in found.drifted:
+    for d in comparison.drifted:
         _, unit, _, _, change, _, sigmas, _ = cells[d.name]
-        said = f"- {d.name} by {change} {unit} ({sigmas} sigmas; {d.side.value})"
-        lines.append(paragraph(said, indent=2))
-    sides = {d.side for d in found.drifted}
+        line = f"- {d.name} by {change} {unit} ({sigmas} sigmas; {d.side.value})"
+        lines.append(paragraph(line, indent=2))
+    sides = {d.side for d in comparison.drifted}
     advice = ""
     if Side.ARM not in sides:
         advice = (
             "Only parameters of the fixture's mounting changed, none of the arm itself. If the fixture "
             "was taken off in between, compare with --remounted; if not, check whether it has moved."
         )
-    elif MADE_OTHERWISE & {n.code for n in found.notices}:
+    elif MADE_OTHERWISE & {n.code for n in comparison.notices}:
         advice = (
             "A and B were made in different ways (see below), which by itself changes parameters. Calibrate both in "
             "the same way and compare again before suspecting the arm."
@@ -128,10 +134,10 @@ def change_cells(
         yield d, (d.name, quantity.unit, *values)
 
 
-def _table(found: CalibrationComparison) -> FactTable:
+def _table(comparison: CalibrationComparison) -> FactTable:
     titles = ("A", "B", "change", "sigma", "sigmas")
     rows: list[tuple[Cell, ...]] = []
-    for d, cells in change_cells(found.drifts):
+    for d, cells in change_cells(comparison.drifts):
         sigmas = Figure(d.sigmas, places=1) if math.isfinite(d.sigmas) else "no sigma"
         rows.append((*cells, sigmas, "DRIFT" if d.significant else ""))
     return FactTable(
@@ -150,17 +156,17 @@ def change_data(change: ParameterChange, before: str, after: str) -> dict[str, A
         "change": change.change,
         "sigma": change.sigma,
     }
-    found = {key: in_json(change, value) for key, value in numbers.items()}
-    return {"unit": "deg" if change.is_angle else "m", **found}
+    data = {key: in_json(change, value) for key, value in numbers.items()}
+    return {"unit": "deg" if change.is_angle else "m", **data}
 
 
-def _left_out(found: CalibrationComparison) -> str:
+def _left_out(comparison: CalibrationComparison) -> str:
     by_reason: dict[str, list[str]] = {}
-    for name, why in found.left_out:
-        by_reason.setdefault(why, []).append(name)
+    for name, reason in comparison.left_out:
+        by_reason.setdefault(reason, []).append(name)
     return "\n".join(
-        paragraph(f"Not compared ({why}): {', '.join(names)}", indent=2)
-        for why, names in by_reason.items()
+        paragraph(f"Not compared ({reason}): {', '.join(names)}", indent=2)
+        for reason, names in by_reason.items()
     )
 
 

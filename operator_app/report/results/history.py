@@ -94,16 +94,16 @@ def sessions_table(part: EntryHistory) -> FactTable:
     )
 
 
-def verdict_text(found: ArmHistory, width: int = WIDTH) -> str:
+def verdict_text(history: ArmHistory, width: int = WIDTH) -> str:
     """Return text: which entries have shifted, that none has, or that there are too few sessions."""
     lines = [
         paragraph(f"- {_shift_text(part, shift)}", indent=2, width=width)
-        for part in found.parts
+        for part in history.parts
         for shift in part.chart.changes
     ]
     if lines:
         return "\n".join(["SHIFTED:", *lines])
-    if (most := _most_sessions(found)) <= BASELINE:
+    if (most := _most_sessions(history)) <= BASELINE:
         return paragraph(
             f"TOO EARLY TO JUDGE: limits need {BASELINE} sessions with one fixture before the session to be judged; "
             f"there are {most} in all. Compare two sessions with sarcal compare.",
@@ -112,57 +112,63 @@ def verdict_text(found: ArmHistory, width: int = WIDTH) -> str:
     return "IN CONTROL: no entry has shifted."
 
 
-def _most_sessions(found: ArmHistory) -> int:
-    return max((len(p.calibrations) for p in found.parts if p.side is Side.ARM), default=0)
+def _most_sessions(history: ArmHistory) -> int:
+    return max((len(p.calibrations) for p in history.parts if p.side is Side.ARM), default=0)
 
 
-def due_text(found: ArmHistory) -> str:
+def due_text(history: ArmHistory) -> str:
     """Return text with the date of the next calibration."""
-    return f"Next calibration due {found.due:%Y-%m-%d}: {found.due_why}."
+    return f"Next calibration due {history.due:%Y-%m-%d}: {history.due_why}."
 
 
-def checks_lines(found: ArmHistory) -> list[str]:
+def checks_lines(history: ArmHistory) -> list[str]:
     """Return one line for each verification."""
     return [
         f"{v.utc:%Y-%m-%d %H:%M}  {'HOLDS' if v.holds else 'DOES NOT HOLD'}  "
         f"{plural(v.poses, 'new pose')}, {1e3 * v.position_m:.3f} mm rms, {v.session}"
-        for v in found.verifications
+        for v in history.verifications
     ]
 
 
-def history_text(found: ArmHistory, *, brief: bool = False) -> str:
+def history_text(history: ArmHistory, *, brief: bool = False) -> str:
     """Return the history for a terminal, the verdict first; `brief` for a frame of 80 columns."""
-    last, width = found.calibrations[-1].document, FRAMED if brief else WIDTH
+    last, width = history.calibrations[-1].document, FRAMED if brief else WIDTH
     counts = (
-        f"{last.arm.model} {last.arm.serial}: {plural(len(found.calibrations), 'accepted calibration')}, "
-        f"{plural(len(found.verifications), 'verification')}\n{paragraph(due_text(found), width=width)}"
+        f"{last.arm.model} {last.arm.serial}: {plural(len(history.calibrations), 'accepted calibration')}, "
+        f"{plural(len(history.verifications), 'verification')}\n{paragraph(due_text(history), width=width)}"
     )
-    blocks = [verdict_text(found, width), counts]
-    for part in found.parts:
+    blocks = [verdict_text(history, width), counts]
+    for part in history.parts:
         gap = " " if brief else "  "
         head = [title_of(part), *table_lines(entries_table(part), gap, gap)]
         if not brief and part.side is Side.ARM:
             head += ["", *table_lines(sessions_table(part))]
         blocks.append("\n".join(head))
-    if lines := checks_lines(found):
+    if lines := checks_lines(history):
         blocks.append("\n".join(["Verifications", *(f"  {line}" for line in lines)]))
     blocks.append("What each column is: m, page over-the-years" if brief else paragraph(HOW))
-    blocks += [paragraph(f"Left out: {name} ({why})", width=width) for name, why in found.left_out]
+    blocks += [
+        paragraph(f"Left out: {name} ({reason})", width=width) for name, reason in history.left_out
+    ]
     return "\n\n".join(blocks)
 
 
-def history_json(found: ArmHistory) -> dict[str, Any]:
+def history_json(history: ArmHistory) -> dict[str, Any]:
     """Return the object of `sarcal history --json`: deg and m, as in the documents."""
-    last = found.calibrations[-1].document
-    early = _most_sessions(found) <= BASELINE
+    last = history.calibrations[-1].document
+    early = _most_sessions(history) <= BASELINE
     return {
         "arm_model": last.arm.model,
         "arm_serial": last.arm.serial,
-        "verdict": "shifted" if found.shifted else "too early to judge" if early else "in control",
-        "due": _utc(found.due),
-        "due_why": found.due_why,
+        "verdict": "shifted"
+        if history.shifted
+        else "too early to judge"
+        if early
+        else "in control",
+        "due": _utc(history.due),
+        "due_why": history.due_why,
         "level": CONTROL_CHART_FALSE_ALARM_PROBABILITY,
-        "parts": [_part_json(part) for part in found.parts],
+        "parts": [_part_json(part) for part in history.parts],
         "verifications": [
             {
                 "session": v.session,
@@ -172,9 +178,9 @@ def history_json(found: ArmHistory) -> dict[str, Any]:
                 "position_mm": Figure(1e3 * v.position_m).in_json,
                 "why": v.why,
             }
-            for v in found.verifications
+            for v in history.verifications
         ],
-        "left_out": [{"session": name, "why": why} for name, why in found.left_out],
+        "left_out": [{"session": name, "why": reason} for name, reason in history.left_out],
     }
 
 

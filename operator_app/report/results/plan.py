@@ -79,13 +79,13 @@ def _checks(shown: Preview) -> list[str]:
 
 def _drives(shown: Preview) -> str:
     """The ranking of drive sets over the region, the same sets at the start pose, and the choice."""
-    here = {r.drives: r for r in shown.choice.prediction.here}
+    at_start = {r.drives: r for r in shown.choice.prediction.here}
     listed = list(shown.choice.prediction.region[:SHOWN_SETS])
     if all(r.drives != shown.choice.drives for r in listed):
         listed += [r for r in shown.choice.prediction.region if r.drives == shown.choice.drives]
     rows = [["joints", "score", "reach", "leverage", "at start", "passive", ""]]
     for r in listed:
-        now = here.get(r.drives)
+        now = at_start.get(r.drives)
         rows.append(
             [
                 ("> " if r.drives == shown.choice.drives else "  ") + " ".join(map(str, r.drives)),
@@ -220,12 +220,12 @@ def _placement(
         f"joints travel: {travel}",
     ]
     for quantity in (ANGLE, LENGTH):
-        some = [
+        phrases = [
             f"{name} {Figure(sigma, quantity, places=PLACES).shown}"
             for name, sigma in placement.sigma.items()
             if quantity_of(parameters[name]) is quantity
         ]
-        lines.append(f"sigmas in {quantity.unit}: {', '.join(some)}")
+        lines.append(f"sigmas in {quantity.unit}: {', '.join(phrases)}")
     lines += [f"! {c.text}: {c.remedy}" for c in placement.checks if c.severity is not Severity.OK]
     head, *others = lines
     below = (
@@ -243,7 +243,7 @@ ANGULAR = ("alpha", "theta")
 
 def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:
     """Return the JSON object for a plan."""
-    choice, seen = shown.choice, shown.seen
+    choice, identifiability = shown.choice, shown.seen
     known = {p.name: p for p in shown.parameters}
     names = shown.plan.information.parameters
     return {
@@ -264,9 +264,9 @@ def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:
             name: in_json(known[name], float(sigma))
             for name, sigma in zip(names, shown.plan.predicted_sigma, strict=True)
         },
-        "scaled_condition_number": Figure(seen.scaled_condition_number).in_json,
-        "rank": seen.rank,
-        "weakest_direction": list(seen.weakest.parameters),
+        "scaled_condition_number": Figure(identifiability.scaled_condition_number).in_json,
+        "rank": identifiability.rank,
+        "weakest_direction": list(identifiability.weakest.parameters),
         "candidates": shown.plan.manifold.size,
         "reachable": int(shown.plan.allowed.sum()),
         "reach_deg": np.rad2deg(shown.plan.reach_rad).tolist(),
@@ -275,8 +275,8 @@ def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:
 
 def ranked_json(ranked: RankedDrives) -> dict[str, Any]:
     """Return one ranked set of drive joints."""
-    found = asdict(ranked)
-    return {"joints": found.pop("drives"), **found}
+    data = asdict(ranked)
+    return {"joints": data.pop("drives"), **data}
 
 
 def advice_json(

@@ -26,28 +26,28 @@ def recording_text(
     spread_deg: float,
 ) -> str:
     """Return one line about the recording, and one for each stretch that does not count as a dwell."""
-    found = recording
-    span_s = found.time_s[-1] - found.time_s[0]
-    lost = f" ({found.left_out} more left out: a joint has no angle, or a time occurs twice)"
+    summary = recording
+    span_s = summary.time_s[-1] - summary.time_s[0]
+    lost = f" ({summary.left_out} more left out: a joint has no angle, or a time occurs twice)"
     head = (
-        f"{found.file}: {plural(len(dwells), 'pose')} from {len(found.time_s)} {found.source}"
-        f"{lost if found.left_out else ''} over {span_s:.1f} s; joints 1 to {len(found.joints)} are "
-        f"{', '.join(found.joints)}"
+        f"{summary.file}: {plural(len(dwells), 'pose')} from {len(summary.time_s)} {summary.source}"
+        f"{lost if summary.left_out else ''} over {span_s:.1f} s; joints 1 to {len(summary.joints)} are "
+        f"{', '.join(summary.joints)}"
     )
     lines = [head]
     for k, stretch in enumerate(refused[:MOST_LINES]):
-        began_s = stretch.start_s - found.time_s[0]
+        began_s = stretch.start_s - summary.time_s[0]
         utc = utc_text(stretch.start_s)
         when = f"{began_s:.2f} s" + (f" ({utc})" if utc else "")
-        why = (
-            f"{found.joints[stretch.joint - 1]} moves by {np.rad2deg(stretch.moved_rad):.3g} deg "
+        reason = (
+            f"{summary.joints[stretch.joint - 1]} moves by {np.rad2deg(stretch.moved_rad):.3g} deg "
             f"(limit {spread_deg:g} deg, --spread-deg)"
             if stretch.joint
             else f"limit {dwell_s:g} s (--dwell-s)"
         )
         lines.append(
             f"  no pose {k + 1}: {'moving' if stretch.joint else 'at rest'} for "
-            f"{stretch.seconds:.2f} s at {when}; {why}"
+            f"{stretch.seconds:.2f} s at {when}; {reason}"
         )
     if refused[MOST_LINES:]:
         lines.append(f"  and {len(refused) - MOST_LINES} more")

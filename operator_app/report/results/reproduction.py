@@ -22,44 +22,51 @@ from operator_app.units import (
 )
 
 
-def published_text(found: Published) -> str:
+def published_text(reproduction: Published) -> str:
     """Return all tables in the paper's order."""
-    table = dh_table(found.solution)
+    table = dh_table(reproduction.solution)
     blocks = [
         paragraph(
             "Giugovaz and Hollerbach, Closed-Loop Kinematic Calibration of the Sarcos Dextrous Arm: a specimen "
-            f"of their arm in {found.poses} poses, by their estimator. The specimen has the errors they suspect in "
-            "theirs; it is not their arm, and figures agree in size only."
+            f"of their arm in {reproduction.poses} poses, by their estimator. The specimen has the errors they suspect "
+            "in theirs; it is not their arm, and figures agree in size only."
         ),
         *([] if table is None else [table_text(table)]),
-        table_text(_identified(found)),
-        table_text(_quality(found)),
-        table_text(_shares(found)),
-        table_text(_remedies(found)),
+        table_text(_identified(reproduction)),
+        table_text(_quality(reproduction)),
+        table_text(_shares(reproduction)),
+        table_text(_remedies(reproduction)),
     ]
     return "\n\n".join(blocks)
 
 
-def published_json(found: Published) -> dict[str, Any]:
+def published_json(reproduction: Published) -> dict[str, Any]:
     """Return the figures of all tables; angles in deg, lengths in m, closure in mm and mrad."""
-    numbers = keyed((_identified(found), _quality(found), _shares(found), _remedies(found)))
-    shares = zip(found.shares, numbers["shares"], strict=True)
-    remedies = zip(found.remedies, numbers["remedies"], strict=True)
+    numbers = keyed(
+        (
+            _identified(reproduction),
+            _quality(reproduction),
+            _shares(reproduction),
+            _remedies(reproduction),
+        )
+    )
+    shares = zip(reproduction.shares, numbers["shares"], strict=True)
+    remedies = zip(reproduction.remedies, numbers["remedies"], strict=True)
     return {
-        "poses": found.poses,
+        "poses": reproduction.poses,
         **numbers,
         "shares": [{"source": share.source, **row} for share, row in shares],
         "remedies": [{"remedy": remedy.name, **row} for remedy, row in remedies],
     }
 
 
-def _identified(found: Published) -> FactTable:
+def _identified(reproduction: Published) -> FactTable:
     """Table 2: the published values, and the paper's estimator on the simulated arm."""
-    estimate, rows = found.solution.estimate, []
+    estimate, rows = reproduction.solution.estimate, []
     for p, value, sd in zip(
         estimate.parameters, estimate.x.tolist(), estimate.standard_deviation.tolist(), strict=True
     ):
-        quantity, printed, key = quantity_of(p), found.printed[p.name], ("table_2", p.name)
+        quantity, printed, key = quantity_of(p), reproduction.printed[p.name], ("table_2", p.name)
         rows.append(
             (
                 p.name,
@@ -79,19 +86,19 @@ def _identified(found: Published) -> FactTable:
         ),
         rows=tuple(rows),
         note="The published values are the specimen's truth: the difference is the estimator's error due to the "
-        f"three sources, up to {found.farthest_sigmas:.0f} times its sigma, which includes none of them.",
+        f"three sources, up to {reproduction.farthest_sigmas:.0f} times its sigma, which includes none of them.",
     )
 
 
-def _quality(found: Published) -> FactTable:
-    sigmas, seen = found.solution.estimate.sigmas, found.solution.seen
+def _quality(reproduction: Published) -> FactTable:
+    sigmas, identifiability = reproduction.solution.estimate.sigmas, reproduction.solution.seen
     turned = sigmas.orientation_rad
     rows: list[tuple[Cell, ...]] = [
         (
             "scaled condition number",
             "",
             Figure(PUBLISHED_CONDITION),
-            Figure(seen.scaled_condition_number, key=("scaled_condition_number",)),
+            Figure(identifiability.scaled_condition_number, key=("scaled_condition_number",)),
             "",
         ),
         (
@@ -124,7 +131,7 @@ def _quality(found: Published) -> FactTable:
     )
 
 
-def _shares(found: Published) -> FactTable:
+def _shares(reproduction: Published) -> FactTable:
     return FactTable(
         ident="shares",
         title="Share of each source of error (section 4): each alone",
@@ -139,12 +146,12 @@ def _shares(found: Published) -> FactTable:
                 Figure(share.orientation_rad, CLOSURE_ANGLE, key=("shares", k, "sigma_ori_mrad")),
                 Figure(share.condition, key=("shares", k, "scaled_condition_number")),
             )
-            for k, share in enumerate(found.shares)
+            for k, share in enumerate(reproduction.shares)
         ),
     )
 
 
-def _remedies(found: Published) -> FactTable:
+def _remedies(reproduction: Published) -> FactTable:
     return FactTable(
         ident="remedies",
         title="Effect of each planned remedy (section 4): rms error against the truth",
@@ -164,7 +171,7 @@ def _remedies(found: Published) -> FactTable:
                     key=("remedies", k, "lengths_rms_mm"),
                 ),
             )
-            for k, remedy in enumerate(found.remedies)
+            for k, remedy in enumerate(reproduction.remedies)
         ),
         note="Offsets of the seven joints; lengths that calibration identifies. On a real arm nobody knows "
         "the truth: the uncertainty budget of a solution is what stands for this table.",

@@ -70,9 +70,9 @@ def unidentifiable_json(
     from operator_app.report.json_schema import unidentifiable_data
 
     poses = len(state.used_poses)
-    found = unidentifiable_data(error, parameters=parameters, poses=poses)
+    data = unidentifiable_data(error, parameters=parameters, poses=poses)
     return {
-        **found,
+        **data,
         "paper": None,
         "session": {"folder": str(folder), "poses": _poses_file(folder, state)},
     }
@@ -109,8 +109,8 @@ def session_text(folder: Path, state: SessionState, *, accepted: bool) -> str:
             f"Poses       in the journal; {POSES_NAME} was written before they were changed"
         )
     if not exported:
-        why = f": sarcal export {folder}" if accepted else ": the calibration was not accepted"
-        return "\n".join([*lines, f"Parameters  not written{why}"])
+        hint = f": sarcal export {folder}" if accepted else ": the calibration was not accepted"
+        return "\n".join([*lines, f"Parameters  not written{hint}"])
     lines.append(f"Parameters  {folder / exported['file']}")
     uploaded = exported["uploaded"]
     if exported.get("unknown"):
@@ -173,11 +173,11 @@ def _solved(state: SessionState) -> str:
     solved = state.solved
     if not solved:
         return "not yet"
-    said = "accepted" if solved["accepted"] else "not accepted"
+    verdict = "accepted" if solved["accepted"] else "not accepted"
     by = f" by {solved['estimator']}" if solved.get("estimator") else ""
     condition = solved.get("scaled_condition_number")
     number = "" if condition is None else f", scaled condition number {CONDITION(condition).shown}"
-    return f"{said}{by}{number}"
+    return f"{verdict}{by}{number}"
 
 
 def _exported(state: SessionState) -> str:
@@ -236,12 +236,12 @@ def fate(line: RepairedLine) -> str:
     return RESTORED if line.words else KEPT_POSE
 
 
-def repair_json(found: RepairResult) -> dict[str, Any]:
+def repair_json(repair: RepairResult) -> dict[str, Any]:
     """Return the repair as JSON data."""
     return {
-        "folder": str(found.folder),
-        "repaired": found.aside is not None,
-        "original": None if found.aside is None else str(found.aside),
+        "folder": str(repair.folder),
+        "repaired": repair.aside is not None,
+        "original": None if repair.aside is None else str(repair.aside),
         "lines": [
             {
                 "line": line.number,
@@ -249,52 +249,58 @@ def repair_json(found: RepairResult) -> dict[str, Any]:
                 "event": None if line.event is None else line.event.name,
                 "why": line.words,
             }
-            for line in found.lines
+            for line in repair.lines
         ],
-        "poses": len(found.state.used_poses),
+        "poses": len(repair.state.used_poses),
     }
 
 
-def repair_text(found: RepairResult) -> str:
+def repair_text(repair: RepairResult) -> str:
     """Return the repair as paragraphs."""
-    folder = found.folder
-    if found.aside is None:
+    folder = repair.folder
+    if repair.aside is None:
         torn = " Its last line is incomplete: a resumed session omits it."
         return paragraph(
-            f"{folder}: the journal is complete, {len(found.lines)} lines; nothing was changed."
-            + (torn if found.torn else "")
+            f"{folder}: the journal is complete, {len(repair.lines)} lines; nothing was changed."
+            + (torn if repair.torn else "")
         )
-    said = [paragraph(f"{folder}: repaired. The damaged journal is untouched in {found.aside}.")]
-    for what, some in groupby(found.lines, key=fate):
+    paragraphs = [
+        paragraph(f"{folder}: repaired. The damaged journal is untouched in {repair.aside}.")
+    ]
+    for what, of_kind in groupby(repair.lines, key=fate):
         if what is KEPT_POSE:
-            first, *others = some
+            first, *others = of_kind
             last = others[-1].number if others else first.number
             span = f"line {first.number}" if not others else f"lines {first.number} to {last}"
-            said.append(f"  {span}: kept, verified by {'its' if not others else 'their'} checksum")
+            paragraphs.append(
+                f"  {span}: kept, verified by {'its' if not others else 'their'} checksum"
+            )
             continue
-        for line in some:
+        for line in of_kind:
             name = "" if line.event is None else f" ({line.event.name.replace('_', ' ')})"
-            said.append(paragraph(f"  line {line.number}: {what}{name}: {line.words}", indent=4))
-    if found.torn:
-        said.append("  the last line is incomplete and was left out")
-    state = found.state
-    said.append(f"{len(state.used_poses)} poses count.")
-    if found.lost:
-        said.append(
+            paragraphs.append(
+                paragraph(f"  line {line.number}: {what}{name}: {line.words}", indent=4)
+            )
+    if repair.torn:
+        paragraphs.append("  the last line is incomplete and was left out")
+    state = repair.state
+    paragraphs.append(f"{len(state.used_poses)} poses count.")
+    if repair.lost:
+        paragraphs.append(
             paragraph(
                 "Earlier calibrations of this session are no longer used, because a pose or its exclusion may "
                 "be lost: check the poses before you calibrate again."
             )
         )
     if state.sources:
-        said.append(f"Go on with: sarcal run --resume {folder}")
+        paragraphs.append(f"Go on with: sarcal run --resume {folder}")
     else:
-        said.append(
+        paragraphs.append(
             paragraph(
                 "Line 1, which opened the session, is lost, so that it cannot be resumed: start a new one."
             )
         )
-    return "\n".join(said)
+    return "\n".join(paragraphs)
 
 
 PLACES = 4

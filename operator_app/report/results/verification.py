@@ -73,8 +73,8 @@ def _shift_json(shift: CommonShift) -> dict[str, Any]:
 
 def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) -> str:
     """Return the result for a terminal of 80 columns, the verdict first."""
-    found = verdict.verification
-    per_dof, most = (CHI2(v).shown for v in (found.chi2.per_dof, found.chi2.high))
+    tested = verdict.verification
+    per_dof, most = (CHI2(v).shown for v in (tested.chi2.per_dof, tested.chi2.high))
     odd = len(verdict.odd_poses)
     if verdict.holds:
         head = (
@@ -96,11 +96,11 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
         notices.append(shift_in_words(verdict.shift))
     if verdict.odd_poses:
         worst = ", ".join(
-            f"{poses.label[k]} (chance {significant(float(found.pose_probability[k]), 2)})"
+            f"{poses.label[k]} (chance {significant(float(tested.pose_probability[k]), 2)})"
             for k in verdict.odd_poses[:OUTLIERS_LISTED]
         )
         notices.append(f"check pose {worst}")
-    if not verdict.holds and not np.all(found.closed):
+    if not verdict.holds and not np.all(tested.closed):
         notices.append(
             "some poses cannot be closed at all: check whether the fixture was moved since, or whether their "
             "placement has the number of another one"
@@ -119,12 +119,12 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
     )
 
 
-def verified_words(found: VerificationResult) -> str:
+def verified_words(result: VerificationResult) -> str:
     """Return text on whether the parameters are valid for the new poses."""
-    sigmas, ratio = found.verification.sigmas, CHI2(found.verification.chi2.per_dof).shown
+    sigmas, ratio = result.verification.sigmas, CHI2(result.verification.chi2.per_dof).shown
     turned = sigmas.orientation_rad
     return (
-        f"{found.poses} new poses, {found.verdict}: {SIGMA_POS(sigmas.position_m.rms).with_unit}"
+        f"{result.poses} new poses, {result.verdict}: {SIGMA_POS(sigmas.position_m.rms).with_unit}"
         f"{'' if turned is None else f', {SIGMA_ORI(turned.rms).with_unit}'} rms, chi2/dof {ratio}"
     )
 
@@ -134,30 +134,30 @@ DISAGREES = "disagrees"
 UNSOUND = "open loop not accepted"
 
 
-def open_loop_json(found: OpenLoopCheck) -> dict[str, Any]:
+def open_loop_json(check: OpenLoopCheck) -> dict[str, Any]:
     """Return the object of `sarcal verify --open-loop --json`: deg and m."""
     return {
-        "verdict": _verdict(found),
-        "disagree": [d.name for d in found.disagree],
-        "poses": found.solution.poses,
-        "chi2_per_dof": found.chi2.per_dof,
-        "chi2_band_99": [found.chi2.low, found.chi2.high],
+        "verdict": _verdict(check),
+        "disagree": [d.name for d in check.disagree],
+        "poses": check.solution.poses,
+        "chi2_per_dof": check.chi2.per_dof,
+        "chi2_band_99": [check.chi2.low, check.chi2.high],
         "parameters": {
             d.name: change_data(d, "closed_loop", "open_loop") | {"significant": d.significant}
-            for d in found.differences
+            for d in check.differences
         },
-        "not_compared": list(found.left_out),
-        "reasons": list(found.solution.reasons),
+        "not_compared": list(check.left_out),
+        "reasons": list(check.solution.reasons),
     }
 
 
-def open_loop_text(found: OpenLoopCheck, folder: str) -> str:
+def open_loop_text(check: OpenLoopCheck, folder: str) -> str:
     """Return the result for a terminal of 80 columns, the verdict first."""
-    poses, verdict = found.solution.poses, _verdict(found)
+    poses, verdict = check.solution.poses, _verdict(check)
     if verdict == UNSOUND:
         head = (
             f"NO CONCLUSION: the {poses} measured poses give no sound calibration of the open arm "
-            f"({'; '.join(found.solution.reasons)}). Check the instrument, its target and the "
+            f"({'; '.join(check.solution.reasons)}). Check the instrument, its target and the "
             "accuracy stated in its file."
         )
     elif verdict == AGREES:
@@ -165,8 +165,8 @@ def open_loop_text(found: OpenLoopCheck, folder: str) -> str:
             f"AGREES: {poses} poses of the open arm, measured by another instrument, agree with the "
             f"calibration of {folder} on the arm."
         )
-    elif found.disagree:
-        names = ", ".join(d.name for d in found.disagree)
+    elif check.disagree:
+        names = ", ".join(d.name for d in check.disagree)
         head = (
             f"DISAGREES: {poses} poses of the open arm disagree with the calibration of "
             f"{folder} of {names}. Check whether a joint slipped in between, and whether the hinge or the "
@@ -177,34 +177,34 @@ def open_loop_text(found: OpenLoopCheck, folder: str) -> str:
             f"DISAGREES: {poses} poses of the open arm differ from the calibration of {folder} by more "
             "than its uncertainty allows, but no single parameter does."
         )
-    chi2 = found.chi2
+    chi2 = check.chi2
     return "\n".join(
         (
             paragraph(head),
             "",
-            *table_lines(_table(found)),
+            *table_lines(_table(check)),
             paragraph(
                 f"Change = open - closed. * marks a difference that chance gives to any of "
-                f"{len(found.differences)} parameters in "
+                f"{len(check.differences)} parameters in "
                 f"{100.0 * DRIFT_FALSE_ALARM_PROBABILITY:g} % of checks. All together: "
                 f"chi2/dof {CHI2(chi2.per_dof).shown}, in 99 % at most {CHI2(chi2.high).shown}."
             ),
             *(
-                [paragraph(f"Not compared, remounted: {', '.join(found.left_out)}.")]
-                if found.left_out
+                [paragraph(f"Not compared, remounted: {', '.join(check.left_out)}.")]
+                if check.left_out
                 else []
             ),
         )
     )
 
 
-def _verdict(found: OpenLoopCheck) -> str:
-    if not found.solution.accepted:
+def _verdict(check: OpenLoopCheck) -> str:
+    if not check.solution.accepted:
         return UNSOUND
-    return AGREES if found.holds else DISAGREES
+    return AGREES if check.holds else DISAGREES
 
 
-def _table(found: OpenLoopCheck) -> FactTable:
+def _table(check: OpenLoopCheck) -> FactTable:
     return FactTable(
         ident="open_loop",
         title="",
@@ -214,6 +214,6 @@ def _table(found: OpenLoopCheck) -> FactTable:
             *words(""),
         ),
         rows=tuple(
-            (*cells, "*" if d.significant else "") for d, cells in change_cells(found.differences)
+            (*cells, "*" if d.significant else "") for d, cells in change_cells(check.differences)
         ),
     )

@@ -57,8 +57,12 @@ def require_plausible_readings(
             record = {"told": result.message, "probability": result.probability, "refused": False}
             session.record("standing", record)
     except ClosureRefusedError as refused:
-        why = {"told": refused.happened, "probability": refused.probability, "refused": True}
-        session.record("standing", why)
+        refusal_record = {
+            "told": refused.happened,
+            "probability": refused.probability,
+            "refused": True,
+        }
+        session.record("standing", refusal_record)
         raise
     return unresolved
 

@@ -196,8 +196,8 @@ def check_closure_by_poses(
     arm, fixture = procedure.arm, fixture_in_place(state, procedure)
     near, unresolved, unexpected = None, tuple(range(1, arm.joint_count + 1)), False
     if fixture.holds_hand:
-        taken, unsensed = state.pose_set(), procedure.unsensed_joints
-        before = Experiment(arm=arm, fixture=fixture, poses=taken, unsensed=unsensed)
+        pose_set, unsensed = state.pose_set(), procedure.unsensed_joints
+        before = Experiment(arm=arm, fixture=fixture, poses=pose_set, unsensed=unsensed)
         near = innovation(before, pose_set_of([reading_here]))
     if near is not None:
         limit = max(

@@ -240,9 +240,9 @@ def may_remount(s: SessionSnapshot) -> Missing:
         return (f"at most {MOST_PLACEMENTS} placements are possible",)
     if s.state.sensor_jump:
         return (s.state.sensor_jump,)
-    left = s.procedure.capture.poses - len(s.state.poses_here)
-    if left > 0:
-        return (f"{left} poses of this placement are still to be captured",)
+    poses_left = s.procedure.capture.poses - len(s.state.poses_here)
+    if poses_left > 0:
+        return (f"{poses_left} poses of this placement are still to be captured",)
     return ()
 
 

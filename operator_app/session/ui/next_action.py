@@ -153,11 +153,11 @@ def _capture(s: SessionSnapshot) -> NextAction:
         return _CONNECT_AGAIN
     missing = missing_for(Step.CAPTURE, s)
     used = len(s.state.used_poses)
-    left = s.wanted_poses - used
-    if left > 0 and missing:
+    poses_left = s.wanted_poses - used
+    if poses_left > 0 and missing:
         return NextAction("back", "Back to Modes", f"{missing[0]}; Enter goes back there")
-    if left > 0:
-        poses = "the pose" if left == 1 else f"the {left} poses"
+    if poses_left > 0:
+        poses = "the pose" if poses_left == 1 else f"the {poses_left} poses"
         hint = f"Enter captures {poses} left automatically; g and c capture one by hand"
         if s.procedure.capture.strategy == "planned":
             planned = s.procedure.capture.poses

@@ -34,7 +34,7 @@ class SettingsPanel(Lines):
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Return the settings, then the progress or the result."""
-        used, kept = len(s.state.used_poses), len(s.state.poses)
+        used, captured = len(s.state.used_poses), len(s.state.poses)
         joints = ", ".join(f"J{j}" for j in s.unsensed_joints) or "none"
         rows = [
             entry(
@@ -46,7 +46,7 @@ class SettingsPanel(Lines):
             entry(
                 "Poses",
                 f"{used} count",
-                (f", {kept - used} excluded" if kept > used else "", "dim"),
+                (f", {captured - used} excluded" if captured > used else "", "dim"),
             ),
         ]
         return [*rows, *_progress(s, width)]

@@ -52,9 +52,9 @@ def _target(s: SessionSnapshot) -> Line:
     if s.next_waypoint is None or not s.plan:
         return short_entry("Target", "none left" if s.plan else "no plan yet")
     target = s.plan[s.next_waypoint]
-    here = f"   at waypoint {s.at_waypoint + 1}" if s.at_waypoint is not None else ""
+    waypoint_text = f"   at waypoint {s.at_waypoint + 1}" if s.at_waypoint is not None else ""
     return short_entry(
-        "Target", f"waypoint {s.next_waypoint + 1}: {_angles(target)}", (here, "dim")
+        "Target", f"waypoint {s.next_waypoint + 1}: {_angles(target)}", (waypoint_text, "dim")
     )
 
 
@@ -104,22 +104,22 @@ class PosesPanel(ListPanel):
 
     def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
         """Column titles."""
-        sd, off = READING_SD.quantity.unit, PREDICTED.quantity.unit
-        titles = line((f"    #  TIME      NOISE [{sd}]  PRED [{off}]  NOTE", "header"))
+        sd, closure_unit = READING_SD.quantity.unit, PREDICTED.quantity.unit
+        titles = line((f"    #  TIME      NOISE [{sd}]  PRED [{closure_unit}]  NOTE", "header"))
         return [titles] if s.state.poses else [titles, line(("    no pose yet", "dim"))]
 
     def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
         """Return the line of one pose."""
-        pose, here = s.state.poses[-1 - k], k == self.cursor
+        pose, is_marked = s.state.poses[-1 - k], k == self.cursor
         noise = READING_SD(float(pose.sd_rad.max())).shown
-        off = s.live.predicted_m.get(pose.number) if s.live is not None else None
-        predicted = "—" if off is None else PREDICTED(off).shown
+        predicted_m = s.live.predicted_m.get(pose.number) if s.live is not None else None
+        predicted = "—" if predicted_m is None else PREDICTED(predicted_m).shown
         note = "✗ excluded " if pose.excluded else ""
-        back = "cursor " if here else ""
+        back = "cursor " if is_marked else ""
         figures = f"{pose.number:>4}  {pose.utc[11:19]}  {noise:>11}  {predicted:>9}  "
         return [
             line(
-                ("▌" if here else " ", back + "text"),
+                ("▌" if is_marked else " ", back + "text"),
                 (figures, back + ("dim" if pose.excluded else "text")),
                 (note + pose.note, back + ("dim" if pose.excluded else "text")),
             )
@@ -133,22 +133,22 @@ class ProgressPanel(Lines, can_focus=False):
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Return the progress bar."""
-        used, wanted = len(s.state.used_poses), s.wanted_poses
-        left = _time_left(s)
+        used, total = len(s.state.used_poses), s.wanted_poses
+        time_left = _time_left(s)
         placement = f"Placement {s.state.placement}  " if s.state.placement > 1 else ""
         head, tail = (
-            f" {placement}Poses {used:>2}/{wanted}  ",
-            f"  {100 * used // max(1, wanted):>3} %  {left}",
+            f" {placement}Poses {used:>2}/{total}  ",
+            f"  {100 * used // max(1, total):>3} %  {time_left}",
         )
         cells = max(4, width - len(head) - len(tail) - 1)
-        full = min(cells, cells * used // max(1, wanted))
+        full = min(cells, cells * used // max(1, total))
         return [line(head, ("━" * full, "accent"), ("─" * (cells - full), "dim"), tail)]
 
 
 def _time_left(s: SessionSnapshot) -> str:
     """Return the remaining time, estimated from times between captures in this run, without pauses and manual poses."""
-    used, wanted = s.state.used_poses, s.wanted_poses
-    if len(used) >= wanted:
+    used, total = s.state.used_poses, s.wanted_poses
+    if len(used) >= total:
         return "complete    "
     if s.task is None or s.task.kind is not TaskKind.AUTOMATIC:
         return " " * 12
@@ -162,7 +162,7 @@ def _time_left(s: SessionSnapshot) -> str:
     if len(times) < 3:
         return " " * 12
     each_s = median((later - sooner).total_seconds() for sooner, later in pairwise(times))
-    seconds = each_s * (wanted - len(used))
+    seconds = each_s * (total - len(used))
     return f"{int(seconds) // 60}:{int(seconds) % 60:02d} min left"
 
 

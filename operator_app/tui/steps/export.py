@@ -96,8 +96,8 @@ class RecordPanel(Lines):
             rows = [entry("Verify", "y captures new poses and verifies these parameters")]
         else:
             glyph, role = ("✓ ", "text") if s.verification.holds else ("▲ ", "warn")
-            words = f"{glyph}{verified_words(s.verification)}"
-            head, *more = wrapped(words, width - len(" Verified   "), role)
+            text = f"{glyph}{verified_words(s.verification)}"
+            head, *more = wrapped(text, width - len(" Verified   "), role)
             rows = [entry("Verified", *head)]
             rows += [line(" " * len(" Verified   "), *row) for row in more]
         where = "r writes report.html" if s.report is None else f"✓ {s.report}"

@@ -54,9 +54,9 @@ class PlacementPanel(Lines):
             ("Lengths", False, NOMINAL_LENGTH, LENGTH_TOLERANCE(spec.tolerance_m)),
             ("Twists", True, NOMINAL_TWIST, ANGLE_TOLERANCE(spec.tolerance_rad)),
         ):
-            some = [f"{p.name} {kind(p.nominal).shown}" for p in placed if p.is_angle is angles]
-            if some:
-                values = f"{'  '.join(some)} {kind.quantity.unit}"
+            texts = [f"{p.name} {kind(p.nominal).shown}" for p in placed if p.is_angle is angles]
+            if texts:
+                values = f"{'  '.join(texts)} {kind.quantity.unit}"
                 rows.append(entry(name, values, (f"  ±{tolerance.with_unit}", "dim")))
         rows.append(
             entry(
@@ -112,8 +112,8 @@ def _ranges(s: SessionSnapshot) -> list[Line]:
         cells.append((f" {'▲' if near else ' '} J{k} {span}", near))
     rows = [line((f" ◌ predicted ranges of the joints [{REACH.quantity.unit}]", "text"))]
     for first in range(0, len(cells), 3):
-        some = cells[first : first + 3]
-        rows.append(tuple((text, "warn" if near else "dim") for text, near in some))
+        row_cells = cells[first : first + 3]
+        rows.append(tuple((text, "warn" if near else "dim") for text, near in row_cells))
     return rows
 
 
@@ -133,9 +133,9 @@ class ChecklistPanel(ListPanel):
 
     def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
         """One item, one or two lines."""
-        here, mark = k == self.cursor, "x" if k in s.ticked else " "
-        text = f"{'▌' if here else ' '}[{mark}] {s.procedure.fixture.checklist[k]}"
-        return wrapped(text, width, "cursor text" if here else "text", "     ")
+        is_marked, mark = k == self.cursor, "x" if k in s.ticked else " "
+        text = f"{'▌' if is_marked else ' '}[{mark}] {s.procedure.fixture.checklist[k]}"
+        return wrapped(text, width, "cursor text" if is_marked else "text", "     ")
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Return the list, with the mark moved to the next open item after one was ticked."""

@@ -66,8 +66,8 @@ class PlanPanel(Lines):
         for k, ranked in enumerate(s.ranked, 1):
             pair = " ".join(f"J{j}" for j in ranked.drives)
             glyph = "▌" if ranked.drives == marked else " "
-            why = "; ".join(ranked.reasons)
-            text = f" {glyph}{k:>2} {pair:<6} {ranked.score:4.2f} {why}"
+            reasons = "; ".join(ranked.reasons)
+            text = f" {glyph}{k:>2} {pair:<6} {ranked.score:4.2f} {reasons}"
             pairs.append(wrapped(text, width, "text" if ranked.usable else "dim", " " * 17))
         return [*rows, *_whole(pairs, height - len(rows))]
 

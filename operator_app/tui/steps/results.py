@@ -73,28 +73,28 @@ class VerdictPanel(Lines):
         short = [f" {'·' if noted else '▲'} {notice.brief}" for notice in facts.notices]
         # An accepted result needs no action: grey, like everything normal.
         role = "text" if noted else "warn"
-        whole = [row for text in short for row in wrapped(text, width, role, "   ")]
-        if len(rows) + len(whole) > height:
-            whole = [line((text, role)) for text in short]
-        return [clip(row, width) for row in (*rows, *whole)]
+        in_full = [row for text in short for row in wrapped(text, width, role, "   ")]
+        if len(rows) + len(in_full) > height:
+            in_full = [line((text, role)) for text in short]
+        return [clip(row, width) for row in (*rows, *in_full)]
 
 
-def _hand(found: Solution, width: int) -> list[Line]:
+def _hand(solution: Solution, width: int) -> list[Line]:
     """Tool accuracy over the joints' ranges, without the explanation if that does not fit."""
-    if found.accuracy is None:
+    if solution.accuracy is None:
         return []
     before, after = (
         Figure(spread.rms, CLOSURE_LENGTH).with_unit
-        for spread in (found.accuracy.before, found.accuracy.after)
+        for spread in (solution.accuracy.before, solution.accuracy.after)
     )
-    said = f"   tool off by {before} before, {after} after (1 sigma)"
-    if (left := found.accuracy.after_by_poses) is not None:
+    text = f"   tool off by {before} before, {after} after (1 sigma)"
+    if (left := solution.accuracy.after_by_poses) is not None:
         by_poses = Figure(left.rms, CLOSURE_LENGTH).with_unit
-        said += f", {by_poses} without the uncertainty of {names(found.accuracy.stated)}"
-    if held := found.accuracy.holds_for:
-        said += f", only if {', '.join(h.name for h in held)} {'are' if len(held) > 1 else 'is'} as fixed"
+        text += f", {by_poses} without the uncertainty of {names(solution.accuracy.stated)}"
+    if held := solution.accuracy.holds_for:
+        text += f", only if {', '.join(h.name for h in held)} {'are' if len(held) > 1 else 'is'} as fixed"
     more = ", rms over the ranges of all joints"
-    return [line((said, "bold"), (more if len(said + more) <= width else "", "text"))]
+    return [line((text, "bold"), (more if len(text + more) <= width else "", "text"))]
 
 
 class ParametersPanel(TablePanel):
@@ -178,17 +178,19 @@ def _of_rvdt(
     subject: Subject, verdict: RvdtVerdict, width: int, height: int, *, ascii_only: bool
 ) -> Sequence[Line]:
     """Return the plot of one RVDT's linearity deviation with its limits, and its verdict below."""
-    words = wrapped(f" {verdict.text}", width, "warn" if verdict.treat_as_unsensed else "text", " ")
+    verdict_rows = wrapped(
+        f" {verdict.text}", width, "warn" if verdict.treat_as_unsensed else "text", " "
+    )
     if verdict.figures is None:
-        return words
+        return verdict_rows
     picture = rvdt_deviations(subject, verdict.joint, verdict.figures)
-    rows = plot(picture, width, max(8, height - len(words)), ascii_only=ascii_only)
-    return [*rows, *words[: height - len(rows)]]
+    rows = plot(picture, width, max(8, height - len(verdict_rows)), ascii_only=ascii_only)
+    return [*rows, *verdict_rows[: height - len(rows)]]
 
 
-def _in_full(found: Solution, width: int) -> list[Line]:
+def _in_full(solution: Solution, width: int) -> list[Line]:
     rows: list[Line] = []
-    for notice in found.warnings:
+    for notice in solution.warnings:
         rows += [*wrapped(f" ▲ {notice.text}", width, "warn", "   "), ()]
     return rows or [line((" none", "dim"))]
 

@@ -52,8 +52,8 @@ class ListPanel(Lines):
             self._last = max(0, count - 1)
             self.cursor = min(self.cursor, self._last)
             first = max(0, min(self.cursor - room // 2, count - room))
-            some = range(first, min(count, first + room))
-            return [*head, *(line for k in some for line in self.row(s, k, width))]
+            visible = range(first, min(count, first + room))
+            return [*head, *(line for k in visible for line in self.row(s, k, width))]
         rows = [line for k in range(count) for line in self.row(s, k, width)]
         rows, shown, self.cursor = window(rows, self.cursor, room)
         self._last = count - shown
@@ -142,12 +142,12 @@ class JointTable(ListPanel):
         back = "cursor " if marked else ""
         spans: list[Span] = [("▌ " if marked else "  ", back + "text"), (name + " ", back + "text")]
         if self.show_wanted:
-            wanted = JointMode.POSITION if k + 1 in s.wanted_joints else JointMode.FREE
+            requested = JointMode.POSITION if k + 1 in s.wanted_joints else JointMode.FREE
             spans += [
                 (_sensor(joint.sensor).ljust(5), back + "dim"),
                 (
-                    _mode(wanted).ljust(9),
-                    back + ("accent" if wanted is JointMode.POSITION else "text"),
+                    _mode(requested).ljust(9),
+                    back + ("accent" if requested is JointMode.POSITION else "text"),
                 ),
             ]
         if state is None:
@@ -176,9 +176,9 @@ class JointTable(ListPanel):
         spans.append((_bar(state.position_rad, joint, self._cells(width)), back + "text"))
         if not self.show_wanted:
             word, figure, role = _state(s, state, joint, stale=stale)
-            whole = f"{word} {figure}" if figure else word
-            fits = length(tuple(spans)) + 1 + len(whole) <= width
-            spans.append((f" {whole if fits else word}", back + role))
+            state_text = f"{word} {figure}" if figure else word
+            fits = length(tuple(spans)) + 1 + len(state_text) <= width
+            spans.append((f" {state_text if fits else word}", back + role))
         return tuple(spans)
 
 

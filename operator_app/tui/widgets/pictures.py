@@ -31,7 +31,7 @@ def plot(of: Picture, width: int, height: int, *, ascii_only: bool) -> list[Line
         return []
     x, y = of.x, of.y
     canvas = Canvas(width - LABEL - 1, height - 3, ascii_only=ascii_only)
-    left, right, top, bottom = 1.0, canvas.width - 3.0, 0.0, canvas.height - 1.0
+    left_edge, right, top, bottom = 1.0, canvas.width - 3.0, 0.0, canvas.height - 1.0
     labels = _ticks(y, canvas, bottom, top)
     bands = [layer for layer in of.layers if isinstance(layer, Band)]
     for level in (0.0, *(v for band in bands for v in (band.low, band.high))):
@@ -42,7 +42,7 @@ def plot(of: Picture, width: int, height: int, *, ascii_only: bool) -> list[Line
         if isinstance(layer, Band | Ribbon):
             continue
         places = [
-            (x.place(a, left, right), y.place(b, bottom, top))
+            (x.place(a, left_edge, right), y.place(b, bottom, top))
             for a, b in zip(layer.x, layer.y, strict=True)
             if math.isfinite(a) and math.isfinite(b)
         ]
@@ -68,12 +68,12 @@ def plot(of: Picture, width: int, height: int, *, ascii_only: bool) -> list[Line
 
 def _ticks(y: Axis, canvas: Canvas, bottom: float, top: float) -> dict[int, str]:
     """Tick labels by row; no label is directly below another."""
-    found: dict[int, str] = {}
+    labels: dict[int, str] = {}
     for value, text in zip(y.ticks, y.tick_texts, strict=True):
         row = canvas.row(y.place(value, bottom, top))
-        if not {row - 1, row, row + 1} & found.keys():
-            found[row] = text
-    return found
+        if not {row - 1, row, row + 1} & labels.keys():
+            labels[row] = text
+    return labels
 
 
 def _below(x: Axis, width: int) -> str:
@@ -99,13 +99,13 @@ LARGEST_BAR_RATIO = 30.0
 def sparkline(values: Sequence[float], width: int) -> Span:
     """A row of bars for all values, the newest at the right, on a log scale from lowest to highest."""
     last, cells = len(values) - 1, max(1, min(width, len(values)))
-    some = [values[round(k * last / max(1, cells - 1))] for k in range(cells)]
-    finite = [v for v in some if math.isfinite(v) and v > 0.0] or [1.0]
+    sampled = [values[round(k * last / max(1, cells - 1))] for k in range(cells)]
+    finite = [v for v in sampled if math.isfinite(v) and v > 0.0] or [1.0]
     low = min(finite)
     decades = math.log10(min(max(finite) / low, LARGEST_BAR_RATIO))
     shares = [
         min(1.0, math.log10(max(v / low, 1.0)) / decades) if math.isfinite(v) else 1.0
-        for v in some
+        for v in sampled
     ] if decades > 0.0 else [0.0] * cells  # fmt: skip
     return ("".join(SPARKS[int(share * 7.99)] for share in shares), "dim")
 
@@ -210,8 +210,8 @@ def _next(model: ClosureModel, x: FloatArray, s: SessionSnapshot) -> tuple[Float
         way = s.heading.trace_rad
         if way is None:
             return ()
-        some = way[:: max(1, len(way) // 12)]
-        return _points(model, x, way[-1]), np.stack([_points(model, x, q)[-1] for q in some])
+        sampled = way[:: max(1, len(way) // 12)]
+        return _points(model, x, way[-1]), np.stack([_points(model, x, q)[-1] for q in sampled])
     if s.forecast is None or s.next_waypoint is None:
         return ()
     return (_points(model, x, s.forecast.q_rad[s.next_waypoint]),)

@@ -186,18 +186,18 @@ class Log(Lines, can_focus=False):
         """Return as many lines as there are rows; if a line is cut, add the key that shows it in full."""
         standing = {alarm.number for alarm in s.alarms}
         rows = _alarm_rows(s, width)
-        whole = len(rows) <= height
+        all_fit = len(rows) <= height
         rows = cut(rows, width, height, SHOWS_ALL.format(key="A"))
-        self.alarm = ShownAlarm(number=s.alarms[-1].number, whole=whole) if rows else None
+        self.alarm = ShownAlarm(number=s.alarms[-1].number, whole=all_fit) if rows else None
         # During a motion every key ends it: none is offered.
         more = " …" if stops_on_any_key(s.task) else SHOWS_ALL.format(key="l")
         others = [m for m in s.messages[::-1] if m.number not in standing]
         for k, message in enumerate(others):
-            said = _rows(message, width, message.text)
-            left = height - len(rows)
-            if len(said) > left and k:
+            message_rows = _rows(message, width, message.text)
+            free_rows = height - len(rows)
+            if len(message_rows) > free_rows and k:
                 break
-            rows += cut(said, width, left, more)
+            rows += cut(message_rows, width, free_rows, more)
         return [clip(row, width) for row in rows]
 
     def on_click(self, event: events.Click) -> None:

@@ -88,8 +88,8 @@ def refuse_target(limits: JointLimits, target_counts: float, previous_counts: fl
     step = abs(target_counts - previous_counts)
     if step > limits.max_step_counts:
         return f"joint {limits.joint}: a step of {step:.0f} counts is more than {limits.max_step_counts}"
-    outside = _outside(limits, target_counts)
-    if outside > 0.0 and not outside < _outside(limits, previous_counts):
+    outside = _distance_outside(limits, target_counts)
+    if outside > 0.0 and not outside < _distance_outside(limits, previous_counts):
         return _out_of_range(limits, target_counts)
     return ""
 
@@ -105,12 +105,12 @@ def refuse_move(limits: JointLimits, target_counts: float, speed_rad_per_s: floa
             f"joint {limits.joint}: a speed of {speed_rad_per_s:.4f} rad/s is not valid: it must be above 0 and at "
             f"most {limits.max_speed_rad_per_s:.4f} rad/s"
         )
-    if _outside(limits, target_counts) > 0.0:
+    if _distance_outside(limits, target_counts) > 0.0:
         return _out_of_range(limits, target_counts)
     return ""
 
 
-def _outside(limits: JointLimits, counts: float) -> float:
+def _distance_outside(limits: JointLimits, counts: float) -> float:
     """Distance of a position from the range; 0 inside."""
     return max(limits.lower_counts - counts, counts - limits.upper_counts, 0.0)
 

@@ -278,7 +278,7 @@ class GrowingFile(LinePort):
 
     def open(self) -> str:
         """Return the heading."""
-        with self._opened() as file:
+        with self._open_regular_file() as file:
             heading = file.readline(LONGEST)
         if not heading.endswith(b"\n"):
             raise InstrumentError(
@@ -292,7 +292,7 @@ class GrowingFile(LinePort):
         self._at = self._size()
         self._skip_next = False
         if self._at:
-            with self._opened() as file:
+            with self._open_regular_file() as file:
                 file.seek(self._at - 1)
                 self._skip_next = file.read(1) != b"\n"
 
@@ -313,7 +313,7 @@ class GrowingFile(LinePort):
                 f"{self._path} has become shorter: it was overwritten. Have the tracker's program append rows "
                 "to it, then go on with this session"
             )
-        with self._opened() as file:
+        with self._open_regular_file() as file:
             file.seek(self._at)
             row = file.readline(LONGEST)
         if not row.endswith(b"\n"):
@@ -324,7 +324,7 @@ class GrowingFile(LinePort):
         return "" if skip else row.decode(errors="replace").strip("\r\n")
 
     @contextmanager
-    def _opened(self) -> Iterator[BinaryIO]:
+    def _open_regular_file(self) -> Iterator[BinaryIO]:
         """Open a regular file; a pipe could block, and cannot be read again."""
         try:
             descriptor = os.open(self._path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)

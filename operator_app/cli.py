@@ -17,7 +17,7 @@ from typing import NoReturn
 
 from operator_app.commands.table import APP, COMMANDS, complete, declare, module, words_to_complete
 from operator_app.package_names import ForeignPackageError, require_own_names
-from operator_app.safe_output import harmless, say, silence, stand_in_for_closed
+from operator_app.safe_output import open_closed_streams, sanitized, say, silence
 from operator_app.signals import (
     INTERRUPTED,
     ProcessEnd,
@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     # The matrices are small: more threads would only compete with the bus.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    stand_in_for_closed()
+    open_closed_streams()
     process = argv is None  # otherwise a part of one
     end = ProcessEnd() if process else None
     code = 1
@@ -147,7 +147,7 @@ def _in_words(error: Exception) -> str:
     from operator_app.config.errors import ConfigError
 
     text = f"sarcal: {error}"
-    return text if isinstance(error, ConfigError) else harmless(text)
+    return text if isinstance(error, ConfigError) else sanitized(text)
 
 
 ALSO_CALLED = {
@@ -167,7 +167,7 @@ class _Parser(argparse.ArgumentParser):
             near = [meant] if meant else difflib.get_close_matches(unknown[1], COMMANDS, n=1)
             hint = f"did you mean {near[0]}? " if near else ""
             message = f"there is no command {unknown[1]!r}; {hint}all: {', '.join(COMMANDS)}"
-        super().error(harmless(message))
+        super().error(sanitized(message))
 
     def print_help(self, file: object = None) -> None:
         """Print the help on stdout; unlike argparse's own, an `OSError` is raised."""

@@ -234,7 +234,7 @@ def unattended(
 
     Raises
     ------
-    NotLetGoError
+    DrivesNotOffError
         The session has ended or was interrupted, and the arm did not confirm that it holds.
     JournalLostError
         The session has ended, and its journal is lost.

@@ -33,7 +33,7 @@ class SessionError(Exception):
         self.args = (f"{earlier.removesuffix('.')}. Then: {own}",)
 
 
-class NotLetGoError(SessionError):
+class DrivesNotOffError(SessionError):
     """The arm was released but did not confirm that it holds and that its drives are off.
 
     Attributes

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from fixtures.errors import FixtureError
 from hardware.errors import BusSettingsError, HardwareError
 from operator_app.config.errors import ConfigError, WriteError
-from operator_app.errors import NotLetGoError, SessionError
+from operator_app.errors import DrivesNotOffError, SessionError
 from solver.errors import SolverError, UnidentifiableError
 
 
@@ -58,7 +58,7 @@ def exit_code(error: BaseException) -> ExitCode:
     match error:
         case BusSettingsError():
             return ExitCode.BAD_INPUT
-        case HardwareError() | NotLetGoError():
+        case HardwareError() | DrivesNotOffError():
             return ExitCode.ARM_FAULT
         case UnidentifiableError() | FixtureError():
             return ExitCode.NOT_IDENTIFIABLE

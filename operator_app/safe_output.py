@@ -19,7 +19,7 @@ MARK = "\ufffd"
 """Replaces each character that is not shown, so that columns keep their width."""
 
 
-def harmless(text: str, *, keep: str = "") -> str:
+def sanitized(text: str, *, keep: str = "") -> str:
     """Return text with control characters, line breaks and direction overrides replaced by `MARK`.
 
     `keep` lists characters that are allowed, such as line breaks.
@@ -31,7 +31,7 @@ def harmless(text: str, *, keep: str = "") -> str:
 
 def lines(texts: Iterable[str]) -> str:
     """Join lines; each is made harmless first."""
-    return "\n".join(map(harmless, texts))
+    return "\n".join(map(sanitized, texts))
 
 
 def as_json(value: object) -> str:
@@ -111,7 +111,7 @@ def silence(stream: TextIO) -> None:
         os.close(nowhere)
 
 
-def stand_in_for_closed() -> None:
+def open_closed_streams() -> None:
     """Open the null device in place of closed standard streams, before another file gets their descriptors."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
@@ -119,7 +119,7 @@ def stand_in_for_closed() -> None:
 
 
 def _shown(text: str, encoding: str) -> str:
-    return harmless(f"{text}\n", keep="\n").encode(encoding, "replace").decode(encoding)
+    return sanitized(f"{text}\n", keep="\n").encode(encoding, "replace").decode(encoding)
 
 
 def _is_shown(c: str) -> bool:

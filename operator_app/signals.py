@@ -30,7 +30,7 @@ def _interrupt(_number: int, _frame: object) -> None:
         raise KeyboardInterrupt
 
 
-def _nothing(_number: int, _frame: object) -> None:
+def _ignore(_number: int, _frame: object) -> None:
     """Ignore a signal; unlike SIG_IGN this includes one that came just before, and does not affect child processes."""
 
 
@@ -72,10 +72,10 @@ def ending_signals_interrupt(*, for_good: bool = False) -> Iterator[None]:
 def ending_signals_wait() -> Iterator[None]:
     """Context in which all signals wait, while the arm is made to hold and the journal closed (well under a second)."""
     before = {number: signal.getsignal(number) for number in ENDING}
-    while any(signal.getsignal(number) is not _nothing for number in ENDING):
+    while any(signal.getsignal(number) is not _ignore for number in ENDING):
         with suppress(BaseException):  # the signal came in time to be deferred
             for number in ENDING:
-                signal.signal(number, _nothing)
+                signal.signal(number, _ignore)
     try:
         yield
     finally:

@@ -254,7 +254,7 @@ def joints_named(joints: Sequence[int]) -> str:
     return f"joint{'s' if len(joints) > 1 else ''} {names(joints)}"
 
 
-def and_the_others(driven: int, joint_count: int) -> str:
+def others_free(driven: int, joint_count: int) -> str:
     """Return ", the others free", or "" if all joints drive."""
     return "" if driven == joint_count else ", the others free"
 

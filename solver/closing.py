@@ -180,7 +180,7 @@ def close_loops(
     return ClosedPoses(q=q, u=u, closed=size < max(100.0 * tolerance, 1e-9))
 
 
-def held_still(joints: Sequence[int], joint_count: int) -> FloatArray:
+def measure_with_fixed(joints: Sequence[int], joint_count: int) -> FloatArray:
     """Measure (n,) for `close_loops` that weights all joints equally but keeps `joints` (1-based) fixed."""
     return np.where(np.isin(np.arange(1, joint_count + 1), joints), 0.0, 1.0)
 

@@ -10,10 +10,10 @@ class SolverError(Exception):
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle by attributes instead of constructor arguments: the error may come from another process."""
-        return _again, (type(self), self.args, dict(self.__dict__))
+        return _rebuilt, (type(self), self.args, dict(self.__dict__))
 
 
-def _again(
+def _rebuilt(
     kind: type[SolverError], args: tuple[object, ...], attributes: dict[str, object]
 ) -> SolverError:
     error = kind.__new__(kind)

@@ -44,8 +44,8 @@ def operator_filters(profile: BusProfile) -> list[CanFilter]:
     """Filters of the operator's end: frames of the arm, and commands of other masters."""
     return [
         _covering(pdo.cob_id for joint in profile.joints for pdo in joint.answers),
-        _one(objects.COB_SYNC),
-        _one(objects.COB_NMT),
+        _single(objects.COB_SYNC),
+        _single(objects.COB_NMT),
         _covering(pdo.cob_id for joint in profile.joints for pdo in joint.commands),
         *(
             can_filter
@@ -59,11 +59,11 @@ def operator_filters(profile: BusProfile) -> list[CanFilter]:
 def controller_filters(joints: int) -> list[CanFilter]:
     """Filters of the arm's end: commands, and the heartbeat of every node that may hold the token."""
     return [
-        _one(objects.COB_SYNC),
+        _single(objects.COB_SYNC),
         _joints(objects.COB_RPDO1, joints),
         _joints(objects.COB_SDO_TO_SERVER, joints),
-        _one(objects.COB_SDO_TO_SERVER + objects.SUPERVISOR_NODE),
-        _one(objects.COB_NMT),
+        _single(objects.COB_SDO_TO_SERVER + objects.SUPERVISOR_NODE),
+        _single(objects.COB_NMT),
         _filter(objects.COB_HEARTBEAT, _FUNCTION_CODE),
     ]
 
@@ -71,7 +71,7 @@ def controller_filters(joints: int) -> list[CanFilter]:
 def _nodes_of(profile: BusProfile, base: int) -> Iterator[CanFilter]:
     yield _covering(base + node for node in profile.drives)
     if profile.supervisor is not None:
-        yield _one(base + profile.supervisor)
+        yield _single(base + profile.supervisor)
 
 
 def _covering(identifiers: Iterable[int]) -> CanFilter:
@@ -87,7 +87,7 @@ def _joints(base: int, joints: int) -> CanFilter:
     return _filter(base, _ALL_BITS & ~((1 << joints.bit_length()) - 1))
 
 
-def _one(identifier: int) -> CanFilter:
+def _single(identifier: int) -> CanFilter:
     return _filter(identifier, _ALL_BITS)
 
 

@@ -128,11 +128,11 @@ def _look(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
     yield Clause(name="connect", passed=True, text=identity_text)
     for text in identity.configured:
         yield Clause(name="configured", passed=True, text=text)
-    yield from clauses.names_itself(identity, bench.description.model, n)
+    yield from clauses.identifies_itself(identity, bench.description.model, n)
     if isinstance(arm, CanopenArm):
         yield from checks.drive_settings(arm.drive_facts())
     yield clauses.drives_off(arm)
-    yield from clauses.is_pictured(arm, n)
+    yield from clauses.has_valid_snapshot(arm, n)
     yield from clauses.goes_on(arm)
     if isinstance(arm, CanopenArm):
         yield from checks.keeps_time(arm, bench.bounds)

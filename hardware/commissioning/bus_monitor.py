@@ -69,9 +69,9 @@ class BusMonitor:
             code = unpack_emergency(data)
             if code is not None:
                 text = f"{emergency_text(code)} ({code:04X}h)" if code else "its error has ended"
-                yield f"{self._who(node)}: {text}"
+                yield f"{self._node_name(node)}: {text}"
         elif identifier == objects.COB_NMT and len(data) == 2:
-            to = self._who(data[1]) if data[1] else "all nodes"
+            to = self._node_name(data[1]) if data[1] else "all nodes"
             yield f"NMT command to {to}: {_NMT.get(data[0], f'{data[0]}')}"
         else:
             yield from self._sdo(identifier, data)
@@ -81,7 +81,7 @@ class BusMonitor:
         for node, heard in self._heard_s.items():
             if now_s - heard > SILENT_S and node not in self._silent:
                 self._silent.add(node)
-                yield f"{self._who(node)}: no heartbeat for {now_s - heard:.1f} s"
+                yield f"{self._node_name(node)}: no heartbeat for {now_s - heard:.1f} s"
 
     def summary(self) -> dict[str, object]:
         """Summary as JSON data."""
@@ -102,11 +102,11 @@ class BusMonitor:
         self._heard_s[node] = now_s
         if node in self._silent:
             self._silent.discard(node)
-            yield f"{self._who(node)}: its heartbeat is back"
+            yield f"{self._node_name(node)}: its heartbeat is back"
         if state == NmtState.BOOT_UP:
-            yield f"{self._who(node)}: has booted"
+            yield f"{self._node_name(node)}: has booted"
         elif before != state:
-            yield f"{self._who(node)}: {_state(state)}"
+            yield f"{self._node_name(node)}: {_state(state)}"
 
     def _status(self, identifier: int, data: bytes) -> Iterator[str]:
         joint, answer = self._answers[identifier]
@@ -132,7 +132,7 @@ class BusMonitor:
             name = objects.JOINT_MODE.get(mode)
             yield f"joint {joint}: {f'mode {mode}' if name is None else name.value} mode commanded"
 
-    def _who(self, node: int) -> str:
+    def _node_name(self, node: int) -> str:
         if node == objects.OPERATOR_NODE:
             return "the operator (node 127)"
         joint = self._joint_of.get(node)
@@ -144,10 +144,10 @@ class BusMonitor:
         place = f"{int.from_bytes(data[1:3], 'little'):04X}h sub {data[3]}"
         if node := node_of(identifier, objects.COB_SDO_TO_SERVER):
             if data[0] >> 5 == _INITIATE_DOWNLOAD:
-                yield f"{self._who(node)}: {place} was written"
+                yield f"{self._node_name(node)}: {place} was written"
         elif (node := node_of(identifier, objects.COB_SDO_FROM_SERVER)) and data[0] == _ABORT:
             code = int.from_bytes(data[4:8], "little")
-            yield f"{self._who(node)}: refuses {place} ({code:08X}h)"
+            yield f"{self._node_name(node)}: refuses {place} ({code:08X}h)"
 
 
 def _state(state: int) -> str:

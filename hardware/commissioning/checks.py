@@ -74,7 +74,7 @@ class Turn:
             {self.joint: self.target_rad}, speed_rad_per_s=self.speed_rad_per_s, watch=watch
         )
 
-    def on_the_way(self, act: Callable[[], str | None]) -> OnTheWay:
+    def watch_on_the_way(self, act: Callable[[], str | None]) -> OnTheWay:
         """Make a watch that acts once after `part_rad`."""
         start = float(self.arm.capture(self.bounds.samples).mean_rad[self.joint - 1])
         return OnTheWay(joint=self.joint, after_rad=self.part_rad, act=act, start_rad=start)
@@ -92,7 +92,7 @@ def goes(turn: Turn) -> Iterator[Clause]:
     start = arm.capture(bounds.samples).mean_rad
     way = turn.target_rad - float(start[joint - 1])
     outcome = turn.go()
-    spread = [bounds.once_rad] * len(start)
+    spread = [bounds.single_sample_rad] * len(start)
     rests = arm.settle(window=_WINDOW, spread_rad=spread, timeout_syncs=_LONG_SYNCS)
     went = float(arm.capture(bounds.samples).mean_rad[joint - 1] - start[joint - 1])
     passed = outcome.reached and rests and abs(went - way) <= bounds.near_rad
@@ -108,7 +108,7 @@ def goes(turn: Turn) -> Iterator[Clause]:
 
 def halts(turn: Turn) -> Iterator[Clause]:
     """A watch ends the move with its reason."""
-    watch = turn.on_the_way(lambda: ENOUGH)
+    watch = turn.watch_on_the_way(lambda: ENOUGH)
     outcome = turn.go(watch)
     halted = not outcome.reached and outcome.reason == ENOUGH
     yield Clause(
@@ -123,7 +123,7 @@ def halts(turn: Turn) -> Iterator[Clause]:
 
 def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause]:
     """Ctrl-C in a move leaves the arm holding with its drives on."""
-    watch = turn.on_the_way(interrupt)
+    watch = turn.watch_on_the_way(interrupt)
     interrupted = False
     try:
         turn.go(watch)
@@ -152,7 +152,7 @@ def is_stopped(turn: Turn) -> Iterator[Clause]:
         presser.start()
         presser.join()
 
-    watch = turn.on_the_way(press)
+    watch = turn.watch_on_the_way(press)
     try:
         turn.go(watch)
         stopped = False
@@ -167,7 +167,9 @@ def is_stopped(turn: Turn) -> Iterator[Clause]:
         text = f"a drive is still enabled {STOPS_WITHIN_S:g} s after STOP"
     yield Clause(
         name="STOP on the way",
-        passed=stopped and seconds is not None and gone - at <= max(turn.part_rad, bounds.once_rad),
+        passed=stopped
+        and seconds is not None
+        and gone - at <= max(turn.part_rad, bounds.single_sample_rad),
         text=text if stopped else "STOP did not end the move",
         joint=joint,
     )

@@ -27,7 +27,7 @@ _WINDOW, _LONG_SYNCS, _SHORT_SYNCS = 5, 500, 20
 _POLL_S: Final = 0.005
 
 
-def names_itself(identity: ArmIdentity, model: str, joints: int) -> Iterator[Clause]:
+def identifies_itself(identity: ArmIdentity, model: str, joints: int) -> Iterator[Clause]:
     """The arm reports the model of the arm file, a serial number, and one node or part for each joint in order."""
     yield Clause(
         name="name",
@@ -47,7 +47,7 @@ def names_itself(identity: ArmIdentity, model: str, joints: int) -> Iterator[Cla
     )
 
 
-def is_pictured(arm: ArmInterface, joints: int) -> Iterator[Clause]:
+def has_valid_snapshot(arm: ArmInterface, joints: int) -> Iterator[Clause]:
     """The snapshot has all joints in order, with finite and recent positions in radians; STOP is not latched."""
     snapshot = arm.snapshot()
     wrong = []
@@ -93,7 +93,7 @@ def reads(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
         wrong.append("a negative standard deviation")
     else:
         apart = np.abs(reading.mean_rad - arm.snapshot().positions_rad)
-        if apart.max(initial=0.0) > bounds.once_rad:
+        if apart.max(initial=0.0) > bounds.single_sample_rad:
             wrong.append(f"the reading differs from the snapshot by {deg(float(apart.max()))}")
     yield Clause(
         name="reading",
@@ -105,7 +105,7 @@ def reads(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
 
 def settles(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
     """`settle` reports an arm at rest as settled, but not for a negative spread."""
-    wide = [bounds.once_rad] * joints
+    wide = [bounds.single_sample_rad] * joints
     rests = arm.settle(window=_WINDOW, spread_rad=wide, timeout_syncs=_LONG_SYNCS)
     never = arm.settle(window=_WINDOW, spread_rad=[-1.0] * joints, timeout_syncs=_SHORT_SYNCS)
     yield Clause(
@@ -259,7 +259,7 @@ def resets_unmoved(arm: ArmInterface, before: FloatArray, bounds: Bounds) -> Ite
         passed=not wrong,
         text="; ".join(wrong) or "the reset releases STOP and leaves the drives off",
     )
-    settled = replace(bounds, still_rad=bounds.once_rad)
+    settled = replace(bounds, still_rad=bounds.single_sample_rad)
     yield from is_still("reset holds", before, arm.capture(bounds.samples).mean_rad, settled)
 
 

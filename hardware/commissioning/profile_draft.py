@@ -105,7 +105,7 @@ def _unusable(pdo: DrivePdo) -> str:
 def _obstacles(node: FoundNode) -> Iterator[str]:
     """Why a drive cannot be commanded with its current PDOs."""
     if not any(pdo.valid for pdo in node.pdos):
-        yield _unread(node)
+        yield _read_problem(node)
         return
     for needed, sent in ((COMMAND_OBJECTS, False), (FEEDBACK_OBJECTS, True)):
         carried = {i for pdo in _chosen(node.pdos, needed, sent=sent) for i in _carried(pdo)}
@@ -122,7 +122,7 @@ def _obstacles(node: FoundNode) -> Iterator[str]:
             yield f"node {node.node}: no usable {kind} carries {index:04X}h{because}"
 
 
-def _unread(node: FoundNode) -> str:
+def _read_problem(node: FoundNode) -> str:
     """Why a drive's PDOs could not be read."""
     text = node.unread or next(iter(node.problems), "its PDOs could not be read")
     return text if text.lower().startswith(f"node {node.node}") else f"node {node.node}: {text}"
@@ -162,7 +162,7 @@ def _set_up(node: FoundNode, *, sent: bool) -> tuple[Pdo, ...]:
 def _configuration_obstacles(node: FoundNode) -> Iterator[str]:
     """Why a drive's PDOs cannot be set up."""
     if not node.widths:
-        yield _unread(node)
+        yield _read_problem(node)
         return
     absent = [
         index

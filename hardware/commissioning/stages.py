@@ -59,7 +59,7 @@ class Bounds:
     near_rad: float
 
     @property
-    def once_rad(self) -> float:
+    def single_sample_rad(self) -> float:
         """Limit of the error of a single sample at rest."""
         return max(self.still_rad, self.near_rad, SCATTER_RAD)
 

@@ -195,13 +195,13 @@ def release_arm(loop: ControlLoop) -> Sample | None:
             if loop.commands is not None:
                 loop.run(motion_steps.hold_where_it_is(loop), despite=ignored)
             loop.run(motion_steps.drive_to(loop, TargetState.DISABLED), despite=ignored)
-        sample: Sample = loop.run(_until_off(loop), despite=(*_IGNORED_ALARMS, Stopped))
+        sample: Sample = loop.run(_wait_until_off(loop), despite=(*_IGNORED_ALARMS, Stopped))
     except HardwareError:  # the drives hold without an operator too
         return None
     return sample
 
 
-def _until_off(loop: ControlLoop) -> Generator[Setpoints | None, Sample, Sample]:
+def _wait_until_off(loop: ControlLoop) -> Generator[Setpoints | None, Sample, Sample]:
     """Exchange at most 50 SYNCs, until the drives report that they are off or, if STOP is latched, stopped."""
     sample = yield None
     for _ in range(motion_steps.TRANSITION_SYNCS):

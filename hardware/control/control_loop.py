@@ -198,7 +198,7 @@ class ControlLoop:
         if task is not None and not self._must_resample():
             self._idle_poll_s = self._timing.idle_poll_s
             self._advance(task)
-        elif self._syncing and (self._pace is Pace.REAL_TIME or self._owes_sync()):
+        elif self._syncing and (self._pace is Pace.REAL_TIME or self._needs_another_sync()):
             self._cycle()
         else:
             self._receive_one(self._idle_poll_s)
@@ -222,7 +222,7 @@ class ControlLoop:
     def _closed_error(self) -> HardwareError:
         return self.failure or BusError("The connection to the arm is closed.")
 
-    def _owes_sync(self) -> bool:
+    def _needs_another_sync(self) -> bool:
         """Whether a simulated arm needs a further SYNC to come to rest after STOP."""
         if not self.stop_latched:
             self._syncs_owed = SYNCS_AFTER_STOP

@@ -65,7 +65,7 @@ class CommandSender:
                 continue
             if self._latch.latched:
                 break
-            if before != command and not (moving and _moves_on(before, command)):
+            if before != command and not (moving and _only_target_changed(before, command)):
                 self._watch.expect_jerk()
             for identifier, data in self._frames[joint].pack(command):
                 self._send(identifier, data)
@@ -91,7 +91,7 @@ class CommandSender:
             self._quick_stop()
 
 
-def _moves_on(before: Setpoint | None, command: Setpoint) -> bool:
+def _only_target_changed(before: Setpoint | None, command: Setpoint) -> bool:
     """Whether only the target changed, as during a move."""
     return before is not None and (before.controlword, before.mode) == (
         command.controlword,

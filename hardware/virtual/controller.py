@@ -149,7 +149,7 @@ class VirtualController:
         self.group.step()
         for node in self._nodes:
             node.boot()
-        self._happen(0)
+        self._inject_due_faults(0)
         self._next_beat_s = self._clock() + HEARTBEAT_PERIOD_S
         self._worker.start()
         self._loop.start()
@@ -192,10 +192,10 @@ class VirtualController:
                 node.boot()
 
     def hang(self) -> None:
-        """Suspend the control loop until `unhang`."""
+        """Suspend the control loop until `resume_loop`."""
         self._running.clear()
 
-    def unhang(self) -> None:
+    def resume_loop(self) -> None:
         """Resume the control loop."""
         self._running.set()
 
@@ -237,13 +237,13 @@ class VirtualController:
         self._in_turn = threading.get_ident()
         self._latency.frame_read()
         if message is not None:
-            self._hear(message)
-        self._see_to_time()
+            self._receive(message)
+        self._handle_deadlines()
         while not self._posted.empty():
             self._posted.get()()
         self._in_turn = None
 
-    def _hear(self, message: can.Message) -> None:
+    def _receive(self, message: can.Message) -> None:
         """Handle a frame that has come through the faulty wire."""
         wire = self.disturbances.wire_in
         if wire is None:
@@ -286,7 +286,7 @@ class VirtualController:
 
     def _on_sync(self) -> None:
         self.sync_count += 1
-        self._happen(self.sync_count)
+        self._inject_due_faults(self.sync_count)
         self.group.step()
         disturbances, send = self.disturbances, self._network.send_message
         for node in self.drives:
@@ -302,12 +302,12 @@ class VirtualController:
             for _ in range(STORM):
                 send(objects.COB_EMCY + number, _STORM_EMERGENCY)
 
-    def _happen(self, sync_count: int) -> None:
+    def _inject_due_faults(self, sync_count: int) -> None:
         """Inject the scripted faults that are due."""
         while self._script and self._script[-1].at_sync <= sync_count:
             self._script.pop().happen(self)
 
-    def _see_to_time(self) -> None:
+    def _handle_deadlines(self) -> None:
         now = self._clock()
         self._network.send_overdue()
         if (wire := self.disturbances.wire_in) is not None:
@@ -321,11 +321,11 @@ class VirtualController:
             for _ in range(_CATCH_UP_FRAMES):  # the heartbeat may be in the queue
                 if (queued := self._bus.recv(0.001)) is None:
                     break
-                self._hear(queued)
+                self._receive(queued)
             holder = self.supervisor.holder
             if holder and self._lost(holder):
                 self.group.lose_heartbeat()
-                self.supervisor.lapse()
+                self.supervisor.end_control()
         for number, since in self.disturbances.cut_since_s.items():
             if number in self._joints and now - since > self._timeout_s:
                 self.group.lose_heartbeat_at(number)

@@ -91,7 +91,7 @@ class Drive:
         if after is DriveState.QUICK_STOP_ACTIVE:
             self._hold()
         elif after is DriveState.OPERATION_ENABLED:
-            self._take_up()
+            self._set_target_to_position()
         else:
             self._holding = False
             self._end(EmergencyCode.REFERENCE_LIMIT)
@@ -194,10 +194,10 @@ class Drive:
 
     def _hold(self) -> None:
         self._holding = True
-        self._take_up()
+        self._set_target_to_position()
         self.mode = JointMode.POSITION
 
-    def _take_up(self) -> None:
+    def _set_target_to_position(self) -> None:
         """Set the measured position as the target, so that no old target causes motion."""
         self.target_counts = self.counts
         self._torque_for = self._following_for = 0
@@ -211,7 +211,7 @@ class Drive:
         if self._switching_for >= self.axis.mode_switch_cycles:
             self.mode = mode
             self._switching_for = 0
-            self._take_up()
+            self._set_target_to_position()
 
     def _supervise(self) -> None:
         axis = self.axis

@@ -78,7 +78,7 @@ def _add(faulty: str) -> FaultAction:
     return lambda arm, joint: getattr(arm.disturbances, faulty).add(joint)
 
 
-def _put(faulty: str, value: float) -> FaultAction:
+def _set_of_joint(faulty: str, value: float) -> FaultAction:
     """Set the joint's value in a mapping of `Disturbances`."""
     return lambda arm, joint: getattr(arm.disturbances, faulty).update({joint: value})
 
@@ -173,7 +173,7 @@ FAULT_KINDS: Mapping[str, FaultAction] = MappingProxyType(
         "silent-supervisor": lambda arm, _joint: _cut_cable(arm, objects.SUPERVISOR_NODE),
         "no-heartbeat": _add("no_heartbeat"),
         "other-heartbeat": _slow_heartbeat,
-        "missed-answers": _put("lost_tpdos", MISSED_ANSWERS),
+        "missed-answers": _set_of_joint("lost_tpdos", MISSED_ANSWERS),
         "double-answers": _add("doubled_tpdos"),
         "wrong-node": _swap_tpdo_id,
         "other-map": _report_speed,
@@ -189,7 +189,7 @@ FAULT_KINDS: Mapping[str, FaultAction] = MappingProxyType(
         "lost-counts-5": partial(lose_counts, counts=-5),
         "lost-counts-500": partial(lose_counts, counts=-500),
         "sensor-jump": _sensor_jump,
-        "ripple": _put("ripple_counts", RIPPLE_COUNTS),
+        "ripple": _set_of_joint("ripple_counts", RIPPLE_COUNTS),
         "frozen-sensor": _freeze_sensor,
         "broken-sensor": _flag("sensor_failed"),
         "collision": _collide,

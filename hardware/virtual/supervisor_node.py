@@ -96,7 +96,7 @@ class SupervisorNode(VirtualNode):
         """Power up: no node in control, nothing staged, home offsets from the active slot."""
         super().power_up()
         self._refusal = ""
-        self.lapse()
+        self.end_control()
         self.load()
 
     def load(self) -> None:
@@ -111,7 +111,7 @@ class SupervisorNode(VirtualNode):
                 self._refusal = f"active document not used: {refused.text}"
         self._group.set_home_offsets(offsets)
 
-    def lapse(self) -> None:
+    def end_control(self) -> None:
         """Release control, and drop a document that was not committed."""
         with self.lock:
             self._take(0)

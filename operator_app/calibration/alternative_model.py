@@ -197,7 +197,7 @@ def hinge_instead(stated: Experiment) -> Alternative:
     # R_k a = b: the two directions are the weakest ones of these rows.
     both = np.linalg.svd(np.concatenate((frames[0], -eye), axis=-1).reshape(-1, 6))[2][-1]
     along = [d / np.linalg.norm(d) for d in (both[:3], both[3:])]
-    tip, ground = _where_it_meets(frames)
+    tip, ground = _common_point(frames)
     hinge = Hinge.between(
         arm,
         Line(point_m=ground, direction=along[1]),
@@ -207,7 +207,8 @@ def hinge_instead(stated: Experiment) -> Alternative:
             orientation_rad=fixture.compliance.orientation_rad or TURNS_RAD,
         ),
     )
-    lines = f"{_points(tip, ground)} --hand-direction={_way(along[0])} --base-direction={_way(along[1])}"
+    hand, base = map(_direction_text, along)
+    lines = f"{_points(tip, ground)} --hand-direction={hand} --base-direction={base}"
     names = (fixture.kind, _new("hinge", arm, lines))
     return Finding(kind=FindingKind.WRONG_FIXTURE_HINGE, names=names), replace(
         stated, fixture=hinge
@@ -222,7 +223,7 @@ def _ball_instead(stated: Experiment) -> Alternative:
         tip = np.array([fixture.a_n_m, 0.0, fixture.s_n_m])
         ground = np.median(p + R @ tip, axis=0)
     else:
-        tip, ground = _where_it_meets(frames)
+        tip, ground = _common_point(frames)
     names = (fixture.kind, _new("ball", stated.arm, _points(tip, ground)))
     ball = Ball(tip_m=_point(tip), ground_m=_point(ground), compliance=fixture.compliance)
     return Finding(kind=FindingKind.WRONG_FIXTURE_BALL, names=names), replace(stated, fixture=ball)
@@ -235,7 +236,7 @@ def _frames(arm: ArmModel, poses: PoseSet) -> tuple[FloatArray, FloatArray]:
     return frames.R_end, frames.p_end
 
 
-def _where_it_meets(frames: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
+def _common_point(frames: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
     """Point of the tool (3,) and of the base (3,), m, that coincide best in all poses.
 
     Where the tool only turns about a line, it is the point of that line nearest to the origin.
@@ -259,7 +260,7 @@ def _points(tip_m: FloatArray, ground_m: FloatArray) -> str:
     return f"--hand-point={hand} --base-point={base}"
 
 
-def _way(direction: FloatArray) -> str:
+def _direction_text(direction: FloatArray) -> str:
     return ",".join(f"{x:.3f}" for x in np.round(direction, 3) + 0.0)
 
 

@@ -33,7 +33,7 @@ from solver.arrays import FloatArray
 from solver.diagnostics import limits
 from solver.diagnostics.fault_models import constant_reading_runs
 from solver.diagnostics.model_selection import probabilities
-from solver.diagnostics.range_checks import makes_sense, mistakes
+from solver.diagnostics.range_checks import mistakes, mostly_in_range
 
 PROMISING_COST_SHARE = 0.3
 """An alternative is solved completely if it leaves less than this share of the squared closure error."""
@@ -82,12 +82,12 @@ def find_alternatives(
     weighted: list[tuple[Finding, float]] = []
     fits: list[Experiment] = []
     families = (
-        (_same_loop(stated), *((_unread(stated),) if sensors else ()))
+        (_same_loop(stated), *((_without_each_reading(stated),) if sensors else ()))
         if near or of_files
         else (_frozen(stated), _same_loop(stated), _blind(stated))
     )
     for family in families:
-        for finding, alternative in _screened(
+        for finding, alternative in _closest(
             family, deadline, below=PROMISING_COST_SHARE * as_it_is
         ):
             if near and not is_near(alternative):
@@ -163,7 +163,7 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
         return
     arm, poses = stated.arm, stated.poses
     for mistake in mistakes(arm, poses.q_rad):
-        if makes_sense(arm, mistake.q_rad):
+        if mostly_in_range(arm, mistake.q_rad):
             finding = Finding(
                 kind=FindingKind.READING_MISTAKE,
                 names=(mistake.code,),
@@ -202,10 +202,10 @@ def _frozen(stated: Experiment) -> Iterator[Alternative]:
 def _blind(stated: Experiment) -> Iterator[Alternative]:
     """Alternatives with another fixture, or without a sensor whose readings are useless in all poses."""
     yield from other_fixtures(replace(stated, unsensed=()))
-    yield from _unread(stated)
+    yield from _without_each_reading(stated)
 
 
-def _unread(stated: Experiment) -> Iterator[Alternative]:
+def _without_each_reading(stated: Experiment) -> Iterator[Alternative]:
     """Alternatives in which one sensor's readings are useless in all poses."""
     for j in range(1, stated.poses.joint_count + 1):
         if j not in stated.unsensed:
@@ -238,7 +238,7 @@ def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding
     return [(finding, *solved(alternative))]
 
 
-def _screened(
+def _closest(
     alternatives: Iterator[Alternative], deadline: float, *, below: float
 ) -> list[Alternative]:
     """Return the alternatives with the smallest closure errors, all components weighted equally."""

@@ -323,7 +323,7 @@ def diagnose(fitted: Fitted) -> Diagnosed:
     used = screened.distinct[chosen]
     unknowns = tuple(p.name for p in prepared.hard.parameters)
     shares = {} if task.by_paper else shares_of_poses(calibrated.linear)
-    identified = _seen(fitted, part)
+    identified = _identifiability_of(fitted, part)
     known = PriorInformation(
         out_of_range=prepared.out_of_range,
         flipped=loops.flipped,
@@ -447,7 +447,7 @@ def _require_identifiable(
     )
 
 
-def _seen(fitted: Fitted, part: Calibrated) -> Identifiability:
+def _identifiability_of(fitted: Fitted, part: Calibrated) -> Identifiability:
     """Identifiability at the fit, from the fit's own equations if all joints are sensed."""
     screened = fitted.before
     prepared = screened.before

@@ -44,18 +44,18 @@ def explain_unidentifiable(
         # Too few poses, or an immobile joint: both can be seen without any parameter.
         return error
     if _closes(paper):
-        back = _led_away(stated, paper)
+        back = _undetermined_at_solution(stated, paper)
         return poses_do_not_fit(back) if back else error
     # Where no loop closes the solution is arbitrary, and so is its identifiability.
     alternatives = find_alternatives(stated, scale=np.inf, dof=paper.dof)
     return (
         poses_do_not_fit(alternatives)
         if alternatives
-        else PosesDoNotFitError((_open_words(paper),))
+        else PosesDoNotFitError((_open_loops_text(paper),))
     )
 
 
-def _led_away(stated: Experiment, paper: Estimate) -> tuple[Finding, ...]:
+def _undetermined_at_solution(stated: Experiment, paper: Estimate) -> tuple[Finding, ...]:
     """Return the cause if the poses determine fewer parameters at the solution than at the nominal values."""
     model, q = stated.loop(), stated.poses.q_rad
     nominal = nominal_vector(model.parameters)
@@ -79,7 +79,7 @@ def _closes(estimate: Estimate) -> bool:
     )
 
 
-def _open_words(paper: Estimate) -> str:
+def _open_loops_text(paper: Estimate) -> str:
     """Return the remaining closure error of loops that no parameters close, and possible causes, as text."""
     open_m, turned = paper.sigmas.position_m.rms, paper.sigmas.orientation_rad
     also = "" if turned is None else f" and {SIGMA_ORI(turned.rms).with_unit}"
@@ -151,7 +151,7 @@ def explained(error: UnidentifiableError, stated: Experiment) -> UnidentifiableE
     """Return the error, naming a stuck sensor if the loop shows that its joint moved."""
     still = sorted({j for d in error.directions for j in d.immobile_joints})
     for joint in still:
-        has_moved = _moved(stated, joint)
+        has_moved = _turned_range(stated, joint)
         if has_moved > limits.STUCK_JOINT_TURN_RAD:
             return UnidentifiableError(
                 error.directions,
@@ -163,7 +163,7 @@ def explained(error: UnidentifiableError, stated: Experiment) -> UnidentifiableE
     return error
 
 
-def _moved(stated: Experiment, joint: int) -> float:
+def _turned_range(stated: Experiment, joint: int) -> float:
     """Range (rad) of a joint's angles from the loops, without the joint's readings; 0 if the loops do not give it."""
     blind = without_reading(replace(stated, unsensed=stated.arm.unsensed_joints), joint)
     fit = tried(lambda: without_readings(blind, max_iterations=MAX_ITERATIONS), None)

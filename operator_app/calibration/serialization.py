@@ -59,7 +59,7 @@ def from_dict(of: type[T], data: Mapping[str, Any]) -> T:
 
 
 def _encoded_fields(value: object) -> dict[str, Any]:
-    return {_key(f): _encoded(getattr(value, f.name)) for f in _kept(type(value))}
+    return {_key(f): _encoded(getattr(value, f.name)) for f in _stored_fields(type(value))}
 
 
 def _encoded(value: object) -> Any:
@@ -120,7 +120,7 @@ def _decoded(hint: Any, data: Any) -> Any:
         return hint(
             **{
                 f.name: _decoded(hints[f.name], data[_key(f)])
-                for f in _kept(hint)
+                for f in _stored_fields(hint)
                 if _key(f) in data
             }
         )
@@ -137,6 +137,6 @@ def _key(field: dataclasses.Field[Any]) -> str:
     return str(field.metadata.get("record", field.name))
 
 
-def _kept(of: type) -> list[dataclasses.Field[Any]]:
+def _stored_fields(of: type) -> list[dataclasses.Field[Any]]:
     """Fields that are arguments of the constructor; the others follow from them."""
     return [f for f in dataclasses.fields(of) if f.init]

@@ -189,7 +189,7 @@ def verify_poses(
         fixed, unknown = _elsewhere(model, fixture.model(arm).ground_side, fixed, poses, calibrated)
     x, covariance = _in_order(model, fixed)
     if unknown:
-        x, covariance = _stood(model, x, covariance, poses.q_rad, unknown)
+        x, covariance = _with_placement_found(model, x, covariance, poses.q_rad, unknown)
     tested = verify(model, x, covariance, poses.q_rad, stated_noise(new, fixed))
     if unknown:
         # The place of the fixture takes as many equations as it has unknowns.
@@ -310,7 +310,7 @@ def _elsewhere(
     )
 
 
-def _stood(
+def _with_placement_found(
     model: ClosureModel,
     x: FloatArray,
     covariance: FloatArray,

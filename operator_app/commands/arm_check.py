@@ -13,9 +13,9 @@ from hardware.commissioning.bench_check import Bench, check
 from hardware.commissioning.stages import CheckFinding, Stage
 from operator_app.commands.choices import opening_from
 from operator_app.composition import describe, open_arm
-from operator_app.errors import NotLetGoError
+from operator_app.errors import DrivesNotOffError
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.safe_output import as_json, harmless, say
+from operator_app.safe_output import as_json, sanitized, say
 from operator_app.signals import ending_signals_wait, press_ctrl_c
 
 RESULT_MARKS = {True: "ok", False: "FAILED", None: "-"}
@@ -49,7 +49,7 @@ def execute(args: argparse.Namespace) -> int:
                 who = "" if finding.joint is None else f"joint {finding.joint}"
                 line = (
                     f"{RESULT_MARKS[finding.passed]:<7} {finding.stage.value:<8} {who:<9} "
-                    f"{finding.name:<16} {harmless(finding.text)}"
+                    f"{finding.name:<16} {sanitized(finding.text)}"
                 )
                 say(line, err=args.json, streaming=True)
         finally:
@@ -63,13 +63,13 @@ def execute(args: argparse.Namespace) -> int:
     passed = sum(f.passed is True for f in findings)
     say(
         f"{passed} passed, {failed} failed, {len(findings) - passed - failed} not tested. "
-        + _left(findings, None if held else NotLetGoError(powered)),
+        + _left(findings, None if held else DrivesNotOffError(powered)),
         err=args.json,
     )
     return ExitCode.ACCEPTED if held and not failed else ExitCode.ARM_FAULT
 
 
-def _left(findings: Sequence[CheckFinding], problem: NotLetGoError | None) -> str:
+def _left(findings: Sequence[CheckFinding], problem: DrivesNotOffError | None) -> str:
     """Return the final state of the arm, as text."""
     if not any(finding.name == "connect" for finding in findings):
         return "Nothing was enabled: there is no connection to the arm."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from operator_app.config.any_file import AnyKind, look_through, read_any
+from operator_app.config.any_file import AnyKind, read_any, read_files
 from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.resources import Kind, Resource, builtin_names, expanded, resolve
 from operator_app.exit_codes import ExitCode, UsageError
@@ -29,7 +29,7 @@ def execute(args: argparse.Namespace) -> int:
             known[source.file] = kind
     if not sources and not missing:
         raise UsageError("name a file, e.g. sarcal check my_arm.yaml my_hinge.yaml")
-    files = look_through(sources, known, missing)
+    files = read_files(sources, known, missing)
     chains = () if files.problems else chains_of(files)
     if args.json:
         say(as_json(found_json(files, chains)))

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from operator_app.commands.choices import choices_from, recording
 from operator_app.composition import unattended
-from operator_app.errors import NotLetGoError
+from operator_app.errors import DrivesNotOffError
 from operator_app.exit_codes import ExitCode
 from operator_app.headless.console import ConsoleListener
 from operator_app.headless.procedure_run import RunResult, next_placement, require_mounted, run
@@ -61,14 +61,14 @@ def execute(args: argparse.Namespace) -> int:
                     solver=solver,
                 )
             if result is None:
-                session.require_let_go()
+                session.require_drives_off()
                 drives_off = True
                 folder = session.journal.path.parent  # another program may have been faster
                 opening = replace(opening, folder=folder, next_due=True)
     except UnidentifiableError as error:
         _report_unidentifiable(args, session, error)
         return ExitCode.NOT_IDENTIFIABLE
-    except NotLetGoError:
+    except DrivesNotOffError:
         if result is not None:
             _report(args, session, result)
         raise

@@ -191,7 +191,7 @@ ORDER: tuple[AnyKind | None, ...] = (*FILES, "poses", None)
 """Arms are read first, since they define the number of joints in the others."""
 
 
-def look_through(
+def read_files(
     sources: Iterable[Resource], known: Mapping[str, AnyKind], missing: Iterable[Problem] = ()
 ) -> Found:
     """Read files of any kind.

@@ -193,7 +193,7 @@ class ArmFile(StrictModel):
 
     @field_validator("offset_tolerance_deg", mode="before")
     @classmethod
-    def _known_or_unknown(cls, value: Any) -> Any:
+    def _require_tolerance_or_unknown(cls, value: Any) -> Any:
         """Refuse any wrong value with one sentence for both alternatives, which pydantic cannot do."""
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if value == "unknown" or (number and 0.0 < value <= 180.0):
@@ -316,7 +316,9 @@ class ArmFile(StrictModel):
                 )
                 for joint in self.joints
             ),
-            free=tuple(dict.fromkeys(_seen_by(DhEntry.parse(n), hayati) for n in self.free)),
+            free=tuple(
+                dict.fromkeys(_identified_instead(DhEntry.parse(n), hayati) for n in self.free)
+            ),
             home_rad=frozen(np.deg2rad(self.home_deg)),
             tolerances=tuple(row.tolerance.over(self.tolerance) for row in self.dh),
             offset_tolerance_rad=None
@@ -352,7 +354,7 @@ def _is_hayati(row: RowModel) -> bool:
     return abs(math.sin(math.radians(row.alpha_deg))) < math.sin(PARALLEL_RAD)
 
 
-def _seen_by(entry: DhEntry, hayati: tuple[int, ...]) -> DhEntry:
+def _identified_instead(entry: DhEntry, hayati: tuple[int, ...]) -> DhEntry:
     """Return the entry identified in place of one that a file frees: between parallel axes beta in place of s."""
     if entry.kind is DhKind.S and entry.row in hayati:
         return DhEntry(DhKind.BETA, entry.row)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, M
 from typing import Any
 
 from operator_app.config.errors import ConfigError, Problem, only
-from operator_app.safe_output import harmless
+from operator_app.safe_output import sanitized
 
 MOST_PROBLEMS = 100
 CSV_NUMBER = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
@@ -199,14 +199,14 @@ def text_of(cell: str) -> str:
 def _as_text(text: str) -> str:
     # Backslashes before an escape are doubled, so that text that looks like an escape is unchanged.
     safe = LOOKS_ESCAPED.sub(r"\1\1\2", text)
-    if harmless(safe, keep=SHOWN_BLANKS) != safe:
+    if sanitized(safe, keep=SHOWN_BLANKS) != safe:
         safe = HIDDEN_CANDIDATE.sub(_escaped, safe)
     return f"'{safe}" if FORMULA.match(safe) else safe
 
 
 def _escaped(match: re.Match[str]) -> str:
     before, character = match.groups()
-    if harmless(character, keep=SHOWN_BLANKS) == character:
+    if sanitized(character, keep=SHOWN_BLANKS) == character:
         return match[0]
     return f"{before}{before}\\u{{{ord(character):x}}}"
 
@@ -217,7 +217,9 @@ def _unescaped(match: re.Match[str]) -> str:
     if len(before) % 2 == 0:
         return f"{half}u{{{code}}}"
     character = chr(int(code, 16)) if int(code, 16) <= sys.maxunicode else ""
-    return match[0] if harmless(character, keep=SHOWN_BLANKS) == character else f"{half}{character}"
+    return (
+        match[0] if sanitized(character, keep=SHOWN_BLANKS) == character else f"{half}{character}"
+    )
 
 
 def _quoted(cell: str) -> str:

@@ -145,7 +145,7 @@ class GravityModel(StrictModel):
 
     @field_validator("down")
     @classmethod
-    def _some_way(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
+    def _require_direction(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
         if not math.hypot(*value) > 0.0:
             raise refuse("down points nowhere", "write for example [0, 0, -1]")
         return value

@@ -225,7 +225,7 @@ class BallModel(MetalFields):
 
     @field_validator("distance")
     @classmethod
-    def _of_two(
+    def _require_two_placements(
         cls, value: tuple[DistanceModel, ...], info: ValidationInfo
     ) -> tuple[DistanceModel, ...]:
         for k, d in enumerate(value):

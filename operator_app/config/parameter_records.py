@@ -149,7 +149,7 @@ class RvdtRemedy(StrictRecord):
 
     @field_validator("table")
     @classmethod
-    def _rises(cls, value: tuple[Correction, ...]) -> tuple[Correction, ...]:
+    def _require_rising_readings(cls, value: tuple[Correction, ...]) -> tuple[Correction, ...]:
         for before, after in pairwise(value):
             if after.reading_deg <= before.reading_deg:
                 raise refuse(

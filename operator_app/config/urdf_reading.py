@@ -14,7 +14,7 @@ import numpy as np
 
 from operator_app.config.errors import decode_text, only
 from operator_app.config.quantities import degrees_for_file
-from operator_app.config.urdf_rows import AxisLine, meant_deg, rotation_of_rpy, rows_of
+from operator_app.config.urdf_rows import AxisLine, exact_deg, rotation_of_rpy, rows_of
 from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
 
@@ -142,13 +142,13 @@ class UrdfTree:
         links = {*elements, *(_links(e)[0] for e in elements.values())}
         for option, name in (("base", base), ("tip", tip)):
             if name and name not in links:
-                remedy = f"links for --{option}: {_some(sorted(links))}"
+                remedy = f"links for --{option}: {_first_names(sorted(links))}"
                 raise only(file, f"there is no link {name!r}", remedy)
         tip = tip or _only_end(elements, base, file)
-        way = _way_to(tip, elements, file)
+        way = _joints_to(tip, elements, file)
         before = [_links(e)[0] for e in way]
         if base and base not in before:
-            remedy = f"links on that path: {_some(before)}"
+            remedy = f"links on that path: {_first_names(before)}"
             raise only(file, f"link {base!r} is not on the path to {tip!r}", remedy)
         first = before.index(base) if base else 0
         named = Counter(e.get("name", "") for e in way[first:])
@@ -217,7 +217,7 @@ def _links(element: ET.Element) -> tuple[str, str]:
     return parent, child
 
 
-def _way_to(link: str, elements: Mapping[str, ET.Element], file: str) -> list[ET.Element]:
+def _joints_to(link: str, elements: Mapping[str, ET.Element], file: str) -> list[ET.Element]:
     """Return the joints from the root to a link."""
     way: list[ET.Element] = []
     while link in elements:
@@ -235,7 +235,7 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
     # A cycle has no end; any of its links can be named.
     ends, turning = dict[str, int](), {"revolute", "continuous"}
     for leaf in leaves or list(elements):
-        way = _way_to(leaf, elements, file)
+        way = _joints_to(leaf, elements, file)
         start = next((k for k, e in enumerate(way) if _links(e)[0] == base), None if base else 0)
         if start is None:
             continue
@@ -247,7 +247,7 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
             count += e.get("type") in turning
         if count:
             ends[end] = count
-    inner = {_links(e)[0] for end in ends for e in _way_to(end, elements, file)}
+    inner = {_links(e)[0] for end in ends for e in _joints_to(end, elements, file)}
     ends = {end: count for end, count in ends.items() if end not in inner}
     usual = [end for end in FLANGES if end in ends and len(set(ends.values())) == 1]
     if len(ends) == 1 or usual:
@@ -255,7 +255,7 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
     if not ends:
         raise only(file, "no revolute joint is on the path to that link", "choose another --tip")
     most = sorted(ends, key=lambda end: -ends[end])
-    names = _some([f"{end} ({ends[end]} revolute joints)" for end in most])
+    names = _first_names([f"{end} ({ends[end]} revolute joints)" for end in most])
     raise only(file, f"has {len(ends)} ends", f"choose with --tip: {names}")
 
 
@@ -265,7 +265,7 @@ def _moves_a_tool(element: ET.Element) -> bool:
     return named or element.get("type") == "prismatic" or element.find("mimic") is not None
 
 
-def _some(names: Sequence[str]) -> str:
+def _first_names(names: Sequence[str]) -> str:
     more = f" and {len(names) - ENDS_SHOWN} more" if len(names) > ENDS_SHOWN else ""
     return ", ".join(names[:ENDS_SHOWN]) + more
 
@@ -296,7 +296,7 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
         raise refuse("has no parent or no child", "name both links")
     origin = element.find("origin")
     turns = words(origin, "rpy", "0 0 0", 3)
-    meant = {word: deg for word in turns if (deg := meant_deg(word)) is not None}
+    meant = {word: deg for word in turns if (deg := exact_deg(word)) is not None}
     rpy = [math.radians(meant[w]) if w in meant else float(w) for w in turns]
     rounded = {
         w: deg for w, deg in meant.items() if abs(float(w) - math.radians(deg)) > REPORTED_RAD

@@ -183,7 +183,7 @@ def origin_words(T: FloatArray) -> dict[str, str]:
     }
 
 
-def meant_deg(word: str) -> float | None:
+def exact_deg(word: str) -> float | None:
     """Return the exact angle in deg behind a rounded or truncated value in rad; None if the value is not rounded.
 
     Four decimals or more stand for a multiple of 15 deg (1.5708, 0.7854), two or three for a multiple of 90 deg (3.14).

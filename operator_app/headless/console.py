@@ -23,13 +23,13 @@ from operator_app.calibration.result import Solution
 from operator_app.composition import CutShort
 from operator_app.messages.errors import stopped_words, words
 from operator_app.planning.drives import DriveChoice
-from operator_app.safe_output import Stderr, harmless
+from operator_app.safe_output import Stderr, sanitized
 from operator_app.session.safety.latency import lateness_text
 from operator_app.session.store.folders import read_session
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from operator_app.units import and_the_others, joints_named, names, plural
+from operator_app.units import joints_named, names, others_free, plural
 
 
 class ConsoleListener(Listener):
@@ -45,7 +45,7 @@ class ConsoleListener(Listener):
 
     def say(self, text: str) -> None:
         """Write one line."""
-        self._console.print(harmless(text), markup=False)
+        self._console.print(sanitized(text), markup=False)
 
     def resumed(self, session: Session) -> None:
         """Report the poses of a resumed session."""
@@ -81,7 +81,7 @@ class ConsoleListener(Listener):
     def modes_set(self, position_joints: tuple[int, ...]) -> None:
         """Report the drive joints."""
         driven = joints_named(position_joints).capitalize()
-        others = and_the_others(len(position_joints), self._joints)
+        others = others_free(len(position_joints), self._joints)
         self.say(f"{driven} in position mode{others}; read back from the drives.")
 
     def pose_captured(self, state: SessionState, total: int) -> None:
@@ -144,12 +144,12 @@ def cut_short_lines(cut: CutShort) -> list[str]:
     if poses:
         lines = [
             f"{what}. {plural(poses, 'pose')} {'is' if poses == 1 else 'are'} kept in {folder}.",
-            *_way_on(cut),
+            *_how_to_continue(cut),
         ]
     if isinstance(cut.cause, DriveDiverged):
         # The operator has just seen the arm move: the cause first.
         lines.insert(0, f"{stopped_words(str(cut.cause))}.")
-    if late := _late(cut):
+    if late := _lateness_note(cut):
         lines.insert(0, late)
     return [*_danger(cut), *lines]
 
@@ -163,7 +163,7 @@ def _danger(cut: CutShort) -> list[str]:
     return [f"{message.happened}. {message.remedy}."]
 
 
-def _late(cut: CutShort) -> str:
+def _lateness_note(cut: CutShort) -> str:
     """Return the message that this computer was late, if drives tripped because its heartbeat was missing."""
     cause = cut.cause
     if not (isinstance(cause, DriveFault) and cause.code == EmergencyCode.HEARTBEAT_LOST):
@@ -178,7 +178,7 @@ def _late(cut: CutShort) -> str:
     )
 
 
-def _way_on(cut: CutShort) -> list[str]:
+def _how_to_continue(cut: CutShort) -> list[str]:
     """Return text on how to continue; empty if resuming would fail again."""
     cause, session = cut.cause, cut.session
     folder = session.journal.path.parent

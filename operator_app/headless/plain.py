@@ -17,7 +17,7 @@ from operator_app.manual.pages import Manual, reference
 from operator_app.manual.shown import as_text
 from operator_app.messages.errors import EXPECTED, words
 from operator_app.report.results.history import history_text
-from operator_app.safe_output import harmless, lines, say
+from operator_app.safe_output import lines, sanitized, say
 from operator_app.session.ui import action_table, guards
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.sessions import Sessions
@@ -115,7 +115,7 @@ class Plain:
         """List the items and return the one whose number is typed."""
         for number, item in enumerate(items, 1):
             closed = f" (closed: {item.missing[0]})" if item.missing else ""
-            self._terminal.say(harmless(f"  {number} {item.label}{closed}"))
+            self._terminal.say(sanitized(f"  {number} {item.label}{closed}"))
         typed = self._terminal.ask(prompt).strip()
         if typed.isdecimal() and 1 <= int(typed) <= len(items):
             return items[int(typed) - 1]
@@ -156,12 +156,12 @@ class Plain:
     def _ways(self, s: SessionSnapshot) -> list[_Item]:
         ways = []
         if self._step is not Step.EXPORT:
-            onward = Step(self._step + 1)
+            next_variances = Step(self._step + 1)
             ways.append(
                 _Item(
-                    label=f"Go on to step {int(onward)}, {onward.title}",
-                    do=partial(self._go, onward),
-                    missing=guards.missing_for(onward, s),
+                    label=f"Go on to step {int(next_variances)}, {next_variances.title}",
+                    do=partial(self._go, next_variances),
+                    missing=guards.missing_for(next_variances, s),
                 )
             )
         if self._step is not Step.CONNECT:
@@ -186,7 +186,7 @@ class Plain:
             if message.number > self._heard:
                 self._heard = message.number
                 self._terminal.say(
-                    harmless(f"[{message.time} {message.level.value}] {message.text}")
+                    sanitized(f"[{message.time} {message.level.value}] {message.text}")
                 )
         return s
 
@@ -197,7 +197,7 @@ class Plain:
 
     def refuse(self, reason: str) -> None:
         """Write why an action is refused."""
-        self._terminal.say(harmless(f"Not done: {reason}."))
+        self._terminal.say(sanitized(f"Not done: {reason}."))
 
     def ask(self, question: Question, then: Callable[[str], None]) -> None:
         """Ask a question whose answer is yes, a line of text or a number."""
@@ -309,7 +309,7 @@ class StandardTerminal:
 
     def ask(self, prompt: str) -> str:
         """Write a prompt and return a line."""
-        return input(harmless(prompt))
+        return input(sanitized(prompt))
 
     def touched(self, timeout_s: float) -> bool:
         """Wait for a line from a terminal; input from a pipe does not count."""

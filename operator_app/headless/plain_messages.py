@@ -84,7 +84,7 @@ def _modes(s: SessionSnapshot) -> list[str]:
 
 def _capture(s: SessionSnapshot) -> list[str]:
     again = f" Placement {s.state.placement}." if s.state.placement > 1 else ""
-    lines = [f"{len(s.state.used_poses)} of {s.wanted_poses} poses.{again}"]
+    lines = [f"{len(s.state.used_poses)} of {s.required_poses} poses.{again}"]
     if s.live is not None and s.live.history:
         lines.append(
             f"Condition number {CONDITION(s.live.scaled_condition_number).shown} (the result warns above 100); "

@@ -115,7 +115,7 @@ def predict_drives(
         ) from error
     if manifold.size < FEWEST_WAYPOINTS:
         raise SessionError(
-            f"the arm can hardly move from its present pose{_beyond(arm, manifold)}",
+            f"the arm can hardly move from its present pose{_joint_out_of_range(arm, manifold)}",
             "move the arm closer to the middle of the ranges, or correct the fixture's measured values",
         )
     return prediction
@@ -166,7 +166,7 @@ def choose_drives(
         best, tested = usable[0], ()
     return DriveChoice(
         drives=best.drives,
-        sets=_with_others(prediction.manifold, best.drives, [r.drives for r in usable]),
+        sets=_with_complementary_sets(prediction.manifold, best.drives, [r.drives for r in usable]),
         reasons=(*best.reasons, *tested, *_against_here(prediction, best)),
         prediction=prediction,
         trial=trial,
@@ -191,7 +191,7 @@ def named_drives(prediction: DrivePrediction, drives: tuple[int, ...], kind: str
     )
 
 
-def _beyond(arm: ArmModel, manifold: Manifold) -> str:
+def _joint_out_of_range(arm: ArmModel, manifold: Manifold) -> str:
     """Return which joint is outside its range at the closed pose, as text; "" for none."""
     over = np.maximum(arm.lower_rad - manifold.q[0], manifold.q[0] - arm.upper_rad)
     joint = int(np.argmax(over))
@@ -229,7 +229,7 @@ def _against_here(prediction: DrivePrediction, best: RankedDrives) -> tuple[str,
     )
 
 
-def _with_others(
+def _with_complementary_sets(
     manifold: Manifold, drives: tuple[int, ...], usable: list[tuple[int, ...]]
 ) -> tuple[tuple[int, ...], ...]:
     """Add the sets that reach poses which the sets before them cannot."""

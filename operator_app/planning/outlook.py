@@ -91,7 +91,7 @@ def outlook(
         mobility = prediction.manifold.motion.degrees
         q = prediction.manifold.q
         spread = q[np.linspace(0, len(q) - 1, min(SPREAD, len(q))).astype(int)]
-        identified = _seen(model, spread)
+        identified = _identifiability_at(model, spread)
         choice = (
             choose_drives(prediction, unsensed_joints=unsensed)
             if position_joints is None
@@ -124,10 +124,10 @@ def seen_by(
     unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
     fixture = with_registered_instrument(arm, fixture, poses)
     model = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=unsensed).loop()
-    return _seen(without_hidden(arm, fixture, model), poses.q_rad)
+    return _identifiability_at(without_hidden(arm, fixture, model), poses.q_rad)
 
 
-def _seen(model: ClosureModel, q_rad: FloatArray) -> Identifiability:
+def _identifiability_at(model: ClosureModel, q_rad: FloatArray) -> Identifiability:
     return identifiability(model, nominal_vector(model.parameters), q_rad)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from operator_app.report.spans import Line, line
 from operator_app.report.table import Column, FactTable, Headline, shown
-from operator_app.safe_output import harmless
+from operator_app.safe_output import sanitized
 from operator_app.units import Figure, joints_named, names
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def facts_text(facts: Facts, *, failed: str = "") -> str:
     blocks = [
         verdict_text(facts, failed=failed),
         *(table_text(table) for table in facts.tables if not table.detail),
-        warnings_text(n for n in facts.notices if n.code not in _said_first(facts)),
+        warnings_text(n for n in facts.notices if n.code not in _codes_in_verdict(facts)),
     ]
     return "\n\n".join(block for block in blocks if block)
 
@@ -42,7 +42,7 @@ def verdict_text(facts: Facts, *, failed: str = "") -> str:
         head += f", {so} DOES NOT HOLD for {failed} (the test is at the end)"
     head += ":"
     if facts.accepted:
-        codes = _said_first(facts)
+        codes = _codes_in_verdict(facts)
         reasons = tuple(n.sentence for n in facts.notices if n.code in codes)
         head = f"{head} the calibration meets its limits.{' Possible causes of error:' if reasons else ''}"
     if failed:
@@ -50,7 +50,7 @@ def verdict_text(facts: Facts, *, failed: str = "") -> str:
     return "\n".join((head, *(paragraph(f"- {text}", indent=2) for text in reasons)))
 
 
-def _said_first(facts: Facts) -> set[str]:
+def _codes_in_verdict(facts: Facts) -> set[str]:
     """Codes of notices that the verdict already includes: its causes or, if it is not accepted, the blocking ones."""
     return {c.code for c in facts.causes if facts.accepted or c.blocking}
 
@@ -76,7 +76,7 @@ def placed(table: FactTable, gap: str) -> tuple[list[list[str]], list[list[str]]
         return [], []
     columns, groups = table.columns, _groups(table.columns)
     heads = [f"{c.title} [{c.unit}]" if c.unit else c.title for c in columns]
-    body = [[harmless(shown(cell)) for cell in row] for row in table.rows]
+    body = [[sanitized(shown(cell)) for cell in row] for row in table.rows]
     widths = [max(map(len, column)) for column in zip(heads, *body, strict=True)]
     for first, last in groups:
         taken = sum(widths[first:last]) + len(gap) * (last - first - 1)
@@ -182,7 +182,7 @@ def unidentifiable_text(error: UnidentifiableError) -> str:
 
 def aligned(rows: Sequence[Sequence[str]], *, left: bool = False) -> str:
     """Return rows as columns, the first one left-aligned, the others right-aligned (if `left`, left-aligned too)."""
-    columns = list(zip_longest(*(map(harmless, row) for row in rows), fillvalue=""))
+    columns = list(zip_longest(*(map(sanitized, row) for row in rows), fillvalue=""))
     for k, cells in enumerate(columns):
         width = max(map(len, cells))
         put = str.ljust if left or k == 0 else str.rjust

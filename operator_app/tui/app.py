@@ -121,7 +121,7 @@ class SarcalApp(App[str]):
         self.owns_process = False
         self._screen_over = threading.Event()
         self._source_lock = threading.Lock()
-        self._stopped_at_the_door: list[events.Key] = []
+        self._stops_handled: list[events.Key] = []
         self._typed_early: list[events.Key] | None = []
         self._make_source = make_source
         self.source: Sessions
@@ -210,15 +210,15 @@ class SarcalApp(App[str]):
         self.interface.follow(self.picture)
         self.main.show(self.picture)
         if self._typed_early is not None:
-            self._press_early(self._typed_early)
+            self._replay_early_keys(self._typed_early)
 
     # -- keys --------------------------------------------------------------------------------------
 
     def get_driver_class(self) -> type[Driver]:
         """Return the platform's driver, extended to report STOP before the event loop sees it."""
-        return watched(super().get_driver_class(), self.at_the_door)
+        return watched(super().get_driver_class(), self.stop_on_input)
 
-    def at_the_door(self, event: Pressed) -> None:
+    def stop_on_input(self, event: Pressed) -> None:
         """Handle STOP in the thread that reads keys and mouse; the event loop is informed later."""
         runner = self.runner
         if runner is None or not runner.connected:
@@ -228,10 +228,10 @@ class SarcalApp(App[str]):
             if event.button and event.y == 0 and event.x < STOP_WIDTH:
                 runner.stop()
         elif self._is_stop(event):
-            self._stopped_at_the_door.append(event)
+            self._stops_handled.append(event)
             runner.stop()
 
-    def _press_early(self, early: list[events.Key]) -> None:
+    def _replay_early_keys(self, early: list[events.Key]) -> None:
         """Process the keys that were pressed while the program was loading, in their order."""
         self._typed_early = None
         for event in early:
@@ -239,12 +239,12 @@ class SarcalApp(App[str]):
             typed = ("enter", "\r") if event.key == "ctrl+j" else (event.key, event.character)
             self.post_message(events.Key(*typed))
 
-    def _was_done_at_the_door(self, event: events.Key) -> bool:
-        before = len(self._stopped_at_the_door)
+    def _was_handled_on_input(self, event: events.Key) -> bool:
+        before = len(self._stops_handled)
         # The thread that reads keys may append meanwhile: remove this event only.
         with contextlib.suppress(ValueError):
-            self._stopped_at_the_door.remove(event)
-        return len(self._stopped_at_the_door) < before
+            self._stops_handled.remove(event)
+        return len(self._stops_handled) < before
 
     def _is_stop(self, event: events.Key) -> bool:
         """Whether an event means STOP: F8 always, space unless text is being entered; with any modifier."""
@@ -267,7 +267,7 @@ class SarcalApp(App[str]):
                 self.leave("left")
             self._typed_early.append(event)
             return True
-        if self._was_done_at_the_door(event):
+        if self._was_handled_on_input(event):
             self.main.refuse("")
             return True
         if self._is_stop(event):

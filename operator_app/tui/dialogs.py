@@ -13,7 +13,7 @@ from textual.screen import ModalScreen
 from textual.widgets import Button, Input, OptionList, Static
 from textual.widgets.option_list import Option
 
-from operator_app.safe_output import harmless
+from operator_app.safe_output import sanitized
 from operator_app.session.ui.user_interface import OneOf, Question, Titled, Typed, YesNo
 from operator_app.tui.theme import is_compact
 
@@ -98,7 +98,7 @@ class Ask(Dialog[Typed]):
 
     def body(self) -> ComposeResult:
         """An input line and its error message."""
-        yield Input(value=harmless(self._question.value), id="answer", compact=True)
+        yield Input(value=sanitized(self._question.value), id="answer", compact=True)
         yield Static(self._plain("Enter accepts, Esc cancels"), id="said")
 
     def on_mount(self) -> None:

@@ -18,7 +18,7 @@ from textual.message import Message
 Pressed = events.Key | events.MouseDown
 
 
-def watched(driver: type[Driver], at_the_door: Callable[[Pressed], None]) -> type[Driver]:
+def watched(driver: type[Driver], stop_on_input: Callable[[Pressed], None]) -> type[Driver]:
     """Return a driver class that reports each key before the event loop does, and never fails to write."""
 
     class WatchedDriver(driver):  # type: ignore[misc, valid-type]
@@ -33,7 +33,7 @@ def watched(driver: type[Driver], at_the_door: Callable[[Pressed], None]) -> typ
         def process_message(self, message: Message) -> None:
             """Report a message, then pass it on."""
             if isinstance(message, events.Key | events.MouseDown):
-                at_the_door(message)
+                stop_on_input(message)
             super().process_message(message)
 
     return WatchedDriver

@@ -17,7 +17,7 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from operator_app.report.spans import Line, clip, length
-from operator_app.safe_output import harmless
+from operator_app.safe_output import sanitized
 
 if TYPE_CHECKING:
     from operator_app.session.ui.snapshot import SessionSnapshot
@@ -64,9 +64,9 @@ class Lines(Widget, can_focus=True):
 
     def on_mount(self) -> None:
         """Set the title of the frame."""
-        self.retitle(self.TITLE)
+        self.set_title(self.TITLE)
 
-    def retitle(self, text: str) -> None:
+    def set_title(self, text: str) -> None:
         """Set the title without reading markup in it."""
         app: Any = self.app
         new = app.look.text(text)
@@ -172,7 +172,7 @@ class Lines(Widget, can_focus=True):
         if row and row[0][1].startswith("cursor"):
             base += look.style("cursor")
         segments = [
-            Segment(look.text(harmless(text)), base + look.style(role)) for text, role in row
+            Segment(look.text(sanitized(text)), base + look.style(role)) for text, role in row
         ]
         padding = width - length(row)
         if padding > 0:

@@ -38,7 +38,7 @@ def done(step: Step, s: SessionSnapshot) -> bool:
     if step is Step.RESULTS:
         return s.solution is not None and not missing_for(Step.EXPORT, s)
     if step is Step.CAPTURE:
-        return len(s.state.used_poses) >= s.wanted_poses
+        return len(s.state.used_poses) >= s.required_poses
     return not missing_for(Step(step + 1), s)
 
 
@@ -56,7 +56,7 @@ def detail(step: Step, s: SessionSnapshot) -> str:
                 return "not set"
             return "all held" if len(names) == len(s.modes) else f"J{' J'.join(names)} drive"
         case Step.CAPTURE:
-            return f"{len(s.state.used_poses)}/{s.wanted_poses} poses"
+            return f"{len(s.state.used_poses)}/{s.required_poses} poses"
         case Step.CALIBRATE:
             return s.solution.estimate.estimator if s.solution else "not run"
         case Step.RESULTS:
@@ -286,7 +286,7 @@ class MainScreen(Screen[None]):
         self._make_room(s)
         self.view.show(s)
         self.rails[0].place = self.view.place
-        news = self._news(s)
+        news = self._shown_at_once(s)
         if news != self._shown_news or self._shows % SELDOM == 0:
             self._shown_news = news
             for widget in self.frame:
@@ -309,7 +309,7 @@ class MainScreen(Screen[None]):
             self.hint.styles.height, self.log_lines.styles.height = rows
             self.call_after_refresh(self.forget)
 
-    def _news(self, s: SessionSnapshot) -> object:
+    def _shown_at_once(self, s: SessionSnapshot) -> object:
         """Return the parts of a snapshot whose change is shown at once; ages and rates may be shown later."""
         joints = () if s.arm is None else tuple((j.mode, j.drive) for j in s.arm.joints)
         latest = s.messages[-1].number if s.messages else 0

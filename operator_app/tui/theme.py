@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from rich.style import Style
 from textual.theme import BUILTIN_THEMES, Theme
 
-from operator_app.safe_output import harmless
+from operator_app.safe_output import sanitized
 
 DARK, LIGHT, NO_COLOUR = "sarcal-dark", "sarcal-light", "sarcal-no-colour"
 
@@ -70,7 +70,7 @@ class Look:
 
     def text(self, text: str) -> str:
         """Return text in the characters that this terminal shows, without control characters except line breaks."""
-        text = harmless(text, keep="\n")
+        text = sanitized(text, keep="\n")
         if not self.ascii_only:
             return text
         plain = text.replace(*PLUS_MINUS).translate(ASCII)

@@ -125,7 +125,7 @@ def moves_along(
     return moves
 
 
-def straight_to(q_rad: FloatArray, drives: tuple[int, ...], why: str) -> GoTo:
+def straight_move(q_rad: FloatArray, drives: tuple[int, ...], why: str) -> GoTo:
     """Return the straight move of the drives to their angles in `q_rad` (n,), without a prediction on the way."""
     return GoTo(targets_rad={j: float(q_rad[j - 1]) for j in drives}, why=why)
 

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.closing import held_still, newton_step
+from solver.closing import measure_with_fixed, newton_step
 from solver.design.actions import (
     Action,
     Capture,
@@ -24,7 +24,7 @@ from solver.design.actions import (
     GoTo,
     Phase,
     moves_along,
-    straight_to,
+    straight_move,
 )
 from solver.design.exploration import Explorer
 from solver.design.interim import Calibrate, InterimEstimate, implicit_interim
@@ -143,7 +143,7 @@ class Campaign:
             if stopped:
                 self._queue.clear()
         elif stopped:
-            self._stopped_short(action, stopped)
+            self._plan_around_stop(action, stopped)
         elif self._backing:
             self._backing = 0
 
@@ -205,7 +205,7 @@ class Campaign:
         index = list(self.plan.visits)
         manifold = self.plan.manifold
         error = self.task.model.loop(self.estimate.x, manifold.q[index], manifold.u[index])
-        still = held_still(self.drives, manifold.q.shape[-1])
+        still = measure_with_fixed(self.drives, manifold.q.shape[-1])
         return max(float(np.abs(step).max(initial=0.0)) for step in newton_step(error, still))
 
     def _try_plan(self) -> bool:
@@ -301,14 +301,14 @@ class Campaign:
             drives=self.drives,
         )
 
-    def way_to(self, captured_rad: FloatArray) -> tuple[GoTo | ChangeDrives, ...] | None:
+    def moves_to(self, captured_rad: FloatArray) -> tuple[GoTo | ChangeDrives, ...] | None:
         """Return moves from the current pose to a captured pose (n,); None where no safe path is known.
 
         These moves are not proposals: their end is not reported, and the same moves in reverse bring the arm back
         before the campaign continues. During exploration the drives go straight back.
         """
         if self.phase is Phase.EXPLORING:
-            return (straight_to(captured_rad, self.drives, BACK),)
+            return (straight_move(captured_rad, self.drives, BACK),)
         plan = self.plan
         if plan is None:
             return None
@@ -323,7 +323,7 @@ class Campaign:
             return None
         moves = moves_along(route, self.drives, "a captured pose")
         drives = route[-1].drives if route else self.drives
-        return (*moves, straight_to(captured_rad, drives, BACK))
+        return (*moves, straight_move(captured_rad, drives, BACK))
 
     def _judge(self) -> StopDecision | None:
         if not self._requested or self.plan is None:
@@ -340,7 +340,7 @@ class Campaign:
             allowed=self.plan.allowed,
         )
 
-    def _stopped_short(self, action: GoTo, stopped: str) -> None:
+    def _plan_around_stop(self, action: GoTo, stopped: str) -> None:
         """Go back along the same path; then plan around the place where the move was stopped."""
         self._queue.clear()
         self._blocked.append(self._q.copy())
@@ -350,7 +350,7 @@ class Campaign:
             return
         self._backing += 1
         why = f"back to where it came from ({stopped})"
-        self._queue.append(straight_to(self._before, tuple(action.targets_rad), why))
+        self._queue.append(straight_move(self._before, tuple(action.targets_rad), why))
 
     def _finish(self, text: str, *, complete: bool, decision: StopDecision | None = None) -> None:
         self.phase = Phase.FINISHED

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
-from solver.closing import close_loops, held_still, left_null_space
+from solver.closing import close_loops, left_null_space, measure_with_fixed
 from solver.loops.closure import ClosureModel
 
 RANK_TOLERANCE = 1e-6
@@ -175,7 +175,7 @@ def drive_straight(
     `drives`: joints (1-based) in position mode; the rest is free. `steps`: number of steps along each line.
     """
     columns = [j - 1 for j in drives]
-    held = held_still(drives, q.shape[-1])
+    held = measure_with_fixed(drives, q.shape[-1])
     start = q[:, columns]
     share = np.linspace(0.0, 1.0, steps + 1)
     here_q, here_u = np.array(q), np.array(u)

@@ -108,9 +108,9 @@ def _largest(
     white = residuals.whiten(np.concatenate([s.columns for s in suspects], axis=-1))
     across = np.swapaxes(white, -1, -2)
     Gt = across.reshape(m, S, d, r)
-    s = _from_here_on((Gt @ residuals.white[:, None, :, None])[..., 0])
-    own = _from_here_on(Gt @ np.swapaxes(Gt, -1, -2))
-    inside = _from_here_on(across @ residuals.U).reshape(m, S, d, K)
+    s = _sums_from_each_pose((Gt @ residuals.white[:, None, :, None])[..., 0])
+    own = _sums_from_each_pose(Gt @ np.swapaxes(Gt, -1, -2))
+    inside = _sums_from_each_pose(across @ residuals.U).reshape(m, S, d, K)
     C = own - inside @ np.swapaxes(inside, -1, -2)
     # Scaled, so that metres and radians count equally.
     size = np.sqrt(np.diagonal(own, axis1=-2, axis2=-1).max(axis=0))
@@ -136,7 +136,7 @@ def _largest(
         )
 
 
-def _from_here_on(values: FloatArray) -> FloatArray:
+def _sums_from_each_pose(values: FloatArray) -> FloatArray:
     """Sum over each pose and all that follow it (m, ...)."""
     sums = values.copy()
     # Pose by pose, whole rows at a time: several times as fast as `cumsum` along the first axis.

@@ -163,7 +163,7 @@ def rows_in_radians(arm: ArmModel, q: FloatArray) -> list[int]:
     return [int(k) for k in np.flatnonzero(outside & inside & small)]
 
 
-def makes_sense(arm: ArmModel, q: FloatArray) -> bool:
+def mostly_in_range(arm: ArmModel, q: FloatArray) -> bool:
     """Whether nine in ten poses lie inside all ranges."""
     return 10 * int((_outside(arm, q) > 0.0).any(axis=1).sum()) <= len(q)
 
@@ -191,7 +191,7 @@ def range_findings(
             if _whole_turns(arm, q, j):
                 fault = ReadingFault.WHOLE_TURN
         elif isinstance(joint.sensor, Rvdt):
-            order = _pinned(q[:, j - 1], joint.middle_rad, joint.sensor)
+            order = _saturated_poses(q[:, j - 1], joint.middle_rad, joint.sensor)
             fault = ReadingFault.SATURATED
         if len(order):
             findings.append(
@@ -230,7 +230,7 @@ def _whole_turns(arm: ArmModel, q: FloatArray, joint: int) -> bool:
     return turns != 0.0 and not bool(np.any(_outside(arm, shifted)[:, joint - 1]))
 
 
-def _pinned(reading: FloatArray, middle_rad: float, sensor: Rvdt) -> IntArray:
+def _saturated_poses(reading: FloatArray, middle_rad: float, sensor: Rvdt) -> IntArray:
     """Poses in which an RVDT is saturated: `SATURATED_POSES` or more readings at the same end of full scale."""
     end = 0.5 * sensor.full_scale_rad
     near = limits.SATURATED_SIGMAS * sensor.sigma_rad
@@ -252,5 +252,5 @@ def _refuse(
     far[:, turned] = False
     if 2 * int(far.any(axis=1).sum()) < len(poses):
         return
-    known = {m.code: m for m in mistakes(arm, poses.q_rad) if makes_sense(arm, m.q_rad)}
+    known = {m.code: m for m in mistakes(arm, poses.q_rad) if mostly_in_range(arm, m.q_rad)}
     raise ReadingsOutOfRangeError(refused, poses, tuple(known.values()))

@@ -222,9 +222,9 @@ def _of_spread(sd_lsb: FloatArray, samples: IntArray) -> SingleNoise:
         dof = min(dof, 2.0 * pooled**2 / between)
     low, high = (pooled * dof / chdtri(dof, (0.025, 0.975))).tolist()
     return SingleNoise(
-        lsb=noise_behind(pooled),
-        low=noise_behind(low),
-        high=noise_behind(high),
+        lsb=noise_of_spread(pooled),
+        low=noise_of_spread(low),
+        high=noise_of_spread(high),
         from_spread=True,
     )
 
@@ -245,7 +245,7 @@ def spread_of(noise_lsb: float) -> float:
     return float(noise_lsb**2 + 1.0 / 12.0 - less.sum())
 
 
-def noise_behind(mean_square: float) -> float:
+def noise_of_spread(mean_square: float) -> float:
     """Noise (LSB) for which rounded readings have this mean square spread (LSB^2): the inverse of `spread_of`."""
     if mean_square > 1.0 + 1.0 / 12.0:
         # From 1 LSB on the series is negligible: exp(-4 pi^2).

@@ -83,7 +83,7 @@ def covariance(one: Pulled, two: Pulled, s: FloatArray) -> FloatArray:
     product = (one.pull.reshape(a * k, -1) @ two.pull.reshape(b * k, -1).T).reshape(a, k, b, k)
     total = np.zeros_like(product)
     for (share, turn_a), (_, turn_b) in zip(one.halves, two.halves, strict=True):
-        own = _turned(product, _back(turn_a), _back(turn_b))
+        own = _turned(product, _transposed(turn_a), _transposed(turn_b))
         C = own.transpose(0, 3, 2, 1).copy()
         C[:, range(k), :, range(k)] += np.einsum("aibi->ab", own)
         total += share**2 * (product + _turned(C, turn_a, turn_b) / WISHART_DOF)
@@ -91,7 +91,7 @@ def covariance(one: Pulled, two: Pulled, s: FloatArray) -> FloatArray:
     return total.reshape(a * k, b * k)
 
 
-def _back(turn: FloatArray | None) -> FloatArray | None:
+def _transposed(turn: FloatArray | None) -> FloatArray | None:
     """Transpose rotations (m, k, k), which inverts them."""
     return None if turn is None else np.swapaxes(turn, -1, -2)
 

@@ -54,7 +54,7 @@ class JointShapes:
     def at(self, angle: FloatArray, poses: slice) -> FloatArray:
         """Shapes (m, c) of a slice of the poses, whose corrected angles are `angle` (m, n), rad."""
         if self._last is None or self._last[0] != poses:
-            self._last = (poses, self._still(poses))
+            self._last = (poses, self._constant_shapes(poses))
         shapes = self._last[1]
         if self._curves:
             shapes = shapes.copy()
@@ -66,7 +66,7 @@ class JointShapes:
         """Joint corrections (m, n), rad, from coefficients b (c,)."""
         return np.asarray(self.at(angle, poses) @ (self._along * b[:, None]))
 
-    def _still(self, poses: slice) -> FloatArray:
+    def _constant_shapes(self, poses: slice) -> FloatArray:
         """Shapes (m, c) that do not depend on corrections; columns of linearity deviations are left empty."""
         layout, readings = self._layout, self._poses
         turning = np.flatnonzero(layout.accuracy)

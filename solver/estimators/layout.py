@@ -79,9 +79,9 @@ class VarianceComponent:
 
     `stated` is the value in the files. With `scaled`, the logarithm of the ratio of its size to the stated one has a
     normal prior (method, section 10): the poses determine the size where they can, otherwise the stated value does.
-    Where a specification bounds an amplitude, `soft` is the mean variance of a prior and `wall` a limit that the
-    variance never exceeds; otherwise both are ``inf``. `leap` is a value to which one step may raise the variance from
-    any lower one. `spread_variance` is an estimate of the variance with `spread_dof` degrees of freedom, from spreads
+    Where a specification bounds an amplitude, `soft` is the mean variance of a prior and `ceiling` a limit that the
+    variance never exceeds; otherwise both are ``inf``. One step may raise the variance from any lower value to
+    `raise_limit`. `spread_variance` is an estimate of the variance with `spread_dof` degrees of freedom, from spreads
     within poses or from a specification.
     """
 
@@ -91,8 +91,8 @@ class VarianceComponent:
     stated: float
     scaled: bool = False
     soft: float = np.inf
-    wall: float = np.inf
-    leap: float = 0.0
+    ceiling: float = np.inf
+    raise_limit: float = 0.0
     spread_variance: float = 0.0
     spread_dof: int = 0
 
@@ -130,9 +130,8 @@ class Group:
 class Layout:
     """Groups and components of a closure model with stated errors, for readings `q` (m, n), rad.
 
-    `like` is a layout of the same poses, whose smooth functions are reused. `floors`, `walls`, `leaps`,
-    `quietest` and `scaled` (K,) are the corresponding values of the components, `index` their indices by name. `column`
-    (P,): column of each parameter, those without a prior first.
+    `like` is a layout of the same poses, whose smooth functions are reused. `floors`, `ceilings`, `raise_limits`,
+    `test_floors` and `scaled` (K,) are the values of the components, `index` their indices by name. `column` (P,): column of each parameter, those without a prior first.
     """
 
     def __init__(
@@ -178,10 +177,10 @@ class Layout:
         self._lay_out(names, group, like)
         self.index = {c.name: k for k, c in enumerate(self.components)}
         self.floors = np.array([c.floor for c in self.components])
-        self.walls = np.array([c.wall for c in self.components])
-        self.leaps = np.array([c.leap for c in self.components])
+        self.ceilings = np.array([c.ceiling for c in self.components])
+        self.raise_limits = np.array([c.raise_limit for c in self.components])
         # Single readings are not tested with less noise than expected, since their errors have tails.
-        self.quietest = np.array([c.start if c.scaled else c.floor for c in self.components])
+        self.test_floors = np.array([c.start if c.scaled else c.floor for c in self.components])
         self.scaled = np.array([c.scaled for c in self.components], dtype=bool)
         self.hard = len(self.hard_index)
         wide = [len(g.names) for g in self.groups]
@@ -212,7 +211,9 @@ class Layout:
             elif listed and source == PLACEMENT:
                 # The fixture's distance from its nominal placement implies nothing about the arm.
                 far = LARGEST_PLACEMENT_SCALE**2
-                self._group(source, listed, self._scale(PLACEMENT, floor=1.0, wall=far, leap=far))
+                self._group(
+                    source, listed, self._scale(PLACEMENT, floor=1.0, ceiling=far, raise_limit=far)
+                )
             elif listed:
                 self._group(source, listed, self._scale(source))
         turning = np.flatnonzero(self.accuracy)
@@ -247,7 +248,7 @@ class Layout:
                     floor=max(SMALLEST_SCALE * NON_REPEATABLE_SHARE * stated, LEAST_GIVE) ** 2,
                     stated=max(stated, LEAST_GIVE) ** 2,
                     scaled=stated > LEAST_GIVE,
-                    leap=FIRST_GIVE**2,
+                    raise_limit=FIRST_GIVE**2,
                 )
             )
         if self.backlash.any():
@@ -258,7 +259,7 @@ class Layout:
                     floor=(SMALLEST_SCALE * NON_REPEATABLE_SHARE) ** 2,
                     stated=1.0,
                     scaled=True,
-                    wall=LARGEST_SCALE**2,
+                    ceiling=LARGEST_SCALE**2,
                 )
             )
         return gives
@@ -307,7 +308,7 @@ class Layout:
                 start=stated,
                 floor=LEAST_CURVE**2 * stated,
                 stated=stated,
-                wall=25.0 * stated,
+                ceiling=25.0 * stated,
                 spread_variance=stated,
                 spread_dof=SPECIFICATION_DOF,
             )
@@ -353,9 +354,9 @@ class Layout:
                     start=1e-8,
                     floor=1e-8,
                     stated=1e-8,
-                    leap=0.04,
+                    raise_limit=0.04,
                     soft=1.0,
-                    wall=largest,
+                    ceiling=largest,
                 )
             )
         k = self.give_basis.phi.shape[1]
@@ -381,13 +382,19 @@ class Layout:
         name: str,
         *,
         floor: float = SMALLEST_SCALE**2,
-        wall: float = LARGEST_SCALE**2,
-        leap: float = 0.0,
+        ceiling: float = LARGEST_SCALE**2,
+        raise_limit: float = 0.0,
     ) -> int:
         """Add a component for a source whose size is as stated unless the poses show otherwise; return its index."""
         return self._component(
             VarianceComponent(
-                name=name, start=1.0, floor=floor, stated=1.0, scaled=True, wall=wall, leap=leap
+                name=name,
+                start=1.0,
+                floor=floor,
+                stated=1.0,
+                scaled=True,
+                ceiling=ceiling,
+                raise_limit=raise_limit,
             )
         )
 

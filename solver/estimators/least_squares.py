@@ -71,7 +71,7 @@ class Triangle:
 
         if not np.isfinite(self.T).all():
             return np.full(len(self.b), np.nan), np.nan
-        if damping == 0.0 and self._well_seen():
+        if damping == 0.0 and self._full_rank():
             plain, _ = lapack.dtrtrs(self.T, self.b)
             return np.asarray(-plain), 0.5 * float(self.b @ self.b)
         scale, U, s, Vt = self._scaled()
@@ -85,12 +85,12 @@ class Triangle:
         """``(J' J)^-1`` (P, P); the pseudo-inverse where some directions may be undetermined."""
         from scipy.linalg import lapack
 
-        if not self._well_seen():
+        if not self._full_rank():
             return np.asarray(np.linalg.pinv(self.T.T @ self.T, hermitian=True))
         inverse, _ = lapack.dtrtri(self.T)
         return np.asarray(inverse @ inverse.T)
 
-    def _well_seen(self) -> bool:
+    def _full_rank(self) -> bool:
         """Whether all directions are determined."""
         from scipy.linalg import lapack
 

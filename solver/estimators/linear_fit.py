@@ -141,7 +141,7 @@ class LinearFit:
         """
         v = self.design.as_stated(self.v)
         noise = self.design.noise_components
-        v[noise] = np.clip(self.v, np.minimum(self.design.quietest, v), v)[noise]
+        v[noise] = np.clip(self.v, np.minimum(self.design.test_floors, v), v)[noise]
         return LinearFit(self.design, self.system, v)
 
     @cached_property

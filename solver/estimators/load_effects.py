@@ -230,7 +230,7 @@ def load_basis(
     for number, (poses, one) in enumerate(placements):
         if max(give) > 0.0:
             ours = slice(number * give_columns, (number + 1) * give_columns)
-            deflection[poses, :, ours], missed[poses] = _gives(
+            deflection[poses, :, ours], missed[poses] = _load_deflection(
                 one, give, give_columns, None if again is None else again[poses]
             )
     return LoadBasis(
@@ -285,7 +285,7 @@ def _wrenches(
     return np.moveaxis(held, 1, -1)
 
 
-def _gives(
+def _load_deflection(
     part: ArmPoses, give: tuple[float, float], columns: int, torque: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
     """Deflection (m, k, c) in units of the stated one, and the variance left out (m, k).

@@ -187,7 +187,7 @@ def _iterate(
         fit = _solved(design, linearisation, v)
         if rounds == 1 and free and fit.chi2 > CHI2_LARGE_START * fit.dof:
             # The stated errors do not explain these readings: start with large deflections.
-            v = np.maximum(v, design.leaps)
+            v = np.maximum(v, design.raise_limits)
             fixed_fit = _iterate(design, x0, v, progress)
             if not fixed_fit.fit.chi2 <= CHI2_GIVE_UP * fixed_fit.fit.dof:
                 return fixed_fit
@@ -200,7 +200,9 @@ def _iterate(
         if free:
             derivatives = with_priors(fit)
             newton_step = step(fit, derivatives)
-            v = ascent.onward(fit, derivatives, newton_step, far=largest_step > COMPARABLE_SIGMA)
+            v = ascent.next_variances(
+                fit, derivatives, newton_step, far=largest_step > COMPARABLE_SIGMA
+            )
             if rounds >= FREE_ROUNDS and newton_step.slope < NEGLIGIBLE_GAIN:
                 # Not a reason to continue: the parameters converge with the present variances.
                 free, newton_step, v = False, ScoringStep.none(len(v)), fit.v
@@ -255,7 +257,9 @@ def expected_scales(fit: LinearFit, derivatives: Derivatives) -> FloatArray:
     At the mode, sigmas would not include the uncertainty of the sizes themselves. A size exp(t), t ~ N(t_mode, s^2),
     has the mean exp(t_mode + s^2 / 2); the variance is its square.
     """
-    return np.asarray(np.minimum(fit.v * np.exp(scale_spread(fit, derivatives)), fit.design.walls))
+    return np.asarray(
+        np.minimum(fit.v * np.exp(scale_spread(fit, derivatives)), fit.design.ceilings)
+    )
 
 
 def gravity_share(fit: LinearFit) -> float:

@@ -100,9 +100,9 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
     For estimated sizes it is a step of ``t = log(v) / 2``, as the log-likelihood is most nearly quadratic in t.
     """
     v, floor, scaled = fit.v, fit.design.floors, fit.design.scaled
-    wall, leap = fit.design.walls, fit.design.leaps
-    low = np.where(leap > 0.0, floor, np.maximum(floor, v / LARGEST_VARIANCE_RATIO))
-    high = np.minimum(wall, np.maximum(LARGEST_VARIANCE_RATIO * v, leap))
+    ceiling, raise_limit = fit.design.ceilings, fit.design.raise_limits
+    low = np.where(raise_limit > 0.0, floor, np.maximum(floor, v / LARGEST_VARIANCE_RATIO))
+    high = np.minimum(ceiling, np.maximum(LARGEST_VARIANCE_RATIO * v, raise_limit))
     rate = np.where(scaled, 2.0 * v, 1.0)
     known = np.diagonal(derivatives.information) * rate**2
     determined = (
@@ -111,7 +111,7 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
     size = np.sqrt(np.where(determined, known, 1.0))
     unit = rate / size
     score, moving = derivatives.score * unit, determined & ((v > floor) | (derivatives.score > 0.0))
-    moving &= (v < wall) | (score < 0.0)
+    moving &= (v < ceiling) | (score < 0.0)
 
     def changed(change: FloatArray) -> FloatArray:
         """Variances after a change in standard errors."""
@@ -169,7 +169,7 @@ class Ascent:
         self._share = 1.0
         self._wanted: float | None = None
 
-    def onward(
+    def next_variances(
         self, fit: LinearFit, derivatives: Derivatives, newton_step: ScoringStep, *, far: bool
     ) -> FloatArray:
         """Variances (K,) for the next round, `newton_step` being Newton's step from those of `fit`.

@@ -200,7 +200,7 @@ def estimate_of(settled: Settled, model: ClosureModel, q: FloatArray) -> Estimat
 def _by_name(variances: Mapping[str, float], layout: Layout) -> FloatArray:
     """Variances (K,) of a layout; those not named keep their start values."""
     v = np.array([variances.get(c.name, c.start) for c in layout.components])
-    return np.asarray(np.clip(v, layout.floors, layout.walls))
+    return np.asarray(np.clip(v, layout.floors, layout.ceilings))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -246,7 +246,7 @@ class ClosureModel(ABC):
         """
         return None
 
-    def stands_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Position and axis (3,) of the fixture, in the frame of `drawn`; None: no drawing."""
         return None
 

@@ -180,7 +180,7 @@ class DhLoop(ArmLoop):
         R_0, p_0 = frames.axes[0, 1], frames.origins_m[0, 1]
         return (frames.origins_m[0, 1:] - p_0) @ R_0, frames.axes[0, -1, :, 2] @ R_0
 
-    def stands_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Origin and z axis of frame -1, which are constant in frame 0."""
         still = np.zeros(self.joint_count)
         frames = self.frames(x, still[None, :], np.zeros((1, len(self.unsensed_rows))))

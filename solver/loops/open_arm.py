@@ -166,7 +166,7 @@ class MeasuredClosure(ArmLoop):
         target = frames.p_end[0] + frames.R_end[0] @ self.own_values(x)[0, 6:9]
         return np.concatenate((frames.origins_m[0], target[None, :])), np.zeros(3)
 
-    def stands_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Measured target position if the model is bound to one pose; None otherwise."""
         if self.endpoint_m is None or len(self.endpoint_m) != 1:
             return None

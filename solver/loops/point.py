@@ -110,7 +110,7 @@ class PointClosure(ArmLoop):
         ball = frames.p_end[0] + frames.R_end[0] @ self.own_values(x)[0, :3]
         return np.concatenate((frames.origins_m[0], ball[None, :])), np.zeros(3)
 
-    def stands_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Centre of the socket."""
         return self.own_values(x)[0, 3:], np.zeros(3)
 

@@ -144,7 +144,7 @@ def global_start(
     rng = np.random.default_rng(seed)
     start = _solve(model, sensed, q, starts, rng, progress)
     if start.best.rms > BRANCHES_MIXED_RMS and sensed.equations_per_pose == HINGE_EQUATIONS:
-        upright = _upright(sensed, q, starts, rng, progress)
+        upright = _main_branch(sensed, q, starts, rng, progress)
         if not upright.all():
             upright_poses = np.flatnonzero(upright)
             alone = _solve(
@@ -204,7 +204,7 @@ def _solve(
     return GlobalStart(minima=tuple(minima), starts=starts)
 
 
-def _upright(
+def _main_branch(
     model: ClosureModel,
     q: FloatArray,
     starts: int,

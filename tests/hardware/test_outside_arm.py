@@ -176,10 +176,10 @@ def test_a_stop_that_is_pressed_while_the_arm_is_being_closed_reaches_it(arm, pl
 
 
 def test_closing_an_arm_that_is_being_closed_waits_for_it(arm, plain):
-    going, on_the_way, answers = threading.Event(), threading.Event(), list[bool]()
+    going, watch_on_the_way, answers = threading.Event(), threading.Event(), list[bool]()
 
     def wait() -> None:
-        on_the_way.set()
+        watch_on_the_way.set()
         assert going.wait(5.0)
 
     plain.meanwhile = wait
@@ -187,7 +187,7 @@ def test_closing_an_arm_that_is_being_closed_waits_for_it(arm, plain):
         threading.Thread(target=lambda: answers.append(arm.close()), daemon=True) for _ in range(2)
     ]
     threads[0].start()
-    assert on_the_way.wait(5.0)
+    assert watch_on_the_way.wait(5.0)
     threads[1].start()
     threads[1].join(0.05)
     assert answers == []

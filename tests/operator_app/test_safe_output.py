@@ -21,7 +21,7 @@ from operator_app.headless.plain import StandardTerminal
 from operator_app.report.html.markup import element
 from operator_app.report.table import Column, FactTable
 from operator_app.report.text import aligned, paragraph, table_lines
-from operator_app.safe_output import MARK, harmless, lines, say
+from operator_app.safe_output import MARK, lines, sanitized, say
 from operator_app.session.store.folders import read_session
 from operator_app.session.store.journal import JOURNAL_NAME
 from operator_app.tui.theme import DARK, look
@@ -44,7 +44,7 @@ def obeyed(text: str, allowed: str = "\n") -> set[str]:
 
 @given(texts)
 def test_what_goes_out_is_text_and_as_long_as_before(text):
-    out = harmless(text)
+    out = sanitized(text)
     assert obeyed(out, allowed="") == set()
     assert len(out) == len(text)
     for before, after in zip(text, out, strict=True):
@@ -53,7 +53,7 @@ def test_what_goes_out_is_text_and_as_long_as_before(text):
 
 @given(st.text(alphabet=st.characters(categories=["L", "M", "N", "P", "S"])))
 def test_letters_marks_numbers_and_signs_stay(text):
-    assert harmless(text) == text
+    assert sanitized(text) == text
 
 
 @given(texts)

@@ -81,7 +81,7 @@ def loop_error(q_rad: np.ndarray) -> float:
 def in_the_loop(controller: VirtualController, reader: Callable[[], T]) -> T:
     """Run something where the drives live, and return what it says."""
     found: queue.SimpleQueue[T] = queue.SimpleQueue()
-    controller.unhang()
+    controller.resume_loop()
     controller.post(lambda: found.put(reader()))
     return found.get(timeout=10.0)
 
@@ -182,7 +182,7 @@ def session_with(
                 heed_stop(controller)
             then, moved_deg = lives_on(controller)
         finally:
-            controller.unhang()
+            controller.resume_loop()
             session.close("done")
         ended = come_to_hold(controller)
     used = session.state.used_poses

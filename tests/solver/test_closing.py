@@ -7,9 +7,9 @@ from scipy.linalg import lstsq, null_space
 from solver.chain.parameters import nominal_vector
 from solver.closing import (
     close_loops,
-    held_still,
     left_inverse,
     left_null_space,
+    measure_with_fixed,
     newton_step,
     reduced_equations,
 )
@@ -74,7 +74,7 @@ def test_left_inverse_is_the_least_squares_answer(unsensed):
 @pytest.mark.parametrize("held", [(), (2,)])
 def test_newton_step_is_the_smallest_that_closes(unsensed, held):
     error = random_loops(7 + unsensed, unsensed)
-    sigma = SIGMA * held_still(held, 7)
+    sigma = SIGMA * measure_with_fixed(held, 7)
     dq, du = newton_step(error, sigma)
     moving = [j for j in range(7) if sigma[j] > 0.0]
     for k in range(20):
@@ -93,7 +93,7 @@ def test_newton_step_is_the_smallest_that_closes(unsensed, held):
 
 def test_what_no_free_joint_closes_stays_open_and_moves_as_little_as_possible():
     error = random_loops(3, 1)
-    sigma = held_still((1, 2, 3, 4, 5), 7)
+    sigma = measure_with_fixed((1, 2, 3, 4, 5), 7)
     dq, _ = newton_step(error, sigma)
     reduced = reduced_equations(error)
     for k in range(20):

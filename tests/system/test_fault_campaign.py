@@ -244,7 +244,7 @@ def uploading(kind: str, joint: int = 4) -> Iterator[tuple[CanopenArm, bytes]]:
         arm.upload_parameters(whole)
         inject(controller, kind, joint)
         yield arm, whole
-        controller.unhang()
+        controller.resume_loop()
         arm.close()
         # Whatever came of it, what is active is one document, whole.
         held = controller.supervisor.active_document

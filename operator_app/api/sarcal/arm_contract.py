@@ -123,11 +123,11 @@ def fulfils(tried: Clause | Iterable[Clause]) -> None:
 
 
 def test_it_says_who_it_is(bench: ConnectedArm) -> None:
-    fulfils(clauses.names_itself(bench.identity, bench.procedure.arm.name, bench.n))
+    fulfils(clauses.identifies_itself(bench.identity, bench.procedure.arm.name, bench.n))
 
 
 def test_a_snapshot_is_a_fresh_picture_of_every_joint(bench: ConnectedArm) -> None:
-    fulfils(clauses.is_pictured(bench.arm, bench.n))
+    fulfils(clauses.has_valid_snapshot(bench.arm, bench.n))
 
 
 def test_samples_go_on(bench: ConnectedArm) -> None:

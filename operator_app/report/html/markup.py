@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from operator_app.report.parameter_tables import HEAT_STEPS
-from operator_app.safe_output import harmless
+from operator_app.safe_output import sanitized
 from operator_app.units import Figure, typeset
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def text(value: str) -> Html:
     """Return a string as markup: escaped, unless it is markup already."""
     if isinstance(value, Html):
         return value
-    return Html(html.escape(harmless(value, keep=WHITE_SPACE), quote=True))
+    return Html(html.escape(sanitized(value, keep=WHITE_SPACE), quote=True))
 
 
 def element(tag: str, *children: str, **attributes: Attribute) -> Html:

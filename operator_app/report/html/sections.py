@@ -31,9 +31,9 @@ from operator_app.units import (
     CLOSURE_ANGLE,
     CLOSURE_LENGTH,
     Figure,
-    and_the_others,
     joints_named,
     names,
+    others_free,
     plural,
 )
 from solver.diagnostics.rvdt import RvdtVerdict, Soundness
@@ -121,7 +121,7 @@ def sections_of(subject: Subject) -> tuple[Section, ...]:
             (detail if table.detail else brief).append(_of_table(subject, estimate, table))
     sections = [
         _warnings(subject),
-        _what(subject),
+        _provenance(subject),
         *brief,
         _joints(subject),
         _rvdt(subject),
@@ -214,7 +214,7 @@ def _rvdt(subject: Subject) -> Section | None:
         return None
     verdicts = () if subject.solution is None else subject.solution.rvdt
     content: list[str] = [
-        bullets(map(_judged, verdicts))
+        bullets(map(_rvdt_verdict, verdicts))
         if verdicts
         else remark("These poses allow no verdict on the RVDTs.")
     ]
@@ -233,7 +233,7 @@ def _rvdt(subject: Subject) -> Section | None:
     return Section(ident="rvdt", title="RVDT joints", content=tuple(content))
 
 
-def _judged(verdict: RvdtVerdict) -> Html:
+def _rvdt_verdict(verdict: RvdtVerdict) -> Html:
     text = prose(verdict.text + ".")
     if verdict.verdict in (Soundness.SOUND, Soundness.CANNOT_DECIDE):
         return text
@@ -254,7 +254,7 @@ def _poses(subject: Subject, estimate: Estimate | None) -> Section:
     return Section(ident="poses", title="Poses", content=(bullets(points), table))
 
 
-def _what(subject: Subject) -> Section:
+def _provenance(subject: Subject) -> Section:
     """Arm, fixture, time, software and pose set."""
     procedure = subject.procedure
     fixture = procedure.fixture
@@ -275,7 +275,7 @@ def _what(subject: Subject) -> Section:
         *([("Chosen beside it", chosen)] if chosen else []),
         (
             "Joints in position mode",
-            names(position) + and_the_others(len(position), procedure.arm.joint_count)
+            names(position) + others_free(len(position), procedure.arm.joint_count)
             if position
             else "not recorded",
         ),

@@ -180,7 +180,7 @@ def arm_pair(subject: Subject) -> Pair | None:
 
 
 def _seen(part: ClosureModel, x: FloatArray, q: FloatArray) -> _Seen | None:
-    drawn, stands = part.drawn(x, q), part.stands_at(x)
+    drawn, stands = part.drawn(x, q), part.fixture_axis(x)
     if drawn is None or stands is None:
         return None
     return _Seen(chain=drawn[0], hand_axis=drawn[1], pin=stands[0], pin_axis=stands[1])

@@ -23,8 +23,8 @@ from operator_app.units import (
     READING_SD,
     SPAN,
     Figure,
-    and_the_others,
     joints_named,
+    others_free,
     plural,
 )
 from solver.chain.arm_model import ArmModel, Joint
@@ -195,9 +195,9 @@ def _chain(chain: Chain) -> str:
     lines += _other_home(chain)
     lines += [paragraph(f"{name} is fixed: {reason}.") for name, reason in chain.held.items()]
     if outlook.seen is not None and not outlook.refused:
-        lines.append(_well("Poses over the whole reachable region", outlook.seen))
+        lines.append(_identifiability_text("Poses over the whole reachable region", outlook.seen))
     for file, identifiability in chain.poses:
-        lines.append(_well(f"The poses of {file}", identifiability))
+        lines.append(_identifiability_text(f"The poses of {file}", identifiability))
         lines += [
             paragraph(f"! not identifiable: {d}", indent=2) for d in identifiability.directions
         ]
@@ -210,7 +210,7 @@ def _freedom(chain: Chain) -> list[str]:
     outlook, n = chain.outlook, chain.arm.joint_count
     if outlook.mobility is None:
         return []
-    others = and_the_others(outlook.mobility, n)
+    others = others_free(outlook.mobility, n)
     lines = [
         f"Mobility {outlook.mobility}: exactly {plural(outlook.mobility, 'joint')} in position mode{others}."
     ]
@@ -238,7 +238,9 @@ def _other_home(chain: Chain) -> list[str]:
     well = (
         []
         if outlook.seen is None
-        else [_well("Poses over the whole region reachable from there", outlook.seen)]
+        else [
+            _identifiability_text("Poses over the whole region reachable from there", outlook.seen)
+        ]
     )
     return [
         paragraph(
@@ -251,7 +253,7 @@ def _other_home(chain: Chain) -> list[str]:
     ]
 
 
-def _well(what: str, identifiability: Identifiability) -> str:
+def _identifiability_text(what: str, identifiability: Identifiability) -> str:
     if identifiability.directions:
         return paragraph(
             f"{what} determine only {identifiability.rank} combinations of the parameters."
@@ -295,14 +297,16 @@ def _chain_data(chain: Chain) -> dict[str, Any]:
         "checks": [c.data for c in outlook.checks],
         "parameters": [p.name for p in outlook.parameters],
         "held": dict(chain.held),
-        "seen": None if outlook.seen is None else _seen(outlook.seen),
-        "poses": {file: _seen(identifiability) for file, identifiability in chain.poses},
+        "seen": None if outlook.seen is None else _identifiability_data(outlook.seen),
+        "poses": {
+            file: _identifiability_data(identifiability) for file, identifiability in chain.poses
+        },
         "unfit": dict(chain.unfit),
         "assumed": list(arm.assumed),
     }
 
 
-def _seen(identifiability: Identifiability) -> dict[str, Any]:
+def _identifiability_data(identifiability: Identifiability) -> dict[str, Any]:
     return {
         "rank": identifiability.rank,
         "scaled_condition_number": Figure(identifiability.scaled_condition_number).in_json,

@@ -22,10 +22,10 @@ from operator_app.units import (
     CONDITION,
     NOISE_ANGLE,
     Figure,
-    and_the_others,
     in_json,
     joints_named,
     names,
+    others_free,
     plural,
     quantity_of,
 )
@@ -157,7 +157,7 @@ def _about(folder: Path, state: SessionState, procedure: str, torn: str) -> list
         ("poses read from", state.imported),
         (
             "in position mode",
-            f"{joints_named(position)}{and_the_others(len(position), len(state.modes))}"
+            f"{joints_named(position)}{others_free(len(position), len(state.modes))}"
             if position
             else "",
         ),

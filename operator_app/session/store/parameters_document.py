@@ -107,7 +107,7 @@ def parameters_document(
             chi2_per_dof=estimate.chi2_per_dof,
         ),
         warnings=(
-            *_in_spite_of(solution, forced),
+            *_forced_warning(solution, forced),
             *_several(solution.model, state),
             *(DocumentWarning(code=n.code, text=n.sentence) for n in solution.warnings),
         ),
@@ -201,7 +201,7 @@ def rvdt_remedy(table: ReadingTable) -> RvdtRemedy:
     )
 
 
-def _in_spite_of(solution: Solution, reason: str) -> tuple[DocumentWarning, ...]:
+def _forced_warning(solution: Solution, reason: str) -> tuple[DocumentWarning, ...]:
     if solution.accepted:
         return ()
     refused = f"not accepted ({'; '.join(solution.reasons)})"

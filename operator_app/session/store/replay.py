@@ -48,13 +48,13 @@ def apply(state: SessionState, event: JournalEvent) -> SessionState:
             )
         case "resumed":
             settings = {**state.settings, **data["settings"]}
-            return replace(_another_try(state), resumed=True, settings=settings)
+            return replace(_with_skipped_open(state), resumed=True, settings=settings)
         case "imported":
             return replace(state, imported=data["file"], serial_number=data["serial_number"])
         case "connected":
             serials = {n["node"]: n["serial_number"] for n in data.get("nodes", ())}
             return replace(
-                _another_try(state),
+                _with_skipped_open(state),
                 serial_number=data["serial_number"],
                 # The nodes that captured the poses stay the reference.
                 node_serials=state.node_serials if state.poses else serials,
@@ -196,7 +196,7 @@ def _apply_results(state: SessionState, event: JournalEvent) -> SessionState:
             return state
 
 
-def _another_try(state: SessionState) -> SessionState:
+def _with_skipped_open(state: SessionState) -> SessionState:
     """Return the state in which skipped waypoints will be tried again."""
     return replace(
         state, visited=state.visited - state.skipped_waypoints, skipped_waypoints=frozenset()

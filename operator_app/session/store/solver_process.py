@@ -119,7 +119,7 @@ class SolvingProcess:
                     return result
         except (EOFError, OSError) as gone:
             raise SessionError(
-                f"The solver process ended by itself ({self._how_it_ended()})",
+                f"The solver process ended by itself ({self._exit_text()})",
                 "All poses are kept: calibrate again. If it happens again, close programs that use much memory",
             ) from gone
 
@@ -143,7 +143,7 @@ class SolvingProcess:
             other_end.close()
         return self._connection
 
-    def _how_it_ended(self) -> str:
+    def _exit_text(self) -> str:
         code = None if self._process is None else self._process.wait()
         if code is None or code >= 0:
             return f"exit code {code}"

@@ -252,7 +252,7 @@ class SessionState:
             for r in self.repeats
         )
 
-    def wanted_poses(self, capture: CapturePlan) -> int:
+    def required_poses(self, capture: CapturePlan) -> int:
         """Number of poses that the procedure requires; those of a plan come in addition to explored ones."""
         used = self.used_poses
         if capture.strategy != "planned":

@@ -13,7 +13,7 @@ from operator_app.session.ui.operations import Operations
 from operator_app.session.ui.snapshot import Level, SessionSnapshot, TaskKind
 from operator_app.session.ui.user_interface import ActionContext, OneOf, Typed, YesNo
 from operator_app.session.workflow.remounting import remounting_steps
-from operator_app.units import MOVED, and_the_others, joints_named, names
+from operator_app.units import MOVED, joints_named, names, others_free
 
 VERIFY_POSES = 5
 
@@ -76,7 +76,7 @@ def _modes_text(s: SessionSnapshot) -> str:
 
 
 def _wanted(s: SessionSnapshot, word: str) -> str:
-    others = and_the_others(len(s.wanted_joints), s.procedure.arm.joint_count)
+    others = others_free(len(s.wanted_joints), s.procedure.arm.joint_count)
     return f"{names(f'J{j}' for j in s.wanted_joints)} {word} position mode{others}"
 
 
@@ -236,7 +236,7 @@ def hold(context: ActionContext) -> None:
 
 def apply_prompt(s: SessionSnapshot) -> str:
     """Return the prompt of `apply_modes`."""
-    others = and_the_others(len(s.wanted_joints), s.procedure.arm.joint_count)
+    others = others_free(len(s.wanted_joints), s.procedure.arm.joint_count)
     return f"Put {joints_named(s.wanted_joints)} into position mode{others}"
 
 

@@ -218,8 +218,8 @@ def may_run_automatically(s: SessionSnapshot) -> Missing:
     """Automatic capture also requires that some poses have not been taken yet."""
     if missing := may_move(s):
         return missing
-    if len(s.state.used_poses) >= s.wanted_poses:
-        return (f"all {s.wanted_poses} poses are captured",)
+    if len(s.state.used_poses) >= s.required_poses:
+        return (f"all {s.required_poses} poses are captured",)
     return ()
 
 

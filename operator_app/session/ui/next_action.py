@@ -10,7 +10,7 @@ from operator_app.session.ui.guards import missing_for, modes_problem, moves_rea
 from operator_app.session.ui.message_log import needs_reconnect
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKind
 from operator_app.session.ui.steps import Step
-from operator_app.units import and_the_others, names
+from operator_app.units import names, others_free
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +140,7 @@ def _modes(s: SessionSnapshot) -> NextAction:
             "do what the alarm says; then Enter applies the modes again, or N starts a new session",
         )
     driven = names(f"J{k}" for k in marked)
-    others = and_the_others(len(marked), s.procedure.arm.joint_count)
+    others = others_free(len(marked), s.procedure.arm.joint_count)
     return NextAction(
         "apply_modes",
         "Apply modes",
@@ -153,7 +153,7 @@ def _capture(s: SessionSnapshot) -> NextAction:
         return _CONNECT_AGAIN
     missing = missing_for(Step.CAPTURE, s)
     used = len(s.state.used_poses)
-    poses_left = s.wanted_poses - used
+    poses_left = s.required_poses - used
     if poses_left > 0 and missing:
         return NextAction("back", "Back to Modes", f"{missing[0]}; Enter goes back there")
     if poses_left > 0:

@@ -23,7 +23,7 @@ from operator_app.session.workflow.drive_selection import (
 )
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from operator_app.units import MOVED, READING_SD, and_the_others, names
+from operator_app.units import MOVED, READING_SD, names, others_free
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector
 from solver.design.actions import GoTo
@@ -64,7 +64,7 @@ class Operations:
 
     def connect(self) -> None:
         """Connect to the arm, check it, and check the fixture at the current pose."""
-        self._session.let_go()
+        self._session.release_holding()
         self._publisher.publish(lambda s: replace(s, identity=None))
         try:
             identity = self._session.connect()
@@ -129,7 +129,7 @@ class Operations:
         session = self._session
         session.set_modes(position_joints)
         driven = names(f"J{j}" for j in position_joints)
-        others = and_the_others(len(position_joints), len(session.state.modes))
+        others = others_free(len(position_joints), len(session.state.modes))
         self._publisher.say(Level.INFO, f"{driven} in position mode{others}: read back")
         start = session.state.start_rad
         if start is not None:

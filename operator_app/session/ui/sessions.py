@@ -9,7 +9,7 @@ from pathlib import Path
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.config.resources import builtin_names
-from operator_app.errors import JournalLostError, NotLetGoError, SessionError
+from operator_app.errors import DrivesNotOffError, JournalLostError, SessionError
 from operator_app.session.store.folders import SessionEntry, list_sessions
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.snapshot import Level
@@ -70,7 +70,7 @@ class Sessions:
         self.held: bool | None = None
         self.exported = False
         self.lost: JournalLostError | None = None
-        self.not_held: NotLetGoError | None = None
+        self.not_held: DrivesNotOffError | None = None
 
     def new(self, procedure: str | None = None) -> Runner:
         """Start a session; if a procedure is named, it becomes the default."""
@@ -97,7 +97,7 @@ class Sessions:
         session = self._runner.session
         folder, number = session.journal.path.parent, session.state.placement + 1
         self.close("the fixture is remounted")
-        session.require_let_go()
+        session.require_drives_off()
         record_in(folder, "remounting", number)
         runner = self.resumed(str(folder))
         runner.say(

@@ -205,9 +205,9 @@ class SessionSnapshot:
         return "" if self.arm is None else self.arm.stopped_for
 
     @property
-    def wanted_poses(self) -> int:
+    def required_poses(self) -> int:
         """Number of poses that the procedure asks for."""
-        return self.state.wanted_poses(self.procedure.capture)
+        return self.state.required_poses(self.procedure.capture)
 
     @property
     def modes(self) -> tuple[JointMode, ...]:

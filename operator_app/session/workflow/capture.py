@@ -178,7 +178,7 @@ def outlier_warning(session: Session) -> str:
     "" if it fits, or if no further pose is wanted.
     """
     state, unsensed = session.state, session.procedure.unsensed_joints
-    if len(state.used_poses) >= state.wanted_poses(session.procedure.capture):
+    if len(state.used_poses) >= state.required_poses(session.procedure.capture):
         return ""
     poses = state.here.pose_set()
     if not is_unpredicted(

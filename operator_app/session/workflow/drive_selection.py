@@ -288,6 +288,6 @@ def explore(session: Session, listener: Listener, after_pose: Callable[[], None]
                 listener.report(f"Skipped: {lost.happened}.")
                 continue
             listener.pose_captured(
-                session.state, session.state.wanted_poses(session.procedure.capture)
+                session.state, session.state.required_poses(session.procedure.capture)
             )
             after_pose()

@@ -74,11 +74,11 @@ def export(
         try:
             receipt = _upload(session.arm, data, counts)
         except (UploadUnknown, SessionError) as error:
-            _keep(session, {**record, "unknown": str(error)}, report=str(error))
+            _record_export(session, {**record, "unknown": str(error)}, report=str(error))
             raise
         record["uploaded"] = asdict(receipt)
     done = f"the parameters were uploaded to slot {receipt.slot} and read back" if receipt else ""
-    _keep(session, record, report=done)
+    _record_export(session, record, report=done)
     return Exported(
         folder=folder,
         parameters=folder / PARAMETERS_NAME,
@@ -88,7 +88,7 @@ def export(
     )
 
 
-def _keep(session: Session, exported: Mapping[str, Any], *, report: str) -> None:
+def _record_export(session: Session, exported: Mapping[str, Any], *, report: str) -> None:
     """Record the export; if that fails, the error begins with `report`, which states how far the upload got."""
     try:
         session.record("exported", exported)

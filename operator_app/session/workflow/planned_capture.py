@@ -97,7 +97,7 @@ class PlannedCapture:
         session = self._session
         log = session.state.campaign
         self.campaign, self._moved, self._ended = None, False, None
-        if not log.begun or not log_is_current(session.state, self._wanted()):
+        if not log.begun or not log_is_current(session.state, self._required_settings()):
             return self._chosen
         if log.ended:
             # An incomplete campaign is tried again, with the poses so far.
@@ -156,13 +156,13 @@ class PlannedCapture:
         while True:
             phase, made = campaign.phase, campaign.plan
             action = campaign.propose()
-            self._tell(campaign, phase, made is not campaign.plan)
+            self._report_plan(campaign, phase, made is not campaign.plan)
             match action:
                 case Finished():
                     return self._end(action)
                 case Capture():
                     pose = session.capture(planned=action.planned)
-                    total = session.state.wanted_poses(session.procedure.capture)
+                    total = session.state.required_poses(session.procedure.capture)
                     self._listener.pose_captured(session.state, total)
                     after_pose()
                     campaign.captured(pose.mean_rad)
@@ -187,7 +187,7 @@ class PlannedCapture:
         """
         campaign = None if self._moved else self.campaign
         first = self._session.state.used_poses[0].mean_rad
-        moves = None if campaign is None else campaign.way_to(first)
+        moves = None if campaign is None else campaign.moves_to(first)
         if campaign is None or moves is None:
             return NO_WAY_BACK, []
         session, stops = self._session, list[Mapping[int, float]]()
@@ -259,7 +259,7 @@ class PlannedCapture:
             )
         self._moved = False
 
-    def _tell(self, campaign: Campaign, before: Phase, planned: bool) -> None:  # noqa: FBT001
+    def _report_plan(self, campaign: Campaign, before: Phase, planned: bool) -> None:  # noqa: FBT001
         """Report a new plan."""
         if not planned or campaign.plan is None or campaign.estimate is None:
             return
@@ -292,7 +292,7 @@ class PlannedCapture:
 
     # -- beginning and replaying -----------------------------------------------------------------
 
-    def _wanted(self) -> dict[str, Any]:
+    def _required_settings(self) -> dict[str, Any]:
         """Settings of the campaign that the procedure asks for."""
         own = self._session.procedure
         return {
@@ -313,7 +313,7 @@ class PlannedCapture:
         session.record(
             "campaign",
             {
-                **self._wanted(),
+                **self._required_settings(),
                 "drive_sets": [
                     list(self._chosen),
                     *(list(d) for d in sets if d != self._chosen),

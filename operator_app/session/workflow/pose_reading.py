@@ -195,7 +195,7 @@ class PoseReader:
                 timeout_syncs=self._rule.timeout_syncs,
             )
 
-    def _restless(self) -> str:
+    def _largest_spread_text(self) -> str:
         """Return text on which joint exceeds its spread limit most; "" if none does any longer."""
         limits = np.asarray(self._rule.spread_rad(self._logbook.model))
         try:
@@ -213,7 +213,7 @@ class PoseReader:
         """Wait for standstill and measure a pose; records nothing."""
         if not self.settle():
             raise GuardError(
-                f"the arm does not come to rest{self._restless()}",
+                f"the arm does not come to rest{self._largest_spread_text()}",
                 "find what moves it, then capture again",
             )
         with self._sensor_faults.recorded():

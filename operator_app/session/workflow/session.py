@@ -31,10 +31,10 @@ from operator_app.calibration.closed_loops import FixtureRefusedError
 from operator_app.config.procedure import Procedure
 from operator_app.errors import (
     Cancelled,
+    DrivesNotOffError,
     GuardError,
     JournalError,
     JournalLostError,
-    NotLetGoError,
 )
 from operator_app.messages.errors import by_hand_words
 from operator_app.planning.drives import modes_problem
@@ -63,7 +63,7 @@ class Session(Logbook):
     unresolved_joints
         Joints (1-based) whose shift since the last pose, if any, would not show at the current pose.
     held
-        Whether the arm confirmed, at the last `let_go`, that no drive follows commands any longer.
+        Whether the arm confirmed, at the last `release_holding`, that no drive follows commands any longer.
     """
 
     def __init__(
@@ -323,7 +323,7 @@ class Session(Logbook):
 
     # -- end -------------------------------------------------------------------------------------
 
-    def let_go(self) -> bool:
+    def release_holding(self) -> bool:
         """Release the arm, holding its position, so that it can be connected again.
 
         False if the arm did not confirm that it holds.
@@ -344,14 +344,14 @@ class Session(Logbook):
         return self.held
 
     def close(self, reason: str) -> bool:
-        """Release the arm as `let_go` does, and close the journal; False if the arm does not hold.
+        """Release the arm as `release_holding` does, and close the journal; False if the arm does not hold.
 
         Safe to call twice.
         """
         try:
             # If this entry cannot be written, neither can the last one, whose error is raised.
             with suppress(JournalError):
-                self.let_go()
+                self.release_holding()
             return self.held
         finally:
             self._reader.close_instrument()
@@ -365,14 +365,14 @@ class Session(Logbook):
                 self.journal.close()
 
     @property
-    def not_held(self) -> NotLetGoError | None:
-        """The error to raise if the arm did not confirm after `let_go` that it holds; None if it did."""
-        return None if self.held else NotLetGoError(self._powered)
+    def not_held(self) -> DrivesNotOffError | None:
+        """The error to raise if the arm did not confirm after `release_holding` that it holds; None if it did."""
+        return None if self.held else DrivesNotOffError(self._powered)
 
-    def require_let_go(self) -> None:
-        """Raise NotLetGoError unless all drives are known to be off, since otherwise nobody may touch the fixture."""
+    def require_drives_off(self) -> None:
+        """Raise DrivesNotOffError unless all drives are known to be off; only then may the fixture be touched."""
         if self._powered or not self.held:
-            raise NotLetGoError(self._powered)
+            raise DrivesNotOffError(self._powered)
 
     def require_journal(self, *, unchanged: bool = False) -> None:
         """Raise JournalLostError, and hold the arm, if the journal is lost."""

@@ -85,11 +85,11 @@ class CalibratePlot(Lines):
         """Return the plot of costs or of residuals."""
         ascii_only: bool = self.app.look.ascii_only  # type: ignore[attr-defined]
         if (subject := subject_on(s)) is not None and s.solution is not None:
-            self.retitle("Residual of each pose")
+            self.set_title("Residual of each pose")
             picture = misses(subject, s.solution.identified)
             return plot(picture, width, height, ascii_only=ascii_only)
         if len(s.iterations) >= 2:
-            self.retitle("Cost by iteration")
+            self.set_title("Cost by iteration")
             return plot(costs(s.iterations), width, height, ascii_only=ascii_only)
         return [(), line((" nothing solved yet", "dim"))]
 

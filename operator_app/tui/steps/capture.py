@@ -47,7 +47,10 @@ class StillPanel(Lines):
 def _target(s: SessionSnapshot) -> Line:
     if s.heading is not None:
         return short_entry("Target", f"{_angles(s.heading.targets_rad)}: {s.heading.why}")
-    if s.procedure.capture.strategy == "planned" and len(s.state.used_poses) >= s.wanted_poses > 0:
+    if (
+        s.procedure.capture.strategy == "planned"
+        and len(s.state.used_poses) >= s.required_poses > 0
+    ):
         return short_entry("Target", "none: the plan is complete")
     if s.next_waypoint is None or not s.plan:
         return short_entry("Target", "none left" if s.plan else "no plan yet")
@@ -133,7 +136,7 @@ class ProgressPanel(Lines, can_focus=False):
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Return the progress bar."""
-        used, total = len(s.state.used_poses), s.wanted_poses
+        used, total = len(s.state.used_poses), s.required_poses
         time_left = _time_left(s)
         placement = f"Placement {s.state.placement}  " if s.state.placement > 1 else ""
         head, tail = (
@@ -147,7 +150,7 @@ class ProgressPanel(Lines, can_focus=False):
 
 def _time_left(s: SessionSnapshot) -> str:
     """Return the remaining time, estimated from times between captures in this run, without pauses and manual poses."""
-    used, total = s.state.used_poses, s.wanted_poses
+    used, total = s.state.used_poses, s.required_poses
     if len(used) >= total:
         return "complete    "
     if s.task is None or s.task.kind is not TaskKind.AUTOMATIC:
@@ -217,7 +220,7 @@ def _condition(s: SessionSnapshot, width: int) -> Line:
     shown = CONDITION(value).shown
     good = value < ACCEPTABLE
     role, word = ("bold", "ok") if good else ("warn", f"▲ over {ACCEPTABLE}")
-    if not good and len(s.state.used_poses) < s.wanted_poses:
+    if not good and len(s.state.used_poses) < s.required_poses:
         # It is high for few poses, and later poses reduce it: no remedy is needed.
         role, word = "bold", "so far"
     more = f" (limit {ACCEPTABLE}, paper {PAPER})" if width > 40 else f" (paper {PAPER})"

@@ -30,7 +30,7 @@ class BusPanel(Lines):
         return [
             short_entry("Bus", s.bus, ("   " + rate, "text")),
             short_entry("Procedure", f"{s.procedure.name}: {s.procedure.arm.name} in "
-                 f"{s.procedure.fixture.name}, {s.wanted_poses} poses", ("   (p: another)", "dim")),
+                 f"{s.procedure.fixture.name}, {s.required_poses} poses", ("   (p: another)", "dim")),
             short_entry("Session", session if len(session) < width - 12 else "…" + session[-width + 13:]),
         ]  # fmt: skip
 

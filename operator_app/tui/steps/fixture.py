@@ -106,7 +106,7 @@ def _ranges(s: SessionSnapshot) -> list[Line]:
         return []
     cells = []
     for k, joint in enumerate(s.procedure.arm.joints, 1):
-        low, high = s.forecast.span_rad(k, s.wanted_poses)
+        low, high = s.forecast.span_rad(k, s.required_poses)
         near = min(low - joint.lower_rad, joint.upper_rad - high) < NEAR_END_RAD
         span = f"{REACH(low).shown:>6} to {REACH(high).shown:>6}"
         cells.append((f" {'▲' if near else ' '} J{k} {span}", near))

@@ -13,7 +13,7 @@ from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import JointTable
 from operator_app.tui.widgets.pictures import ArmView
-from operator_app.units import and_the_others
+from operator_app.units import others_free
 
 
 class PlanPanel(Lines):
@@ -34,7 +34,7 @@ class PlanPanel(Lines):
             short_entry(
                 "Marked",
                 (names, "bold"),
-                f" in position mode{and_the_others(len(marked), s.procedure.arm.joint_count)}",
+                f" in position mode{others_free(len(marked), s.procedure.arm.joint_count)}",
             )
         ]
         if marked == s.procedure.position_joints and s.ranked and marked != s.ranked[0].drives:

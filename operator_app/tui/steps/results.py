@@ -146,7 +146,7 @@ class ResultsPlot(Lines):
 
     def _entitle(self, title: str) -> None:
         self._title = title
-        self.retitle(f"{title} (v: next)")
+        self.set_title(f"{title} (v: next)")
 
     def _page(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         ascii_only: bool = self.app.look.ascii_only  # type: ignore[attr-defined]

@@ -150,10 +150,10 @@ class ArmView(Lines):
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Return the drawing, made again only if a joint moved visibly."""
         if s.arm is None:
-            self.retitle("Arm")
+            self.set_title("Arm")
             return [(), line((" no arm connected", "dim"))]
         if s.data is DataState.LOST:
-            self.retitle("Arm")
+            self.set_title("Arm")
             return [(), *wrapped(" ▲ data LOST: the arm is not drawn", width, "warn", "   ")]
         q = s.arm.positions_rad
         x = s.live.x if s.live is not None and s.live.estimated else None
@@ -165,7 +165,7 @@ class ArmView(Lines):
         if news or (self._turn and np.abs(q - self._at).max() > VISIBLE_RAD):
             self._drawn = self._draw(s, q, x, width, height, redraw=news)
             self._figures, self._things, self._at = figures, things, q
-        self.retitle("Arm (dotted: next pose)" if any(map(len, self._next)) else "Arm")
+        self.set_title("Arm (dotted: next pose)" if any(map(len, self._next)) else "Arm")
         return self._drawn
 
     def _draw(

@@ -143,7 +143,7 @@ def test_a_heartbeat_that_waits_as_this_loop_is_late_is_not_lost(arm, waits):
     if waits:
         arm.peer.beat()
     arm.clock.time_s += 3.0
-    arm.controller.unhang()
+    arm.controller.resume_loop()
     assert arm.peer.unsigned(16, 0x2010) == 127
     arm.passes(0.3)
     assert [word & STATE for word in words(arm)] == [0x27] * 7

@@ -125,7 +125,7 @@ def test_an_arm_that_hangs_does_not_hang_its_operator(bus, controller):
     controller.hang()
     sync(bus)
     assert answers(bus, 0.05) == 0
-    controller.unhang()
+    controller.resume_loop()
     deadline = time.monotonic() + 30.0
     while not (found := answers(bus, 0.05)) and time.monotonic() < deadline:
         pass

@@ -161,7 +161,7 @@ def test_a_hanging_loop_is_heard_to_hang(arm):
     arm.peer.send(0x080)  # taken off the bus, then the loop hangs
     arm.clock.time_s += 1.0
     assert arm.peer.receive(0.1) is None
-    arm.controller.unhang()
+    arm.controller.resume_loop()
     arm.peer.wait_for(lambda number, _: number == 0x710)
 
 

@@ -196,7 +196,7 @@ def test_a_command_given_up_by_its_client_is_not_answered_later(arm):
     arm.controller.hang()  # so that both frames are taken in before the work is done
     arm.peer.send(0x610, b"\x2f\x02\x20\x00\x01\x00\x00\x00")
     arm.peer.send(0x610, struct.pack("<BHB4x", 0x40, 0x1000, 0))
-    arm.controller.unhang()
+    arm.controller.resume_loop()
     answer = arm.peer.wait_for(lambda n, data: n == 0x590 and data[1:3] == b"\x00\x10")[1]
     assert answer[0] == 0x43
     assert arm.peer.unsigned(16, 0x1018, 4) == 7

@@ -80,7 +80,7 @@ def test_every_kind_can_be_asked_for_and_breaks_nothing_of_the_program(kind):
         while controller.sync_count == 0 and time.monotonic() < until_s:
             peer.send(0x080)
             peer.receive(0.02)
-            controller.unhang()
+            controller.resume_loop()
         assert controller.sync_count > 0
         assert len(happened) == len(script) > 0
     assert controller.failure is None

@@ -38,7 +38,7 @@ def test_an_arm_that_did_not_answer_is_not_said_to_be_held(source, monkeypatch):
 
 def test_of_an_arm_that_is_not_connected_any_more_nothing_is_said(source):
     assert source.runner is not None
-    source.runner.session.let_go()
+    source.runner.session.release_holding()
     assert left(source).startswith("sarcal: Session ")
 
 

@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 from operator_app.config.csv_table import MOST_PROBLEMS
 from operator_app.config.errors import ConfigError
 from operator_app.config.poses_file import format_poses, load_poses, parse_poses, save_poses
-from operator_app.safe_output import harmless
+from operator_app.safe_output import sanitized
 from solver.chain.poses import PoseSet
 from tests.oracles.identity import same
 
@@ -268,7 +268,7 @@ def test_words_are_no_formula_and_no_escape_in_the_file_and_come_back(words):
     for cell in texts:
         assert not cell.lstrip().startswith(("=", "+", "-", "@"))
         assert not cell.startswith(("\t", "\r", "\n"))
-        assert harmless(cell, keep="\t\n") == cell
+        assert sanitized(cell, keep="\t\n") == cell
     again = parse_poses(file, "p.csv").poses
     assert (again.label, again.utc, again.notes) == (poses.label, poses.utc, poses.notes)
 

@@ -9,7 +9,7 @@ from operator_app.config.atomic import dump_strict
 from operator_app.config.errors import ConfigError
 from operator_app.config.urdf_editing import format_urdf
 from operator_app.config.urdf_reading import arm_file_of, parse_urdf
-from operator_app.config.urdf_rows import meant_deg, origin_words, rotation_of_rpy
+from operator_app.config.urdf_rows import exact_deg, origin_words, rotation_of_rpy
 from tests.oracles.urdfs import joint, places, robot
 
 HALF = "1.5707963267948966"
@@ -66,7 +66,7 @@ def test_what_is_written_of_hayatis_rows_reads_as_the_same_arm():
      ("0.0", None), ("0.0000", None), ("1.5", None), (HALF, None), ("1e-5", None), ("3.1", None)],
 )  # fmt: skip
 def test_a_rounded_angle_is_taken_for_what_it_means(word, deg):
-    assert meant_deg(word) == deg
+    assert exact_deg(word) == deg
 
 
 def test_a_rounded_half_turn_makes_neighbours_parallel_and_is_reported():

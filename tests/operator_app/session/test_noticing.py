@@ -178,7 +178,7 @@ def test_why_an_arm_was_stopped_by_itself_is_kept_once_and_the_pose_read_then_do
     "forgets",
     [
         lambda session: session.reset_stop(),
-        lambda session: session.let_go(),
+        lambda session: session.release_holding(),
         lambda session: session.close("left"),
     ],
     ids=["reset", "connect anew", "close"],

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from hardware.control.canopen_arm import CanopenArm
-from operator_app.errors import GuardError, NotLetGoError, SessionError
+from operator_app.errors import DrivesNotOffError, GuardError, SessionError
 from operator_app.exit_codes import exit_code
 from operator_app.headless.console import ConsoleListener
 from operator_app.headless.procedure_run import next_placement, require_mounted, words
@@ -70,8 +70,8 @@ def test_a_new_mounting_begins_anew_and_keeps_the_poses():
     assert state.here.used_poses == ()
     assert state.here.repeats == ()
     procedure = begin("hinge", Choices(poses=12, placements=2), root=Path()).procedure
-    assert before.wanted_poses(procedure.capture) == 12
-    assert state.wanted_poses(procedure.capture) == 24
+    assert before.required_poses(procedure.capture) == 12
+    assert state.required_poses(procedure.capture) == 24
 
 
 def test_poses_of_the_second_mounting_are_told_apart():
@@ -211,7 +211,7 @@ def test_nobody_is_sent_to_an_arm_that_did_not_answer(session):
     session.arm.close = lambda: False
     session.close("the fixture is mounted anew")
     with pytest.raises(SessionError, match="did not answer"):
-        session.require_let_go()
+        session.require_drives_off()
 
 
 @pytest.mark.parametrize("held", [True, False])
@@ -220,8 +220,10 @@ def test_nobody_is_sent_to_an_arm_with_power_in_it(session, held):
     session.arm.left_powered = (2, 5)
     session.arm.close = lambda: held
     assert session.close("the fixture is mounted anew") is held
-    with pytest.raises(NotLetGoError, match="drives of joints 2, 5 are still powered") as refused:
-        session.require_let_go()
+    with pytest.raises(
+        DrivesNotOffError, match="drives of joints 2, 5 are still powered"
+    ) as refused:
+        session.require_drives_off()
     assert "hardware stop" in refused.value.remedy
     assert exit_code(refused.value) == 3
     assert (session.not_held is None) is held

@@ -35,8 +35,8 @@ def session(make_session):
     return make_session(short_procedure(2, packaged="hinge_planned"))
 
 
-def wanted_poses(session: Session) -> int:
-    return first_picture(session).wanted_poses
+def required_poses(session: Session) -> int:
+    return first_picture(session).required_poses
 
 
 @pytest.mark.campaign
@@ -48,19 +48,19 @@ def test_automatic_capture_follows_the_plan_and_can_be_ended(session):
     assert "reaches" in publisher.shown.ranked[0].reasons[0]
     assert session.state.modes == ()
     work.set_modes(session.state.drives)
-    assert wanted_poses(session) == 2
+    assert required_poses(session) == 2
 
     publisher.end_after = 3
     with pytest.raises(Cancelled):
         work.automatic()
     assert len(session.state.poses) == 3
-    assert wanted_poses(session) == 5
+    assert required_poses(session) == 5
 
     publisher.end_after = None
     work.automatic()
     used = session.state.used_poses
     assert sum(p.planned for p in used) == 2
-    assert wanted_poses(session) == len(used)
+    assert required_poses(session) == len(used)
     assert publisher.said[-1][0] is Level.INFO
     assert any("Explored" in text for _, text in publisher.said)
 
@@ -98,7 +98,7 @@ def test_automatic_capture_follows_the_plan_and_can_be_ended(session):
 
     # A pose taken back is wanted again.
     work.undo()
-    assert wanted_poses(session) == len(used)
+    assert required_poses(session) == len(used)
     assert len(session.state.used_poses) == len(used) - 1
     work.automatic()
     assert sum(p.planned for p in session.state.used_poses) == 2

@@ -139,7 +139,7 @@ class Driver:
 async def running(app: SarcalApp, size: tuple[int, int] = (120, 36)) -> AsyncIterator[Driver]:
     """Run the app without a terminal, but with keys read as from one: STOP at the door."""
     with pytest.MonkeyPatch.context() as patch:
-        watching = watched(HeadlessDriver, app.at_the_door)
+        watching = watched(HeadlessDriver, app.stop_on_input)
         patch.setattr("textual.drivers.headless_driver.HeadlessDriver", watching)
         async with app.run_test(size=size) as pilot:
             driver = Driver(app, pilot)

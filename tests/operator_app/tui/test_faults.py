@@ -69,8 +69,8 @@ async def test_a_silent_bus_stops_the_arm_and_the_work_and_says_so(drive, source
         await d.to_step(Step.CAPTURE)
         await d.press("a")
         await d.idle()
-        assert len(d.s.state.used_poses) == d.s.wanted_poses > taken
-        assert [p.number for p in d.s.state.poses] == list(range(1, d.s.wanted_poses + 1))
+        assert len(d.s.state.used_poses) == d.s.required_poses > taken
+        assert [p.number for p in d.s.state.poses] == list(range(1, d.s.required_poses + 1))
 
 
 async def test_an_arm_that_is_gone_can_be_connected_again(drive, source):

@@ -89,8 +89,8 @@ def test_the_time_left_does_not_count_a_pause_of_the_operator():
         task = replace(s.task, started_s=s.now_s - run_s)
         return said(ProgressPanel(), replace(s, task=task), 66, 1)[0]
 
-    assert f"0:{4 * (s.wanted_poses - 10)} min left" in after(3600.0)
-    assert f"0:{4 * (s.wanted_poses - 10)} min left" in after(15.0), "four poses of this run"
+    assert f"0:{4 * (s.required_poses - 10)} min left" in after(3600.0)
+    assert f"0:{4 * (s.required_poses - 10)} min left" in after(15.0), "four poses of this run"
     assert "min left" not in after(5.0), "most were taken by hand before"
     planned = replace(s.procedure, capture=replace(s.procedure.capture, strategy="planned"))
     assert "exploring" in after(3600.0, replace(s, procedure=planned))

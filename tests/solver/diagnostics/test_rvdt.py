@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from solver.diagnostics.rvdt import RvdtVerdict, Soundness, rvdt_verdicts
-from solver.diagnostics.rvdt_response import RvdtFigures, noise_behind, single_noise, spread_of
+from solver.diagnostics.rvdt_response import RvdtFigures, noise_of_spread, single_noise, spread_of
 from solver.diagnostics.smooth_curve import fit_curve
 from solver.estimators.error_model import stated_errors
 from solver.estimators.variance_components import estimate_with_errors
@@ -176,8 +176,8 @@ def test_noise_behind_rounded_readings(lsb):
     readings = np.round(rng.uniform(size=(1, 20_000)) + lsb * rng.normal(size=(16, 20_000)))
     square = float(readings.var(axis=0, ddof=1).mean())
     assert spread_of(lsb) == pytest.approx(square, rel=0.03)
-    assert noise_behind(square) == pytest.approx(lsb, rel=0.04)
+    assert noise_of_spread(square) == pytest.approx(lsb, rel=0.04)
 
 
 def test_readings_that_never_change_have_no_noise():
-    assert noise_behind(0.0) == 0.0
+    assert noise_of_spread(0.0) == 0.0

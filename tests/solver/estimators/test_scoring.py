@@ -11,7 +11,7 @@ from solver.estimators.scoring import Ascent, ScoringStep, step
 def fit_of(v: list[float]) -> SimpleNamespace:
     each = np.ones(len(v))
     design = SimpleNamespace(
-        floors=0.01 * each, walls=1e6 * each, leaps=0.0 * each, scaled=each < 0
+        floors=0.01 * each, ceilings=1e6 * each, raise_limits=0.0 * each, scaled=each < 0
     )
     return SimpleNamespace(v=np.array(v), design=design)
 
@@ -42,7 +42,7 @@ def steps_away(ascent: Ascent, *largest: float) -> list[bool]:
     for size in largest:
         wanted = ScoringStep(change=np.zeros(2), largest=size, slope=0.0)
         fit = SimpleNamespace(v=np.ones(2), log_likelihood=0.0)
-        ascent.onward(fit, found([0.0, 0.0], [[1.0, 0.0], [0.0, 1.0]]), wanted, far=False)
+        ascent.next_variances(fit, found([0.0, 0.0], [[1.0, 0.0], [0.0, 1.0]]), wanted, far=False)
         said.append(ascent.fast)
     return said
 

@@ -34,7 +34,7 @@ def central(f, x: np.ndarray, h: float = 1e-6) -> np.ndarray:
 def test_what_is_drawn_is_as_far_apart_as_the_loop_is_open(size):
     model = loop_of(TRUTH)
     x = perturbed(model, size)
-    pin_m, axis = model.stands_at(x)
+    pin_m, axis = model.fixture_axis(x)
     table = model.tables(x)
     for angles in CLOSED:
         points, hand_axis = model.drawn(x, angles[1:])

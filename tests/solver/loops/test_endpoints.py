@@ -40,7 +40,7 @@ def test_the_ball_is_where_the_matrices_put_it():
     assert model.reduced(x, q).rotation_rows == 0
     points, axis = model.drawn(x, q[0])
     np.testing.assert_allclose(points[-1], expected[0], atol=1e-14)
-    np.testing.assert_array_equal(model.stands_at(x)[0], ground)
+    np.testing.assert_array_equal(model.fixture_axis(x)[0], ground)
     assert len(points) == 8
     assert not axis.any()
 

@@ -15,7 +15,7 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import forward
 from solver.chain.poses import PoseSet
-from solver.chain.rotations import rotation_matrix, rotation_vector, skew
+from solver.chain.rotations import nearest_rotation, rotation_matrix, rotation_vector, skew
 from solver.diagnostics.limits import FAR_FROM_NOMINAL_M, FAR_FROM_NOMINAL_RAD
 from solver.estimators.paper import estimate_paper
 from solver.loops.closure import ClosureModel, poses_needed
@@ -103,7 +103,7 @@ def placed_by_poses(
     if full and not instrument.tip_known:
         R_seen = rotation_matrix(poses.endpoint[:, 3:])
         mean = np.einsum("mji,kj,mkl->il", frames.R_end, R_base, R_seen)
-        turn = rotation_vector(_nearest_rotation(mean))
+        turn = rotation_vector(nearest_rotation(mean))
     return replace(
         instrument,
         full_pose=full and instrument.full_pose,
@@ -156,13 +156,6 @@ def _fitted(
         residual = measured - base - (p + R @ tip) @ R_base.T
         fits.append((float((residual**2).sum()), (R_base, base, tip)))
     return min(fits, key=lambda places: places[0])[1]
-
-
-def _nearest_rotation(matrix: FloatArray) -> FloatArray:
-    """Rotation nearest to a matrix (3, 3)."""
-    U, _, Vt = np.linalg.svd(matrix)
-    handed = np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
-    return np.asarray(U @ handed @ Vt)
 
 
 def _triple(v: FloatArray) -> tuple[float, float, float]:

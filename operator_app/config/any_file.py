@@ -80,20 +80,20 @@ def _meanings() -> dict[str, dict[str, str]]:
     return meanings
 
 
-def schema_name(kind: FileKind) -> str:
+def schema_file_name(kind: FileKind) -> str:
     """Return the name of the JSON Schema file that is written beside files of a kind."""
     return f"sarcal-{kind}.schema.json"
 
 
 def schema_line(kind: FileKind) -> str:
     """Return the comment (without ``#``) at the top of a file with which editors find its schema."""
-    return f"yaml-language-server: $schema={schema_name(kind)}"
+    return f"yaml-language-server: $schema={schema_file_name(kind)}"
 
 
 def save_with_schema(target: Path, data: bytes, kind: FileKind) -> None:
     """Write the JSON Schema that the file's first line names, then the file beside it; raises WriteError."""
     schema = json.dumps(json_schema(kind), indent=1) + "\n"
-    write_atomically(target.parent / schema_name(kind), schema.encode())
+    write_atomically(target.parent / schema_file_name(kind), schema.encode())
     write_atomically(target, data)
 
 

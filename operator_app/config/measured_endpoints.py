@@ -32,7 +32,7 @@ from operator_app.config.csv_table import BadCell, number
 from operator_app.config.quantities import UNIT, angle_doubt, length_doubt
 from operator_app.units import LENGTH, Figure
 from solver.arrays import FloatArray, frozen
-from solver.chain.rotations import rotation_vector
+from solver.chain.rotations import nearest_rotation, rotation_vector
 
 ROTATION = ("rx_deg", "ry_deg", "rz_deg")
 ROLL_PITCH_YAW = ("roll_deg", "pitch_deg", "yaw_deg")
@@ -260,10 +260,8 @@ def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:
 
 
 def _turns(shape: FloatArray, measured: FloatArray) -> FloatArray:
-    """Rotations (m, 3, 3) that align a triangle (3, 3), one row for each point, with the measured ones (Kabsch)."""
-    U, _, Vt = np.linalg.svd(np.swapaxes(measured, -1, -2) @ shape)
-    U[..., 2] *= np.linalg.det(U @ Vt)[:, None]
-    return np.asarray(U @ Vt)
+    """Rotations (m, 3, 3) that align a triangle (3, 3), one row for each point, with the measured ones."""
+    return nearest_rotation(np.swapaxes(measured, -1, -2) @ shape)
 
 
 def _frame(shape: FloatArray) -> FloatArray:

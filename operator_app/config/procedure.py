@@ -34,6 +34,9 @@ if TYPE_CHECKING:
     from operator_app.config.resources import Resource
     from solver.chain.arm_model import ArmModel
 
+MOST_POSES = 100_000
+"""Largest number of poses of a procedure."""
+
 MOST_PLACEMENTS = 20
 """Largest number of placements in a session."""
 
@@ -165,7 +168,7 @@ class CapturePlan(StrictRecord):
     """
 
     strategy: Annotated[Literal["explore", "planned"], Field(alias="plan")] = "explore"
-    poses: Annotated[Count, Field(le=100_000)]
+    poses: Annotated[Count, Field(le=MOST_POSES)]
     exploration: tuple[Exploration, ...] = ()
     speed_deg_per_s: Annotated[PositiveNumber, Field(ge=0.05, le=360.0)]
     settle: SettleRule

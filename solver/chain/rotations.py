@@ -90,6 +90,13 @@ def rotation_matrix(r: FloatArray) -> FloatArray:
     return np.asarray(np.eye(3) + first * K + second * (K @ K))
 
 
+def nearest_rotation(M: FloatArray) -> FloatArray:
+    """Rotation nearest to each matrix (..., 3, 3), in the sum of squares of the elements (Kabsch)."""
+    U, _, Vt = np.linalg.svd(M)
+    U[..., 2] *= np.linalg.det(U @ Vt)[..., None]
+    return np.asarray(U @ Vt)
+
+
 def rotation_about_x(angle_rad: float) -> FloatArray:
     """Rotation (3, 3) about x by an angle."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)

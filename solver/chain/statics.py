@@ -132,8 +132,3 @@ def torque_rates(arm: Frames, down: FloatArray) -> FloatArray:
     rates[..., 0] = levers - np.diagonal(levers, axis1=-2, axis2=-1)[..., None]
     rates *= np.triu(np.ones((n, n)))[..., None]
     return rates
-
-
-def gravity_torque(arm: Frames, masses: LinkMasses) -> FloatArray:
-    """Generalised force of gravity on every joint (..., n), N m; the torque that holds the arm is its opposite."""
-    return np.asarray(np.einsum("...jka,ka->...j", torque_rates(arm, masses.down), masses.moments))

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from hardware.arm import Recordable
+from operator_app.config.procedure import MOST_POSES
 from operator_app.config.procedure_file import parse_procedure
 from operator_app.config.profile_file import parse_profile
 from operator_app.config.resources import Kind, Resource, resolve
@@ -37,9 +38,6 @@ SOURCE_KINDS: tuple[Kind, ...] = ("procedure", "arm", "fixture", "profile")
 """Order of `Procedure.sources`."""
 LATER: frozenset[Kind] = frozenset({"profile"})
 """Kinds that are not in journals of earlier versions."""
-
-MOST_POSES = 100_000
-"""Largest number of poses in a procedure file."""
 
 PLANNED_POSES = 12
 """Number of poses of a planned capture if the procedure file describes an explored one."""

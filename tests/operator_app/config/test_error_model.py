@@ -15,7 +15,7 @@ from operator_app.config.fixture_file import load_fixture, parse_fixture
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import forward
 from solver.chain.sensors import Encoder, Rvdt
-from solver.chain.statics import gravity_torque
+from solver.chain.statics import torque_rates
 from tests.contracts.planted import FIXTURES
 from tests.oracles.mistakes import one_mistake
 
@@ -207,7 +207,8 @@ def test_the_panda_hangs_on_its_second_and_fourth_joint():
     table = arm.table
     theta = table.theta_off_rad + np.deg2rad([[0, 90, 0, 0, 0, 90, 0], [30, 0, 0, -4, 0, 0, 0]])
     frames = forward(theta, table.s_m, table.a_m, table.alpha_rad)
-    stretched, upright = gravity_torque(frames, arm.masses)
+    rates = torque_rates(frames, arm.masses.down)
+    stretched, upright = np.einsum("...jka,ka->...j", rates, arm.masses.moments)
     np.testing.assert_allclose([stretched[0], upright[0]], 0.0, atol=1e-12)
     assert 40.0 < stretched[1] < 60.0
     assert -25.0 < stretched[3] < -10.0

@@ -8,7 +8,7 @@ import pytest
 from solver.chain.kinematics import forward
 from solver.chain.parameters import nominal_vector
 from solver.chain.rotations import rotation_about_z
-from solver.chain.statics import LinkMasses, gravity_torque
+from solver.chain.statics import LinkMasses, torque_rates
 from solver.closing import left_null_space
 from solver.estimators.compliance import WISHART_DOF, Pulled, compliance_sizes, covariance, variance
 from solver.estimators.load_effects import LoadBasis, driven_sets, load_basis, wrench_of
@@ -49,7 +49,8 @@ def basis(model, q, masses=MASSES, *, give=GIVE, **columns) -> LoadBasis:
 
 def arm_torque(model: DhLoop, q: np.ndarray, masses: LinkMasses) -> np.ndarray:
     offsets, s, a, alpha, _ = model.arm_rows()
-    return gravity_torque(forward(q + offsets, s, a, alpha), masses)
+    rates = torque_rates(forward(q + offsets, s, a, alpha), masses.down)
+    return np.einsum("...jka,ka->...j", rates, masses.moments)
 
 
 # ---- equilibrium

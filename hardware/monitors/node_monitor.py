@@ -35,7 +35,7 @@ def describe_master_frame(profile: BusProfile, identifier: int, data: bytes) -> 
     if identifier == objects.COB_NMT:
         return f"{_describe_nmt(data)} {cob_id}"
     if identifier == objects.COB_SYNC:
-        return f"SYNC {cob_id}"
+        return f"a SYNC {cob_id}"
     if identifier == objects.COB_HEARTBEAT + objects.OPERATOR_NODE:
         return f"the heartbeat of an operator, node {objects.OPERATOR_NODE} {cob_id}"
     if node := node_of(identifier, objects.COB_SDO_TO_SERVER):
@@ -54,9 +54,12 @@ def describe_master_frame(profile: BusProfile, identifier: int, data: bytes) -> 
 def _describe_nmt(data: bytes) -> str:
     if len(data) != 2:
         return "an NMT command"
-    known = {command.value: command.name.lower().replace("_", " ") for command in NmtCommand}
+    known = {
+        command.value: command.name.lower().replace("_", " ").replace("pre op", "pre-op")
+        for command in NmtCommand
+    }
     target = f"node {data[1]}" if data[1] else "all nodes"
-    return f"NMT, {known.get(data[0], f'command {data[0]}')} to {target}"
+    return f"the NMT command {known.get(data[0], data[0])!r} to {target}"
 
 
 def initiated_transfer(data: bytes) -> tuple[bool, int] | None:
@@ -108,9 +111,7 @@ class NodeMonitor:
         self._clock = clock
         self.profile, self.nodes = profile, profile.nodes
         self._commanded = {
-            identifier: (joint, frames)
-            for joint, frames in enumerate(frames_of(profile), 1)
-            for identifier in frames.command_ids
+            identifier: frames for frames in frames_of(profile) for identifier in frames.command_ids
         }
         self.heard_at_s: dict[int, float] = {}
         self.nmt_state: dict[int, int] = {}
@@ -126,8 +127,8 @@ class NodeMonitor:
 
     def note_command(self, identifier: int, data: bytes | bytearray) -> None:
         """Record a received command: no other program on this bus should send one."""
-        if not self.foreign_command:
-            self.foreign_command = self._describe_command(identifier, bytes(data))
+        if not self.foreign_command and self._is_command(identifier, bytes(data)):
+            self.foreign_command = describe_master_frame(self.profile, identifier, bytes(data))
 
     def note(self, identifier: int, data: bytes | bytearray, now_s: float, sync_count: int) -> None:
         """Take in a heartbeat or an emergency; ignore other frames."""
@@ -250,20 +251,13 @@ class NodeMonitor:
         )
         self.faults = (*self.faults, fault)
 
-    def _describe_command(self, identifier: int, data: bytes) -> str:
-        """Describe a frame if it is a command; empty for any other frame, and for a quick stop."""
-        if identifier == objects.COB_SYNC and len(data) <= 1:  # with a counter or without
-            return "a SYNC (080h)"
-        if identifier == objects.COB_NMT:
-            return "an NMT command (000h)"
-        if identifier in self._commanded:
-            joint, frames = self._commanded[identifier]
-            if (
-                frames.decode_command(identifier, data).get(objects.CONTROLWORD)
-                == CONTROLWORD_QUICK_STOP
-            ):
-                return ""  # our own STOP by its own handle, or that of another program
-            return f"a command to joint {joint} ({identifier:03X}h)"
-        node = identifier - objects.COB_SDO_TO_SERVER
-        writes, index = initiated_transfer(data) or (False, 0)
-        return f"a write to {index:04X}h of node {node}" if writes and node in self.nodes else ""
+    def _is_command(self, identifier: int, data: bytes) -> bool:
+        """Whether a frame is a command to this arm; a quick stop is none: it may be our own, by another handle."""
+        if identifier == objects.COB_SYNC:
+            return len(data) <= 1  # with a counter or without
+        if frames := self._commanded.get(identifier):
+            word = frames.decode_command(identifier, data).get(objects.CONTROLWORD)
+            return word != CONTROLWORD_QUICK_STOP
+        writes, _ = initiated_transfer(data) or (False, 0)
+        writes = writes and identifier - objects.COB_SDO_TO_SERVER in self.nodes
+        return identifier == objects.COB_NMT or writes

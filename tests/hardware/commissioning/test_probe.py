@@ -91,8 +91,8 @@ def test_where_somebody_sends_sync_nobody_is_asked(bus):
 @pytest.mark.parametrize(
     ("identifier", "data", "words"),
     [
-        (0x000, "0100", "NMT, start to all nodes (000h)"),
-        (0x000, "8203", "NMT, reset communication to node 3 (000h)"),
+        (0x000, "0100", "the NMT command 'start' to all nodes (000h)"),
+        (0x000, "8203", "the NMT command 'reset communication' to node 3 (000h)"),
         (0x000, "", "an NMT command (000h)"),
         (0x603, "4064600000000000", "a read of 6064h of node 3 (603h)"),
         (0x62A, "2b4060000f000000", "a write to 6040h of node 42 (62Ah)"),

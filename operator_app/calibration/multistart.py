@@ -92,9 +92,6 @@ def gross_misfit(calibrated: Calibrated) -> float:
     return float(ratio) if np.isfinite(ratio) else np.inf
 
 
-SOCKET = frozenset((*GROUND, *(f"{name}[1]" for name in GROUND)))
-"""Coordinates of the socket that a ball's file describes (the first of several)."""
-
 LOCAL_STARTS, SPREAD_RAD, SPREAD_M = 8, np.deg2rad(25.0), 0.05
 ITERATIONS = 25
 
@@ -131,7 +128,19 @@ def local_minimum_causes(
     problem = closure_problem(hard, q)
     x = in_order(hard, model, estimate.x)
     own = solve_damped(problem, x, max_iterations=ITERATIONS).cost
-    best = _best(hard, problem).cost
+    fits = _fits(hard, problem)
+    best = min(fit.cost for fit in fits)
+    better = best < limits.OTHER_SOLUTION_COST_SHARE * own
+    near_nominal = any(
+        limits.OTHER_SOLUTION_COST_SHARE * fit.cost < own
+        and not far_from_nominal(hard.parameters, fit.x)
+        for fit in fits
+    )
+    if not better and not near_nominal:
+        # The poses determine where the fixture is, so that this is only a note (`fixture_elsewhere`).
+        far = [item for item in far if item[0].name not in _of_fixture(model)]
+        if not far:
+            return ()
     p, change = max(
         far,
         key=lambda item: (
@@ -139,10 +148,6 @@ def local_minimum_causes(
             / (limits.FAR_FROM_NOMINAL_RAD if item[0].is_angle else limits.FAR_FROM_NOMINAL_M)
         ),
     )
-    better = best < limits.OTHER_SOLUTION_COST_SHARE * own
-    if not better and p.name in SOCKET:
-        # The poses determine its position, so that it is only a note (`socket_elsewhere`).
-        return ()
     return (
         Finding(
             kind=FindingKind.OTHER_SOLUTION if better else FindingKind.FAR_FROM_NOMINAL,
@@ -156,28 +161,36 @@ def local_minimum_causes(
     )
 
 
-def socket_elsewhere(estimate: Estimate) -> tuple[Finding, ...]:
-    """Return the note that a ball's socket is not where its file states; no verdict depends on it."""
-    far = _far(estimate.without({p.name for p in estimate.parameters} - SOCKET))
+def _of_fixture(model: ClosureModel) -> set[str]:
+    """Parameters that depend on where the fixture is: those of its only placement, or of the first of several."""
+    sides = {*model.ground_side, *model.hand_side}
+    return {name for name in sides if not name.endswith("]") or name.endswith("[1]")}
+
+
+def fixture_elsewhere(estimate: Estimate, model: ClosureModel) -> tuple[Finding, ...]:
+    """Return the note that the fixture is not where its file states; no verdict depends on it."""
+    far = _far(estimate.without({p.name for p in estimate.parameters} - _of_fixture(model)))
     if not far:
         return ()
     p, change = max(far, key=lambda item: abs(item[1]))
-    return (Finding(kind=FindingKind.SOCKET_ELSEWHERE, names=(p.name,), size=change, unit="m"),)
+    socket = p.name.partition("[")[0] in GROUND
+    kind = FindingKind.SOCKET_ELSEWHERE if socket else FindingKind.FIXTURE_ELSEWHERE
+    return (Finding(kind=kind, names=(p.name,), size=change, unit=p.unit),)
 
 
 def best_about_nominal(hard: ClosureModel, q: FloatArray) -> FloatArray:
     """Parameters (P,) of the best solution from starts around the nominal values."""
-    return _best(hard, closure_problem(hard, q)).x
+    return min(_fits(hard, closure_problem(hard, q)), key=lambda fit: fit.cost).x
 
 
-def _best(hard: ClosureModel, problem: Problem) -> Fit:
+def _fits(hard: ClosureModel, problem: Problem) -> list[Fit]:
+    """Solutions from the nominal values and from starts around them."""
     nominal = nominal_vector(hard.parameters)
     angles = np.array([p.is_angle for p in hard.parameters])
     rng = np.random.default_rng(0)
     spread = np.where(angles, SPREAD_RAD, SPREAD_M)
     starts = [nominal, *(nominal + spread * rng.uniform(-1.0, 1.0, (LOCAL_STARTS, len(nominal))))]
-    fits = [solve_damped(problem, x, max_iterations=ITERATIONS) for x in starts]
-    return min(fits, key=lambda fit: fit.cost)
+    return [solve_damped(problem, x, max_iterations=ITERATIONS) for x in starts]
 
 
 OF_THE_SOLUTION = {

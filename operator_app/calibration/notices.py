@@ -15,7 +15,7 @@ from operator_app.calibration.calibrated_arm import (
 )
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import left_out_poses, range_finding
-from operator_app.calibration.multistart import socket_elsewhere
+from operator_app.calibration.multistart import fixture_elsewhere
 from operator_app.calibration.placements import contradicted
 from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import HandAccuracy
@@ -162,7 +162,7 @@ def _of_the_fit(solution: Solution, same: tuple[Finding, ...], *, sound: bool) -
     yield from same
     yield from contradicted(solution.distances)
     if sound:
-        yield from socket_elsewhere(solution.estimate)
+        yield from fixture_elsewhere(solution.estimate, solution.model)
         yield from outliers_still_used(solution.outliers)
 
 

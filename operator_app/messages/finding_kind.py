@@ -472,6 +472,11 @@ class FindingKind(Enum):
             "the fixture's file"
         ),
     )
+    FIXTURE_ELSEWHERE = (
+        "FIXTURE_ELSEWHERE",
+        "the fixture's {name} differs from its file by {size:FAR_ANGLE|FAR_LENGTH}",
+        "the calibration uses the value found from the poses; if the fixture stays there, correct its file",
+    )
     SECOND_SOLUTION = (
         "SECOND_SOLUTION",
         "{solutions:d} distinct solutions fit these poses equally well",

@@ -17,7 +17,16 @@ from solver.chain.parameters import nominal_vector
 from solver.diagnostics.limits import CHI2_PER_DOF_SECOND_START
 from solver.errors import PosesDoNotFitError
 from solver.estimators.error_model import ErrorModel
-from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, fit_of, panda_poses, solved
+from tests.oracles.as_shipped import (
+    ARM,
+    BALL,
+    HINGE,
+    PANDA,
+    fit_of,
+    panda_poses,
+    poses_of,
+    solved,
+)
 from tests.oracles.shop_floor import session
 from tests.oracles.shop_floor_faults import CASES
 from tests.oracles.shop_floor_misread import hysteresis
@@ -108,3 +117,19 @@ def test_a_socket_that_stands_elsewhere_is_a_note(sockets):
     assert note.names[0].startswith("ground_x")
     assert note.size == pytest.approx(-1.36, abs=0.02)
     assert solution.verdict is Verdict.ACCEPTED
+
+
+@pytest.mark.parametrize(("name", "shift_m"), [("s_1", 0.12), ("a_7", -0.1)])
+def test_a_hinge_that_stands_elsewhere_is_a_note(name, shift_m):
+    """Where axes are nearly parallel, a tilt of a few degrees moves the common normal this far."""
+    field = f"{name.replace('7', 'n')}_m"
+    elsewhere = replace(HINGE, **{field: getattr(HINGE, field) + shift_m})
+    poses = poses_of(session(0))
+    solution = calibrate(ARM, elsewhere, poses)
+    (note,) = (n for n in solution.warnings if n.code == "FIXTURE_ELSEWHERE")
+    assert note.names == (name,)
+    assert note.size == pytest.approx(-shift_m, abs=0.02)
+    assert solution.verdict is Verdict.ACCEPTED
+    near = solved(session(0)).estimate
+    apart = np.abs(solution.estimate.x - near.x) / near.standard_deviation
+    assert apart.max() < 1.0

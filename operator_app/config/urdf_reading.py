@@ -22,6 +22,8 @@ ONLY_REVOLUTE = "only revolute joints are supported: exclude others with --base 
 
 NO_LIMIT_RAD = math.pi
 """Range of a continuous joint, in either direction."""
+LARGEST_ANGLE_RAD, LARGEST_SPEED = math.radians(3600.0), math.radians(3600.0)
+"""Larger limits of angle and speed (rad/s) are placeholders, such as 1e6 or 100: the joint counts as without one."""
 GRIPPER = re.compile(r"finger|grip|jaw|knuckle|thumb", re.IGNORECASE)
 """Names of joints of a gripper, not of the arm."""
 FLANGES = ("tool0", "flange")
@@ -35,13 +37,17 @@ Matrix = FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfJoint:
-    """One revolute joint: name, range (rad), speed (rad/s) and torque (Nm); None where not stated."""
+    """One revolute joint: name, range (rad), speed (rad/s) and torque (Nm); None where not stated.
+
+    `placeholders`: limits in the file that no arm has, as text.
+    """
 
     name: str
     lower_rad: float
     upper_rad: float
     velocity_rad_per_s: float | None
     effort_nm: float | None
+    placeholders: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,7 +129,8 @@ class UrdfTree:
     def read(cls, data: bytes, file: str) -> UrdfTree:
         """Read a file; ConfigError if it is not a URDF or has no joint."""
         robot = _robot(data, file)
-        joints = [e for e in robot.iter("joint") if e.get("type")]
+        # Simulators nest joints of their own in other elements.
+        joints = [e for e in robot.iterfind("joint") if e.get("type")]
         if not joints:
             raise only(file, "has no joint", "is it a xacro or a part of a URDF?")
         elements: dict[str, ET.Element] = {}
@@ -321,8 +328,20 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
         speed, effort = (
             float(numbers(stated, key, "0", 1)[0]) or None for key in ("velocity", "effort")
         )
+        placeholders = []
+        if max(-low, high) > LARGEST_ANGLE_RAD:
+            placeholders.append(f"{name}: range of {low:g} to {high:g} rad")
+            low, high = -NO_LIMIT_RAD, NO_LIMIT_RAD
+        if speed is not None and speed > LARGEST_SPEED:
+            placeholders.append(f"{name}: velocity of {speed:g} rad/s")
+            speed = None
         joint = UrdfJoint(
-            name=name, lower_rad=low, upper_rad=high, velocity_rad_per_s=speed, effort_nm=effort
+            name=name,
+            lower_rad=low,
+            upper_rad=high,
+            velocity_rad_per_s=speed,
+            effort_nm=effort,
+            placeholders=tuple(placeholders),
         )
     elif kind != "fixed":
         raise refuse(f"is of type {kind!r}", ONLY_REVOLUTE)

@@ -57,7 +57,8 @@ class Arm:
         sd = [1e-3 * file["tolerance"]["length_mm"]] * 2
         sd.append(np.deg2rad(file["tolerance"]["twist_deg"]))
         self.rows = self.stated + size * np.array(sd) * rng.normal(size=(n, 3))
-        self.offset = np.deg2rad(file["offset_tolerance_deg"]) * rng.normal(size=n)
+        self.nominal = np.deg2rad([r["theta_off_deg"] for r in file["dh"]])
+        self.offset = self.nominal + np.deg2rad(file["offset_tolerance_deg"]) * rng.normal(size=n)
 
     def tool(self, theta: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Transform (4, 4) of the last frame."""
@@ -125,7 +126,7 @@ def with_ball(arm: Arm, fixture: Path, sockets: int) -> tuple[np.ndarray, np.nda
 def with_hinge(arm: Arm, fixture: Path) -> tuple[np.ndarray, np.ndarray]:
     """The same for a hinge, whose axis is a line of the tool and a line of the base."""
     rng, theta = arm.rng, []
-    T = arm.tool(arm.home, arm.stated)
+    T = arm.tool(arm.home + arm.nominal, arm.stated)
     lines = [(HAND_POINT_M, HAND_AXIS), ((T @ [*HAND_POINT_M, 1.0])[:3], T[:3, :3] @ HAND_AXIS)]
     words = [",".join(f"{v:.9f}" for v in x) for p, d in lines for x in (1e3 * p, d)]
     names = ("--hand-point", "--hand-direction", "--base-point", "--base-direction")

@@ -221,7 +221,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
         "restart-node": FaultDescription(
             broken="a joint's drive restarts, its counter at zero",
-            # Near zero if the arm has sagged before the next connection.
+            # FitStart zero if the arm has sagged before the next connection.
             says=(
                 "has left operation",
                 "has restarted",

@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 
 from operator_app.calibration.findings import finding_of, rms_displacement
-from operator_app.calibration.repeat_measurement import Repeat, Reread
+from operator_app.calibration.repeat_measurement import Repeat, RepeatedReading
 from operator_app.messages.finding import Finding, FindingKind, NamedSize
 from solver.arrays import FloatArray
 from solver.chain.parameters import Parameter, wrap_angles
@@ -290,7 +290,7 @@ READING_KINDS = {
 
 
 def return_tests(
-    returned: tuple[tuple[Reread, Repeat], ...], estimate: Estimate
+    returned: tuple[tuple[RepeatedReading, Repeat], ...], estimate: Estimate
 ) -> tuple[tuple[HypothesisTest, ...], tuple[Finding, ...]]:
     """Test every repeated pose against the stated errors; return the tests and what slipped."""
     tests, causes = [], []
@@ -340,7 +340,7 @@ def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> 
     )
 
 
-def _slipped_since(read: Reread, repeat: Repeat, estimate: Estimate) -> Finding:
+def _slipped_since(read: RepeatedReading, repeat: Repeat, estimate: Estimate) -> Finding:
     """Return what slipped between two readings of a pose."""
     from scipy.special import chdtri
 

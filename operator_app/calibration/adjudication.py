@@ -31,7 +31,7 @@ from operator_app.calibration.closed_loops import placement_checks
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import exceeded, left_out_poses, motion_causes, range_finding
 from operator_app.calibration.multistart import has_diverged, local_minimum_causes
-from operator_app.calibration.repeat_measurement import Repeat, Reread
+from operator_app.calibration.repeat_measurement import Repeat, RepeatedReading
 from operator_app.calibration.rvdt import measured_deviations, rvdt_causes
 from operator_app.calibration.sensitivity import exceeded_source
 from operator_app.messages.finding import Finding, FindingKind
@@ -84,7 +84,7 @@ class PriorInformation:
     checks: tuple[SetupCheck, ...] = ()
     search: GlobalStart | None = None
     rvdt: tuple[RvdtVerdict, ...] = ()
-    returned: tuple[tuple[Reread, Repeat], ...] = ()
+    returned: tuple[tuple[RepeatedReading, Repeat], ...] = ()
     by_files: tuple[str, ...] = ()
 
 

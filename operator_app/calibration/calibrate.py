@@ -44,7 +44,7 @@ from operator_app.calibration.multistart import (
 )
 from operator_app.calibration.notices import with_notices
 from operator_app.calibration.placements import compared, distances, indistinguishable_placements
-from operator_app.calibration.repeat_measurement import Reread, repeats_of
+from operator_app.calibration.repeat_measurement import RepeatedReading, repeats_of
 from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import check_rvdts
 from operator_app.calibration.tool_accuracy import tip_sigma
@@ -94,7 +94,7 @@ def calibrate(
     drop: bool = False,
     length_tolerance_m: float | None = None,
     limits: AcceptanceLimits | None = None,
-    rereads: tuple[Reread, ...] = (),
+    rereads: tuple[RepeatedReading, ...] = (),
     progress: Progress | None = None,
 ) -> Solution:
     """Calibrate `arm` in `fixture` from measured poses.
@@ -146,7 +146,7 @@ class Task:
     drop: bool
     length_tolerance_m: float | None
     limits: AcceptanceLimits
-    rereads: tuple[Reread, ...]
+    rereads: tuple[RepeatedReading, ...]
     progress: Progress | None
 
 

@@ -25,7 +25,7 @@ from solver.diagnostics.statistics import jackknife
 from solver.errors import SolverError
 from solver.estimators.estimate import Estimate
 from solver.estimators.linear_fit import LinearFit
-from solver.estimators.variance_components import Settled, estimate_of, settle
+from solver.estimators.variance_components import SettledFit, estimate_of, settle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +70,7 @@ def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses:
     if components is not None:
         errors = replace(errors, signed=components.signed)
 
-    def settled(rest: IntArray) -> Settled:
+    def settled(rest: IntArray) -> SettledFit:
         return settle(
             model.at_poses(rest),
             q[rest],

@@ -26,7 +26,7 @@ NEAREST = 60
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ShiftSeen:
+class ShiftOfReading:
     """Shift of a joint seen in one reading: most likely size and sigma, rad, and its reduction of chi2."""
 
     size_rad: float
@@ -51,7 +51,7 @@ class Innovation:
     chi2: float
     dof: int
     usual: float
-    shifts: Mapping[int, ShiftSeen]
+    shifts: Mapping[int, ShiftOfReading]
 
     def unseen(self, shift_rad: float, chi2: float) -> tuple[int, ...]:
         """Joints for which a shift of this size would have less than this chi2 on average."""
@@ -84,7 +84,7 @@ def innovation(experiment: Experiment, reading: PoseSet) -> Innovation | None:
         if j not in by.model.unsensed_joints:
             (s,), ((information,),) = residuals.score(system.B[..., [j - 1]])
             size, sigma = float(s / information), float(information**-0.5)
-            shifts[j] = ShiftSeen(size_rad=size, sigma_rad=sigma, explains=(size / sigma) ** 2)
+            shifts[j] = ShiftOfReading(size_rad=size, sigma_rad=sigma, explains=(size / sigma) ** 2)
     return Innovation(chi2=residuals.chi2, dof=residuals.dof, usual=max(usual), shifts=shifts)
 
 

@@ -63,7 +63,7 @@ def shift_in_words(shift: CommonShift) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MadeFrom:
+class CalibrationWithPoses:
     """A calibration with the poses from which it was made.
 
     `poses`: all poses, including those on the flipped branch.
@@ -74,7 +74,7 @@ class MadeFrom:
 
 
 def predict_new_poses(
-    new: Experiment, made: MadeFrom, start: Mapping[str, float]
+    new: Experiment, made: CalibrationWithPoses, start: Mapping[str, float]
 ) -> tuple[WhitenedResiduals, Chi2Test, Mapping[str, FloatArray]] | None:
     """Predict new poses from the poses of the calibration.
 
@@ -195,7 +195,7 @@ def fit_as_stated(
     return fitted
 
 
-def _used(made: MadeFrom) -> PoseSet:
+def _used(made: CalibrationWithPoses) -> PoseSet:
     """The poses that the calibration used, each once."""
     is_first = np.ones(len(made.poses), dtype=np.bool_)
     is_first[list(made.solution.dropped_flipped)] = False
@@ -207,7 +207,7 @@ def _used(made: MadeFrom) -> PoseSet:
 
 
 def _model(
-    made: MadeFrom, old: PoseSet, both: Experiment, start: Mapping[str, float]
+    made: CalibrationWithPoses, old: PoseSet, both: Experiment, start: Mapping[str, float]
 ) -> tuple[ClosureModel, FloatArray, list[int | None]]:
     """Loops of old and new poses, parameters, and the column of each in the estimate (None for those in `start`)."""
     estimate = made.solution.estimate

@@ -28,7 +28,7 @@ SLIP_SIZES = np.geomspace(1.0, 1e4, 200)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reread:
+class RepeatedReading:
     """Two readings of one pose, and the number of poses captured before the second.
 
     `label`: label of the pose. `first_rad`, `again_rad` (n,): each the mean of the same number of samples.
@@ -82,7 +82,7 @@ def compare_readings(
     arm: ArmModel,
     model: ClosureModel,
     x: FloatArray,
-    read: Reread,
+    read: RepeatedReading,
     compliance: Compliance,
 ) -> Repeat:
     """Compare two readings of one pose under the stated errors.
@@ -156,8 +156,8 @@ def _of_fixture(d: FloatArray, columns: FloatArray) -> tuple[float, FloatArray]:
 
 
 def repeats_of(
-    rereads: Iterable[Reread], used: Experiment, model: ClosureModel, x: FloatArray
-) -> tuple[tuple[Reread, Repeat], ...]:
+    rereads: Iterable[RepeatedReading], used: Experiment, model: ClosureModel, x: FloatArray
+) -> tuple[tuple[RepeatedReading, Repeat], ...]:
     """Compare the two readings of every repeated pose among the `used` ones, which are those of `model`.
 
     On an open arm the drives alone determine the repeated pose.

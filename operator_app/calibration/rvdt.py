@@ -34,7 +34,7 @@ from solver.diagnostics.rvdt import (
 from solver.diagnostics.rvdt_response import SingleNoise, single_noise
 from solver.diagnostics.stated_sizes import sensor_noise_with_found_motion
 from solver.estimators.component_report import Component, components
-from solver.estimators.mixed_fit import Near
+from solver.estimators.mixed_fit import FitStart
 from solver.estimators.variance_components import Calibrated
 from solver.loops.closure import ClosureModel
 
@@ -104,7 +104,7 @@ def check_rvdts(
     )
 
 
-def _beside(calibrated: Calibrated, model: ClosureModel, q: FloatArray) -> Near:
+def _beside(calibrated: Calibrated, model: ClosureModel, q: FloatArray) -> FitStart:
     """Start of a fit of `model`, which has more unsensed joints than the fit `calibrated`."""
     estimate, had = calibrated.estimate, calibrated.linear.design.model.unsensed_joints
     corrections = np.zeros_like(q) if estimate.corrections is None else estimate.corrections.copy()
@@ -120,7 +120,7 @@ def _beside(calibrated: Calibrated, model: ClosureModel, q: FloatArray) -> Near:
             at = q[:, j - 1] + corrections[:, j - 1] + offset
             angles.append(at[:, None])
             corrections[:, j - 1] = 0.0
-    return Near(
+    return FitStart(
         corrections=corrections,
         unsensed=np.concatenate(angles, axis=-1),
         layout=calibrated.linear.design,

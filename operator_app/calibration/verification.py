@@ -11,7 +11,11 @@ from fixtures.base import EndpointConstraint
 from operator_app.calibration.error_model import freed, noise_model
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.instrument_registration import with_calibrated_places
-from operator_app.calibration.prediction import MadeFrom, predict_new_poses, shift_in_words
+from operator_app.calibration.prediction import (
+    CalibrationWithPoses,
+    predict_new_poses,
+    shift_in_words,
+)
 from operator_app.calibration.result import Solution
 from solver.arrays import BoolArray, FloatArray
 from solver.chain.arm_model import ArmModel
@@ -164,7 +168,7 @@ def verify_poses(
     arm: ArmModel,
     fixture: EndpointConstraint,
     poses: PoseSet,
-    made: MadeFrom,
+    made: CalibrationWithPoses,
     *,
     elsewhere: bool = False,
 ) -> VerificationResult:
@@ -217,7 +221,7 @@ def verify_poses(
 
 def _with_prediction(
     new: Experiment,
-    made: MadeFrom,
+    made: CalibrationWithPoses,
     start: Mapping[str, float],
     result: VerificationResult,
 ) -> VerificationResult:
@@ -386,7 +390,7 @@ def verify_new_poses(
         raise NoTestError(
             f"the new poses are of placement {new_placements[0]}, which was not calibrated"
         )
-    made = MadeFrom(solution=solution, poses=made_from)
+    made = CalibrationWithPoses(solution=solution, poses=made_from)
     return verify_poses(arm, fixture, new, made, elsewhere=elsewhere)
 
 

@@ -9,7 +9,7 @@ from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.closed_loops import pick_placements
 from operator_app.calibration.cross_validation import check
 from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.prediction import MadeFrom
+from operator_app.calibration.prediction import CalibrationWithPoses
 from operator_app.calibration.rvdt import ReadingTable, corrected_poses
 from operator_app.calibration.verification import (
     NoTestError,
@@ -90,7 +90,7 @@ def execute(args: argparse.Namespace) -> int:
     tested = None
     if args.test:
         new = corrected_poses(_test_poses(args, fixture, as_read), tables)
-        made = MadeFrom(solution=solution, poses=poses)
+        made = CalibrationWithPoses(solution=solution, poses=poses)
         tested = verify_poses(arm, fixture, new, made, elsewhere=may_be_elsewhere(fixture))
     if args.json:
         document = facts.json

@@ -104,7 +104,7 @@ Holds = ArmModel | FixtureSpec | Procedure | BusProfile | ParametersDocument | L
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Looked:
+class FileRead:
     """Result for one file: its kind (None: unknown), and its content if it is valid."""
 
     source: Resource
@@ -113,13 +113,13 @@ class Looked:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Found:
+class FilesRead:
     """Files as read, in the order of the arguments, and all their problems."""
 
-    files: tuple[Looked, ...]
+    files: tuple[FileRead, ...]
     problems: tuple[Problem, ...]
 
-    def of(self, kind: AnyKind) -> tuple[Looked, ...]:
+    def of(self, kind: AnyKind) -> tuple[FileRead, ...]:
         """Return the files of one kind."""
         return tuple(looked for looked in self.files if looked.kind == kind)
 
@@ -193,7 +193,7 @@ ORDER: tuple[AnyKind | None, ...] = (*FILES, "poses", None)
 
 def read_files(
     sources: Iterable[Resource], known: Mapping[str, AnyKind], missing: Iterable[Problem] = ()
-) -> Found:
+) -> FilesRead:
     """Read files of any kind.
 
     Parameters
@@ -205,7 +205,7 @@ def read_files(
     """
     kinds = [(source, known.get(source.file) or kind_of(source)) for source in sources]
     # A file named by a procedure may also be an argument: its problems are reported once.
-    problems, joints, looked = dict.fromkeys(missing), set[int](), dict[int, Looked]()
+    problems, joints, looked = dict.fromkeys(missing), set[int](), dict[int, FileRead]()
     for k, (source, kind) in sorted(enumerate(kinds), key=lambda item: ORDER.index(item[1][1])):
         holds: Holds | None = None
         try:
@@ -216,5 +216,5 @@ def read_files(
             joints.add(holds.joint_count)
         elif isinstance(holds, Procedure):
             joints.add(holds.arm.joint_count)
-        looked[k] = Looked(source=source, kind=kind, holds=holds)
-    return Found(files=tuple(looked[k] for k in range(len(kinds))), problems=tuple(problems))
+        looked[k] = FileRead(source=source, kind=kind, holds=holds)
+    return FilesRead(files=tuple(looked[k] for k in range(len(kinds))), problems=tuple(problems))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from operator_app.config.any_file import Found
+from operator_app.config.any_file import FilesRead
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.poses_file import LoadedPoses
 from operator_app.config.procedure import Procedure
@@ -51,7 +51,7 @@ class Chain:
         return self.outlook.refused or blind or bool(self.unfit)
 
 
-def chains_of(files: Found) -> tuple[Chain, ...]:
+def chains_of(files: FilesRead) -> tuple[Chain, ...]:
     """Return the chain of each procedure or, without procedures, of every arm with every fixture."""
     procedures = [p.holds for p in files.of("procedure") if isinstance(p.holds, Procedure)]
     if procedures:
@@ -73,7 +73,7 @@ def chains_of(files: Found) -> tuple[Chain, ...]:
 
 
 def _chain(
-    files: Found,
+    files: FilesRead,
     arm: ArmModel,
     spec: FixtureSpec,
     *,

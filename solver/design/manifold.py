@@ -88,7 +88,7 @@ def grow_manifold(
         wave = _wave(front, tangent, step_rad, rng)
         wave = wave[ranges.clearance(wave[:, :n]) > -step_rad]
         wave = wave[_far_from(points[:, own], wave[:, own], 0.6 * step_rad)]
-        # Near duplicates of another step are dropped before they are closed.
+        # FitStart duplicates of another step are dropped before they are closed.
         wave = wave[_spread(wave[:, own], LEAST_SPACING_SHARE * step_rad)]
         if len(wave) == 0:
             break

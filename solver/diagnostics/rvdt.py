@@ -22,7 +22,7 @@ from solver.estimators.component_report import compliance_test
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.layout import Layout
 from solver.estimators.linear_fit import LinearFit
-from solver.estimators.mixed_fit import Near
+from solver.estimators.mixed_fit import FitStart
 from solver.estimators.variance_components import noise_left, settle
 from solver.loops.closure import ClosureModel
 
@@ -82,7 +82,7 @@ def rvdt_verdicts(
     samples: IntArray,
     variances: Mapping[str, float] = NOTHING_FOUND,
     x0: FloatArray | None = None,
-    near: Near | None = None,
+    near: FitStart | None = None,
 ) -> tuple[RvdtVerdict, ...]:
     """Test every RVDT among the unsensed joints of `model` with readings `q` (m, n), rad.
 

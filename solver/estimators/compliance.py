@@ -30,7 +30,7 @@ WISHART_DOF = 6.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Pulled:
+class FixtureLoads:
     """Loads on a fixture at m poses, under uncertain masses and centres.
 
     `pull` (m, k, a): wrenches S W for a unit of each uncertain coefficient (a), in the frame of the deflection.
@@ -41,10 +41,10 @@ class Pulled:
     pull: FloatArray
     halves: tuple[tuple[float, FloatArray | None], ...]
 
-    def at_poses(self, poses: IntArray) -> Pulled:
+    def at_poses(self, poses: IntArray) -> FixtureLoads:
         """Return the loads for a selection of poses."""
         halves = tuple((s, None if turn is None else turn[poses]) for s, turn in self.halves)
-        return Pulled(pull=self.pull[poses], halves=halves)
+        return FixtureLoads(pull=self.pull[poses], halves=halves)
 
 
 def compliance_sizes(give: tuple[float, float], *, rotations: int) -> FloatArray:
@@ -74,7 +74,7 @@ def blocks(k: int) -> list[slice]:
     return [slice(0, 3), slice(3, 6)] if k == 6 else [slice(0, k)]
 
 
-def covariance(one: Pulled, two: Pulled, s: FloatArray) -> FloatArray:
+def covariance(one: FixtureLoads, two: FixtureLoads, s: FloatArray) -> FloatArray:
     """Covariance (k m, k m') of the displacements at two sets of poses: the formula in the module's docstring.
 
     Its first term does not depend on how the axes of the fixture's halves are rotated.
@@ -106,7 +106,7 @@ def _turned(C: FloatArray, turn_a: FloatArray | None, turn_b: FloatArray | None)
     return (turn_b @ rows.transpose(1, 2, 0)).reshape(b, k, a, k).transpose(2, 3, 0, 1)
 
 
-def variance(held: Pulled, s: FloatArray) -> FloatArray:
+def variance(held: FixtureLoads, s: FloatArray) -> FloatArray:
     """Diagonal (m, k) of `covariance`, which does not depend on the axes of a half."""
     squares = (held.pull**2).sum(-1)
     every = squares + (squares + squares.sum(-1, keepdims=True)) / WISHART_DOF

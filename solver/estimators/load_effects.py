@@ -34,7 +34,7 @@ from solver.chain.statics import LinkMasses, torque_rates
 from solver.closing import left_null_space
 from solver.estimators.compliance import (
     ArmPoses,
-    Pulled,
+    FixtureLoads,
     blocks,
     by_moment,
     compliance_sizes,
@@ -333,7 +333,7 @@ def _load_deflection(
     return deflection, missed
 
 
-def _pulled(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> Pulled:
+def _pulled(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> FixtureLoads:
     """Combine wrenches (m, k, 4 n, sets) with the share and the axes of each half of the fixture."""
     axes = part.model.fixture_axes(part.x, part.q[poses], part.u[poses])
     share = np.array([1.0, TOOL_SIDE_COMPLIANCE]) / np.hypot(1.0, TOOL_SIDE_COMPLIANCE)
@@ -344,7 +344,7 @@ def _pulled(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> Pulled:
             T[:, rows, rows] = turn
         still = bool((turn == np.eye(3)).all())
         halves.append((size, None if still else T))
-    return Pulled(pull=W.reshape(*W.shape[:2], -1), halves=tuple(halves))
+    return FixtureLoads(pull=W.reshape(*W.shape[:2], -1), halves=tuple(halves))
 
 
 def wrench_of(

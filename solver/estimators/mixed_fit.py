@@ -21,7 +21,7 @@ from solver.estimators.layout import Layout
 from solver.estimators.least_squares import Progress
 from solver.estimators.likelihood import Derivatives
 from solver.estimators.linear_fit import LinearFit
-from solver.estimators.scoring import Ascent, ScoringStep, scale_spread, step, with_priors
+from solver.estimators.scoring import ScoringStep, VarianceSearch, scale_spread, step, with_priors
 from solver.loops.closure import ClosureModel, unsensed_at_readings
 
 MAX_ROUNDS = 40
@@ -102,7 +102,7 @@ class MixedFit:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Near:
+class FitStart:
     """Result of another fit of the same poses, from which a fit may start.
 
     `corrections`, `unsensed`: joint corrections (m, n) and unsensed angles (m, U) of the loops to be fitted, rad.
@@ -122,7 +122,7 @@ def fit_mixed(
     *,
     group: IntArray | None = None,
     variances: Callable[[Layout], FloatArray] | None = None,
-    near: Near | None = None,
+    near: FitStart | None = None,
     progress: Progress | None = None,
 ) -> MixedFit:
     """Fit parameters, effects, joint corrections and variances to readings `q` (m, n), rad.
@@ -169,7 +169,7 @@ def _iterate(
     x0: FloatArray,
     variances: FloatArray | None,
     progress: Progress | None,
-    near: Near | None = None,
+    near: FitStart | None = None,
     *,
     derivatives: Derivatives | None = None,
 ) -> MixedFit:
@@ -179,7 +179,7 @@ def _iterate(
     settled = SETTLED_BESIDE_VARIANCES_SIGMA if free else SETTLED_SIGMA
     state = _start(design, x0, v, near)
     sign_asked = free and bool(design.expected.any())
-    converged, rounds, ascent, newton_step = False, 0, Ascent(), ScoringStep.none(len(v))
+    converged, rounds, ascent, newton_step = False, 0, VarianceSearch(), ScoringStep.none(len(v))
     linearisation, remaining = Linearisation(design, state), 0.0
     for rounds in range(1, MAX_ROUNDS + 1):
         if remaining > RELINEARISE_SIGMA:
@@ -217,7 +217,11 @@ def _iterate(
             sign_asked = in_doubt and not converged and rounds < FREE_ROUNDS
             if surplus < 0.0 and not sign_asked:
                 # The expected sag is dropped from here on; likelihoods and steps before and after cannot be compared.
-                design, ascent, converged = design.unsigned(), Ascent(fast=ascent.fast), False
+                design, ascent, converged = (
+                    design.unsigned(),
+                    VarianceSearch(fast=ascent.fast),
+                    False,
+                )
                 linearisation = Linearisation(design, state)
                 continue
         if converged:
@@ -274,7 +278,7 @@ def gravity_share(fit: LinearFit) -> float:
     return float(1.0 - s[0] / max(C[0, 0], 1e-300))
 
 
-def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: Near | None) -> State:
+def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: FitStart | None) -> State:
     """Start from a previous fit, or from readings with loops that close as well as `x0` allows."""
     x, q = np.array(x0, dtype=float), design.q
     if near is not None:

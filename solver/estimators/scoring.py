@@ -152,7 +152,7 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
     )
 
 
-class Ascent:
+class VarianceSearch:
     """Maximisation of the likelihood: Newton's steps, shortened where they overshoot the maximum.
 
     Where a variance leaves its floor the curvature changes quickly, and plain steps may oscillate forever. The slope at

@@ -30,7 +30,7 @@ from solver.estimators.layout import Layout
 from solver.estimators.least_squares import Progress
 from solver.estimators.likelihood import Derivatives
 from solver.estimators.linear_fit import LinearFit
-from solver.estimators.mixed_fit import MixedFit, Near, fit_mixed
+from solver.estimators.mixed_fit import FitStart, MixedFit, fit_mixed
 from solver.loops.closure import ClosureModel, nearest_equivalent
 
 EQUAL = 1e-9
@@ -175,7 +175,7 @@ def estimate_with_errors(
     )
 
 
-def estimate_of(settled: Settled, model: ClosureModel, q: FloatArray) -> Estimate:
+def estimate_of(settled: SettledFit, model: ClosureModel, q: FloatArray) -> Estimate:
     """Return the estimate from a fit to joint angles `q` (m, n), rad, with poses in the order of `q`."""
     fitted = settled.fit
     error = closure_at_readings(model.at_poses(settled.order), fitted.x, q[settled.order])
@@ -204,7 +204,7 @@ def _by_name(variances: Mapping[str, float], layout: Layout) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Settled:
+class SettledFit:
     """Result of the iteration; `order` (m,) are the caller's indices of the poses in `fit`."""
 
     fit: MixedFit
@@ -219,10 +219,10 @@ def settle(
     *,
     x0: FloatArray | None = None,
     group: IntArray | None = None,
-    near: Near | None = None,
+    near: FitStart | None = None,
     variances: Callable[[Layout], FloatArray] | Mapping[str, float] | None = None,
     progress: Progress | None = None,
-) -> Settled:
+) -> SettledFit:
     """Fit as `estimate_with_errors` does, without a report; `near` and `variances` are as in `fit_mixed`."""
     if isinstance(variances, Mapping):
         variances = partial(_by_name, variances)
@@ -243,7 +243,7 @@ def settle(
     if np.abs(x - fitted.x).max() > EQUAL:
         # An equivalent parameter vector has another covariance: continue there.
         fitted = fit_mixed(model, q, fitted.fit.design.errors, x, group=group, variances=variances)
-    return Settled(fit=fitted, order=order, dof=dof)
+    return SettledFit(fit=fitted, order=order, dof=dof)
 
 
 def _near(

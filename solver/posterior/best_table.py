@@ -23,7 +23,7 @@ from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, DhKind, nominal_vector
 from solver.loops.point import TIP, PointClosure
-from solver.posterior.corrections import JointCorrections, JointsThere
+from solver.posterior.corrections import CorrectionShapes, JointCorrections
 
 CLOSE_M = 1e-4
 """s: tool error that does not justify changing an entry by its tolerance."""
@@ -132,7 +132,7 @@ def best_table(
     table: DhTable,
     tip_m: FloatArray,
     corrections: JointCorrections,
-    readings: JointsThere,
+    readings: CorrectionShapes,
     weight: FloatArray,
     *,
     known: Sequence[str],

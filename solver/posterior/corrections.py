@@ -99,7 +99,7 @@ class Corrections:
         return total
 
 
-def corrections_of(joints: JointCorrections, readings: JointsThere) -> Corrections:
+def corrections_of(joints: JointCorrections, readings: CorrectionShapes) -> Corrections:
     """Return the corrections of a fit; play enters as its mean over the poses `readings`."""
     design = joints.fit.design
     errors, b = design.errors, joints.coefficients
@@ -147,7 +147,7 @@ def corrections_of(joints: JointCorrections, readings: JointsThere) -> Correctio
 
 
 def _play(
-    design: Layout, joints: JointCorrections, readings: JointsThere, columns: slice
+    design: Layout, joints: JointCorrections, readings: CorrectionShapes, columns: slice
 ) -> Iterator[ReadingCorrection]:
     """Mean correction of play over the readings, expected plus fitted."""
     mean = (readings.shapes[:, columns] * joints.coefficients[columns]).mean(axis=0)
@@ -177,7 +177,7 @@ def _gravity(joint: int, shapes: FloatArray, masses: LinkMasses) -> Iterator[Rea
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class JointsThere:
+class CorrectionShapes:
     """Parts of the corrections at m poses.
 
     Attributes
@@ -197,9 +197,9 @@ class JointsThere:
     expected: FloatArray
     side: FloatArray
 
-    def first(self, count: int) -> JointsThere:
+    def first(self, count: int) -> CorrectionShapes:
         """Return the parts at the first `count` poses."""
-        return JointsThere(
+        return CorrectionShapes(
             q=self.q[:count], shapes=self.shapes[:count], expected=self.expected[:count],
             side=self.side[:count],
         )  # fmt: skip
@@ -235,7 +235,7 @@ class JointCorrections:
         design = self.fit.design
         return self.fit.b[self.first - design.hard : self.end - design.hard]
 
-    def at(self, q: FloatArray) -> JointsThere:
+    def at(self, q: FloatArray) -> CorrectionShapes:
         """Return the shapes of the corrections at readings q (m, n), rad."""
         design = self.fit.design
         errors, m = design.errors, len(q)
@@ -252,7 +252,7 @@ class JointCorrections:
             sags = shapes_of_sag(q, errors_there, design.sag_basis)
             expected = expected + design.sag * sags.expected
         along = JointShapes(design, JointPoses(q=q, play=play, sags=sags))
-        return JointsThere(
+        return CorrectionShapes(
             shapes=along.at(q, slice(0, m)), q=q, expected=expected, side=play.expected
         )
 

@@ -7,7 +7,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from operator_app.calibration.comparison import CalibrationComparison as Found
+from operator_app.calibration.comparison import CalibrationComparison
 from operator_app.calibration.comparison import compare as compared
 from operator_app.calibration.verification import verify_new_poses
 from operator_app.documents import parameters_at
@@ -106,7 +106,7 @@ def verify(result: Result, poses: str | PathLike[str] | Poses | Any) -> Verifica
 class Comparison:
     """Drift between two calibrations; made by `compare`. Its ``str`` is text for 80 columns."""
 
-    _found: Found = field(repr=False)
+    _found: CalibrationComparison = field(repr=False)
 
     @property
     def drifted(self) -> tuple[str, ...]:

@@ -32,7 +32,7 @@ from solver.chain.parameters import DhKind
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
 
 if TYPE_CHECKING:
-    from operator_app.config.any_file import Found, Looked
+    from operator_app.config.any_file import FileRead, FilesRead
     from operator_app.config.errors import Problem
     from operator_app.planning.inspection import Chain
     from solver.chain.arm_model import Joint
@@ -59,7 +59,7 @@ def problems_text(problems: Sequence[Problem]) -> str:
     return "\n".join([head, *(f"! {problem}" for problem in ordered)])
 
 
-def check_text(files: Found, chains: Sequence[Chain]) -> str:
+def check_text(files: FilesRead, chains: Sequence[Chain]) -> str:
     """Return the kind of each file, and the prospects of each arm in its fixture."""
     arms = {chain.arm.name: chain.arm for chain in chains}
     for looked in files.of("arm"):
@@ -76,7 +76,7 @@ def check_text(files: Found, chains: Sequence[Chain]) -> str:
     return "\n\n".join(blocks)
 
 
-def in_words(looked: Looked) -> str:
+def in_words(looked: FileRead) -> str:
     """Return a short description of one file."""
     match looked.holds:
         case ArmModel() as arm:
@@ -265,7 +265,7 @@ def _identifiability_text(what: str, identifiability: Identifiability) -> str:
     )
 
 
-def found_json(files: Found, chains: Sequence[Chain]) -> dict[str, Any]:
+def found_json(files: FilesRead, chains: Sequence[Chain]) -> dict[str, Any]:
     """Return the JSON object: files, problems, and the prospects of each arm in its fixture."""
     return {
         "files": [

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hardware.arm import NO_LATENCY, HostLatency, JointMode
-from operator_app.calibration.repeat_measurement import Reread
+from operator_app.calibration.repeat_measurement import RepeatedReading
 from solver.chain.poses import PoseSet
 
 if TYPE_CHECKING:
@@ -238,10 +238,10 @@ class SessionState:
         return any(r.again.after == self.captured for r in self.repeats)
 
     @property
-    def rereads(self) -> tuple[Reread, ...]:
+    def rereads(self) -> tuple[RepeatedReading, ...]:
         """Repeated poses for the diagnosis of a calibration."""
         return tuple(
-            Reread(
+            RepeatedReading(
                 label=str(r.first.number),
                 after=r.again.after,
                 first_rad=r.first.mean_rad,

@@ -14,7 +14,7 @@ from hardware.arm import ArmIdentity
 from hardware.canopen.objects import EmergencyCode
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.innovation import is_unpredicted
-from operator_app.calibration.prediction import MadeFrom
+from operator_app.calibration.prediction import CalibrationWithPoses
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import (
     VerificationResult,
@@ -327,7 +327,7 @@ def verify(
         )
     new_poses = pose_set_of(session.state.readings[before:])
     new_poses = replace(new_poses, placement=np.full(len(new_poses), session.state.placement))
-    made = MadeFrom(solution=solution, poses=session.state.pose_set())
+    made = CalibrationWithPoses(solution=solution, poses=session.state.pose_set())
     verdict = verify_poses(session.model, session.fixture, new_poses, made)
     session.record("verified", _verification_data(verdict, new_poses))
     return verdict, new_poses

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.prediction import FIXTURE, MadeFrom
+from operator_app.calibration.prediction import FIXTURE, CalibrationWithPoses
 from operator_app.calibration.verification import fixed_calibration, predict, verify_poses
 from tests.oracles.as_shipped import ARM, HINGE, SEED, poses_of
 from tests.oracles.shop_floor import Specimen, closed_walk, session, taken
@@ -34,7 +34,7 @@ def test_verification_holds_a_slip_against_the_calibration_whatever_noise_that_f
 def retaken(sound):
     """A sound calibration with its poses, and poses of the same arm taken later."""
     poses = poses_of(session(SEED))
-    return MadeFrom(solution=sound, poses=poses), session(SEED, walk=1, poses=20)
+    return CalibrationWithPoses(solution=sound, poses=poses), session(SEED, walk=1, poses=20)
 
 
 def _judged(retaken, readings):
@@ -77,6 +77,6 @@ def test_a_fixture_that_stands_elsewhere_is_named_as_such(sound):
     slip = np.array([0.0, 0.0, 0.0, 2e-3, 1e-3, 1e-3])
     moved = taken(specimen, *closed_walk(specimen, 20, walk=1, slipped=(0, slip, np.zeros(6))))
     poses = poses_of(session(SEED))
-    found = _judged((MadeFrom(solution=sound, poses=poses), moved), moved.readings)
+    found = _judged((CalibrationWithPoses(solution=sound, poses=poses), moved), moved.readings)
     assert not found.holds
     assert found.shift.subject == FIXTURE

@@ -10,7 +10,7 @@ import pytest
 
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.prediction import MadeFrom
+from operator_app.calibration.prediction import CalibrationWithPoses
 from operator_app.calibration.verification import verify_poses
 from operator_app.cli import main
 from solver.errors import UnidentifiableError
@@ -144,7 +144,7 @@ def test_what_the_papers_estimate_claims_is_what_it_is_judged_by():
             by_paper,
             estimate=replace(by_paper.estimate, covariance=times**2 * by_paper.estimate.covariance),
         )
-        made = MadeFrom(solution=claims, poses=own)
+        made = CalibrationWithPoses(solution=claims, poses=own)
         return verify_poses(PANDA, BALL, new, made, elsewhere=True)
 
     claimed, ten_times = judged(1.0), judged(10.0)

@@ -10,7 +10,13 @@ from solver.chain.parameters import nominal_vector
 from solver.chain.rotations import rotation_about_z
 from solver.chain.statics import LinkMasses, torque_rates
 from solver.closing import left_null_space
-from solver.estimators.compliance import WISHART_DOF, Pulled, compliance_sizes, covariance, variance
+from solver.estimators.compliance import (
+    WISHART_DOF,
+    FixtureLoads,
+    compliance_sizes,
+    covariance,
+    variance,
+)
 from solver.estimators.load_effects import LoadBasis, driven_sets, load_basis, wrench_of
 from solver.loops.dh import DhLoop
 from solver.loops.placements import place
@@ -104,7 +110,7 @@ def test_displacements_have_the_covariance_of_wishart_compliances():
     angle = np.array([0.3, -0.8])
     turn = np.zeros((m, 6, 6))
     turn[:, :3, :3] = turn[:, 3:, 3:] = rotation_about_z(angle)
-    pulled = Pulled(pull=wrench * s[:, None], halves=((0.7, turn),))
+    pulled = FixtureLoads(pull=wrench * s[:, None], halves=((0.7, turn),))
     root = rng.normal(size=(count, 6, int(WISHART_DOF)))
     M = root @ np.swapaxes(root, -1, -2) / WISHART_DOF
     z = rng.normal(size=(count, a))
@@ -125,7 +131,7 @@ def test_sizes_give_what_is_stated(give):
     for rows in (slice(0, 3), slice(3, 6)):
         wrench[:, rows] /= np.sqrt((wrench[:, rows] ** 2).sum((1, 2)).mean())
     s = compliance_sizes(give, rotations=3)
-    size = variance(Pulled(pull=wrench * s[:, None], halves=((1.0, None),)), s).mean(0)
+    size = variance(FixtureLoads(pull=wrench * s[:, None], halves=((1.0, None),)), s).mean(0)
     assert size[:3].mean() == pytest.approx(give[0] ** 2, rel=1e-9)
     assert size[3:].mean() == pytest.approx(give[1] ** 2, rel=1e-9)
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from solver.estimators.likelihood import Derivatives
-from solver.estimators.scoring import Ascent, ScoringStep, step
+from solver.estimators.scoring import ScoringStep, VarianceSearch, step
 
 
 def fit_of(v: list[float]) -> SimpleNamespace:
@@ -36,7 +36,7 @@ def test_a_variance_of_which_nothing_is_told_stays_and_the_others_move():
         np.testing.assert_allclose(taken.change, [0.1, 0.0], rtol=1e-6)
 
 
-def steps_away(ascent: Ascent, *largest: float) -> list[bool]:
+def steps_away(ascent: VarianceSearch, *largest: float) -> list[bool]:
     """What an ascent says of its pace after steps so large, in standard errors, are wanted one after the other."""
     said = []
     for size in largest:
@@ -48,10 +48,10 @@ def steps_away(ascent: Ascent, *largest: float) -> list[bool]:
 
 
 def test_an_ascent_is_fast_where_its_steps_shrink_fast():
-    assert steps_away(Ascent(), 1.0, 0.2, 0.03, 0.02) == [False, True, True, False]
+    assert steps_away(VarianceSearch(), 1.0, 0.2, 0.03, 0.02) == [False, True, True, False]
 
 
 def test_steps_of_two_likelihoods_are_not_compared_and_the_pace_of_the_first_holds():
     """Where gravity's sign goes the first step of the new likelihood took another round for nothing."""
-    assert steps_away(Ascent(fast=True), 0.5, 0.4) == [True, False]
-    assert steps_away(Ascent(fast=False), 0.5, 0.1) == [False, True]
+    assert steps_away(VarianceSearch(fast=True), 0.5, 0.4) == [True, False]
+    assert steps_away(VarianceSearch(fast=False), 0.5, 0.1) == [False, True]

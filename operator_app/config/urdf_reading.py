@@ -22,8 +22,8 @@ ONLY_REVOLUTE = "only revolute joints are supported: exclude others with --base 
 
 NO_LIMIT_RAD = math.pi
 """Range of a continuous joint, in either direction."""
-LARGEST_ANGLE_RAD, LARGEST_SPEED = math.radians(3600.0), math.radians(3600.0)
-"""Larger limits of angle and speed (rad/s) are placeholders, such as 1e6 or 100: the joint counts as without one."""
+PLACEHOLDER_ANGLE_RAD, PLACEHOLDER_RAD_PER_S = math.radians(3600.0), math.radians(3600.0)
+"""Larger limits of angle and speed are placeholders, such as 1e6 rad or 100 rad/s: the joint counts as without one."""
 GRIPPER = re.compile(r"finger|grip|jaw|knuckle|thumb", re.IGNORECASE)
 """Names of joints of a gripper, not of the arm."""
 FLANGES = ("tool0", "flange")
@@ -329,10 +329,10 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
             float(numbers(stated, key, "0", 1)[0]) or None for key in ("velocity", "effort")
         )
         placeholders = []
-        if max(-low, high) > LARGEST_ANGLE_RAD:
+        if max(-low, high) > PLACEHOLDER_ANGLE_RAD:
             placeholders.append(f"{name}: range of {low:g} to {high:g} rad")
             low, high = -NO_LIMIT_RAD, NO_LIMIT_RAD
-        if speed is not None and speed > LARGEST_SPEED:
+        if speed is not None and speed > PLACEHOLDER_RAD_PER_S:
             placeholders.append(f"{name}: velocity of {speed:g} rad/s")
             speed = None
         joint = UrdfJoint(

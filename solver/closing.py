@@ -145,11 +145,11 @@ def close_loops(
         # Poses are closed in blocks, so that the Jacobians of all are never in memory at once.
         parts = [
             close_loops(
-                model.at_poses(here), x, q[here],
-                sigma_rad=sigma_rad, u=None if u is None else u[here],
+                model.at_poses(block), x, q[block],
+                sigma_rad=sigma_rad, u=None if u is None else u[block],
                 max_iterations=max_iterations, tolerance=tolerance,
             )
-            for here in np.split(np.arange(len(q)), range(BLOCK_POSES, len(q), BLOCK_POSES))
+            for block in np.split(np.arange(len(q)), range(BLOCK_POSES, len(q), BLOCK_POSES))
         ]  # fmt: skip
         return ClosedPoses(
             q=np.concatenate([f.q for f in parts]),
@@ -160,9 +160,9 @@ def close_loops(
     u = np.array(model.initial_unsensed(x, q) if u is None else u, dtype=np.float64)
     sigma = np.ones(q.shape[-1]) if sigma_rad is None else np.asarray(sigma_rad)
     size, step_size = np.empty(len(q)), np.full(len(q), np.inf)
-    going, here = np.arange(len(q)), model
+    going, part_model = np.arange(len(q)), model
     for iteration in range(max_iterations + 1):
-        error = here.loop(x, q[going], u[going])
+        error = part_model.loop(x, q[going], u[going])
         size[going] = np.abs(error.residual).max(-1, initial=0.0)
         # A pose that does not close any further keeps its nearest state.
         open_still = (size[going] >= tolerance) & (step_size[going] > STALLED_RAD)
@@ -170,7 +170,7 @@ def close_loops(
             break
         if not open_still.all():
             going, error = going[open_still], error.of_poses(open_still)
-            here = model.at_poses(going)
+            part_model = model.at_poses(going)
         dq, du = newton_step(error, sigma)
         longest = np.concatenate((np.abs(dq), np.abs(du)), axis=-1).max(-1, keepdims=True)
         shrink = np.minimum(1.0, LONGEST_CORRECTION_RAD / np.maximum(longest, 1e-300))

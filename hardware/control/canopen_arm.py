@@ -251,7 +251,7 @@ class CanopenArm(ConnectableArm):
             raise link.loop.watch.stop_cause()
 
     @staticmethod
-    def _raise_for_drives(link: Connection, joints: tuple[int, ...], wanted: str) -> None:
+    def _raise_for_drives(link: Connection, joints: tuple[int, ...], required: str) -> None:
         """Raise the error of the first joint whose drive did not reach the state."""
         for joint in joints:
             state = state_of(link.loop.sample.statuswords[joint - 1])
@@ -259,5 +259,5 @@ class CanopenArm(ConnectableArm):
                 code = link.access.read_unsigned(link.profile.drives[joint - 1], ERROR_CODE)
                 raise DriveFault(joint, code, emergency_text(code))
             raise CommandRefused(
-                f"joint {joint} cannot be {wanted}: the drive is in state {state.value}"
+                f"joint {joint} cannot be {required}: the drive is in state {state.value}"
             )

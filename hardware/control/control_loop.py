@@ -174,10 +174,10 @@ class ControlLoop:
             heartbeat_timeout_s=self.heartbeat_timeout_s,
         )
         despite = () if task is None else task.despite
-        found = next((alarm for alarm in every if not isinstance(alarm, despite)), None)
-        if found is None and task is not None and task.abandoned:
+        first = next((alarm for alarm in every if not isinstance(alarm, despite)), None)
+        if first is None and task is not None and task.abandoned:
             return Abandoned("the command was interrupted")
-        return found
+        return first
 
     def _run(self) -> None:
         raise_loop_priority()

@@ -59,8 +59,8 @@ class CommandSender:
         """Send changed commands, and one joint's unchanged command (each joint in turn) in case a frame was lost."""
         repeated = sync_count % len(self._frames)
         dropout = self._watch.dropout
-        for joint, given in enumerate(commands):
-            before, command = self._sent[joint], dropout.command(joint + 1, given)
+        for joint, joint_command in enumerate(commands):
+            before, command = self._sent[joint], dropout.command(joint + 1, joint_command)
             if command is None or (command == before and joint != repeated):
                 continue
             if self._latch.latched:
@@ -184,10 +184,10 @@ class Sampler:
 
         A TPDO of the wrong length is ignored.
         """
-        found = self._parts.get(identifier)
-        if found is None:
+        part_read = self._parts.get(identifier)
+        if part_read is None:
             return False
-        at, part, answer = found
+        at, part, answer = part_read
         values = answer.unpack(data)
         if values is None:
             return True

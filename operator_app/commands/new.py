@@ -222,9 +222,9 @@ def _typed(option: str) -> str:
     return f"--{option.replace('_', '-')}"
 
 
-def _named(wanted: str) -> str:
+def _named(text: str) -> str:
     """Check a name and return it."""
-    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", wanted).strip("_.-")[:64]
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", text).strip("_.-")[:64]
     if not re.match(r"[A-Za-z]", name):
         raise UsageError(f"--name: {name!r} does not begin with a letter; use another")
     return name

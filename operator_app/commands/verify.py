@@ -41,7 +41,7 @@ OPEN_POSES = 24
 
 def execute(args: argparse.Namespace) -> int:
     """Verify and report."""
-    wanted, args.poses = args.poses, None
+    requested, args.poses = args.poses, None
     opening = resume(args.session, choices_from(args), root=args.sessions)
     state = read_session(opening.folder).state
     if state is None or not state.used_poses:
@@ -50,7 +50,7 @@ def execute(args: argparse.Namespace) -> int:
     arm, fixture = procedure.arm, procedure.fixture.fixture
     solution = session_calibration(state, procedure).solution
     if args.open_loop:
-        return _open_loop(args, opening, solution, wanted)
+        return _open_loop(args, opening, solution, requested)
     if args.csv:
         poses = _from_file(args.csv, arm.joint_count)
         try:
@@ -65,7 +65,7 @@ def execute(args: argparse.Namespace) -> int:
                 f"{opening.folder} was imported from {opening.imported} and has no arm; give a file of "
                 f"new poses: sarcal verify {args.session} POSES.csv"
             )
-        count = NEW_POSES if wanted is None else wanted
+        count = NEW_POSES if requested is None else requested
         verdict, poses = _on_the_arm(
             opening, solution, count, homing=args.go_home, record_to=recording(args, opening)
         )

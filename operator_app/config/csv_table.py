@@ -95,7 +95,7 @@ def read_columns(
         The file is invalid; the error lists all problems, up to a hundred.
     """
     problems: list[Problem] = []
-    found: dict[str, MutableSequence[Any]] = {
+    values_by_name: dict[str, MutableSequence[Any]] = {
         name: array("d") if name in packed else [] for name in columns
     }
     first_line: dict[tuple[Any, ...], int] = {}
@@ -108,7 +108,7 @@ def read_columns(
                 text = f"{which} is already in line {first_line[key]}"
                 problems.append(_problem(file, line, columns, unique[-1], text, unique_remedy))
             first_line.setdefault(key, line)
-            for name, values in found.items():
+            for name, values in values_by_name.items():
                 values.append(row[name])
         if len(problems) >= MOST_PROBLEMS:
             text = f"{len(problems)} problems up to here; the rest of the file was not read"
@@ -119,7 +119,7 @@ def read_columns(
             )
     if problems:
         raise ConfigError(problems)
-    return found
+    return values_by_name
 
 
 def _read_row(

@@ -92,12 +92,14 @@ def load_joint_log(
     body = rows[1:] if header else rows
     if not body:
         raise only(file, "has a header but no poses", "capture poses first")
-    there = range(len(body[0].cells))
-    if header and len(header) != len(there):
-        text = f"the header has {len(header)} cells, the first row of angles {len(there)}"
+    all_columns = range(len(body[0].cells))
+    if header and len(header) != len(all_columns):
+        text = f"the header has {len(header)} cells, the first row of angles {len(all_columns)}"
         raise only(file, text, "name each column, or remove the header", line=rows[0].line)
-    by = find_column("--placement", placement, header, len(there), file) if placement else None
-    remaining = [k for k in there if k != by]
+    by = (
+        find_column("--placement", placement, header, len(all_columns), file) if placement else None
+    )
+    remaining = [k for k in all_columns if k != by]
     where = find_columns(columns, header, remaining, joint_count, file)
     q = _angles(body, where, file, radians=unit == "rad")
     if unit is None and len(q) >= FEWEST_POSES_FOR_UNIT and np.abs(q).max() < 2.0 * np.pi:

@@ -214,12 +214,12 @@ def budget_of(
     names: Sequence[str], variance: FloatArray, parts: Mapping[str, FloatArray]
 ) -> dict[str, dict[str, float]]:
     """Return, by part, its share of each variance (k,), without parts that round to zero."""
-    found = {}
+    by_source = {}
     for k, name in enumerate(names):
         if variance[k] > 0.0:
             shares = {s: round(float(v[k] / variance[k]), SHARE_PLACES) for s, v in parts.items()}
-            found[name] = {source: share for source, share in shares.items() if share > 0.0}
-    return found
+            by_source[name] = {source: share for source, share in shares.items() if share > 0.0}
+    return by_source
 
 
 def complaints_of_correlations(

@@ -276,16 +276,16 @@ def _ur_lines(data: bytes, file: str) -> Iterator[tuple[str, str, re.Match[bytes
 
 def _ur_chain(data: bytes, file: str) -> UrdfChain:
     """The six joints of UR's kinematics file; the tip is the last link, wrist_3."""
-    found: dict[tuple[str, str], str] = {}
+    values: dict[tuple[str, str], str] = {}
     for link, key, value, _ in _ur_lines(data, file):
-        found[link, key] = value[2].decode()
+        values[link, key] = value[2].decode()
     for link, key in product(UR_LINKS, UR_KEYS):
-        if (link, key) not in found:
+        if (link, key) not in values:
             remedy = f"write {', '.join(UR_KEYS)} below every link, a number on a line of its own"
             raise only(file, f"{link} has no {key}", remedy)
     origins = [
         "".join(
-            f' {word}="{" ".join(found[link, key] for key in keys)}"'
+            f' {word}="{" ".join(values[link, key] for key in keys)}"'
             for word, keys in (("xyz", UR_KEYS[:3]), ("rpy", UR_KEYS[3:]))
         )
         for link in UR_LINKS

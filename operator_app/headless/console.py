@@ -138,8 +138,8 @@ def cut_short_lines(cut: CutShort) -> list[str]:
     if session.journal.loss is not None:
         return [*_danger(cut), f"{what}. The rescued entries are in {folder}."]
     # From the journal: an interrupt may come between writing an event and applying it.
-    kept = read_session(folder).state if cut.kept else None
-    poses = len(state.poses if kept is None else kept.poses)
+    saved_state = read_session(folder).state if cut.kept else None
+    poses = len(state.poses if saved_state is None else saved_state.poses)
     lines = [f"{what}; no pose was captured."]
     if poses:
         lines = [

@@ -121,11 +121,11 @@ class _Fields(dict[str, object]):
         return FIELDS[name](self._found)
 
 
-def fixed_briefly(found: tuple[str, ...]) -> str:
+def fixed_briefly(offsets: tuple[str, ...]) -> str:
     """Return a note that names the fixed offsets on which the tool's accuracy depends."""
     return (
-        f". It holds only if the fixed value of {names(found)} is right: see the warnings"
-        if found
+        f". It holds only if the fixed value of {names(offsets)} is right: see the warnings"
+        if offsets
         else ""
     )
 

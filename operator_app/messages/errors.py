@@ -70,8 +70,8 @@ def _remedy(error: BaseException) -> str:
         return "The other poses are kept"
     if isinstance(error, DriveFault) and error.code in _TRIPS:
         return _TRIPS[error.code]
-    found = next((kind for kind in type(error).__mro__ if kind in REMEDIES), None)
-    return "Nothing was changed" if found is None else REMEDIES[found]
+    matching = next((kind for kind in type(error).__mro__ if kind in REMEDIES), None)
+    return "Nothing was changed" if matching is None else REMEDIES[matching]
 
 
 REMEDIES: Mapping[type, str] = {

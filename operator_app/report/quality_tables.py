@@ -250,11 +250,11 @@ def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | 
             ("far block", "far_block", checks.far_block),
         )
     )
-    for name, key, found in held:
-        if found is not None:
+    for name, key, closure in held:
+        if closure is not None:
             for part, which, sigmas in (
-                ("took part", "inside", found.inside_sigmas),
-                ("held out", "held_out", found.sigmas),
+                ("took part", "inside", closure.inside_sigmas),
+                ("held out", "held_out", closure.sigmas),
             ):
                 place = ("checks", key)
                 title = f"{name}, {part}"

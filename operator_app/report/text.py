@@ -79,13 +79,13 @@ def placed(table: FactTable, gap: str) -> tuple[list[list[str]], list[list[str]]
     body = [[sanitized(shown(cell)) for cell in row] for row in table.rows]
     widths = [max(map(len, column)) for column in zip(heads, *body, strict=True)]
     for first, last in groups:
-        taken = sum(widths[first:last]) + len(gap) * (last - first - 1)
-        widths[first] += max(0, len(columns[first].group) - taken)
+        width_taken = sum(widths[first:last]) + len(gap) * (last - first - 1)
+        widths[first] += max(0, len(columns[first].group) - width_taken)
     above, k = [], 0
     for first, last in groups:
         above += [" " * width for width in widths[k:first]]
-        taken = sum(widths[first:last]) + len(gap) * (last - first - 1)
-        above.append(columns[first].group.center(taken))
+        width_taken = sum(widths[first:last]) + len(gap) * (last - first - 1)
+        above.append(columns[first].group.center(width_taken))
         k = last
     titles, *rows = (
         [

@@ -160,8 +160,8 @@ class Hint(Lines, can_focus=False):
     def _rows(self, s: SessionSnapshot, width: int) -> list[Line]:
         if self.refusal:
             return wrapped(f" ▲ {self.refusal}", width - 1, "warn", "   ")
-        said = f" Next {next_action(self.step, s).hint}"
-        head, *rest = wrapped(said, width - 1, "text", " " * 6)
+        hint_text = f" Next {next_action(self.step, s).hint}"
+        head, *rest = wrapped(hint_text, width - 1, "text", " " * 6)
         text = head[0][0]
         return [line((text[:6], "bold"), text[6:]), *rest]
 

@@ -187,8 +187,8 @@ class Campaign:
 
     def _interim(self) -> None:
         P = len(self.task.model.parameters)
-        enough = poses_needed(P, self.task.model.equations_per_pose) + SPARE_POSES
-        if len(self._readings) < enough:
+        needed = poses_needed(P, self.task.model.equations_per_pose) + SPARE_POSES
+        if len(self._readings) < needed:
             return
         try:
             self.estimate = self._calibrate(self.readings_rad)
@@ -260,8 +260,8 @@ class Campaign:
             return
         decision = self._judge()
         if decision is not None and decision.stop:
-            reached = decision.standing is PrecisionStatus.REACHED
-            self._finish(decision.text, complete=reached, decision=decision)
+            is_reached = decision.standing is PrecisionStatus.REACHED
+            self._finish(decision.text, complete=is_reached, decision=decision)
             return
         plan = self.plan
         if plan is None:
@@ -349,8 +349,8 @@ class Campaign:
             self._finish(f"planned moves are stopped repeatedly: {stopped}", complete=False)
             return
         self._backing += 1
-        why = f"back to where it came from ({stopped})"
-        self._queue.append(straight_move(self._before, tuple(action.targets_rad), why))
+        reason = f"back to where it came from ({stopped})"
+        self._queue.append(straight_move(self._before, tuple(action.targets_rad), reason))
 
     def _finish(self, text: str, *, complete: bool, decision: StopDecision | None = None) -> None:
         self.phase = Phase.FINISHED

@@ -214,7 +214,7 @@ class Explorer:
         self._here.on_ray, self._here.rate, self._here.growth = 0, 0.0, 1.0
         self._ray += 1
 
-    def _move(self, target: FloatArray, why: str) -> tuple[GoTo, ...]:
+    def _move(self, target: FloatArray, reason: str) -> tuple[GoTo, ...]:
         """Propose a straight move of the drives to `target` (d,)."""
         self._pending = target
-        return (GoTo(targets_rad=dict(zip(self.drives, target.tolist(), strict=True)), why=why),)
+        return (GoTo(targets_rad=dict(zip(self.drives, target.tolist(), strict=True)), why=reason),)

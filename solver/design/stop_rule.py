@@ -164,19 +164,19 @@ def _forecast(
     P: int,
     columns: FloatArray,
     goal: FloatArray,
-    left: int,
+    poses_left: int,
 ) -> tuple[FloatArray, int | None]:
-    """Best standard deviations after up to `left` poses, each chosen for the parameter that is worst at that point."""
+    """Best standard deviations after up to `poses_left` poses, each chosen for the parameter that is then the worst."""
     M = information.copy()
     if len(root) == 0:
         return standard_deviations(M, P)[columns], None
     prior = np.ones(len(M))
     prior[:P] = column_scale(root[..., :P].reshape(-1, P)) ** 2 * (1e-8 / len(root))
-    for added in range(left + 1):
+    for added in range(poses_left + 1):
         sigma = standard_deviations(M, P)[columns]
         if np.all(sigma <= goal):
             return sigma, added
-        if added == left:
+        if added == poses_left:
             break
         worst = int(columns[int(np.argmax(_ratio(sigma, goal)))])
         # Variance of parameter k falls by |C_k F'|^2 in the metric (I + F C F')^-1.

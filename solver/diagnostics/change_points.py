@@ -87,9 +87,9 @@ def steps(
     change_points: list[ChangePoint] = []
     for of_reading in (False, True):
         judged = quiet if of_reading and quiet is not None else residuals
-        here = [s for s in suspects if s.of_reading == of_reading]
-        for width in dict.fromkeys(s.columns.shape[-1] for s in here):
-            alike = [s for s in here if s.columns.shape[-1] == width]
+        of_kind = [s for s in suspects if s.of_reading == of_reading]
+        for width in dict.fromkeys(s.columns.shape[-1] for s in of_kind):
+            alike = [s for s in of_kind if s.columns.shape[-1] == width]
             lot = max(1, AT_ONCE // (m * judged.U.shape[-1] * width))
             for first in range(0, len(alike), lot):
                 change_points += _largest(judged, alike[first : first + lot], scale, level)

@@ -128,8 +128,8 @@ def loop_angles(
     SE = S @ system.E
     # The part of the noise known from the pose's other equations is removed.
     gain = np.swapaxes(np.linalg.solve(system.V, np.swapaxes(SE, -1, -2)), -1, -2)
-    left = S - gain @ np.swapaxes(SE, -1, -2)
-    spread = inverse @ left @ np.swapaxes(inverse, -1, -2)
+    S_left = S - gain @ np.swapaxes(SE, -1, -2)
+    spread = inverse @ S_left @ np.swapaxes(inverse, -1, -2)
     rates = -inverse @ (error.jac_x - gain @ system.A)
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))

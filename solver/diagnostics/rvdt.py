@@ -189,13 +189,13 @@ def undecided(joint: int, sensor: Rvdt, reason: str, noise: SingleNoise | None) 
     """Return the verdict "curve not determined by these poses", with the reason, and the noise where known."""
     noisy = noise is not None and _too_noisy(noise, sensor)
     verdict = Soundness.OUT_OF_SPECIFICATION if noisy else Soundness.CANNOT_DECIDE
-    words = [] if noise is None else _noise_words(noise, sensor)
+    noise_texts = [] if noise is None else _noise_words(noise, sensor)
     curve = f"its curve is not determined: {reason}"
     return RvdtVerdict(
         joint=joint,
         verdict=verdict,
         text=f"RVDT of joint {joint}: "
-        + "; ".join([verdict.value, *words, curve] if noisy else [curve, *words]),
+        + "; ".join([verdict.value, *noise_texts, curve] if noisy else [curve, *noise_texts]),
         noise=noise,
     )
 
@@ -261,12 +261,12 @@ def _noise_words(noise: SingleNoise, sensor: Rvdt) -> list[str]:
     noisy = _too_noisy(noise, sensor)
     if noise.determined or noisy:
         size = f"{noise.lsb:.1f}" if noise.determined else f"{noise.low:.1f} to {noise.high:.1f}"
-        words = f"noise of a single reading {size} LSB ({allowed})"
-        return [words, NOISY] if noisy else [words]
+        text = f"noise of a single reading {size} LSB ({allowed})"
+        return [text, NOISY] if noisy else [text]
     most = f"below {noise.high:.1f} LSB ({allowed})"
-    words = f"noise of a single reading: not determined by these poses, {most}"
+    text = f"noise of a single reading: not determined by these poses, {most}"
     remedy = "to measure it, record several samples per pose with their sd"
-    return [words, remedy] if noise.high > limits.RVDT_NOISE_RATIO * sensor.noise_lsb else [words]
+    return [text, remedy] if noise.high > limits.RVDT_NOISE_RATIO * sensor.noise_lsb else [text]
 
 
 def _share(

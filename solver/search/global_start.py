@@ -175,7 +175,7 @@ def _solve(
     columns = [names.index(p.name) for p in model.parameters]
     problem = closure_problem(sensed, q)
 
-    found: list[tuple[FloatArray, LocalMinimum]] = []
+    solutions: list[tuple[FloatArray, LocalMinimum]] = []
     best = np.inf
     for x0, count in best_minima(sensed, q, starts, rng, progress):
         fit = solve_damped(problem, x0, max_iterations=FIRST_POLISH)
@@ -192,15 +192,15 @@ def _solve(
             starts=count,
             flipped=tuple(int(k) for k in np.flatnonzero(error.flipped)),
         )
-        for k, (other, known) in enumerate(found):
+        for k, (other, known) in enumerate(solutions):
             if _same_loop(sensed, x, other):
                 better = min(minimum, known, key=lambda b: b.rms)
                 merged = replace(better, starts=known.starts + count)
-                found[k] = (x if better is minimum else other, merged)
+                solutions[k] = (x if better is minimum else other, merged)
                 break
         else:
-            found.append((x, minimum))
-    minima = sorted((b for _, b in found), key=lambda b: (bool(b.flipped), b.rms))
+            solutions.append((x, minimum))
+    minima = sorted((b for _, b in solutions), key=lambda b: (bool(b.flipped), b.rms))
     return GlobalStart(minima=tuple(minima), starts=starts)
 
 
@@ -227,9 +227,9 @@ def _main_branch(
         upright, over = near & (swing < NEAR_RAD), near & (swing > np.pi - NEAR_RAD)
         # A sample of one branch explains nearly every pose exactly, on either branch.
         explained = upright | over
-        here = (int(explained.sum()), -float(np.median(np.linalg.norm(error.residual, axis=-1))))
-        if here[0] >= EXPLAINED * len(q) and upright.sum() > over.sum() and here > score:
-            best, score = ~over, here
+        quality = (int(explained.sum()), -float(np.median(np.linalg.norm(error.residual, axis=-1))))
+        if quality[0] >= EXPLAINED * len(q) and upright.sum() > over.sum() and quality > score:
+            best, score = ~over, quality
     return best
 
 

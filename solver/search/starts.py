@@ -63,13 +63,13 @@ def best_minima(
         (nominal_offsets[None, :], rng.uniform(-np.pi, np.pi, (starts - 1, len(nominal_offsets))))
     )
     minima = []
-    for offsets, reached in _minima(
+    for offsets, starts_there in _minima(
         *_minimised(few, x0, progress), angles=range(len(nominal_offsets))
     ):
         x = nominal.copy()
         for part in parts:
             x[part.columns] = part.filled(offsets)
-        minima.append((x, reached))
+        minima.append((x, starts_there))
     return minima
 
 

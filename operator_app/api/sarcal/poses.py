@@ -239,10 +239,10 @@ def _csv_of(frame: Any, columns: list[str]) -> bytes:
         "placement": ["1"] * count,
         "pose": [str(k) for k in range(1, count + 1)],
     }
-    whole = {**{k: v for k, v in head.items() if k not in cells}, **cells}
+    all_columns = {**{k: v for k, v in head.items() if k not in cells}, **cells}
     from operator_app.config.csv_table import write_records
 
-    return write_records([list(whole), *zip(*whole.values(), strict=True)])
+    return write_records([list(all_columns), *zip(*all_columns.values(), strict=True)])
 
 
 def _cell(value: Any) -> str:

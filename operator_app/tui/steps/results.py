@@ -88,8 +88,8 @@ def _hand(solution: Solution, width: int) -> list[Line]:
         for spread in (solution.accuracy.before, solution.accuracy.after)
     )
     text = f"   tool off by {before} before, {after} after (1 sigma)"
-    if (left := solution.accuracy.after_by_poses) is not None:
-        by_poses = Figure(left.rms, CLOSURE_LENGTH).with_unit
+    if (without_files := solution.accuracy.after_by_poses) is not None:
+        by_poses = Figure(without_files.rms, CLOSURE_LENGTH).with_unit
         text += f", {by_poses} without the uncertainty of {names(solution.accuracy.stated)}"
     if held := solution.accuracy.holds_for:
         text += f", only if {', '.join(h.name for h in held)} {'are' if len(held) > 1 else 'is'} as fixed"

@@ -145,7 +145,7 @@ def best_table(
 
     Parameters
     ----------
-    there, weight
+    readings, weight
         Poses where the arm is used, and their weights (m,), of sum 1; see `where_used`.
     known, covariance
         Fitted entries of `table` and of the tip (k,), and the covariance (k + c, k + c) of these and the coefficients

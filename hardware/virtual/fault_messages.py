@@ -15,6 +15,7 @@ class ArmReaction(StrEnum):
     """What the arm does once a fault is reported; the fault campaign checks that drives and plant do so."""
 
     STANDS = "does not move; all drives hold or are off when the session ends"
+    LATE = "moves at most to a target that arrives up to 50 ms late; all drives hold or are off when the session ends"
     HOLDS = "all drives stop and hold by themselves"
     TRIPS = "that drive blocks its valve or holds, all others stop and hold"
     BLOCKS = "all valves are blocked"
@@ -124,6 +125,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
                 *("target refused", "overspeed", "the drive is in"),
             ),
             goes_on=True,
+            arm=ArmReaction.LATE,
             remedy="A busy gateway or network in between delays them: connect the arm's bus directly.",
         ),
         "frames-flipped": FaultDescription(

@@ -44,7 +44,8 @@ STANDS_DEG = 0.05
 """How far a joint may go once its fault has been told: what servo and fixture give."""
 
 LAGS_DEG = 0.5
-"""The same of a joint on its way that nothing reaches any more: what its servo lags behind at full speed."""
+"""The same of a joint on its way that nothing reaches any more, or that a late target reaches: what its servo lags
+behind at full speed."""
 
 HOLDS = DriveState.QUICK_STOP_ACTIVE, JointMode.POSITION
 
@@ -101,7 +102,8 @@ def judge_arm(found: Outcome, arm: ArmReaction, *, connected: bool) -> None:
     assert JointMode.FREE not in found.ended, found.ended
     if not found.said:
         return
-    goes_deg = LAGS_DEG if arm is ArmReaction.UNHEARD else STANDS_DEG
+    lags = arm in (ArmReaction.UNHEARD, ArmReaction.LATE)
+    goes_deg = LAGS_DEG if lags else STANDS_DEG
     assert found.moved_deg < goes_deg, found.moved_deg
     states = [state for state, _ in found.then]
     if not connected and DriveState.OPERATION_ENABLED not in states and len({*states}) == 1:

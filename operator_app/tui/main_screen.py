@@ -11,7 +11,6 @@ from textual.message import Message
 from textual.screen import Screen
 from textual.widgets import ContentSwitcher
 
-from hardware.arm import JointMode
 from operator_app.report.spans import Line, Span, cut, length, line, wrapped
 from operator_app.session.ui import action_table
 from operator_app.session.ui.guards import missing_for, stops_on_any_key
@@ -51,10 +50,12 @@ def detail(step: Step, s: SessionSnapshot) -> str:
             unticked = len(s.procedure.fixture.checklist) - len(s.ticked)
             return f"{unticked} to tick" if unticked else s.procedure.fixture.kind
         case Step.MODES:
-            names = [str(k) for k, m in enumerate(s.modes, 1) if m is JointMode.POSITION]
-            if not names:
+            joints = s.position_joints
+            if not joints:
                 return "not set"
-            return "all held" if len(names) == len(s.modes) else f"J{' J'.join(names)} drive"
+            if len(joints) == len(s.modes):
+                return "all held"
+            return f"J{' J'.join(map(str, joints))} drive"
         case Step.CAPTURE:
             return f"{len(s.state.used_poses)}/{s.required_poses} poses"
         case Step.CALIBRATE:

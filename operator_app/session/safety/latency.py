@@ -42,26 +42,21 @@ class LatenessReporter:
 
 
 class LatenessRecorder:
-    """Records new delays of one connection in the journal."""
+    """Records new delays of one connection in the journal; `recorded` is the host latency recorded so far."""
 
     def __init__(self, logbook: Logbook, arm: ArmInterface) -> None:
         self._logbook, self._arm = logbook, arm
-        self._recorded = NO_LATENCY
-
-    @property
-    def recorded(self) -> HostLatency:
-        """Host latency recorded so far for this connection."""
-        return self._recorded
+        self.recorded = NO_LATENCY
 
     def restart(self) -> None:
         """Start counting again for a new connection."""
-        self._recorded = NO_LATENCY
+        self.recorded = NO_LATENCY
 
     def record(self) -> None:
         """Record new delays, if any."""
         late = self._arm.snapshot().lateness
-        new = late.times - self._recorded.times
+        new = late.times - self.recorded.times
         if new > 0:
             delays = {"last_s": late.last_s, "longest_s": late.longest_s}
             self._logbook.record("late", {"times": new, **delays})
-        self._recorded = late
+        self.recorded = late

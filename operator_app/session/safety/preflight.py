@@ -46,7 +46,7 @@ def require_plausible_readings(
 
     Raises
     ------
-    StandingRefusedError
+    ClosureRefusedError
         The loop does not close; the error names the joint if a single joint explains the readings.
     """
     try:
@@ -57,12 +57,8 @@ def require_plausible_readings(
             record = {"told": result.message, "probability": result.probability, "refused": False}
             session.record("standing", record)
     except ClosureRefusedError as refused:
-        refusal_record = {
-            "told": refused.happened,
-            "probability": refused.probability,
-            "refused": True,
-        }
-        session.record("standing", refusal_record)
+        record = {"told": refused.happened, "probability": refused.probability, "refused": True}
+        session.record("standing", record)
         raise
     return unresolved
 
@@ -103,7 +99,7 @@ It is this small because files can be far off: offsets by 25 deg, hinges by 40 m
 """
 
 FALSE_REFUSAL_PROBABILITY_KNOWN_ARM = 1e-5
-"""The same, if earlier placements have determined the offsets and the error of the hinge placement."""
+"""Probability of refusing, once earlier placements have determined the offsets and the hinge's placement error."""
 
 RESET_PROBABILITY = 1e-2
 """A counter at zero was reset if using its reading raises chi2 by an amount less probable than this.
@@ -140,7 +136,7 @@ def check_closure_without_poses(
 
     Raises
     ------
-    StandingRefusedError
+    ClosureRefusedError
         The loop cannot close; the error names the joint that alone explains the readings, if there is one.
     """
     if not procedure.fixture.fixture.holds_hand:

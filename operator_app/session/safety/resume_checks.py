@@ -178,7 +178,7 @@ def check_closure_by_poses(
 
     Raises
     ------
-    StandingRefusedError
+    ClosureRefusedError
         The loop does not close: the arm or the fixture has changed.
     """
     from scipy.special import chdtrc, chdtri

@@ -51,7 +51,8 @@ def utc_now() -> datetime:
 class Journal:
     """An open, locked journal.
 
-    `created_folders` are the folders that were created for it, the innermost first.
+    `created_folders` are the folders that were created for it, the innermost first. `loss` is the error to raise for a
+    lost file, None as long as the file is in order.
     """
 
     def __init__(
@@ -71,7 +72,7 @@ class Journal:
         self._lines = raw.splitlines(keepends=True)
         self._size = len(raw)
         self._broken = ""
-        self._loss: JournalLostError | None = None
+        self.loss: JournalLostError | None = None
         self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="sarcal-journal")
 
     @classmethod
@@ -165,15 +166,15 @@ class Journal:
         """
         if self.closed:
             return
-        if self._loss is not None:
-            raise self._loss
+        if self.loss is not None:
+            raise self.loss
         problem = self._file_problem() or (self._changed_line() if unchanged else "")
         if problem:
             self._writer.submit(self._raise_lost, problem, b"").result()
 
     def _append(self, name: str, data: Mapping[str, Any], clock: Clock) -> JournalEvent:
-        if self._loss is not None:
-            raise self._loss
+        if self.loss is not None:
+            raise self.loss
         if self._broken:
             raise JournalError(
                 f"{self.path} can no longer be written: {self._broken}",
@@ -209,15 +210,12 @@ class Journal:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             os.fsync(self._descriptor)
         except OSError:
-            self._truncate(self._size)
+            try:
+                os.ftruncate(self._descriptor, self._size)
+                os.fsync(self._descriptor)
+            except OSError as error:
+                self._broken = f"part of a failed line could not be removed ({error.strerror})"
             raise
-
-    def _truncate(self, size: int) -> None:
-        try:
-            os.ftruncate(self._descriptor, size)
-            os.fsync(self._descriptor)
-        except OSError as error:
-            self._broken = f"part of a failed line could not be removed ({error.strerror})"
 
     # -- lost ------------------------------------------------------------------------------------
 
@@ -253,8 +251,8 @@ class Journal:
 
     def _raise_lost(self, problem: str, line: bytes) -> None:
         """Write all lines, including `line`, to a new session folder, then raise JournalLostError."""
-        if self._loss is not None:
-            raise self._loss
+        if self.loss is not None:
+            raise self.loss
         rescued, reason = self._write_rescue(line)
         if rescued is None:
             remedy = f"the rescue copy failed ({reason}): find out what happened to the folder"
@@ -264,12 +262,12 @@ class Journal:
                 f"all entries{own} are in {rescued}: find out what happened to the folder, then go on "
                 f"with --resume {rescued}"
             )
-        self._loss = JournalLostError(
+        self.loss = JournalLostError(
             f"{self.path} {problem} while this session was using it; nothing more is recorded",
             remedy,
             rescued=rescued,
         )
-        raise self._loss
+        raise self.loss
 
     def _write_rescue(self, line: bytes) -> tuple[Path | None, str]:
         """Return the new session folder with all lines, or None and why it cannot be written."""
@@ -282,15 +280,10 @@ class Journal:
         return None, reason
 
     @property
-    def loss(self) -> JournalLostError | None:
-        """The error to raise for a lost file; None as long as the file is in order."""
-        return self._loss
-
-    @property
     def kept_folder(self) -> Path:
         """Folder that contains all entries: the session's or, after a loss, the rescue copy."""
-        if self._loss is not None and self._loss.rescued is not None:
-            return self._loss.rescued
+        if self.loss is not None and self.loss.rescued is not None:
+            return self.loss.rescued
         return self.path.parent
 
     # -- end -------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, BinaryIO, NoReturn
 
 from operator_app.errors import JournalDamagedError, JournalError, JournalForeignError
 
@@ -199,44 +199,39 @@ def parse_journal(raw: bytes, path: Path) -> JournalContents:
 def read_bytes(path: Path) -> bytes:
     """Return the bytes of a journal; JournalError for anything but a regular file of at most `MAX_BYTES`."""
     try:
-        # O_NONBLOCK: opening a pipe must not wait for its writer.
-        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-        try:
-            require_regular(descriptor, path)
-            raw = _read(descriptor, MAX_BYTES + 1)
-        finally:
-            os.close(descriptor)
+        with _open_regular(path) as file:
+            if os.fstat(file.fileno()).st_size > MAX_BYTES:
+                raise JournalForeignError(
+                    f"{path} is larger than {MAX_BYTES // 1024**2} MiB, the limit for a journal",
+                    "move it away, or name another session",
+                )
+            return file.read()
     except OSError as error:
         raise JournalError(
             f"cannot read {path}: {error.strerror}",
             "name a session folder; `sarcal session list` shows them",
         ) from error
-    if len(raw) > MAX_BYTES:
-        raise JournalForeignError(
-            f"{path} is larger than {MAX_BYTES // 1024**2} MiB, the limit for a journal",
-            "move it away, or name another session",
-        )
-    return raw
 
 
 def first_event(path: Path) -> JournalEvent | None:
     """Return the first event of a journal; None if it cannot be read."""
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-        with os.fdopen(descriptor, "rb") as file:
-            require_regular(descriptor, path)
+        with _open_regular(path) as file:
             line = file.readline(MAX_BYTES)
         return verified_line(line.removesuffix(b"\n"), 1, "")[0]
     except (OSError, BadLineError, JournalForeignError):
         return None
 
 
-def _read(descriptor: int, limit: int) -> bytes:
-    parts: list[bytes] = []
-    while limit > 0 and (part := os.read(descriptor, min(limit, 1 << 20))):
-        parts.append(part)
-        limit -= len(part)
-    return b"".join(parts)
+def _open_regular(path: Path) -> BinaryIO:
+    # O_NONBLOCK: opening a pipe must not wait for its writer.
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        require_regular(descriptor, path)
+    except JournalForeignError:
+        os.close(descriptor)
+        raise
+    return os.fdopen(descriptor, "rb")
 
 
 def require_regular(descriptor: int, path: Path) -> None:

@@ -144,9 +144,8 @@ def _mounted(model: ClosureModel, state: SessionState) -> tuple[ClosureModel, In
 
 def _last(model: Placements, state: SessionState) -> int:
     """Number of the current placement or, if it has no used poses, of the last one that has."""
-    if state.imported:
-        return model.numbers[-1]
-    return state.placement if state.placement in model.numbers else model.numbers[-1]
+    has_current = state.placement in model.numbers and not state.imported
+    return state.placement if has_current else model.numbers[-1]
 
 
 def _several(model: ClosureModel, state: SessionState) -> tuple[DocumentWarning, ...]:

@@ -73,10 +73,6 @@ class SolvingProcess:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.end()
-
-    def end(self) -> None:
-        """Kill the process."""
         process, self._process = self._process, None
         if process is not None:
             process.kill()

@@ -14,11 +14,7 @@ from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.errors import Cancelled, GuardError
 from operator_app.session.store.solver_process import Solver, SolvingProcess
-from operator_app.session.ui.snapshot import (
-    DiffRow,
-    Level,
-    Publisher,
-)
+from operator_app.session.ui.snapshot import DiffRow, Level, Publisher
 from operator_app.session.workflow.capture import verify
 from operator_app.session.workflow.export import export
 from operator_app.session.workflow.listener import Listener

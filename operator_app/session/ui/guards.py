@@ -65,11 +65,11 @@ def capture_ready(s: SessionSnapshot) -> Missing:
         return ("STOP is latched: reset it (R), then apply the modes again (step 3)",)
     if not s.modes:
         return ("the joint modes are not set: apply them (step 3)",)
-    if all(m is JointMode.POSITION for m in s.modes) and s.mobility < len(s.modes):
+    if s.mobility < len(s.position_joints) == len(s.modes):
         return ("all joints are in position mode: apply the modes again (step 3)",)
     if not s.drives_ready:
         return (f"{_not_ready(s)}: apply the modes again (step 3)",)
-    return modes_problem(s, tuple(k for k, m in enumerate(s.modes, 1) if m is JointMode.POSITION))
+    return modes_problem(s, s.position_joints)
 
 
 def calibrate_ready(s: SessionSnapshot) -> Missing:
@@ -308,7 +308,7 @@ def may_verify(s: SessionSnapshot) -> Missing:
 
 def in_modes(s: SessionSnapshot) -> bool:
     """Whether the drives are enabled, with as many in position mode as the chain has degrees of freedom."""
-    return s.drives_ready and sum(m is JointMode.POSITION for m in s.modes) == s.mobility
+    return s.drives_ready and len(s.position_joints) == s.mobility
 
 
 def may_reset(s: SessionSnapshot) -> Missing:

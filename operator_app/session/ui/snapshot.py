@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -181,7 +181,7 @@ class SessionSnapshot:
     verification: VerificationResult | None = None
     stop: StopReport | None = None
     task: RunningTask | None = None
-    messages: tuple[Message, ...] = field(default=())
+    messages: tuple[Message, ...] = ()
     alarms: tuple[Message, ...] = ()
 
     @property
@@ -217,7 +217,7 @@ class SessionSnapshot:
     @property
     def position_joints(self) -> tuple[int, ...]:
         """Joints in position mode as last confirmed."""
-        return tuple(k for k, m in enumerate(self.modes, 1) if m is JointMode.POSITION)
+        return self.state.position_joints
 
     @property
     def drives_ready(self) -> bool:

@@ -52,10 +52,8 @@ def connect(session: Session, listener: Listener, *, measuring: bool = True) -> 
     session.instruct = listener.report
     identity = session.connect(measuring=measuring)
     listener.connected(identity)
-    if configured := configured_words(identity):
-        listener.report(f"{configured}.")
-    if configured := unwatching_words(identity):
-        listener.report(f"{configured}.")
+    for text in filter(None, (configured_words(identity), unwatching_words(identity))):
+        listener.report(f"{text}.")
     if _clear_lost_heartbeat(session):
         listener.report(
             "The drives had tripped on a lost operator heartbeat (8130h), as after a killed program: reset. "
@@ -252,31 +250,24 @@ def _repeat_pose(
         missed = reach(session, targets, speed_rad_per_s=speed_rad_per_s).reason
     else:
         missed, way = planned.to_first()
-    if missed:
-        session.record("return_missed", {"of": first.number, "reason": missed})
-        listener.report(f"Pose {first.number} could not be measured again: {missed}.")
-    else:
-        resumed = session.state.resumed
+    resumed = session.state.resumed
+    if not missed:
         try:
             session.take_check_reading("return", of=first.number)
         except TargetLostError as lost:
-            session.record("return_missed", {"of": first.number, "reason": lost.happened})
-            listener.report(f"Pose {first.number} could not be measured again: {lost.happened}.")
-            return way
-        if resumed or suspect:
-            report = _require_repeat_agrees(session)
-        else:
-            report = repeat_text(session.state, session.procedure)
-        if report:
-            listener.report(report)
+            missed = lost.happened
+    if missed:
+        session.record("return_missed", {"of": first.number, "reason": missed})
+        listener.report(f"Pose {first.number} could not be measured again: {missed}.")
+        return way
+    if resumed or suspect:
+        report = check_repeat(session.state, session.procedure)
+        session.record("return_holds", {"of": first.number, "told": report})
+    else:
+        report = repeat_text(session.state, session.procedure)
+    if report:
+        listener.report(report)
     return way
-
-
-def _require_repeat_agrees(session: Session) -> str:
-    """Raise GuardError if the repeated pose shows a shift; otherwise return the message of the comparison."""
-    report = check_repeat(session.state, session.procedure)
-    session.record("return_holds", {"of": session.state.repeats[-1].first.number, "told": report})
-    return report
 
 
 def _repeat_first_pose_and_come_back(

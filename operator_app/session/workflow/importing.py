@@ -160,7 +160,9 @@ class ImportedSession:
                 Path("sessions") if root is None else root, self.procedure.name, self._clock()
             )
         self._record("closed", {"reason": "imported"})
-        lines = self._lines(next_order(folder.parent, but=folder))
+        opened, *others = self._events
+        order = next_order(folder.parent, but=folder)
+        lines = format_lines((replace(opened, data={**opened.data, "order": order}), *others))
         path = folder / JOURNAL_NAME
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -173,12 +175,6 @@ class ImportedSession:
                 "choose a folder with free space and write permission",
             ) from error
         return folder
-
-    def _lines(self, order: int) -> list[bytes]:
-        """Return the journal lines of a session with this order number."""
-        opened, *others = self._events
-        opened = replace(opened, data={**opened.data, "order": order})
-        return format_lines((opened, *others))
 
     def _record(self, name: str, data: Mapping[str, Any]) -> None:
         utc = utc_in_words(self._clock())
@@ -292,8 +288,12 @@ def replace_session(
     try:
         existing = read_journal(folder)
         _require_reproducible(folder, existing.events)
-        if _contents(existing.events) != _contents(events):
-            _require_overwrite(folder, existing.events, overwrite=overwrite)
+        if not overwrite and _contents(existing.events) != _contents(events):
+            poses = plural(sum(event.name == "pose" for event in existing.events), "pose")
+            raise JournalError(
+                f"{folder} already holds a session of other data ({poses})",
+                "name another folder, or replace it with save(folder, overwrite=True)",
+            )
         for name in stale:
             # First, so that no file of the old calibration is ever beside the new journal.
             (folder / name).unlink(missing_ok=True)
@@ -309,16 +309,6 @@ def _require_reproducible(folder: Path, events: Sequence[JournalEvent]) -> None:
     raise JournalError(
         f"{folder} holds a session captured on an arm, or edited",
         "name another folder: such a session is not replaced even with overwrite=True",
-    )
-
-
-def _require_overwrite(folder: Path, events: Sequence[JournalEvent], *, overwrite: bool) -> None:
-    if overwrite:
-        return
-    poses = plural(sum(event.name == "pose" for event in events), "pose")
-    raise JournalError(
-        f"{folder} already holds a session of other data ({poses})",
-        "name another folder, or replace it with save(folder, overwrite=True)",
     )
 
 

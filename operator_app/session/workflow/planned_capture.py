@@ -27,7 +27,7 @@ from operator_app.session.workflow.campaign_replay import (
 from operator_app.session.workflow.drive_selection import require_in_box
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from operator_app.units import WHOLE_DEGREES, joints_named
+from operator_app.units import WHOLE_DEGREES, joints_named, plural
 from solver.design.actions import Capture, ChangeDrives, Finished, GoTo, Phase, path_watch
 from solver.design.campaign import Campaign
 
@@ -154,9 +154,10 @@ class PlannedCapture:
             self._move_back(self.campaign)
         campaign = self.campaign
         while True:
-            phase, made = campaign.phase, campaign.plan
+            phase, plan = campaign.phase, campaign.plan
             action = campaign.propose()
-            self._report_plan(campaign, phase, made is not campaign.plan)
+            if campaign.plan is not plan:
+                self._report_plan(campaign, phase)
             match action:
                 case Finished():
                     return self._end(action)
@@ -259,18 +260,17 @@ class PlannedCapture:
             )
         self._moved = False
 
-    def _report_plan(self, campaign: Campaign, before: Phase, planned: bool) -> None:  # noqa: FBT001
-        """Report a new plan."""
-        if not planned or campaign.plan is None or campaign.estimate is None:
+    def _report_plan(self, campaign: Campaign, before: Phase) -> None:
+        """Report a new plan, made after phase `before`."""
+        if campaign.plan is None or campaign.estimate is None:
             return
         count = len(campaign.readings_rad)
         first = before is Phase.EXPLORING and not any(
             p.planned for p in self._session.state.used_poses
         )
         head = f"Explored {count} poses" if first else "New plan"
-        visits_left = len(campaign.plan.visits)
         self._say(
-            f"{head} ({campaign.estimate.text}): {visits_left} pose{'s' if visits_left != 1 else ''} to take, "
+            f"{head} ({campaign.estimate.text}): {plural(len(campaign.plan.visits), 'pose')} to take, "
             f"{joints_named(campaign.drives)} {'drives' if len(campaign.drives) == 1 else 'drive'}."
         )
 

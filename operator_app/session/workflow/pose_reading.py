@@ -42,7 +42,7 @@ SOURCES = "tcp:HOST:PORT, file:PATH (a growing CSV file) or stdin"
 
 
 class TargetLostError(SessionError):
-    """The instrument does not see the target at this pose; `why` is the reason that the instrument gives."""
+    """The instrument does not see the target at this pose; `reason` is the instrument's."""
 
     def __init__(self, reason: str) -> None:
         super().__init__(

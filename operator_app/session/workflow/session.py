@@ -150,10 +150,7 @@ class Session(Logbook):
             *setup_checks(self.fixture, self.model, self.arm.snapshot().positions_rad),
             *fixed_parameter_checks(self.procedure),
         )
-        self.record(
-            "fixture_checked",
-            {"checks": [c.data for c in checks]},
-        )
+        self.record("fixture_checked", {"checks": [c.data for c in checks]})
         return checks
 
     def require_fixture(self) -> tuple[SetupCheck, ...]:
@@ -253,8 +250,7 @@ class Session(Logbook):
         speed = self.procedure.capture.speed_rad_per_s
         if speed_rad_per_s is not None:
             speed = min(speed, speed_rad_per_s)
-        unplanned = also is None
-        in_range = range_watch(self.model, coming_to_rest_s(speed) if unplanned else 0.0)
+        in_range = range_watch(self.model, coming_to_rest_s(speed) if also is None else 0.0)
         if self.identity is not None and self.identity.by_hand:
             self.instruct(by_hand_words(targets_rad))
 
@@ -264,11 +260,7 @@ class Session(Logbook):
             return in_range(snapshot) or (None if also is None else also(snapshot))
 
         with self._sensor_faults.recorded():
-            outcome = self.arm.move(
-                targets_rad,
-                speed_rad_per_s=speed,
-                watch=watch,
-            )
+            outcome = self.arm.move(targets_rad, speed_rad_per_s=speed, watch=watch)
         self._raise_if_cancelled()
         return outcome
 

@@ -11,6 +11,7 @@ from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
+from operator_app.tui.widgets.status import HEARTBEAT_LATE_S
 from operator_app.units import DATA_AGE
 
 
@@ -64,7 +65,7 @@ def _node(s: SessionSnapshot, node: NodeIdentity, *, wide: bool) -> Line:
     heartbeat = "     —" if beat is None else f"{DATA_AGE(beat).with_unit:>7}"
     age = "     —" if joint is None else f"{DATA_AGE(joint.age_s).with_unit:>7}"
     device = f"{node.device_name[:26]:<26} " if wide else ""
-    late = beat is not None and beat > 0.35
+    late = beat is not None and beat > HEARTBEAT_LATE_S
     state = "● answers" if joint is None else f"● answers, drive {drive_words(joint.drive)}"
     return line(
         f"  {node.node:>4}  {node.role[:11]:<11} {device}{node.serial_number:>7}  ",

@@ -238,7 +238,7 @@ class Plain:
 
     def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
         """Alarm in the chosen row."""
-        return None if self._row is None else ShownAlarm(number=self._row, whole=True)
+        return None if self._row is None else ShownAlarm(number=self._row, all_visible=True)
 
     def open(self, make: Callable[[], Runner]) -> None:
         """Open another session."""

@@ -20,12 +20,7 @@ from operator_app.calibration.instrument_registration import (
     with_calibrated_places,
     with_registered_instrument,
 )
-from operator_app.calibration.verification import (
-    Fixed,
-    fixed_calibration,
-    predict,
-    stated_noise,
-)
+from operator_app.calibration.verification import Fixed, fixed_calibration, predict, stated_noise
 from operator_app.config.procedure import Procedure
 from operator_app.errors import ClosureRefusedError, ConnectAgainError, GuardError
 from operator_app.session.store.state import CheckReading, SessionState, pose_set_of
@@ -194,7 +189,8 @@ def check_closure_by_poses(
         endpoint=() if endpoint is None else tuple(endpoint.tolist()),
     )
     arm, fixture = procedure.arm, fixture_in_place(state, procedure)
-    near, unresolved, unexpected = None, tuple(range(1, arm.joint_count + 1)), False
+    near, unexpected = None, False
+    unresolved = tuple(range(1, arm.joint_count + 1))
     if fixture.holds_hand:
         pose_set, unsensed = state.pose_set(), procedure.unsensed_joints
         before = Experiment(arm=arm, fixture=fixture, poses=pose_set, unsensed=unsensed)
@@ -203,10 +199,8 @@ def check_closure_by_poses(
         limit = max(
             float(chdtri(near.dof, INNOVATION_PROBABILITY)), CHI2_RATIO_TO_WORST_POSE * near.usual
         )
-        unresolved, unexpected = (
-            near.unseen(SHIFT_RAD, CHI2_RATIO_TO_LIMIT * limit),
-            near.chi2 > limit,
-        )
+        unresolved = near.unseen(SHIFT_RAD, CHI2_RATIO_TO_LIMIT * limit)
+        unexpected = near.chi2 > limit
     fixed = parameters_from_poses(state, procedure)
     if fixed is None and not unexpected:
         return ClosureResult(

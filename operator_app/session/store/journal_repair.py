@@ -1,8 +1,7 @@
 """Repairs a damaged journal: keeps every line whose checksum matches, removes the others, keeps a copy.
 
-The checksum of a line covers its bytes and the checksum of the line before it, so that lines after a damaged
-one can still be verified if that line's checksum can be read. A single flipped bit is found by trying all bits. Lines
-without a matching checksum are not used.
+The checksum of a line covers its bytes and the checksum of the line before it. Lines after a damaged line can be
+verified if the checksum of the damaged line can be read. A single flipped bit is found by trying all bits.
 """
 
 from __future__ import annotations

@@ -34,16 +34,16 @@ def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int 
         true = truths(int(number[:-1]) if number else first).get(name)
         if true is None:  # the orientation of a target has no true value by that name
             continue
-        errors = true - x
+        error = true - x
         if parameter.is_angle:
-            errors = math.remainder(errors, 2.0 * math.pi)
+            error = math.remainder(error, 2.0 * math.pi)
         of += 1
-        inside += bound.low <= x + errors <= bound.high
+        inside += bound.low <= x + error <= bound.high
     # The identified entries are compared, since the best table also includes errors of readings.
     calibrated = replace(calibrated_arm(solution, arm), best=None)
     part = solution.model.parts()[0][0]
     values = dict(truths(first))
-    mine = {
+    tool_side = {
         entry.name: values[entry.name]
         for row in range(1, arm.joint_count + 1)
         for kind in DhKind
@@ -51,7 +51,7 @@ def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int 
     }
     true_arm = replace(
         calibrated,
-        hand=with_entries(calibrated.hand, mine),
+        hand=with_entries(calibrated.hand, tool_side),
         tip_m=np.array([values.get(n, v) for n, v in zip(TIP, calibrated.tip_m, strict=True)]),
     )
     q = even_poses(arm)

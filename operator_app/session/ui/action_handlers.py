@@ -91,7 +91,7 @@ def acknowledge(context: ActionContext) -> None:
     alarm = next((a for a in context.s.alarms if shown and a.number == shown.number), None)
     if shown is None or alarm is None:
         return
-    if shown.whole:
+    if shown.all_visible:
         context.runner.acknowledge(alarm.number)
     else:
         question = YesNo(title=f"Alarm of {alarm.time}", text=alarm.text, yes="Acknowledge")

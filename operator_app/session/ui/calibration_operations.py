@@ -60,10 +60,10 @@ class CalibrationOperations:
     def calibrate(self, estimator: str, unsensed_joints: tuple[int, ...]) -> None:
         """Calibrate in a separate process and publish each iteration; cancelling ends the process at once."""
         self._publisher.publish(lambda s: replace(s, iterations=()))
-        with SolvingProcess(self._go_on) as process:
+        with SolvingProcess(self._raise_if_cancelled) as process:
             self._calibrate(process, estimator, unsensed_joints)
 
-    def _go_on(self) -> None:
+    def _raise_if_cancelled(self) -> None:
         if self._publisher.cancelled():
             raise Cancelled
 

@@ -18,13 +18,7 @@ from operator_app.config.procedure import CapturePlan
 from operator_app.messages.errors import stopped_words
 from operator_app.session.safety.latency import LatenessReporter
 from operator_app.session.ui.message_log import ARM_RECOVERY
-from operator_app.session.ui.snapshot import (
-    LOST_S,
-    DataState,
-    Level,
-    SessionSnapshot,
-    StopReport,
-)
+from operator_app.session.ui.snapshot import LOST_S, DataState, Level, SessionSnapshot, StopReport
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 
@@ -149,13 +143,13 @@ class Supervisor:
         self._end_unwatched_motion(now, unseen_s)
         self._report_stop(now)
         self._update_motion(now)
-        if news := self.recording_problem():
-            self._runner.say(Level.WARNING, news)
+        if problem := self.recording_problem():
+            self._runner.say(Level.WARNING, problem)
         if now.arm is None:
             self._lateness = LatenessReporter()
         elif late := self._lateness.new_text(now.arm.lateness, now.now_s):
             self._runner.say(Level.WARNING, late)
-        if now.arm is not None and now.stop is not None:
+        if now.stop is not None:
             self._count_stopped(now, now.stop)
         if now.identity is None:
             self._lost = False
@@ -163,12 +157,12 @@ class Supervisor:
         if now.data is DataState.LOST and not self._lost and not self._runner.connecting:
             self._lost = True
             sent = "quick stop sent" if self._runner.stop_quietly() else "quick stop NOT sent"
-            who = "no data from the arm", "Check the bus and the controller"
+            cause, remedy = "no data from the arm", "Check the bus and the controller"
             if now.arm is not None and now.oldest_s - now.arm.late_s <= LOST_S:
-                who = "this program did not read the bus", "End other programs"
+                cause, remedy = "this program did not read the bus", "End other programs"
             self._runner.say(
                 Level.ALARM,
-                f"{who[0]} for {now.oldest_s:.1f} s: {sent}, the drives hold by themselves. {who[1]}",
+                f"{cause} for {now.oldest_s:.1f} s: {sent}, the drives hold by themselves. {remedy}",
                 ARM_RECOVERY,
             )
         elif self._lost and _all_data_fresh(now):

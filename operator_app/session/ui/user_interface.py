@@ -62,7 +62,7 @@ class ShownAlarm:
     """Number of the alarm on the screen, and whether its whole text is visible."""
 
     number: int
-    whole: bool
+    all_visible: bool
 
 
 # -- user interfaces -------------------------------------------------------------------------------

@@ -16,10 +16,7 @@ from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.innovation import is_unpredicted
 from operator_app.calibration.prediction import CalibrationWithPoses
 from operator_app.calibration.result import Solution
-from operator_app.calibration.verification import (
-    VerificationResult,
-    verify_poses,
-)
+from operator_app.calibration.verification import VerificationResult, verify_poses
 from operator_app.errors import GuardError
 from operator_app.messages.errors import configured_words, unwatching_words
 from operator_app.planning.live import is_path_clear

@@ -14,12 +14,7 @@ import numpy as np
 
 from hardware.arm import MoveResult
 from operator_app.errors import GuardError
-from operator_app.planning.drives import (
-    DriveChoice,
-    choose_drives,
-    predict_drives,
-    sets_to_try,
-)
+from operator_app.planning.drives import DriveChoice, choose_drives, predict_drives, sets_to_try
 from operator_app.planning.exploration import Box, box_of, overload, waypoints
 from operator_app.session.store.logbook import Logbook
 from operator_app.session.workflow.listener import Listener
@@ -100,10 +95,8 @@ def wiggle(session: Session, drives: tuple[int, ...]) -> TrialWiggles:
     measured = np.linalg.matrix_rank(np.array(commanded)) if commanded else 0
     if measured < len(drives):
         # Too few moves were completed to measure anything.
-        commanded, displacements = (
-            list(WIGGLE_RAD * np.eye(len(drives))),
-            [np.zeros(len(start))] * len(drives),
-        )
+        commanded = list(WIGGLE_RAD * np.eye(len(drives)))
+        displacements = [np.zeros(len(start))] * len(drives)
     return TrialWiggles(
         drives=drives,
         commanded_rad=np.array(commanded),

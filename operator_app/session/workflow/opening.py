@@ -287,8 +287,8 @@ def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
             )
         procedure = replace(procedure, capture=replace(procedure.capture, poses=choices.poses))
     names = ("estimator", "unsensed_joints", "length_tolerance_m", "upload")
-    own: dict[str, Any] = {name: getattr(choices, name) for name in names}
-    procedure = replace(procedure, **{k: v for k, v in own.items() if v is not None})
+    own: dict[str, Any] = {k: v for k in names if (v := getattr(choices, k)) is not None}
+    procedure = replace(procedure, **own)
     if choices.placements is not None:
         procedure = replace(procedure, placements=require_mountable(procedure, choices.placements))
     _require_solvable(procedure)

@@ -314,10 +314,7 @@ class PlannedCapture:
             "campaign",
             {
                 **self._required_settings(),
-                "drive_sets": [
-                    list(self._chosen),
-                    *(list(d) for d in sets if d != self._chosen),
-                ],
+                "drive_sets": [list(self._chosen), *(list(d) for d in sets if d != self._chosen)],
                 "start_rad": earlier.get("start_rad", q_rad.tolist()),
                 "at_rad": q_rad.tolist(),
                 "captured": [p.number for p in session.state.used_poses],

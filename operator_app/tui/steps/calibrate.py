@@ -37,11 +37,7 @@ class SettingsPanel(Lines):
         used, captured = len(s.state.used_poses), len(s.state.poses)
         joints = ", ".join(f"J{j}" for j in s.unsensed_joints) or "none"
         rows = [
-            entry(
-                "Estimator",
-                (s.estimator, "bold"),
-                ("  " + ESTIMATOR_NOTES[s.estimator], "dim"),
-            ),
+            entry("Estimator", (s.estimator, "bold"), ("  " + ESTIMATOR_NOTES[s.estimator], "dim")),
             entry("Unsensed", joints, ("   (j changes)", "dim")),
             entry(
                 "Poses",

@@ -96,11 +96,6 @@ class PosesPanel(ListPanel):
         "it. u undoes the last change, x excludes the marked pose, n writes a note."
     )
 
-    def marked(self, s: SessionSnapshot) -> int | None:
-        """Number of the marked pose."""
-        poses = s.state.poses
-        return poses[-1 - min(self.cursor, len(poses) - 1)].number if poses else None
-
     def count(self, s: SessionSnapshot) -> int:
         """Return the number of poses."""
         return len(s.state.poses)
@@ -221,7 +216,7 @@ def _condition(s: SessionSnapshot, width: int) -> Line:
     good = value < ACCEPTABLE
     role, word = ("bold", "ok") if good else ("warn", f"▲ over {ACCEPTABLE}")
     if not good and len(s.state.used_poses) < s.required_poses:
-        # It is high for few poses, and later poses reduce it: no remedy is needed.
+        # Later poses reduce the condition number: no remedy is needed.
         role, word = "bold", "so far"
     more = f" (limit {ACCEPTABLE}, paper {PAPER})" if width > 40 else f" (paper {PAPER})"
     return clip(
@@ -272,4 +267,5 @@ class CaptureView(StepView):
 
     def marked_pose(self, s: SessionSnapshot) -> int | None:
         """Number of the marked pose."""
-        return self.query_one("#poses", PosesPanel).marked(s)
+        poses, cursor = s.state.poses, self.query_one("#poses", PosesPanel).cursor
+        return poses[-1 - min(cursor, len(poses) - 1)].number if poses else None

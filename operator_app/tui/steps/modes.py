@@ -54,14 +54,8 @@ class PlanPanel(Lines):
         if s.wiggle:
             rows += wrapped(f" Wiggle: {s.wiggle}", width, "text", "   ")
         if s.ranked:
-            rows.append(
-                line(
-                    (
-                        " Ranked    by how well each pair drives the chain here, 0 to 1",
-                        "dim",
-                    )
-                )
-            )
+            text = " Ranked    by how well each pair drives the chain here, 0 to 1"
+            rows.append(line((text, "dim")))
         pairs: list[list[Line]] = []
         for k, ranked in enumerate(s.ranked, 1):
             pair = " ".join(f"J{j}" for j in ranked.drives)

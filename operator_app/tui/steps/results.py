@@ -54,12 +54,11 @@ class VerdictPanel(Lines):
             return wrapped(f" {no_facts(s)}", width, "dim", " ")
         verdict, count = s.solution.verdict, len(facts.notices)
         glyph, role = VERDICT_GLYPHS[verdict]
-        # Not "warnings": ACCEPTED, WITH WARNINGS is another verdict.
+        # Called notes, because ACCEPTED, WITH WARNINGS is another verdict.
         noted = verdict is Verdict.ACCEPTED and count
         tail = f" · {plural(count, 'note')}" if noted else ""
         sigmas = [h for h in facts.headlines if h.closure]
         others = [h for h in facts.headlines if not h.closure and h.name != "rank"]
-        # Of a simulated arm.
         truth = truth_in_words(s.solution)
         rows = [
             line((f" {glyph} {facts.verdict.upper()}{tail}", role)),

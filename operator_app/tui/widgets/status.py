@@ -157,10 +157,8 @@ def _drives(s: SessionSnapshot, *, short: bool) -> list[Span]:
             return [(word, "dim"), (f"■ J{joint.joint} FAULT", "alarm")]
     if s.stopped:
         return [(word, "dim"), ("■ STOP", "alarm")]
-    count, on = (
-        len(s.arm.joints),
-        sum(j.drive is DriveState.OPERATION_ENABLED for j in s.arm.joints),
-    )
+    count = len(s.arm.joints)
+    on = sum(j.drive is DriveState.OPERATION_ENABLED for j in s.arm.joints)
     return [(word, "dim"), ("on" if on == count else f"{on}/{count} on", "text")]
 
 
@@ -186,9 +184,11 @@ class Log(Lines, can_focus=False):
         """Return as many lines as there are rows; if a line is cut, add the key that shows it in full."""
         standing = {alarm.number for alarm in s.alarms}
         rows = _alarm_rows(s, width)
-        all_fit = len(rows) <= height
+        all_visible = len(rows) <= height
         rows = cut(rows, width, height, SHOWS_ALL.format(key="A"))
-        self.alarm = ShownAlarm(number=s.alarms[-1].number, whole=all_fit) if rows else None
+        self.alarm = (
+            ShownAlarm(number=s.alarms[-1].number, all_visible=all_visible) if rows else None
+        )
         # During a motion every key ends it: none is offered.
         more = " …" if stops_on_any_key(s.task) else SHOWS_ALL.format(key="l")
         others = [m for m in s.messages[::-1] if m.number not in standing]

@@ -29,14 +29,13 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
     if s.task is not None and not s.task.moves:
         return NextAction("", "", f"{s.task.text} ...")
     if s.stopped:
-        reason = "the arm stopped by itself: keep clear until the cause is known, then Enter (or R) resets it"
-        return NextAction(
-            "reset",
-            "Reset STOP",
-            f"{reason}; nothing moves by itself"
+        when = (
+            "the arm stopped by itself: keep clear until the cause is known, then"
             if s.stopped_for
-            else "STOP is latched: when it is safe, Enter (or R) resets it; nothing moves by itself",
+            else "STOP is latched: when it is safe,"
         )
+        hint = f"{when} Enter (or R) resets it; nothing moves by itself"
+        return NextAction("reset", "Reset STOP", hint)
     if s.arm is not None and any(j.drive is DriveState.FAULT for j in s.arm.joints):
         return NextAction(
             "reset",
@@ -182,8 +181,7 @@ def _calibrate(s: SessionSnapshot) -> NextAction:
 
 
 def _results(s: SessionSnapshot) -> NextAction:
-    missing = missing_for(Step.EXPORT, s)
-    if missing:
+    if missing_for(Step.EXPORT, s):
         return NextAction(
             "step_4",
             "Capture more",

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -199,16 +198,13 @@ def adjudicate(
     )
 
 
-class _Misfit(NamedTuple):
-    """Causes of a misfit, which of them are alternative models, and whether the poses are from another arm."""
+def _misfit_causes(
+    case: _Case, labels: tuple[str, ...]
+) -> tuple[tuple[Finding, ...], tuple[Finding, ...], bool]:
+    """Explain the misfit by the tests' causes, or by alternative models where it is gross.
 
-    causes: tuple[Finding, ...]
-    alternatives: tuple[Finding, ...]
-    nothing_fits: bool
-
-
-def _misfit_causes(case: _Case, labels: tuple[str, ...]) -> _Misfit:
-    """Explain the misfit by the tests' causes, or by alternative models where it is gross."""
+    Returns the causes, those among them that are alternative models, and whether the poses are from another arm.
+    """
     diagnosis, scale = case.diagnosis, case.chi2_per_dof
     by_tests = causes_of(diagnosis, case.found.estimate, case.judged, labels)
     alternatives: tuple[Finding, ...] = ()
@@ -237,7 +233,7 @@ def _misfit_causes(case: _Case, labels: tuple[str, ...]) -> _Misfit:
     if scale > limits.CHI2_PER_DOF_REFUSED and by_tests:
         # The sigmas cover the effect of every cause, because the misfit has widened them.
         by_tests = (replace(by_tests[0], blocking=True), *by_tests[1:])
-    return _Misfit(by_tests, alternatives, nothing_fits)
+    return by_tests, alternatives, nothing_fits
 
 
 def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:

@@ -21,6 +21,7 @@ from solver.arrays import FloatArray
 from solver.chain.parameters import wrap_angles
 from solver.chain.poses import PoseSet
 from solver.diagnostics.limits import DISTANCE_NOTICE_PROBABILITY, REMOUNT_FALSE_ALARM_PROBABILITY
+from solver.diagnostics.statistics import sigmas_at
 from solver.estimators.error_model import distance_and_rates
 from solver.estimators.estimate import Estimate
 from solver.estimators.linear_fit import LinearFit
@@ -164,10 +165,8 @@ def compared(
 
 def contradicted(distances_found: Sequence[Distance]) -> tuple[Finding, ...]:
     """Return which measured distances the poses contradict."""
-    from scipy.special import ndtri
-
     known = sum(d.measured is not None for d in distances_found)
-    limit = -float(ndtri(0.5 * DISTANCE_NOTICE_PROBABILITY / max(known, 1)))
+    limit = sigmas_at(DISTANCE_NOTICE_PROBABILITY, known)
     return tuple(
         Finding(
             kind=FindingKind.DISTANCE_ABOVE if d.deviation > 0.0 else FindingKind.DISTANCE_BELOW,

@@ -252,7 +252,7 @@ def _with_prediction(
             pose_chi2=chi2,
             pose_probability=np.asarray(chdtrc(np.maximum(dof, 1), chi2)),
         ),
-        odd_poses=tuple(pose.pose for pose in named.odd),
+        odd_poses=named.poses,
         shift=shift,
         stated=stated,
         others_fit=shift is None and others.per_dof <= others.high,

@@ -33,10 +33,9 @@ from solver.diagnostics.model_selection import (
     Evidence,
     evidence,
     evidence_of_own,
+    log_likelihood,
     noise_scale,
     probabilities,
-    sound_log_likelihood,
-    unexplained_log_likelihood,
 )
 from solver.diagnostics.stated_sizes import with_found_motion_noise
 from solver.diagnostics.whitened_residuals import OwnColumns, WhitenedResiduals
@@ -193,7 +192,7 @@ def _residual_tests(
     badly resemble a change of the geometry rather than a step of a single reading.
     """
     odd = find_outliers(residuals)
-    tests = [HypothesisTest(code="POSE", statistic=odd.worst.chi2, threshold=odd.worst.threshold)]
+    tests = [odd.test]
     change_points = steps(residuals, scene.suspects(), quiet=quiet)
     if change_points:
         tests.append(
@@ -245,8 +244,7 @@ def _changes(
     changes = scene.changes()
     for step in steps(residuals, scene.suspects(), scale=scale):
         yield changes[step.suspect].from_pose(step.pose)
-    outliers = odd if scale == 1.0 else find_outliers(residuals, scale=scale)
-    poses = tuple(pose.pose for pose in outliers.odd)
+    poses = (odd if scale == 1.0 else find_outliers(residuals, scale=scale)).poses
     m = len(residuals.white)
     for count in range(1, len(poses) + 1):
         if count in (1, 2, 3, len(poses)):
@@ -289,8 +287,8 @@ def _ranked(residuals: WhitenedResiduals, candidates: Iterable[Candidate]) -> Ca
         for c, e in listed
     ]
     weights += [
-        sound_log_likelihood(residuals) + np.log(1.0 - sum(PRIORS.values())),
-        unexplained_log_likelihood(residuals) + np.log(UNNAMED),
+        log_likelihood(residuals, most_noise=1.0) + np.log(1.0 - sum(PRIORS.values())),
+        log_likelihood(residuals, most_noise=np.inf) + np.log(UNNAMED),
     ]
     chance = probabilities(np.array(weights))
     candidates_with_evidence = [

@@ -220,17 +220,11 @@ class FaultModels:
                 yield linearity_curve
             elif isinstance(sensor, Encoder):
                 shapes = np.stack([f(k * turn) for k in (1, 2) for f in (np.sin, np.cos)], axis=-1)
-                candidate, least = (
-                    self._along(Cause.TURN_ERROR, j, shapes),
-                    2.0 * sensor.accuracy_rad,
-                )
-                yield replace(candidate, most=30.0, shapes=shapes, least=least)
+                error, least = self._along(Cause.TURN_ERROR, j, shapes), 2.0 * sensor.accuracy_rad
+                yield replace(error, most=30.0, shapes=shapes, least=least)
             if (phi := self._in_time(self.design.sag_basis.phi)).size:
-                candidate, least = (
-                    self._along(Cause.SAG, j, phi),
-                    2.0 * self.arm.joints[j - 1].sag_rad,
-                )
-                yield replace(candidate, most=30.0, shapes=phi, least=least)
+                sag, least = self._along(Cause.SAG, j, phi), 2.0 * self.arm.joints[j - 1].sag_rad
+                yield replace(sag, most=30.0, shapes=phi, least=least)
 
     def _entries(self) -> Iterator[Candidate]:
         """Candidates, by entry of the maker's table: an error beyond its tolerance."""

@@ -171,26 +171,12 @@ ALIKE = 0.5
 FREE = 1e-6
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outlier:
-    """One pose against the prediction from the poses that are not outliers.
-
-    `pose`: index, in the order of the fit. `chi2`, `dof`: misfit of the pose. `threshold`: value that the largest
-    misfit of all poses exceeds in `FALSE_ALARM_PROBABILITY` of sound sets.
-    """
-
-    pose: int
-    chi2: float
-    dof: int
-    threshold: float
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Outliers:
-    """The worst pose, all poses beyond the threshold (worst first), and the residuals of the others."""
+    """Test of the worst pose, indices of all poses beyond the threshold (worst first), and residuals of the others."""
 
-    worst: Outlier
-    odd: tuple[Outlier, ...]
+    test: HypothesisTest
+    poses: tuple[int, ...]
     rest: WhitenedResiduals
 
 
@@ -206,30 +192,27 @@ def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outlie
     most = int(np.ceil(OUTLIER_LARGEST_SHARE * m))
     at_once = -(-most // ROUNDS)
     is_kept = np.ones(m, dtype=np.bool_)
-    odd: list[Outlier] = []
-    first: Outlier | None = None
+    chi2_of: dict[int, float] = {}
+    first: HypothesisTest | None = None
     rest = residuals
     while True:
         chi2, dof = leave_one_out_chi2(rest, is_kept)
         limit = chdtri(np.maximum(dof, 1), FALSE_ALARM_PROBABILITY / m)
-        excess = np.where(is_kept & (dof > 0), chi2 / scale - limit, -np.inf)
+        chi2 = chi2 / scale
+        excess = np.where(is_kept & (dof > 0), chi2 - limit, -np.inf)
         worst = np.argsort(-excess, kind="stable")[:at_once]
-        outliers = [
-            Outlier(
-                pose=int(k), chi2=float(chi2[k]) / scale, dof=int(dof[k]), threshold=float(limit[k])
-            )
-            for k in worst
-        ]
-        first = first or outliers[0]
-        largest = float(excess[worst[0]])
-        if not largest > 0.0 or len(odd) >= most:
+        k, largest = worst[0], float(excess[worst[0]])
+        first = first or HypothesisTest(
+            code="POSE", statistic=float(chi2[k]), threshold=float(limit[k])
+        )
+        if not largest > 0.0 or len(chi2_of) >= most:
             break
-        set_aside = worst[excess[worst] >= ALIKE * largest][: most - len(odd)]
-        odd += outliers[: len(set_aside)]
+        set_aside = worst[excess[worst] >= ALIKE * largest][: most - len(chi2_of)]
+        chi2_of |= dict(zip(set_aside.tolist(), chi2[set_aside].tolist(), strict=True))
         is_kept[set_aside] = False
         rest = rest.without(set_aside)
-    odd.sort(key=lambda pose: -pose.chi2)
-    return Outliers(worst=first, odd=tuple(odd), rest=rest)
+    poses = tuple(sorted(chi2_of, key=lambda pose: -chi2_of[pose]))
+    return Outliers(test=first, poses=poses, rest=rest)
 
 
 def pose_columns(residuals: WhitenedResiduals, poses: IntArray) -> FloatArray:

@@ -59,25 +59,19 @@ class Evidence:
     moved: FloatArray
 
 
-def noise_scale(chi2: float, dof: int) -> float:
-    """Scale of the variances relative to the stated ones, at most 1."""
-    return min(1.0, max(SMALLEST_NOISE_SCALE, chi2 / max(dof, 1)))
+def noise_scale(chi2: float, dof: int, most: float = 1.0) -> float:
+    """Scale of the variances relative to the stated ones, at most `most`."""
+    return min(most, max(SMALLEST_NOISE_SCALE, chi2 / max(dof, 1)))
 
 
-def sound_log_likelihood(residuals: WhitenedResiduals) -> float:
-    """Log-likelihood without a fault, with the noise as stated or less."""
-    return _log_likelihood(
-        residuals.chi2, residuals.dof, noise_scale(residuals.chi2, residuals.dof)
-    )
+def log_likelihood(residuals: WhitenedResiduals, *, most_noise: float) -> float:
+    """Log-likelihood without a known fault.
 
-
-def unexplained_log_likelihood(residuals: WhitenedResiduals) -> float:
-    """Log-likelihood if all errors are larger than stated, from an unknown cause."""
-    return _log_likelihood(
-        residuals.chi2,
-        residuals.dof,
-        max(SMALLEST_NOISE_SCALE, residuals.chi2 / max(residuals.dof, 1)),
-    )
+    `most_noise`: largest scale of the variances; 1 if errors are as stated or less, infinite if an unknown cause makes
+    all errors larger.
+    """
+    scale = noise_scale(residuals.chi2, residuals.dof, most_noise)
+    return -0.5 * (max(residuals.dof, 1) * float(np.log(scale)) + residuals.chi2 / scale)
 
 
 def evidence(
@@ -157,10 +151,6 @@ def evidence_of_own(
         covariance=natural**2 * variance,
         moved=columns.moved(residuals, solution),
     )
-
-
-def _log_likelihood(chi2: float, dof: int, scale: float) -> float:
-    return -0.5 * (max(dof, 1) * float(np.log(scale)) + chi2 / scale)
 
 
 def probabilities(log_weights: FloatArray) -> FloatArray:

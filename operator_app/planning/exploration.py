@@ -19,7 +19,7 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 
 RANGE_END_MARGIN_RAD = float(np.deg2rad(2.0))
-"""A move ends when a joint comes this close to the end of its range."""
+"""A move ends when a joint comes this close to the end of its range: the braking distance."""
 
 DEFAULT_SPAN_DEG = 25.0
 """Half width of the box along each drive joint that the procedure does not limit."""
@@ -88,8 +88,8 @@ def box_of(
 def waypoints(box: Box, *, poses: int, seed: int) -> tuple[Mapping[int, float], ...]:
     """Targets of the position-mode joints, in visiting order.
 
-    There are three times as many as poses wanted, so that unreachable ones can be skipped. A resumed session gets the
-    same plan. Cached, because each visit needs the whole list.
+    Three for each of `poses`, so that unreachable ones can be skipped. A resumed session gets the same plan. Cached,
+    because each visit needs all waypoints.
     """
     low, high = np.array(box.lower_rad), np.array(box.upper_rad)
     points = low + additive_recurrence(3 * poses, len(low), seed) * (high - low)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from operator_app.config.any_file import FilesRead
 from operator_app.config.fixture_file import FixtureSpec
@@ -38,11 +38,11 @@ class Chain:
     arm: ArmModel
     fixture: FixtureSpec
     outlook: Outlook
-    procedure: str = ""
-    held: Mapping[str, str] = field(default_factory=dict)
-    home: tuple[FloatArray, Outlook] | None = None
-    poses: tuple[tuple[str, Identifiability], ...] = ()
-    unfit: tuple[tuple[str, str], ...] = ()
+    procedure: str
+    held: Mapping[str, str]
+    home: tuple[FloatArray, Outlook] | None
+    poses: tuple[tuple[str, Identifiability], ...]
+    unfit: tuple[tuple[str, str], ...]
 
     @property
     def refused(self) -> bool:
@@ -55,33 +55,17 @@ def chains_of(files: FilesRead) -> tuple[Chain, ...]:
     """Return the chain of each procedure or, without procedures, of every arm with every fixture."""
     procedures = [p.holds for p in files.of("procedure") if isinstance(p.holds, Procedure)]
     if procedures:
-        return tuple(
-            _chain(
-                files,
-                p.arm,
-                p.fixture,
-                procedure=p.name,
-                drives=p.position_joints,
-                unsensed=p.unsensed_joints,
-                held=p.held,
-            )
-            for p in procedures
-        )
+        return tuple(_chain(files, p.arm, p.fixture, p) for p in procedures)
     arms = [f.holds for f in files.of("arm") if isinstance(f.holds, ArmModel)]
     fixtures = [f.holds for f in files.of("fixture") if isinstance(f.holds, FixtureSpec)]
     return tuple(_chain(files, arm, fixture) for arm in arms for fixture in fixtures)
 
 
 def _chain(
-    files: FilesRead,
-    arm: ArmModel,
-    spec: FixtureSpec,
-    *,
-    procedure: str = "",
-    drives: tuple[int, ...] | None = None,
-    unsensed: tuple[int, ...] = (),
-    held: Mapping[str, str] = {},
+    files: FilesRead, arm: ArmModel, spec: FixtureSpec, procedure: Procedure | None = None
 ) -> Chain:
+    drives = None if procedure is None else procedure.position_joints
+    unsensed = () if procedure is None else procedure.unsensed_joints
     identified: list[tuple[str, Identifiability]] = []
     unfit: list[tuple[str, str]] = []
     for looked in files.of("poses"):
@@ -94,14 +78,14 @@ def _chain(
             )
         except (SolverError, ValueError) as error:
             unfit.append((file, str(error)))
-    found_there = outlook(arm, spec.fixture, position_joints=drives, unsensed_joints=unsensed)
+    prospect = outlook(arm, spec.fixture, position_joints=drives, unsensed_joints=unsensed)
     return Chain(
         arm=arm,
         fixture=spec,
-        outlook=found_there,
-        home=closing_home(arm, spec.fixture, found_there),
-        procedure=procedure,
-        held=held,
+        outlook=prospect,
+        home=closing_home(arm, spec.fixture, prospect),
+        procedure="" if procedure is None else procedure.name,
+        held={} if procedure is None else procedure.held,
         poses=tuple(identified),
         unfit=tuple(unfit),
     )

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from operator_app.planning.task import STOP_MARGIN_RAD, ranges_of
+from operator_app.planning.exploration import RANGE_END_MARGIN_RAD
+from operator_app.planning.task import ranges_of
 from solver.arrays import BoolArray, FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
@@ -247,5 +248,5 @@ def is_path_clear(
     traces = drive_straight(
         model, x, start.q, start.u, drives, goal, steps=max(1, int(np.ceil(way / LINE_STEP_RAD)))
     )
-    safe = traces.safe(ranges_of(arm).within(STOP_MARGIN_RAD), LIMITS)
+    safe = traces.safe(ranges_of(arm).within(RANGE_END_MARGIN_RAD), LIMITS)
     return bool(start.closed[0] and safe[0])

@@ -16,7 +16,8 @@ from operator_app.planning.drives import (
     named_drives,
     predict_drives,
 )
-from operator_app.planning.task import STOP_MARGIN_RAD, planning_task
+from operator_app.planning.exploration import RANGE_END_MARGIN_RAD
+from operator_app.planning.task import planning_task
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter, nominal_vector
@@ -161,7 +162,7 @@ def _visited(
         route = plan.graph.route(
             task.model,
             plan.x,
-            task.ranges.within(STOP_MARGIN_RAD),
+            task.ranges.within(RANGE_END_MARGIN_RAD),
             source=position,
             target=target,
             drives=drives,

@@ -35,9 +35,6 @@ MARGIN_RAD = float(np.deg2rad(3.0))
 CANDIDATES = 3000
 """Number of candidate poses of a plan."""
 
-STOP_MARGIN_RAD = float(np.deg2rad(2.0))
-"""A move ends when a joint comes this close to the end of its range: the braking distance."""
-
 CURVE_SHARE = 0.5
 """Share of a sensor's specified linearity deviation that interim estimates treat as noise."""
 UNSENSED_SIGMA_RAD = 1.0

@@ -115,7 +115,7 @@ def _hold_out_data(hold_out: HoldOut | None) -> dict[str, Any] | None:
 
 def _components_data(components: VarianceComponents | None) -> dict[str, Any]:
     if components is None:
-        return {"variance_components": {}}
+        return {}
     # A rigid fixture is given as zero, not left out.
     rigid = {} if components.compliance is None else {"fixture_mm": 0.0, "fixture_mrad": 0.0}
     return {

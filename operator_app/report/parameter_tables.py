@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 
 from operator_app.calibration.result import Solution
 from operator_app.report.table import Cell, Column, FactTable, figures, words
@@ -87,30 +88,21 @@ def parameter_table(
     for k, p in enumerate(estimate.parameters):
         quantity, name = quantity_of(p), p.name
         n, value = places(quantity), float(estimate.x[k])
-
-        def figure(
-            value: float,
-            key: Key = (),
-            quantity: Quantity = quantity,
-            n: int = n,
-            *,
-            signed: bool = False,
-        ) -> Figure:
-            return Figure(value, quantity, places=n, signed=signed, key=key)
-
+        figure = partial(Figure, quantity=quantity, places=n)
+        nominal_name: Key = ("nominal", name) if nominal_key else ()
         row: list[Cell] = [
             name,
             quantity.unit,
-            figure(p.nominal, ("nominal", name) if nominal_key else (), n=round_places(quantity)),
-            Figure(value, quantity, places=n, role="found", key=("parameters", name)),
+            Figure(p.nominal, quantity, places=round_places(quantity), key=nominal_name),
+            figure(value, role="found", key=("parameters", name)),
             figure(change_of(p, value, p.nominal), signed=True),
-            figure(float(estimate.standard_deviation[k]), ("sigma", name)),
+            figure(float(estimate.standard_deviation[k]), key=("sigma", name)),
         ]
         if repeatability is not None:
-            row.append(figure(float(repeatability[k]), ("repeatability", name)))
+            row.append(figure(float(repeatability[k]), key=("repeatability", name)))
         row += [
-            figure(bounds[k].low, ("interval_95", name, 0)),
-            figure(bounds[k].high, ("interval_95", name, 1)),
+            figure(bounds[k].low, key=("interval_95", name, 0)),
+            figure(bounds[k].high, key=("interval_95", name, 1)),
         ]
         if sides is not None:
             row.append(sides[name])

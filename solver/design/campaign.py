@@ -144,7 +144,7 @@ class Campaign:
                 self._queue.clear()
         elif stopped:
             self._plan_around_stop(action, stopped)
-        elif self._backing:
+        else:
             self._backing = 0
 
     def captured(self, q_rad: FloatArray) -> None:
@@ -281,8 +281,7 @@ class Campaign:
                     complete=False,
                 )
             return
-        number = self._taken + 1
-        goal = f"planned pose {number}"
+        goal = f"planned pose {self._taken + 1}"
         self._queue += moves_along(route, self.drives, goal, of=f" of {self.poses}")
         self._queue.append(Capture(planned=True, why=goal))
         self._node = target

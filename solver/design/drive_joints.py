@@ -110,10 +110,6 @@ class TrialWiggles:
     moved_rad: FloatArray
     stopped: str = ""
 
-    def rates(self) -> FloatArray:
-        """Measured motion of every joint per motion of each drive (n, d), by least squares."""
-        return np.asarray(np.linalg.lstsq(self.commanded_rad, self.moved_rad, rcond=None)[0].T)
-
 
 def rank_by_trial(trials: Sequence[TrialWiggles]) -> tuple[RankedDrives, ...]:
     """Rank drive sets by the measured motion of the chain (paper, section 3), best first. Uses no model.
@@ -145,7 +141,8 @@ def _judge_trial(trial: TrialWiggles) -> RankedDrives:
         raise ValueError(
             f"the trial motions of joints {trial.drives} do not move each drive independently"
         )
-    measured = trial.rates()
+    # Motion of every joint per motion of each drive (n, d).
+    measured = np.linalg.lstsq(trial.commanded_rad, trial.moved_rad, rcond=None)[0].T
     size = np.linalg.norm(measured, axis=-1)
     followed = float(np.diagonal(measured[[j - 1 for j in trial.drives]]).min())
     size[[j - 1 for j in trial.drives]] = 0.0

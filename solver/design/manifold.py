@@ -88,7 +88,7 @@ def grow_manifold(
         wave = _wave(front, tangent, step_rad, rng)
         wave = wave[ranges.clearance(wave[:, :n]) > -step_rad]
         wave = wave[_far_from(points[:, own], wave[:, own], 0.6 * step_rad)]
-        # FitStart duplicates of another step are dropped before they are closed.
+        # Steps that nearly repeat another one are dropped before they are closed.
         wave = wave[_spread(wave[:, own], LEAST_SPACING_SHARE * step_rad)]
         if len(wave) == 0:
             break
@@ -104,12 +104,7 @@ def grow_manifold(
         points = np.concatenate((points, front))
     q, u = points[:, :n].copy(), points[:, n:].copy()
     motion = chain_motion(model, x, q, u)
-    return Manifold(
-        q=q,
-        u=u,
-        motion=motion,
-        neighbours=_touching(points, motion, step_rad),
-    )
+    return Manifold(q=q, u=u, motion=motion, neighbours=_touching(points, motion, step_rad))
 
 
 def candidate_poses(

@@ -22,7 +22,7 @@ from solver.design.drive_joints import RankedDrives, rank_over_region
 from solver.design.manifold import Manifold, candidate_poses
 from solver.design.motion import LIMITS, MotionLimits, Ranges
 from solver.design.paths import PathGraph
-from solver.design.pose_information import PoseInformation, about_parameters, pose_information
+from solver.design.pose_information import PoseInformation, pose_information
 from solver.design.stop_rule import standard_deviations
 from solver.diagnostics.identifiability import Identifiability, identifiability_of_jacobian
 from solver.estimators.error_model import ErrorModel
@@ -167,7 +167,7 @@ def make_plan(
         # The arm must be able to leave a pose near its present one.
         radius = min(AVOID_RADIUS_RAD, 0.5 * float(np.linalg.norm(q_start - pose)))
         trusted &= ((manifold.q - pose) ** 2).sum(-1) > radius**2
-    # The arm is where it is.
+    # Every path starts at the present pose.
     trusted[0] = True
     ranked: tuple[RankedDrives, ...] = ()
     sets = task.drive_sets
@@ -183,7 +183,6 @@ def make_plan(
     visits = tuple(points[k] for k in visiting_order(graph.distances(points)))
     chosen_q = manifold.q[list(visits)]
     J = task.model.reduced(x, chosen_q).jac_x
-    total = about_parameters(information.of(visits) + known, len(information.parameters))
     return PosePlan(
         x=np.array(x),
         manifold=manifold,
@@ -192,7 +191,9 @@ def make_plan(
         allowed=allowed,
         visits=visits,
         ranked=ranked,
-        predicted_sigma=standard_deviations(total),
+        predicted_sigma=standard_deviations(
+            information.of(visits) + known, len(information.parameters)
+        ),
         design=identifiability_of_jacobian(J, [p.name for p in task.model.parameters], chosen_q),
     )
 

@@ -60,9 +60,9 @@ def element(tag: str, *children: str, **attributes: Attribute) -> Html:
     return Html(f"<{tag}{written}>{join(children)}</{tag}>")
 
 
-def join(parts: Iterable[str], separator: str = "") -> Html:
+def join(parts: Iterable[str]) -> Html:
     """Put pieces one after another."""
-    return Html(text(separator).join(text(part) for part in parts))
+    return Html("".join(text(part) for part in parts))
 
 
 def spoken(value: str) -> Html:

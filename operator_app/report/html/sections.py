@@ -147,10 +147,7 @@ def _of_table(subject: Subject, estimate: Estimate, table: FactTable) -> Section
             trend = calibration_plots.condition_trend(subject.solution.seen.trend, limit)
             content = [plots([table_html(table), drawn(trend)])]
         case "closure":
-            shown = (
-                *calibration_plots.closure_by_pose(subject, estimate),
-                calibration_plots.misses(subject, estimate),
-            )
+            shown = calibration_plots.residuals(subject, estimate)
             content += [remark(CLOSURE_WORDS), plots(map(drawn, shown))]
     return Section(
         ident=table.ident,
@@ -318,11 +315,7 @@ def _method(subject: Subject) -> Section:
             "Of the equivalent descriptions of a loop, the one nearest to the fixture's nominal placement is "
             f"given; that was measured to {tolerance}."
         )
-        points += [
-            loop,
-            *METHOD_WORDS,
-            nearest,
-        ]
+        points += [loop, *METHOD_WORDS, nearest]
     made = f"The page was made from the {plural(subject.events, 'event')} of the session's journal alone"
     points.append(
         f"{made}; the poses were solved again: {subject.recalculated_because}."

@@ -86,6 +86,11 @@ def condition_trend(trend: Sequence[tuple[int, float]], limit: float) -> Picture
     )
 
 
+def residuals(subject: Subject, estimate: Estimate) -> tuple[Picture, ...]:
+    """Return all plots of residuals by pose."""
+    return (*closure_by_pose(subject, estimate), misses(subject, estimate))
+
+
 def misses(subject: Subject, estimate: Estimate) -> Picture:
     """Return the plot of the distance between tool and fixture in every pose; large distances are marked."""
     miss = np.linalg.norm(estimate.residual[:, estimate.rotation_rows :], axis=1)

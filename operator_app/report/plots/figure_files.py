@@ -202,12 +202,7 @@ def _made(subject: Subject, name: str) -> Panels | None:
 
 
 def _residuals(subject: Subject, solution: Solution) -> Panels:
-    estimate = solution.identified
-    shown = (
-        *calibration_plots.closure_by_pose(subject, estimate),
-        calibration_plots.misses(subject, estimate),
-    )
-    return Panels(pictures=shown)
+    return Panels(pictures=calibration_plots.residuals(subject, solution.identified))
 
 
 def _parameters(subject: Subject, solution: Solution) -> Panels:

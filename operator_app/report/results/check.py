@@ -27,7 +27,7 @@ from operator_app.units import (
     others_free,
     plural,
 )
-from solver.chain.arm_model import ArmModel, Joint
+from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhKind
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
 
@@ -210,11 +210,11 @@ def _freedom(chain: Chain) -> list[str]:
     outlook, n = chain.outlook, chain.arm.joint_count
     if outlook.mobility is None:
         return []
-    others = others_free(outlook.mobility, n)
-    lines = [
-        f"Mobility {outlook.mobility}: exactly {plural(outlook.mobility, 'joint')} in position mode{others}."
-    ]
-    if not chain.fixture.fixture.holds_hand:
+    if chain.fixture.fixture.holds_hand:
+        drives = plural(outlook.mobility, "joint") + " in position mode"
+        others = others_free(outlook.mobility, n)
+        lines = [f"Mobility {outlook.mobility}: exactly {drives}{others}."]
+    else:
         lines = [f"The tool is free: all {n} joints in position mode."]
     if outlook.choice is not None:
         chosen = f"{joints_named(outlook.choice.drives).capitalize()} would drive"
@@ -235,22 +235,18 @@ def _other_home(chain: Chain) -> list[str]:
         return []
     home, outlook = chain.home
     degrees = ", ".join(f"{a:g}" for a in short_degrees(home))
-    well = (
-        []
-        if outlook.seen is None
-        else [
-            _identifiability_text("Poses over the whole region reachable from there", outlook.seen)
-        ]
-    )
-    return [
+    lines = [
         paragraph(
             f"! This home pose is usable, and closes with the {chain.fixture.kind}: write it into the file of "
             f"{chain.arm.name}, bring the arm there, and check again:",
             indent=2,
         ),
         f"  home_deg: [{degrees}]",
-        *well,
     ]
+    if outlook.seen is not None:
+        region = "Poses over the whole region reachable from there"
+        lines.append(_identifiability_text(region, outlook.seen))
+    return lines
 
 
 def _identifiability_text(what: str, identifiability: Identifiability) -> str:

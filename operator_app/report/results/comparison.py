@@ -92,9 +92,7 @@ def _verdict(comparison: CalibrationComparison, table: FactTable) -> str:
         _, unit, _, _, change, _, sigmas, _ = cells[d.name]
         line = f"- {d.name} by {change} {unit} ({sigmas} sigmas; {d.side.value})"
         lines.append(paragraph(line, indent=2))
-    sides = {d.side for d in comparison.drifted}
-    advice = ""
-    if Side.ARM not in sides:
+    if Side.ARM not in {d.side for d in comparison.drifted}:
         advice = (
             "Only parameters of the fixture's mounting changed, none of the arm itself. If the fixture "
             "was taken off in between, compare with --remounted; if not, check whether it has moved."

@@ -254,8 +254,8 @@ def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:
             "joints": list(choice.drives),
             "sets": [list(drives) for drives in choice.sets],
             "reasons": list(choice.reasons),
-            "at_start": [ranked_json(r) for r in choice.prediction.here],
-            "over_region": [ranked_json(r) for r in choice.prediction.region],
+            "at_start": [_ranked_json(r) for r in choice.prediction.here],
+            "over_region": [_ranked_json(r) for r in choice.prediction.region],
         },
         "checks": [c.data for c in shown.checks],
         "captured": shown.captured,
@@ -273,8 +273,7 @@ def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:
     }
 
 
-def ranked_json(ranked: RankedDrives) -> dict[str, Any]:
-    """Return one ranked set of drive joints."""
+def _ranked_json(ranked: RankedDrives) -> dict[str, Any]:
     data = asdict(ranked)
     return {"joints": data.pop("drives"), **data}
 
@@ -283,38 +282,34 @@ def advice_json(
     ranked: tuple[PlacementReport, ...], parameters: Mapping[str, Parameter]
 ) -> list[dict[str, Any]]:
     """Return ranked hinge placements."""
-    return [_placement_json(placement, parameters) for placement in ranked]
-
-
-def _placement_json(
-    placement: PlacementReport, parameters: Mapping[str, Parameter]
-) -> dict[str, Any]:
-    return {
-        "text": placement.text,
-        "gain": placement.gain,
-        "tilt_deg": math.degrees(placement.mounted.tilt_rad),
-        "shift_mm": 1e3 * placement.mounted.shift_m,
-        "placement": dict(
-            (f"{name}_deg", math.degrees(v))
-            if name.startswith(ANGULAR)
-            else (f"{name}_mm", 1e3 * v)
-            for name, v in placement.mounted.hinge.placement.items()
-        ),
-        "mobility": placement.mobility,
-        "reach_deg": np.rad2deg(placement.reach_rad).tolist(),
-        "drives": [ranked_json(r) for r in placement.drives],
-        "poses": placement.poses,
-        "scaled_condition_number": Figure(placement.scaled_condition_number).in_json,
-        "sigma": {
-            name: in_json(parameters[name], sigma) for name, sigma in placement.sigma.items()
-        },
-        "checks": [c.data for c in placement.checks],
-    }
+    return [
+        {
+            "text": placement.text,
+            "gain": placement.gain,
+            "tilt_deg": math.degrees(placement.mounted.tilt_rad),
+            "shift_mm": 1e3 * placement.mounted.shift_m,
+            "placement": dict(
+                (f"{name}_deg", math.degrees(v))
+                if name.startswith(ANGULAR)
+                else (f"{name}_mm", 1e3 * v)
+                for name, v in placement.mounted.hinge.placement.items()
+            ),
+            "mobility": placement.mobility,
+            "reach_deg": np.rad2deg(placement.reach_rad).tolist(),
+            "drives": [_ranked_json(r) for r in placement.drives],
+            "poses": placement.poses,
+            "scaled_condition_number": Figure(placement.scaled_condition_number).in_json,
+            "sigma": {
+                name: in_json(parameters[name], sigma) for name, sigma in placement.sigma.items()
+            },
+            "checks": [c.data for c in placement.checks],
+        }
+        for placement in ranked
+    ]
 
 
 def _pose_json(number: int, pose: PlannedPose) -> dict[str, Any]:
     degrees = np.rad2deg(pose.q_rad).tolist()
-    legs = pose.route or ()
     return {
         "number": number,
         "drives": list(pose.drives),
@@ -324,6 +319,6 @@ def _pose_json(number: int, pose: PlannedPose) -> dict[str, Any]:
         if pose.route is None
         else [
             {"drives": list(leg.drives), "waypoints_deg": np.rad2deg(leg.waypoints_rad).tolist()}
-            for leg in legs
+            for leg in pose.route
         ],
     }

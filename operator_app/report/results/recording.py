@@ -26,21 +26,20 @@ def recording_text(
     spread_deg: float,
 ) -> str:
     """Return one line about the recording, and one for each stretch that does not count as a dwell."""
-    summary = recording
-    span_s = summary.time_s[-1] - summary.time_s[0]
-    lost = f" ({summary.left_out} more left out: a joint has no angle, or a time occurs twice)"
+    span_s = recording.time_s[-1] - recording.time_s[0]
+    lost = f" ({recording.left_out} more left out: a joint has no angle, or a time occurs twice)"
     head = (
-        f"{summary.file}: {plural(len(dwells), 'pose')} from {len(summary.time_s)} {summary.source}"
-        f"{lost if summary.left_out else ''} over {span_s:.1f} s; joints 1 to {len(summary.joints)} are "
-        f"{', '.join(summary.joints)}"
+        f"{recording.file}: {plural(len(dwells), 'pose')} from {len(recording.time_s)} {recording.source}"
+        f"{lost if recording.left_out else ''} over {span_s:.1f} s; joints 1 to {len(recording.joints)} are "
+        f"{', '.join(recording.joints)}"
     )
     lines = [head]
     for k, stretch in enumerate(refused[:MOST_LINES]):
-        began_s = stretch.start_s - summary.time_s[0]
+        began_s = stretch.start_s - recording.time_s[0]
         utc = utc_text(stretch.start_s)
         when = f"{began_s:.2f} s" + (f" ({utc})" if utc else "")
         reason = (
-            f"{summary.joints[stretch.joint - 1]} moves by {np.rad2deg(stretch.moved_rad):.3g} deg "
+            f"{recording.joints[stretch.joint - 1]} moves by {np.rad2deg(stretch.moved_rad):.3g} deg "
             f"(limit {spread_deg:g} deg, --spread-deg)"
             if stretch.joint
             else f"limit {dwell_s:g} s (--dwell-s)"

@@ -32,24 +32,14 @@ def published_text(reproduction: Published) -> str:
             "in theirs; it is not their arm, and figures agree in size only."
         ),
         *([] if table is None else [table_text(table)]),
-        table_text(_identified(reproduction)),
-        table_text(_quality(reproduction)),
-        table_text(_shares(reproduction)),
-        table_text(_remedies(reproduction)),
+        *map(table_text, _tables(reproduction)),
     ]
     return "\n\n".join(blocks)
 
 
 def published_json(reproduction: Published) -> dict[str, Any]:
     """Return the figures of all tables; angles in deg, lengths in m, closure in mm and mrad."""
-    numbers = keyed(
-        (
-            _identified(reproduction),
-            _quality(reproduction),
-            _shares(reproduction),
-            _remedies(reproduction),
-        )
-    )
+    numbers = keyed(_tables(reproduction))
     shares = zip(reproduction.shares, numbers["shares"], strict=True)
     remedies = zip(reproduction.remedies, numbers["remedies"], strict=True)
     return {
@@ -58,6 +48,10 @@ def published_json(reproduction: Published) -> dict[str, Any]:
         "shares": [{"source": share.source, **row} for share, row in shares],
         "remedies": [{"remedy": remedy.name, **row} for remedy, row in remedies],
     }
+
+
+def _tables(reproduction: Published) -> list[FactTable]:
+    return [make(reproduction) for make in (_identified, _quality, _shares, _remedies)]
 
 
 def _identified(reproduction: Published) -> FactTable:

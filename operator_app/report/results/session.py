@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from operator_app.config.errors import ConfigError
-from operator_app.report.table import Cell, Column, FactTable, figures, words
+from operator_app.report.table import Cell, FactTable, figures, words
 from operator_app.report.text import paragraph, table_lines, table_text
 from operator_app.session.store.folders import POSES_NAME
 from operator_app.session.store.journal_format import JOURNAL_NAME
@@ -70,9 +70,8 @@ def unidentifiable_json(
     from operator_app.report.json_schema import unidentifiable_data
 
     poses = len(state.used_poses)
-    data = unidentifiable_data(error, parameters=parameters, poses=poses)
     return {
-        **data,
+        **unidentifiable_data(error, parameters=parameters, poses=poses),
         "paper": None,
         "session": {"folder": str(folder), "poses": _poses_file(folder, state)},
     }
@@ -219,7 +218,7 @@ def _poses(state: SessionState) -> FactTable:
             *(words("in") if several else ()),
             *figures(*(f"j{j}" for j in range(1, joints + 1))),
             *figures("sd"),
-            *(Column("note", words=True),),
+            *words("note"),
         ),
         rows=tuple(rows),
         note=f"{left_out} more are in its poses.csv." if left_out else "",

@@ -15,7 +15,8 @@ import numpy as np
 
 from hardware.arm import ArmSnapshot, Watch
 from operator_app.errors import GuardError
-from operator_app.planning.task import CANDIDATES, STOP_MARGIN_RAD, require_closed_chain
+from operator_app.planning.exploration import RANGE_END_MARGIN_RAD
+from operator_app.planning.task import CANDIDATES, require_closed_chain
 from operator_app.session.store.stored_calibration import NO_WAY_BACK
 from operator_app.session.workflow.campaign_replay import (
     ReplayDivergedError,
@@ -326,7 +327,7 @@ class PlannedCapture:
 def _path_watch(campaign: Campaign, move: GoTo) -> Watch:
     """Return a watch that ends a move if it leaves its planned path."""
     on_path = path_watch(
-        move.trace_rad, move.tolerance_rad, campaign.task.ranges.within(STOP_MARGIN_RAD)
+        move.trace_rad, move.tolerance_rad, campaign.task.ranges.within(RANGE_END_MARGIN_RAD)
     )
 
     def watch(snapshot: ArmSnapshot) -> str | None:

@@ -4,6 +4,7 @@ import importlib.metadata
 import itertools
 import random
 import socket
+import threading
 import time
 
 import can
@@ -181,6 +182,16 @@ def test_the_descriptor_tells_when_there_is_something(bus, channel):
     with LoopbackBus(channel) as peer:
         peer.send(can.Message(arbitration_id=2, is_extended_id=False))
     assert select.select([bus.fileno()], [], [], 2.0)[0] == [bus.fileno()]
+
+
+def test_a_reader_that_waits_is_woken_by_others_and_not_by_itself(bus, channel):
+    frame = can.Message(arbitration_id=2, is_extended_id=False)
+    with LoopbackBus(channel) as peer:
+        bus.send(frame)
+        later = threading.Timer(0.05, peer.send, [frame])
+        later.start()
+        assert bus.recv(5.0) is not None
+        later.join()
 
 
 def test_a_closed_bus_refuses(channel):

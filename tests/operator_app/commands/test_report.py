@@ -85,6 +85,10 @@ def test_nothing_is_written_when_there_is_nothing_to_say(
     assert not (folder / "report.html").exists()
 
 
+def test_a_folder_that_is_no_session_is_said_to_be_none(tmp_path, ends_with):
+    assert "is not a session" in ends_with(2, "report", tmp_path).err
+
+
 def test_a_page_that_cannot_be_written_is_said(make_folder, tmp_path, ends_with):
     said = ends_with(2, "report", make_folder(5), "-o", tmp_path / "none" / "r.html").err
     assert "cannot be written" in said

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fixtures.base import RIGID, Compliance
+from operator_app.config.any_file import json_schema
 from operator_app.config.arm_file import load_arm, parse_arm
 from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import load_fixture, parse_fixture
@@ -256,3 +257,12 @@ def test_tolerances_are_each_links_own_and_down_has_any_length(length):
 )
 def test_what_is_wrong_is_named(old, new, complaint):
     assert complaint in str(one_mistake(arm_of, SARCOS, old, new))
+
+
+def test_the_json_schema_says_where_a_centre_is_seen_from():
+    definitions = json_schema("arm")["$defs"]
+    assert (
+        "along the joint's axis"
+        in definitions["LinkModel"]["properties"]["centre_m"]["description"]
+    )
+    assert {"link", "mass_kg", "centre_m"} == set(definitions["LinkModel"]["required"])

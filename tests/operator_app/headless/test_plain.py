@@ -80,6 +80,11 @@ def test_what_is_not_confirmed_with_yes_is_said_not_to_be_done(source):
     assert "Not done: the answer was not yes." in script.said
 
 
+def test_too_many_position_joints_are_refused_with_the_reason(source):
+    script = run(source, *TO_CAPTURE[:-3], "Choose other", "1 2 5", "Quit")
+    assert any("until a drive trips" in row for row in script.said)
+
+
 def test_notes_undo_and_exclusion(source):
     script = run(
         source, *TO_CAPTURE, "Move to", "Capture a pose", "Capture a pose", "Note", "1",

@@ -2,15 +2,12 @@
 
 import threading
 import time
-from collections.abc import Callable
 from typing import Any
 
 import can
 import pytest
 
 from hardware.buses.python_can import BusSettings, open_bus, open_sender
-
-Opener = Callable[..., can.BusABC]
 
 
 @pytest.fixture

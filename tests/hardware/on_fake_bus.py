@@ -47,9 +47,6 @@ def make(
     )
 
 
-Connect = Callable[..., CanopenArm]
-
-
 def drive(arm: CanopenArm) -> CanopenArm:
     """Let the two joints of a closed loop be driven."""
     arm.take_control()

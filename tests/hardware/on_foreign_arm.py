@@ -1,7 +1,7 @@
 """An arm of drives that are not ours, as the tests of profiles and of the check on the bench use it."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import can
 
@@ -22,7 +22,6 @@ PER_RAD = COUNTS_PER_REV / math.tau
 DESCRIPTION = described(
     "acme", *[(EncoderDescription(counts_per_rev=COUNTS_PER_REV), 1.5)] * JOINTS
 )
-Connect = Callable[[BusProfile], CanopenArm]
 
 
 def on(settings: BusSettings, *nodes: int) -> Iterator[ForeignArm]:

@@ -156,13 +156,3 @@ def test_a_drive_that_was_not_looked_at_to_the_end_is_named_with_the_reason(sett
         drafted(settings, configure=True)
     (reason,) = silent.value.reasons
     assert reason.startswith("Node 2 does not answer when asked for")
-
-
-def test_a_map_changed_behind_the_profiles_back_is_refused(connect, settings, foreign):
-    profile = drafted(settings)
-    foreign.nodes[1].set_data(0x1A02, 2, (0x606C0020).to_bytes(4, "little"))
-    with pytest.raises(MappingMismatch) as refused:
-        connect(profile)
-    assert refused.value.differences == (
-        "node 2, 1A02h: expected TPDO3 = 6077h(32) + 6064h(32), found 6077h(32) + 606Ch(32)",
-    )

@@ -39,17 +39,6 @@ def test_it_is_the_arm_of_the_hinge_taken_out_of_it():
     assert np.abs(open_errors - paper_loop().table.s_m[2:7]).min() > 5e-4
 
 
-def test_another_arm_is_drawn_with_its_instrument():
-    rows = replace(ARM.table, s_m=ARM.table.s_m * 1.2)
-    arm = replace(ARM, table=rows)
-    one, same, other = (
-        scenario_of("exact", seed, stated("tracker", arm)).true_loop() for seed in (1, 1, 2)
-    )
-    assert np.array_equal(one.table.stacked(), same.table.stacked())
-    assert not np.array_equal(one.table.stacked(), other.table.stacked())
-    assert np.allclose(one.table.s_m[2:7], rows.s_m[1:6])
-
-
 def test_the_tracker_sees_the_target_where_the_matrices_have_it():
     chosen = scenario_of("exact", 1, stated("tracker"))
     plant, truth = chosen.build(ARM), chosen.true_loop()

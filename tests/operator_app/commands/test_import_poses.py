@@ -247,24 +247,6 @@ def test_what_does_not_go_with_a_recording_is_refused(tmp_path, ends_with):
         assert "3 poses from" in said.err
 
 
-@pytest.mark.parametrize(
-    "header",
-    [
-        "t,q1,q2,q3,q4,q5,q6,q7,temperature",
-        "t,joint_0,joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,ok",
-        "t,q7,q6,q5,q4,q3,q2,q1,i8",
-    ],
-)
-def test_joints_are_found_by_the_numbers_in_a_headers_names(header, tmp_path):
-    log = tmp_path / "log.csv"
-    log.write_text(f"{header}\n0.1,10,20,30,40,50,60,70,1\n0.2,11,20,30,40,50,60,70,1\n")
-    read = load_joint_log(log, joint_count=7).poses
-    wanted = [10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0]
-    if "q7,q6" in header:
-        wanted.reverse()
-    np.testing.assert_allclose(np.rad2deg(read.q_rad[0]), wanted)
-
-
 def test_solve_and_verify_send_a_raw_log_to_import(tmp_path, ends_with):
     (log,) = raw_logs(tmp_path, (1,))
     assert f"sarcal import {log}" in ends_with(2, "solve", log, *PANDA).err

@@ -11,7 +11,7 @@ from operator_app.calibration.cross_validation import check
 from operator_app.calibration.rvdt import check_rvdts
 from operator_app.calibration.tool_accuracy import tip_sigma
 from operator_app.cli import main
-from operator_app.session.store.journal import JOURNAL_NAME, read_journal
+from operator_app.session.store.journal import JOURNAL_NAME
 from solver.closing import close_loops, newton_step, unsensed_step
 from solver.diagnostics.cross_validation import hold_out
 from solver.diagnostics.diagnosis import diagnose
@@ -102,13 +102,6 @@ def test_compare_reads_the_journal_and_finds_what_an_export_says(
     # The journal counts, not a file that somebody put beside it.
     (alone / "parameters.yaml").write_text("schema: sarcal/parameters/1\n")
     ends_with(0, "compare", alone, journalled["run" if made == "app" else made])
-
-
-def test_a_finished_session_that_is_resumed_is_neither_read_nor_solved_again(journalled):
-    names = [e.name for e in read_journal(journalled["resumed"]).events]
-    assert names.count("resumed") == 1
-    assert names.count("solved") == names.count("checked") == names.count("reading") == 1
-    assert names.count("exported") == 2
 
 
 @pytest.mark.parametrize("options", [("--estimator", "paper"), ("--unsensed", "7")])

@@ -7,12 +7,9 @@ import numpy as np
 import pytest
 
 from fixtures.ball import Ball, KnownDistance
-from fixtures.base import Severity, Tolerance
+from fixtures.base import Tolerance
 from fixtures.hinge import Hinge
 from fixtures.measured import Measured
-from fixtures.rigid import Rigid
-from fixtures.setup_checks import setup_checks
-from operator_app.config.arm_file import load_arm
 from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import MODELS, load_fixture, parse_fixture
 from tests.contracts.planted import FIXTURES
@@ -42,16 +39,6 @@ def test_hinge_is_nominal_near_table_2():
     assert abs(math.radians(-38.5) - hinge.alpha_0_rad) < spec.tolerance_rad
     assert abs(math.radians(99.8) - hinge.alpha_n_rad) < spec.tolerance_rad
     assert len(spec.checklist) >= 3
-
-
-def test_rigid_closes_near_home_and_names_the_elbow():
-    spec = load_fixture("rigid")
-    assert isinstance(spec.fixture, Rigid)
-    arm = load_arm("sarcos_dextrous")
-    checks = {check.code: check for check in setup_checks(spec.fixture, arm, arm.home_rad)}
-    assert checks["MOBILITY"].severity is Severity.OK
-    assert checks["IMMOBILE_4"].severity is Severity.REFUSED
-    assert len(checks) == 2
 
 
 def test_a_file_that_states_a_stiffness_is_still_read():

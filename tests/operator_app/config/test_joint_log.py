@@ -1,20 +1,31 @@
 """Columns of a joint log: joints found by their numbers."""
 
+import numpy as np
 import pytest
 
-from operator_app.config.joint_log import numbered_series
+from operator_app.config.errors import ConfigError
+from operator_app.config.joint_log import load_joint_log
 
 
 @pytest.mark.parametrize(
-    ("names", "places"),
+    ("header", "places"),
     [
-        (["t", "q2", "q1", "q3"], (2, 1, 3)),
-        (["joint_0", "joint_1", "joint_2", "joint_1_speed"], (0, 1, 2)),
-        (["q1", "q2", "q3", "Q1"], (0, 1, 2)),
-        (["Joint1", "joint2", "JOINT3"], (0, 1, 2)),
-        (["q1", "q2", "q3", "Q1", "Q2", "Q3"], ()),
-        (["q1", "q2", "q4"], ()),
+        ("t,q2,q1,q3", (2, 1, 3)),
+        ("joint_0,joint_1,joint_2,joint_1_speed", (0, 1, 2)),
+        ("q1,q2,q3,Q1", (0, 1, 2)),
+        ("t,Joint1,joint2,JOINT3", (1, 2, 3)),
+        ("t,q3,q2,q1,i8", (3, 2, 1)),
+        ("q1,q2,q3,Q1,Q2,Q3", None),
+        ("t,q1,q2,q4", None),
     ],
 )
-def test_joints_are_the_one_series_of_numbers(names, places):
-    assert numbered_series(names, 3) == places
+def test_joints_are_the_one_series_of_numbers(tmp_path, header, places):
+    log = tmp_path / "log.csv"
+    cells = [str(10 * k) for k in range(len(header.split(",")))]
+    log.write_text(f"{header}\n{','.join(cells)}\n")
+    if places is None:
+        with pytest.raises(ConfigError, match="for an arm of 3 joints"):
+            load_joint_log(log, joint_count=3, unit="deg")
+    else:
+        read = load_joint_log(log, joint_count=3, unit="deg").poses
+        np.testing.assert_allclose(np.rad2deg(read.q_rad[0]), [10 * k for k in places])

@@ -34,9 +34,6 @@ from tests.oracles.parameter_documents import GOOD, document, parse
 
 
 class TestContent:
-    def test_reads_back_the_same(self):
-        assert parse_parameters(GOOD.encode()) == document()
-
     def test_an_ordinary_yaml_reader_sees_the_same_numbers(self):
         data = yaml.safe_load(GOOD)
         assert next(iter(data)) == "schema"

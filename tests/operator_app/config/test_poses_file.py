@@ -36,18 +36,6 @@ def only(data, joint_count=3):
     return found[0]
 
 
-def test_a_good_file():
-    loaded = parse_poses(text(), "p.csv", joint_count=3)
-    assert loaded.warnings == ()
-    poses = loaded.poses
-    np.testing.assert_array_equal(
-        poses.q_rad, np.deg2rad([[10.5, -20, 30], [11, -21, 31.25], [12, -22, 10]])
-    )
-    assert poses.keys == ((1, "1"), (1, "2"), (2, "1"))
-    assert poses.placements == (1, 2)
-    assert (poses.sd_rad, poses.samples, poses.endpoint, poses.utc, poses.notes) == (None,) * 5
-
-
 def test_all_optional_columns_in_any_order():
     data = text(
         "note,pose,placement,theta2_deg,theta1_deg,sd1_deg,sd2_deg,samples,utc,x_m,y_m,z_m,rx_deg,ry_deg,rz_deg",

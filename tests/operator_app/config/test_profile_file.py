@@ -1,17 +1,12 @@
 """Bus profiles: what the packaged one says, and one clear complaint with its place for every mistake."""
 
-from dataclasses import replace
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hardware.arm import JointMode
 from hardware.canopen.bus_profile import BusProfile, JointProfile, Pdo
-from operator_app.config.errors import ConfigError
 from operator_app.config.profile_file import format_profile, load_profile, parse_profile
-from operator_app.config.resources import resolve
-from operator_app.session.workflow.opening import Choices, begin
 from tests.oracles.mistakes import one_mistake, problems_of
 
 GOOD = """\
@@ -152,14 +147,3 @@ def test_what_is_written_reads_back_the_same(nodes, first, *, apart):
         compared=frozenset({0x607D, 0x60C2}),
     )
     assert parse_profile(format_profile(made, comment="x\ny"), "x", joints=len(nodes)) == made
-
-
-def test_a_session_keeps_the_profile_it_began_with(tmp_path):
-    file = tmp_path / "own.yaml"
-    own = resolve("profile", "sarcos").data.decode().replace("name: sarcos", "name: own")
-    file.write_text(own)
-    opening = begin("hinge", Choices(profile=str(file)), root=tmp_path)
-    assert opening.procedure.profile == replace(load_profile("sarcos", joints=7), name="own")
-    assert opening.sources["profile"] == own
-    with pytest.raises(ConfigError, match="is neither a built-in bus profile nor a file"):
-        begin("hinge", Choices(profile="sarcoss"), root=tmp_path)

@@ -101,12 +101,20 @@ def test_a_footer_that_is_full_gives_up_the_ways_out_first():
 
 
 def test_guards_close_everything_that_works_while_work_is_in_hand():
-    at_work = busy(story()["captured"], TaskKind.CALIBRATE, moves=False)
     free = {"stop_tested", "resume", "procedure", "confirm", "confirm_all", "suggest", "joints",
             "new_session", "acknowledge", "hold", "history", "manual"}  # fmt: skip
-    for action in ACTIONS:
-        if isinstance(action, Action):
-            assert bool(action.guard(at_work)) == (action.name not in free), action.name
+    waits = set()
+    for told in ("start", "capturing", "captured", "solved"):
+        at_work = busy(story()[told], TaskKind.EXPORT, moves=False)
+        for action in ACTIONS:
+            if isinstance(action, Action) and action.name not in free:
+                missing = action.guard(at_work)
+                assert missing, action.name
+                if not action.guard(story()[told]):
+                    assert missing == ("wait: writing",), action.name
+                    waits.add(action.name)
+    assert {"connect", "capture", "go", "automatic", "undo", "calibrate"} <= waits
+    assert {"write", "upload", "report", "verify"} <= waits
 
 
 def test_no_key_means_two_things_at_one_step():

@@ -162,19 +162,6 @@ async def test_an_arm_that_stops_by_itself_while_nobody_asks_anything_says_why_a
         assert "STOPPED" not in d.text("#banner")
 
 
-async def test_an_alarm_stays_in_sight_until_it_is_acknowledged(drive, source):
-    async with drive() as d:
-        await d.to_step(Step.CAPTURE)
-        d.runner.say(Level.ALARM, "the cable is hot")
-        for k in range(12):
-            d.runner.say(Level.INFO, f"pose {k}")
-        await d.until(lambda: "pose 11" in d.words("#log"), "shown")
-        assert "■ the cable is hot (A acknowledges)" in d.words("#log")
-        await d.press("A")
-        await d.until(lambda: "cable" not in d.words("#log"), "gone")
-        assert d.s.alarms == ()
-
-
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("size", [(80, 24), (120, 36)], ids=["80x24", "120x36"])
 async def test_of_two_alarms_each_is_shown_in_all_its_words_before_it_is_acknowledged(

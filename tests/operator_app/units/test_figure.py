@@ -6,7 +6,6 @@ import pytest
 
 from operator_app.units import (
     fixed,
-    joints_named,
     names,
     places_needed,
     places_to_show,
@@ -86,9 +85,3 @@ def test_words():
     assert names([1]) == "1"
     assert names([1, 2, 3]) == "1, 2 and 3"
     assert names([]) == ""
-
-
-def test_joints_in_words():
-    assert joints_named((2,)) == "joint 2"
-    assert joints_named((1, 5)) == "joints 1 and 5"
-    assert joints_named((1, 2, 3)) == "joints 1, 2 and 3"

@@ -165,30 +165,6 @@ def test_nothing_is_missing(guard, told, change):
 
 
 @pytest.mark.parametrize(
-    "guard",
-    [
-        guards.may_connect,
-        guards.may_capture,
-        guards.may_move,
-        guards.may_run_automatically,
-        guards.may_edit_pose,
-        guards.may_calibrate,
-        guards.may_write,
-        guards.may_upload,
-        guards.may_report,
-        guards.may_verify,
-    ],
-)
-def test_one_thing_at_a_time(guard):
-    told = (
-        replace(story()["solved"], identity=None)
-        if guard is guards.may_connect
-        else story()["solved"]
-    )
-    assert guard(busy(told, TaskKind.EXPORT, moves=False)) == ("wait: writing",)
-
-
-@pytest.mark.parametrize(
     ("joints", "words"),
     [((1,), "would sag"), ((), "would sag"), ((1, 2, 5), "drive trips"), ((1, 5), None)],
 )

@@ -18,10 +18,7 @@ import sys
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from operator_app.calibration.error_model import error_model, free_within_tolerance
-from operator_app.calibration.experiment import Experiment
-from solver.estimators.variance_components import estimate_with_errors
-from tests.oracles.as_shipped import ARM, HINGE, poses_of
+from tests.oracles.as_shipped import fit_of
 from tests.oracles.shop_floor import RVDTS, Sizes, session
 from tests.oracles.shop_floor_bound import step_sigma
 from tests.oracles.shop_floor_misread import COUNT, LSB
@@ -36,13 +33,9 @@ PLACES = slice(8, 33)
 def sigmas(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Standard deviations of the best estimates of each length, m (2,), and of a shift at each place, rad (7, k)."""
     taken = session(seed)
-    poses = poses_of(taken)
-    experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses)
-    model, tolerance = free_within_tolerance(experiment.loop(), ARM)
-    errors = error_model(experiment, tolerance=tolerance)
-    stated = estimate_with_errors(model, poses.q_rad, errors).linear.stated
-    names = [p.name for p in model.parameters]
-    rates = stated.system.part(slice(0, len(poses))).A[:, :, [names.index(n) for n in LENGTHS]]
+    fit = fit_of(taken)
+    stated, names = fit.linear.stated, [p.name for p in fit.estimate.parameters]
+    rates = stated.system.part(slice(0, len(taken))).A[:, :, [names.index(n) for n in LENGTHS]]
     lengths = 1.0 / np.sqrt(np.diagonal(stated.score(rates)[1]))
     return lengths, step_sigma(taken, Sizes())[:, PLACES]
 

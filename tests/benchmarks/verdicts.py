@@ -23,8 +23,8 @@ from threadpoolctl import threadpool_limits
 from tests.benchmarks.shop_floor_files import read
 from tests.benchmarks.shop_floor_outcome import CRASHED, REFUSED, Outcome, outcome
 from tests.oracles.shop_floor import PARAMETERS
-from tests.oracles.shop_floor_case import Case
 from tests.oracles.shop_floor_faults import CASES, sound
+from tests.oracles.shop_floor_misread import Case
 
 FIRST_SEED = 3000
 RIGHT = 0.90

@@ -9,6 +9,8 @@ import math
 
 import numpy as np
 
+from tests.oracles.panda import A_BEFORE_M, ALPHA_BEFORE_DEG
+from tests.oracles.panda import D_M as D_M_OF_PANDA
 from tests.oracles.urdfs import joint, places, robot, words
 
 D_M = (0.360, 0.0, 0.420, 0.0, 0.400, 0.0, 0.126)
@@ -29,13 +31,6 @@ ORIGINS = (
     ((0, 0, 0.045), (0, 0, 0)),
 )
 """xyz (m) and rpy (half turns: of pi) of the seven joints and the flange, as the maker's description has them."""
-
-
-PANDA = (
-    (0.0, 0.0, 0.333), (-90.0, 0.0, 0.0), (90.0, 0.0, 0.316), (90.0, 0.0825, 0.0),
-    (-90.0, -0.0825, 0.384), (90.0, 0.0, 0.0), (90.0, 0.088, 0.0),
-)  # fmt: skip
-"""The Panda's modified D-H table: alpha (deg), a and d (m) of each joint."""
 
 
 def urdf(steps: int = 8) -> str:
@@ -60,9 +55,11 @@ def iiwa_hand(q_rad: np.ndarray) -> np.ndarray:
 def panda_hand(q_rad: np.ndarray) -> np.ndarray:
     """Flange of the Panda in its base, (4, 4), by pinocchio from the maker's modified D-H table."""
     joints = []
-    for k, (alpha_deg, a, d) in enumerate(PANDA, 1):
+    *to_joints, to_flange = D_M_OF_PANDA
+    rows = zip(ALPHA_BEFORE_DEG, A_BEFORE_M, (*to_joints, 0.0), strict=True)
+    for k, (alpha_deg, a, d) in enumerate(rows, 1):
         alpha = math.radians(alpha_deg)
         xyz = words((a, -math.sin(alpha) * d, math.cos(alpha) * d))
         joints.append(joint(f"j{k}", f"l{k - 1}", f"l{k}", xyz, words((alpha, 0, 0)), "0 0 1"))
-    flange = joint("end", "l7", "flange", "0 0 0.107", kind="fixed")
+    flange = joint("end", "l7", "flange", words((0, 0, to_flange)), kind="fixed")
     return places(robot(*joints, flange), q_rad[None], "flange")[0]

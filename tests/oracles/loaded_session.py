@@ -17,7 +17,7 @@ from operator_app.session.store.journal import read_journal
 from tests.oracles.busy_bus import Rhythm, backlog_bytes, busy_bus
 from tests.oracles.fault_session import CLOSES, loop_error
 from tests.oracles.machine_pauses import Pauses, machine_pauses
-from tests.oracles.own_process import ROOT, SARCAL, environment
+from tests.oracles.own_process import ROOT, SARCAL, controller, environment
 
 DRIVES_TRIP_S = 0.25
 """Of one processor: with a queue behind it, the drives on another one miss the operator's heartbeat for 0.5 s."""
@@ -88,33 +88,27 @@ def session_under_load(
         text = text.replace(old, new)
     (folder / "load.yaml").write_text(text, encoding="utf-8")
     bus = ("-i", "loopback", "-c", channel, "--scenario", "exact")
-    with subprocess.Popen(
-        [*SARCAL, "controller", *bus],
-        cwd=folder, env=environment(), stderr=subprocess.PIPE, text=True,
-    ) as controller:  # fmt: skip
-        try:
-            if controller.stderr is None or channel not in controller.stderr.readline():
-                raise RuntimeError("the controller did not begin")
-            with (
-                machine_pauses() as pauses,
-                busy_bus(channel, rate=rate, busy=busy) as watched,
-                (folder / "said.txt").open("wb") as output,
-            ):
-                begun, foreign = time.monotonic(), watched.sent
-                operator = subprocess.Popen(
-                    [*SARCAL, "run", str(folder / "load.yaml"), *bus],
-                    cwd=folder, env=environment(), stdout=output, stderr=subprocess.STDOUT,
-                )  # fmt: skip
-                backlog = 0
-                while operator.poll() is None:
-                    backlog = max(backlog, backlog_bytes(channel))
-                    with suppress(subprocess.TimeoutExpired):
-                        operator.wait(0.1)
-                    if time.monotonic() - begun > patience_s:
-                        operator.kill()
-                took_s, foreign = time.monotonic() - begun, watched.sent - foreign
-        finally:
-            controller.kill()
+    with (
+        controller(folder, *bus) as (_, told),
+        machine_pauses() as pauses,
+        busy_bus(channel, rate=rate, busy=busy) as watched,
+        (folder / "said.txt").open("wb") as output,
+    ):
+        if channel not in told:
+            raise RuntimeError("the controller did not begin")
+        begun, foreign = time.monotonic(), watched.sent
+        operator = subprocess.Popen(
+            [*SARCAL, "run", str(folder / "load.yaml"), *bus],
+            cwd=folder, env=environment(), stdout=output, stderr=subprocess.STDOUT,
+        )  # fmt: skip
+        backlog = 0
+        while operator.poll() is None:
+            backlog = max(backlog, backlog_bytes(channel))
+            with suppress(subprocess.TimeoutExpired):
+                operator.wait(0.1)
+            if time.monotonic() - begun > patience_s:
+                operator.kill()
+        took_s, foreign = time.monotonic() - begun, watched.sent - foreign
     if watched.rhythm is None:
         raise RuntimeError("the watcher of the bus did not report")
     events = [

@@ -20,11 +20,11 @@ from tests.oracles.shop_floor import (
     taken,
     truth_of,
 )
-from tests.oracles.shop_floor_case import Case
 from tests.oracles.shop_floor_chain import Loop
 from tests.oracles.shop_floor_flip import flipped_poses
 from tests.oracles.shop_floor_load import Load
 from tests.oracles.shop_floor_misread import (
+    Case,
     bent_rvdt,
     exchanged,
     frozen,

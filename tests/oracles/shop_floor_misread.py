@@ -3,7 +3,7 @@
 The joints stand where they stand, and the fixture holds. Knows the generator; nothing of who judges.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from tests.oracles.shop_floor import (
     FULL_SCALE,
     PARAMETERS,
     RVDTS,
+    Session,
     Sizes,
     Specimen,
     Stream,
@@ -21,12 +22,37 @@ from tests.oracles.shop_floor import (
     stream,
     taken,
 )
-from tests.oracles.shop_floor_case import Case
 from tests.oracles.shop_floor_sensors import Rvdt
 from tests.oracles.shop_floor_walk import LOWER_DEG, UPPER_DEG
 
 COUNT = 2.0 * np.pi / 400_000
 LSB = FULL_SCALE / 2**BITS
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A session with a fault.
+
+    Attributes
+    ----------
+    causes
+        Patterns (regular expressions, whole code) of which any names the fault.
+    judged
+        Parameters that have a truth still.
+    either
+        Another value that is as true, by name: a joint's offset before and after its counts slipped.
+    nominal
+        What the operator wrote into his arm and fixture files instead of what is shipped, by entry.
+    harmless
+        Whether the fault is within what the files state: to be survived, not found.
+    """
+
+    taken: Session
+    causes: tuple[str, ...]
+    judged: tuple[str, ...] = PARAMETERS
+    either: dict[str, float] = field(default_factory=dict)
+    nominal: dict[str, float] = field(default_factory=dict)
+    harmless: bool = False
 
 
 def rippled(seed: int) -> Case:

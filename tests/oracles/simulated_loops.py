@@ -6,18 +6,13 @@ from functools import cache, lru_cache
 import numpy as np
 
 from tests.oracles.loop_oracle import Truth, closed_poses, paper_truth
+from tests.oracles.shop_floor import LENGTHS
 
 COUNT_RAD = 2.0 * np.pi / 400_000
 ENCODER_SD = COUNT_RAD / np.sqrt(12.0)
 FULL_SCALE_RAD = np.deg2rad(120.0)
 LSB_RAD = FULL_SCALE_RAD / 4096
 RVDT_SD = LSB_RAD * np.sqrt(2.0**2 + 1.0 / 12.0)
-PARAMETERS = (
-    *(f"theta_off_{j}" for j in range(1, 8)),
-    *("a_0", "s_0", "alpha_0", "s_1", "a_7", "s_7", "alpha_7"),
-)
-LENGTHS = (*(f"s_{j}" for j in range(2, 7)), *(f"a_{j}" for j in range(1, 7)))
-"""Lengths that calibration takes from the maker's table."""
 
 
 @dataclass(frozen=True)

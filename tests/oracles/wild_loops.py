@@ -10,12 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.oracles.loop_oracle import paper_truth, product
+from tests.oracles.simulated_loops import COUNT_RAD, FULL_SCALE_RAD, LSB_RAD
 
 PARALLEL_RAD = np.deg2rad(20.0)
 BOX_RAD = np.deg2rad(60.0)
-COUNT_RAD = 2.0 * np.pi / 400_000
-FULL_SCALE_RAD = np.deg2rad(120.0)
-LSB_RAD = FULL_SCALE_RAD / 4096
 
 
 @dataclass(frozen=True)

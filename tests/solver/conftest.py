@@ -11,11 +11,7 @@ from solver.chain.parameters import entries
 from solver.chain.sensors import Encoder, Rvdt
 from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import Truth, paper_truth
-
-NAMES = (
-    *(f"theta_off_{j}" for j in range(1, 8)),
-    *("a_0", "s_0", "alpha_0", "s_1", "a_7", "s_7", "alpha_7"),
-)
+from tests.oracles.shop_floor import PARAMETERS as NAMES
 
 
 def loop_of(

@@ -14,7 +14,7 @@ import pytest
 from operator_app.config.parameters_file import load_parameters
 from operator_app.session.store.folders import read_session
 from operator_app.session.store.journal import JOURNAL_NAME, read_journal
-from tests.oracles.own_process import controller
+from tests.oracles.own_process import controller, wait_for_poses
 from tests.oracles.pty_program import PtyProgram
 from tests.oracles.terminal import PATIENCE_S, POLL_S, Terminal, select
 
@@ -174,7 +174,7 @@ def test_a_terminal_that_goes_without_a_signal_ends_the_program(tmp_path, after_
 def test_a_terminal_that_is_not_read_ends_the_motion_and_a_signal_the_program(tmp_path):
     with capturing(tmp_path) as program:
         program.stop_reading()
-        wait_for_poses(tmp_path, 1)
+        wait_for_poses(tmp_path / "sessions", 1, program.process)
         taken = -1
         while len(read_session(the_session(tmp_path)).state.poses) != taken:
             taken = len(read_session(the_session(tmp_path)).state.poses)
@@ -210,15 +210,6 @@ WALK = [
     (b"\r", "ANY KEY STOPS"),
 ]
 """From Connect to automatic capture: what is pressed and what is written then."""
-
-
-def wait_for_poses(root: Path, wanted: int) -> None:
-    """Wait for poses in the journal."""
-    for _ in range(int(PATIENCE_S / POLL_S)):
-        if len(read_session(the_session(root)).state.poses) >= wanted:
-            return
-        select(POLL_S)
-    raise AssertionError(f"never {wanted} poses")
 
 
 @pytest.mark.campaign

@@ -22,27 +22,32 @@ def test_what_is_named_again_is_said_once_and_goes_on_refusing():
     assert each_once([first, other, again]) == (replace(first, blocking=True), other)
 
 
-def tried(found):
-    """What the tests say of a session, and the estimate they judge."""
-    made = fit_of(found)
-    return diagnose(made.linear, ARM, taken=made.order), made.estimate
+LABELS = tuple(str(k) for k in range(40))
 
 
-def test_what_has_no_name_is_not_said_to_scatter_more_than_stated_where_it_does_not():
-    trial, estimate = tried(session(SEED))
-    labels = tuple(str(k) for k in range(40))
+@pytest.fixture(scope="module")
+def made():
+    return fit_of(session(SEED))
+
+
+@pytest.fixture(scope="module")
+def trial(made):
+    """What the tests say of the session."""
+    return diagnose(made.linear, ARM, taken=made.order)
+
+
+def test_what_has_no_name_is_not_said_to_scatter_more_than_stated_where_it_does_not(trial, made):
     by_chance = replace(trial, tests=(HypothesisTest(code="STEP", statistic=9.0, threshold=8.0),))
-    (cause,) = causes_of(by_chance, estimate, ("theta_off_2",), labels)
+    (cause,) = causes_of(by_chance, made.estimate, ("theta_off_2",), LABELS)
     assert cause.code == "UNNAMED"
     assert not cause.blocking
     assert cause.kind is FindingKind.UNEXPLAINED_PATTERN
     assert cause.names == ("STEP",)
-    assert causes_of(trial, estimate, ("theta_off_2",), labels) == ()
+    assert causes_of(trial, made.estimate, ("theta_off_2",), LABELS) == ()
 
 
-def test_a_cause_that_refuses_is_named_however_many_come_before_it(sound):
+def test_a_cause_that_refuses_is_named_however_many_come_before_it(sound, trial):
     """Five that move nothing compete in the first round; what is found in the second one moves joint 6 far."""
-    trial = tried(session(SEED))[0]
     some = [c for c in trial.scene.persistent_faults() if c.cause in (Cause.DRIFT, Cause.SCALE)]
     drifts = [c for c in some if c.cause is Cause.DRIFT]
     slight = [
@@ -61,8 +66,7 @@ def test_a_cause_that_refuses_is_named_however_many_come_before_it(sound):
                 CauseRanking(known=(gross,), unknown=0.0),
             ),
         )
-        labels = tuple(str(k) for k in range(40))
-        found = causes_of(both, sound.estimate, ("theta_off_2",), labels)
+        found = causes_of(both, sound.estimate, ("theta_off_2",), LABELS)
         return [(cause.code, cause.blocking) for cause in found]
 
     five = [(f"DRIFT_JOINT_{j}", False) for j in (1, 2, 3, 4, 5)]
@@ -93,9 +97,8 @@ def test_a_cause_that_refuses_is_named_however_many_come_before_it(sound):
     ],
 )
 def test_what_is_less_likely_than_not_may_be_and_its_size_is_not_nought(
-    sound, kind, subject, may, does, denied
+    sound, trial, kind, subject, may, does, denied
 ):
-    trial = tried(session(SEED))[0]
     chosen = next(
         c
         for c in trial.scene.persistent_faults()
@@ -105,13 +108,8 @@ def test_what_is_less_likely_than_not_may_be_and_its_size_is_not_nought(
         one = Explanation(
             candidate=chosen, evidence=weighed(trial, chosen, b=1e-7), probability=chance
         )
-        labels = tuple(str(k) for k in range(40))
-        (cause,) = causes_of(
-            replace(trial, rounds=(CauseRanking(known=(one,), unknown=0.0),)),
-            sound.estimate,
-            ("theta_off_2",),
-            labels,
-        )
+        ranked = replace(trial, rounds=(CauseRanking(known=(one,), unknown=0.0),))
+        (cause,) = causes_of(ranked, sound.estimate, ("theta_off_2",), LABELS)
         assert words in cause.text, cause.text
         assert denied not in cause.text, cause.text
 

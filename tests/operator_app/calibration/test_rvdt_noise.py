@@ -26,14 +26,6 @@ def test_the_spread_inside_the_poses_tells_the_noise_of_a_single_reading(lsb, sa
         assert (verdict.verdict is Soundness.OUT_OF_SPECIFICATION) == (lsb > 2.5)
 
 
-@pytest.mark.campaign
-def test_single_readings_are_told_by_the_loops():
-    taken = session(7003, Sizes(noise_lsb=8.0), samples=1)
-    for verdict in solved(taken).rvdt:
-        assert verdict.noise.low <= 8.0 <= verdict.noise.high
-        assert verdict.verdict is Soundness.OUT_OF_SPECIFICATION
-
-
 def test_means_without_their_spread_say_that_they_cannot_tell():
     taken = session(7003, Sizes(noise_lsb=1.0), samples=32)
     for verdict in calibrate(ARM, HINGE, replace(poses_of(taken), sd_rad=None)).rvdt:

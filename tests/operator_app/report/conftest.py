@@ -7,12 +7,14 @@ import re
 from html.parser import HTMLParser
 
 import pytest
+import sarcal
 
 from operator_app.headless.procedure_run import run
 from operator_app.report.html.page import report_html
 from operator_app.report.subject import Subject
 from operator_app.session.store.journal import JOURNAL_NAME, read_journal
 from operator_app.session.workflow.listener import Listener
+from tests.oracles.panda import FOLDER as PANDA
 from tests.oracles.reported_session import HOSTILE, subject_of
 from tests.oracles.short_procedure import short_procedure
 
@@ -107,6 +109,22 @@ def _headers(rows: list[list[tuple[str, dict[str, str], str]]]) -> list[tuple[st
         else:
             found += [(next(second)[2], words) for _ in range(int(attrs["colspan"]))]
     return found
+
+
+@pytest.fixture(scope="session")
+def hinge(reference_data):
+    """The library's result from poses in a hinge."""
+    poses = reference_data / "hinge/hinge_quantised.csv"
+    return sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=poses)
+
+
+@pytest.fixture(scope="session")
+def ball():
+    """And from a real arm's poses with a ball in six sockets."""
+    poses = PANDA / "panda_1.csv"
+    return sarcal.calibrate(
+        arm="franka_panda", fixture="ball", poses=poses, drop_unidentifiable=True
+    )
 
 
 @pytest.fixture(scope="session")

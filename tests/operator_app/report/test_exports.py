@@ -26,18 +26,6 @@ from tests.oracles.urdfs import joint, places, robot, words
 HINGE = Path(__file__).parents[2] / "data/hinge/hinge_quantised.csv"
 
 
-@pytest.fixture(scope="module")
-def hinge():
-    return sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=HINGE)
-
-
-@pytest.fixture(scope="module")
-def ball():
-    return sarcal.calibrate(
-        arm="franka_panda", fixture="ball", poses=PANDA / "panda_1.csv", drop_unidentifiable=True
-    )
-
-
 @pytest.mark.parametrize("which", ["hinge", "ball"])
 def test_pinocchio_puts_the_flange_where_we_do(which, request, tmp_path):
     result: sarcal.Result = request.getfixturevalue(which)

@@ -6,14 +6,10 @@ from dataclasses import replace
 import pytest
 import sarcal
 
-from operator_app.calibration.calibrate import calibrate
-from operator_app.config.arm_file import load_arm
-from operator_app.config.fixture_file import load_fixture
 from operator_app.config.parameters_file import load_parameters, save_parameters
 from operator_app.report.facts import estimate_json, facts_of
 from operator_app.report.results.verification import verified_words
 from operator_app.report.text import facts_text, table_spans
-from solver.chain.poses import PoseSet
 from tests.oracles.parameter_documents import make_document
 from tests.oracles.story import story
 
@@ -35,10 +31,8 @@ def result(halves):
 
 
 @pytest.fixture(scope="module")
-def solution(halves):
-    poses = PoseSet(placement=halves[0].placement, label=halves[0].names, q_rad=halves[0].q_rad)
-    arm, fixture = load_arm("sarcos_dextrous"), load_fixture("sarcos_ball").fixture
-    return calibrate(arm, fixture, poses, drop=True)
+def solution(result):
+    return result._subject.solution
 
 
 @pytest.fixture(scope="module")

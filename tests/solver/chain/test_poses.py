@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver.chain.poses import PoseSet, back_to_caller, canonical_order
+from solver.chain.poses import PoseSet
 from solver.diagnostics.cross_validation import far_block, fold_poses
 from solver.estimators.error_model import stated_errors
 from solver.estimators.estimate import Estimate
@@ -157,9 +157,3 @@ def test_nor_do_the_parts_that_are_held_out(shuffle):
     for one, other in zip(fold_poses(Q, 5), fold_poses(Q[shuffle], 5), strict=True):
         assert set(shuffle[other]) == set(one)
     assert set(shuffle[far_block(Q[shuffle])]) == set(far_block(Q))
-
-
-def test_way_there_and_back():
-    order = canonical_order(Q)
-    assert np.array_equal(Q[order][back_to_caller(order)], Q)
-    assert np.all(np.diff(Q[order][:, 0]) >= 0.0)

@@ -4,7 +4,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from solver.chain.rotations import rotation_vector, rotation_vector_differential, skew
+from solver.chain.rotations import (
+    rotation_matrix,
+    rotation_vector,
+    rotation_vector_differential,
+    skew,
+)
 
 ANGLES = (0.0, 1e-300, 1e-12, 1e-8, 1e-6, 0.99e-4, 1e-4, 1.01e-4, 1e-2, 1.0, 2.0, 3.0, 3.14)
 NEAR_PI = tuple(np.pi - d for d in (1e-2, 1e-4, 1e-6, 1e-9, 1e-12))
@@ -25,6 +30,7 @@ def test_logarithm_inverts_the_exponential(angle):
     v = angle * directions()
     R = np.stack([exp(row) for row in v])
     assert rotation_vector(R) == pytest.approx(v, rel=1e-11, abs=1e-14)
+    assert rotation_matrix(v) == pytest.approx(R, abs=1e-15)
 
 
 def test_half_turn_has_length_pi_about_the_right_axis():

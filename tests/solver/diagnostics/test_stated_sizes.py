@@ -5,24 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from operator_app.calibration.error_model import error_model, free_within_tolerance
-from operator_app.calibration.experiment import Experiment
 from solver.diagnostics.diagnosis import Diagnosis, diagnose
 from solver.diagnostics.fault_candidate import Cause
 from solver.diagnostics.stated_sizes import with_found_motion_noise
-from solver.estimators.variance_components import Calibrated, estimate_with_errors
-from tests.oracles.as_shipped import ARM, HINGE, poses_of
-from tests.oracles.shop_floor import SCATTER, Session, session
+from solver.estimators.variance_components import Calibrated
+from tests.oracles.as_shipped import ARM, fit_of
+from tests.oracles.shop_floor import SCATTER, session
 from tests.oracles.shop_floor_faults import CASES
 from tests.oracles.shop_floor_misread import slipped_joint
-
-
-def fitted(taken: Session) -> Calibrated:
-    poses = poses_of(taken)
-    experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses)
-    model, tolerance = free_within_tolerance(experiment.loop(), ARM)
-    errors = error_model(experiment, tolerance=tolerance)
-    return estimate_with_errors(model, poses.q_rad, errors)
 
 
 def judged(found: Calibrated) -> Diagnosis:
@@ -41,7 +31,7 @@ def shares(found: Calibrated) -> tuple[dict[str, float], dict[str, float]]:
 
 
 def test_a_hinge_scatters_by_the_share_of_its_give_that_the_generator_has():
-    found = [shares(fitted(session(seed))) for seed in range(3301, 3307)]
+    found = [shares(fit_of(session(seed))) for seed in range(3301, 3307)]
     of_hinge = np.mean([of_stated["fixture_m"] for of_stated, _ in found])
     assert of_hinge == pytest.approx(SCATTER, rel=0.25)
     for _, of_believed in found:
@@ -52,7 +42,7 @@ def test_joints_that_play_as_stated_are_no_quieter_for_a_hinge_that_is():
     taken = session(3303)
     readings = taken.readings.copy()
     readings[:, :5] += 3e-4 * np.random.default_rng(1).normal(size=(len(taken), 5))
-    of_stated, of_believed = shares(fitted(replace(taken, readings=readings)))
+    of_stated, of_believed = shares(fit_of(replace(taken, readings=readings)))
     assert of_believed["joint_play"] == 1.0
     assert of_stated["joint_play"] > 0.9
     assert of_stated["fixture_m"] < 0.5
@@ -63,7 +53,7 @@ def test_joints_that_play_as_stated_are_no_quieter_for_a_hinge_that_is():
 def test_fifty_counts_that_louder_noise_hid_are_a_step_of_that_joint(seed):
     case = CASES["joint slips 50 counts"](seed)
     (cause,) = case.causes
-    trial = judged(fitted(case.taken))
+    trial = judged(fit_of(case.taken))
     fired = [test.code for test in trial.tests if test.fires]
     assert fired == ["STEP"]
     assert trial.best.candidate.cause is Cause.LOST_COUNTS
@@ -72,10 +62,10 @@ def test_fifty_counts_that_louder_noise_hid_are_a_step_of_that_joint(seed):
 
 @pytest.mark.campaign
 def test_sound_sessions_show_no_step():
-    tests = [t for seed in range(3310, 3316) for t in judged(fitted(session(seed))).tests]
+    tests = [t for seed in range(3310, 3316) for t in judged(fit_of(session(seed))).tests]
     steps = [t for t in tests if t.code == "STEP"]
     assert len(steps) == 6
     assert all(step.statistic < 0.7 * step.threshold for step in steps)
     slipped = slipped_joint(3310, counts=50, only=(1, 2, 3, 4, 5))
-    assert not any(test.fires for test in judged(fitted(session(3310))).tests)
-    assert any(test.fires for test in judged(fitted(slipped.taken)).tests)
+    assert not any(test.fires for test in judged(fit_of(session(3310))).tests)
+    assert any(test.fires for test in judged(fit_of(slipped.taken)).tests)

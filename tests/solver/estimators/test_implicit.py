@@ -26,14 +26,6 @@ def noise_of(simulation: Simulation) -> NoiseModel:
     return NoiseModel(joint_variance=simulation.sigma() ** 2)
 
 
-def test_exact_data_set_gives_the_truth_back(hinge_data, truth):
-    q = read_poses(hinge_data / "hinge_exact.csv")
-    model = loop_of(start_off(truth, np.random.default_rng(2)))
-    found = estimate_implicit(model, q, noise_of(WRIST))
-    assert found.converged
-    assert np.abs(found.x - truth.values(NAMES)).max() < 1e-8
-
-
 def test_curved_wrist_does_not_spoil_the_arm_when_unsensed(hinge_data, truth):
     q = read_poses(hinge_data / "hinge_rvdt1pct.csv")
     found = estimate_implicit(loop_of(truth, unsensed=(6, 7)), q, noise_of(WRIST))

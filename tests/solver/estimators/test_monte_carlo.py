@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from solver.chain.kinematics import DhTable
-from solver.chain.parameters import entries
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.paper import estimate_paper
-from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import closed_poses, cramer_rao
-from tests.oracles.simulated_loops import PARAMETERS, Simulation
+from tests.oracles.simulated_loops import Simulation
+from tests.solver.conftest import NAMES, loop_of
 
 pytestmark = pytest.mark.campaign
 
@@ -44,15 +42,9 @@ def small():
     simulation = Simulation(poses=60, wrist_sd=6e-3)
     truth = simulation.truth
     closed = closed_poses(truth, np.random.default_rng(0), simulation.poses)
-    bound = cramer_rao(truth, closed, PARAMETERS, simulation.sigma() ** 2)
-    model = DhLoop(
-        table=DhTable(
-            theta_off_rad=truth.theta_off, s_m=truth.s, a_m=truth.a, alpha_rad=truth.alpha
-        ),
-        entries=entries(PARAMETERS),
-        hinge=True,
-    )
-    goal, noise = truth.values(PARAMETERS), NoiseModel(joint_variance=simulation.sigma() ** 2)
+    bound = cramer_rao(truth, closed, NAMES, simulation.sigma() ** 2)
+    model, goal = loop_of(truth), truth.values(NAMES)
+    noise = NoiseModel(joint_variance=simulation.sigma() ** 2)
     runs = []
     for seed in range(RUNS):
         q = simulation.read(closed, np.random.default_rng([seed, 7]))
@@ -87,7 +79,7 @@ def test_intervals_cover(small):
 
 
 def test_chi2_per_dof_is_one(small):
-    total = RUNS * (60 * 5 - len(PARAMETERS))
+    total = RUNS * (60 * 5 - len(NAMES))
     low, high = chi2.ppf([CHANCE, 1.0 - CHANCE], total) / total
     assert low < small.chi2_per_dof.mean() < high
 

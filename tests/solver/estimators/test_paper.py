@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from solver.chain.parameters import nominal_vector
 from solver.errors import TooFewPosesError
 from solver.estimators.paper import estimate_paper
 from tests.oracles.loop_oracle import Truth
 from tests.oracles.simulated_loops import Simulation
-from tests.solver.conftest import NAMES, loop_of, read_poses
+from tests.solver.conftest import NAMES, loop_of
 
 EXACT = Simulation(poses=40, wrist_sd=0.0, encoder_sd=0.0)
 
@@ -21,14 +20,6 @@ def start_off(truth: Truth, rng: np.random.Generator) -> Truth:
     return truth.with_values(NAMES, truth.values(NAMES) + steps)
 
 
-def test_exact_data_set_gives_the_truth_back(hinge_data, truth):
-    q = read_poses(hinge_data / "hinge_exact.csv")
-    found = estimate_paper(loop_of(start_off(truth, np.random.default_rng(1))), q)
-    assert found.converged
-    assert np.abs(found.x - truth.values(NAMES)).max() < 1e-8
-    assert found.sigmas.position_m.rms < 1e-11
-
-
 @pytest.mark.sample(3)
 @pytest.mark.parametrize("seed", range(12))
 def test_starts_10_deg_and_30_mm_off_converge(truth, seed):
@@ -36,6 +27,7 @@ def test_starts_10_deg_and_30_mm_off_converge(truth, seed):
     found = estimate_paper(loop_of(start_off(truth, np.random.default_rng(seed))), q)
     assert found.converged
     assert np.abs(found.x - truth.values(NAMES)).max() < 1e-9
+    assert found.sigmas.position_m.rms < 1e-11
 
 
 def test_two_poses_are_too_few_and_three_are_needed(truth):
@@ -45,17 +37,6 @@ def test_two_poses_are_too_few_and_three_are_needed(truth):
     assert (refused.value.poses, refused.value.needed) == (2, 3)
     assert (refused.value.parameters, refused.value.equations_per_pose) == (14, 5)
     assert estimate_paper(loop_of(truth), q[:3]).dof == 1
-
-
-def test_flipped_poses_are_named(truth):
-    # A loop whose last twist differs by half a turn closes upside down: same readings, other branch.
-    q = EXACT.readings(seed=0)[:20]
-    model = loop_of(truth)
-    found = estimate_paper(model, q)
-    assert found.flipped == ()
-    upside_down = loop_of(truth.with_values(["alpha_7"], [truth.value("alpha_7") + np.pi]))
-    error = upside_down.reduced(nominal_vector(upside_down.parameters), q)
-    assert error.flipped.all()
 
 
 def test_covariance_is_the_scaled_normal_matrix(truth):

@@ -4,10 +4,6 @@ import numpy as np
 import pytest
 import sarcal
 
-from operator_app.calibration.calibrate import calibrate
-from operator_app.config.arm_file import load_arm
-from operator_app.config.fixture_file import load_fixture
-from operator_app.config.poses_file import load_poses
 from tests.solver.posterior.reference_corrections import corrected
 
 
@@ -22,10 +18,8 @@ def result(made):
 
 
 @pytest.fixture(scope="module")
-def solution(made, tmp_path_factory):
-    file = made.poses.to_csv(tmp_path_factory.mktemp("poses") / "poses.csv")
-    poses = load_poses(file, joint_count=7).poses
-    return calibrate(load_arm("sarcos_dextrous"), load_fixture("hinge").fixture, poses)
+def solution(result):
+    return result._subject.solution
 
 
 def test_thirty_lines_without_a_library_give_the_same_readings(made, result, solution):

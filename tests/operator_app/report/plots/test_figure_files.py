@@ -2,7 +2,6 @@
 
 import sys
 import xml.etree.ElementTree as ET
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,15 +10,8 @@ import sarcal
 from operator_app.cli import main
 from operator_app.errors import SessionError
 from operator_app.report.plots.figure_files import ENDINGS, FIGURES
-from tests.oracles.panda import FOLDER as PANDA
 
-HINGE = Path(__file__).parents[3] / "data/hinge/hinge_quantised.csv"
 SVG = "{http://www.w3.org/2000/svg}"
-
-
-@pytest.fixture(scope="module")
-def hinge():
-    return sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=HINGE)
 
 
 def panels(result: sarcal.Result, name: str) -> list[ET.Element]:
@@ -43,11 +35,8 @@ def scale(panel: ET.Element) -> tuple[float, float]:
     return float(slope), float(start)
 
 
-def test_a_hinge_has_them_all_and_a_ball_what_it_has(hinge):
+def test_a_hinge_has_them_all_and_a_ball_what_it_has(hinge, ball):
     assert hinge.figures == tuple(FIGURES)
-    ball = sarcal.calibrate(
-        arm="franka_panda", fixture="ball", poses=PANDA / "panda_1.csv", drop_unidentifiable=True
-    )
     # Six sockets, no RVDT, and what several placements have no trend of.
     assert set(FIGURES) - set(ball.figures) == {"rvdt", "condition"}
     with pytest.raises(KeyError, match="there are parameters, residuals"):

@@ -267,10 +267,8 @@ def excludes_others(arm: CanopenArm) -> Clause:
         passed, text = None, f"not tried: {error}"
     else:
         other.close()
-        passed, text = (
-            False,
-            "a second program was let in, and this program's frames no longer reach the arm",
-        )
+        passed = False
+        text = "a second program was let in, and this program's frames no longer reach the arm"
     if passed is not False:
         # It may have sent frames before it was refused or failed.
         try:

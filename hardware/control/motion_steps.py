@@ -177,9 +177,8 @@ def move(
                 point = path.next().tolist()
                 for joint, angle in zip(joints, point, strict=True):
                     state = state_of(sample.statuswords[joint - 1])
-                    if (
-                        state is DriveState.OPERATION_ENABLED
-                    ):  # a tripped drive gets no further targets
+                    # A tripped drive gets no further targets.
+                    if state is DriveState.OPERATION_ENABLED:
                         target = scales[joint - 1].to_counts(angle)
                         changed = replace(commands[joint - 1], target_counts=target)
                         commands = (*commands[: joint - 1], changed, *commands[joint:])

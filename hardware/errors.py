@@ -191,7 +191,7 @@ class SdoRefused(HardwareError):
 
 
 class ControlDenied(HardwareError):
-    """Another node (`holder`) is in control, or (0) control was not granted; `why` is the supervisor's reason."""
+    """Another node (`holder`) is in control, or (0) control was not granted; `reason` is the supervisor's."""
 
     def __init__(self, holder: int, reason: str = "") -> None:
         self.holder = holder

@@ -60,8 +60,10 @@ def controller_filters(joints: int) -> list[CanFilter]:
     """Filters of the arm's end: commands, and the heartbeat of every node that may hold the token."""
     return [
         _single(objects.COB_SYNC),
-        _joints(objects.COB_RPDO1, joints),
-        _joints(objects.COB_SDO_TO_SERVER, joints),
+        *(
+            _covering(range(base, base + joints + 1))
+            for base in (objects.COB_RPDO1, objects.COB_SDO_TO_SERVER)
+        ),
         _single(objects.COB_SDO_TO_SERVER + objects.SUPERVISOR_NODE),
         _single(objects.COB_NMT),
         _filter(objects.COB_HEARTBEAT, _FUNCTION_CODE),
@@ -80,11 +82,6 @@ def _covering(identifiers: Iterable[int]) -> CanFilter:
     differing = functools.reduce(lambda bits, other: bits | (first ^ other), others, 0)
     mask = _ALL_BITS & ~((1 << differing.bit_length()) - 1)
     return _filter(first & mask, mask)
-
-
-def _joints(base: int, joints: int) -> CanFilter:
-    """One mask that passes `base` + node for nodes 0 to `joints`, and for those up to the next power of two."""
-    return _filter(base, _ALL_BITS & ~((1 << joints.bit_length()) - 1))
 
 
 def _single(identifier: int) -> CanFilter:

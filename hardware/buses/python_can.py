@@ -123,11 +123,8 @@ def bus_settings(
             f"The bus settings cannot be read: {error}. Look at can.conf and at the environment "
             "variables that start with CAN_."
         ) from error
-    chosen, where, rate = (
-        settings.pop("interface"),
-        settings.pop("channel"),
-        settings.pop("bitrate", None),
-    )
+    chosen, where = settings.pop("interface"), settings.pop("channel")
+    rate = settings.pop("bitrate", None)
     if where is None and chosen not in _OWN_CHANNEL:
         raise BusSettingsError(
             f"No channel is given for interface {chosen}. Say which one, for example "

@@ -64,7 +64,7 @@ class Sample:
 
 
 class PdoFields:
-    """The objects of `wanted` in a PDO of a joint, in order; all others are padding."""
+    """The objects `indices` in a PDO of a joint, in order; all others are padding."""
 
     def __init__(self, pdo: Pdo, indices: tuple[int, ...]) -> None:
         self.cob_id = pdo.cob_id

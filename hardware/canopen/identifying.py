@@ -162,12 +162,10 @@ def _joint_differences(
         yield from _range_differences(access, node, limits)
     if objects.CONTROL_PERIOD not in profile.compared:
         return
-    value, index = (
-        access.read_unsigned(node, objects.CONTROL_PERIOD, 1),
-        access.read_signed(node, objects.CONTROL_PERIOD, 2),
-    )
-    if abs(value * 10.0**index - objects.CONTROL_PERIOD_S) > 1e-9:
-        yield f"has a control period of {value * 10.0**index:g} s, expected {objects.CONTROL_PERIOD_S:g} s"
+    digits = access.read_unsigned(node, objects.CONTROL_PERIOD, 1)
+    period_s = digits * 10.0 ** access.read_signed(node, objects.CONTROL_PERIOD, 2)
+    if abs(period_s - objects.CONTROL_PERIOD_S) > 1e-9:
+        yield f"has a control period of {period_s:g} s, expected {objects.CONTROL_PERIOD_S:g} s"
 
 
 def _range_differences(access: ObjectAccess, node: int, limits: JointLimits) -> Iterable[str]:

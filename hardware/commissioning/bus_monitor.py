@@ -12,16 +12,10 @@ from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.cia402 import CONTROLWORD_QUICK_STOP, state_of
 from hardware.canopen.cyclic import frames_of, unpack_emergency
 from hardware.canopen.objects import NmtState, emergency_text, node_of
+from hardware.monitors.node_monitor import NMT_NAMES
 
 SILENT_S: Final = 1.5
 """Time without heartbeat after which a node is reported as silent."""
-_NMT = {
-    1: "start",
-    2: "stop",
-    128: "pre-operational",
-    129: "reset node",
-    130: "reset communication",
-}
 _ABORT, _INITIATE_DOWNLOAD = 0x80, 1
 
 
@@ -72,7 +66,7 @@ class BusMonitor:
                 yield f"{self._node_name(node)}: {text}"
         elif identifier == objects.COB_NMT and len(data) == 2:
             to = self._node_name(data[1]) if data[1] else "all nodes"
-            yield f"NMT command to {to}: {_NMT.get(data[0], f'{data[0]}')}"
+            yield f"NMT command to {to}: {NMT_NAMES.get(data[0], data[0])}"
         else:
             yield from self._sdo(identifier, data)
 

@@ -39,7 +39,7 @@ ENOUGH: Final = "that is enough"
 
 
 @dataclass(slots=True)
-class OnTheWay:
+class MidwayWatch:
     """A watch that acts once after part of the motion, and stores the joint's position at that moment."""
 
     joint: int
@@ -74,12 +74,12 @@ class Turn:
             {self.joint: self.target_rad}, speed_rad_per_s=self.speed_rad_per_s, watch=watch
         )
 
-    def watch_on_the_way(self, act: Callable[[], str | None]) -> OnTheWay:
+    def midway_watch(self, act: Callable[[], str | None]) -> MidwayWatch:
         """Make a watch that acts once after `part_rad`."""
         start = float(self.arm.capture(self.bounds.samples).mean_rad[self.joint - 1])
-        return OnTheWay(joint=self.joint, after_rad=self.part_rad, act=act, start_rad=start)
+        return MidwayWatch(joint=self.joint, after_rad=self.part_rad, act=act, start_rad=start)
 
-    def ran_on(self, watch: OnTheWay) -> str:
+    def overtravel(self, watch: MidwayWatch) -> str:
         """Text on how far the joint still moved after the watch acted."""
         position_rad = float(self.arm.capture(1).mean_rad[self.joint - 1])
         at = watch.start_rad if watch.at_rad is None else watch.at_rad
@@ -108,13 +108,13 @@ def goes(turn: Turn) -> Iterator[Clause]:
 
 def halts(turn: Turn) -> Iterator[Clause]:
     """A watch ends the move with its reason."""
-    watch = turn.watch_on_the_way(lambda: ENOUGH)
+    watch = turn.midway_watch(lambda: ENOUGH)
     outcome = turn.go(watch)
     halted = not outcome.reached and outcome.reason == ENOUGH
     yield Clause(
         name="halts",
         passed=halted,
-        text=f"a watch ended the move; {turn.ran_on(watch)}"
+        text=f"a watch ended the move; {turn.overtravel(watch)}"
         if halted
         else f"a watch could not end the move, which reports {outcome.reason!r}",
         joint=turn.joint,
@@ -123,7 +123,7 @@ def halts(turn: Turn) -> Iterator[Clause]:
 
 def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause]:
     """Ctrl-C in a move leaves the arm holding with its drives on."""
-    watch = turn.watch_on_the_way(interrupt)
+    watch = turn.midway_watch(interrupt)
     interrupted = False
     try:
         turn.go(watch)
@@ -136,7 +136,7 @@ def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause
     enabled = all(j.drive is DriveState.OPERATION_ENABLED for j in snapshot.joints)
     text = "the move was not interrupted"
     if interrupted:
-        text = f"{turn.ran_on(watch)}; the drives are {'on' if enabled else 'off'}"
+        text = f"{turn.overtravel(watch)}; the drives are {'on' if enabled else 'off'}"
     passed = interrupted and enabled and not snapshot.moving
     yield Clause(name="Ctrl-C", passed=passed, text=text, joint=turn.joint)
     first, then = (turn.arm.capture(turn.bounds.samples).mean_rad for _ in range(2))
@@ -152,7 +152,7 @@ def is_stopped(turn: Turn) -> Iterator[Clause]:
         presser.start()
         presser.join()
 
-    watch = turn.watch_on_the_way(press)
+    watch = turn.midway_watch(press)
     try:
         turn.go(watch)
         stopped = False
@@ -267,10 +267,8 @@ def excludes_others(arm: CanopenArm) -> Clause:
         passed, text = None, f"not tried: {error}"
     else:
         other.close()
-        passed, text = (
-            False,
-            "a second program was let in, and this program's frames no longer reach the arm",
-        )
+        passed = False
+        text = "a second program was let in, and this program's frames no longer reach the arm"
     if passed is not False:
         # It may have sent frames before it was refused or failed.
         try:

@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -173,24 +174,16 @@ def keeps_within_limits(
     If a command is not refused, the test ends the move at its first sample.
     """
     position_rad = arm.snapshot().joints[joint - 1].position_rad
-    margin = math.radians(2.0)
-    for beyond in (ranged.lower_rad - margin, ranged.upper_rad + margin):
-
-        def go(target: float = beyond) -> object:
-            return arm.move(
-                {joint: target}, speed_rad_per_s=speed_rad_per_s, watch=lambda _: "not refused"
-            )
-
-        yield is_refused("range", f"a target of {deg(beyond, sign=True)}", go, joint=joint)
-    fast = 2.0 * ranged.max_speed_rad_per_s
-    yield is_refused(
-        "speed",
-        f"a move at {deg(fast)}/s",
-        lambda: arm.move(
-            {joint: position_rad}, speed_rad_per_s=fast, watch=lambda _: "not refused"
-        ),
-        joint=joint,
-    )
+    margin, fast = math.radians(2.0), 2.0 * ranged.max_speed_rad_per_s
+    beyond = (ranged.lower_rad - margin, ranged.upper_rad + margin)
+    for name, what, target, speed in (
+        *(("range", f"a target of {deg(end, sign=True)}", end, speed_rad_per_s) for end in beyond),
+        ("speed", f"a move at {deg(fast)}/s", position_rad, fast),
+    ):
+        go = partial(
+            arm.move, {joint: target}, speed_rad_per_s=speed, watch=lambda _: "not refused"
+        )
+        yield is_refused(name, what, go, joint=joint)
 
 
 def refuses_to_move_free(arm: ArmInterface, joint: int, speed_rad_per_s: float) -> Clause:

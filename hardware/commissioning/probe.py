@@ -250,10 +250,9 @@ def _ask(access: ObjectAccess, profile: BusProfile, node_found: FoundNode) -> No
         node_found.supervises = all(_number(access, node, i, s) is not None for i, s in _SUPERVISES)
         return
     if node in profile.drives:
+        # One by one: the node may fall silent meanwhile.
         for difference in maps.pdo_differences(access, node, profile):
-            node_found.problems += (
-                str(difference),
-            )  # one by one: the node may fall silent meanwhile
+            node_found.problems += (str(difference),)
     else:
         node_found.problems = (
             f"node {node}: a drive that is not in the bus profile {profile.name}",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from hardware.canopen.bus_profile import (
@@ -21,6 +21,8 @@ from hardware.canopen.objects import COB_NEXT_PDO, COB_RPDO1, COB_TPDO1
 from hardware.commissioning.probe import FoundNode
 
 FRAME_BITS: Final = 64
+_NEEDED: Final = {False: COMMAND_OBJECTS, True: FEEDBACK_OBJECTS}
+"""Objects that a joint's RPDOs (False) and TPDOs (True, sent by the drive) must carry."""
 
 
 class DraftRefused(Exception):
@@ -40,7 +42,7 @@ def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> 
     drives = [node for node in nodes if node.drive]
     if not drives:
         raise DraftRefused(["no node on this bus is a CiA 402 servo drive by its 1000h"])
-    obstacles = _configuration_obstacles if configure else _obstacles
+    pdos, obstacles = (_set_up, _configuration_obstacles) if configure else (_current, _obstacles)
     if reasons := [text for node in drives for text in obstacles(node)]:
         raise DraftRefused(reasons)
     supervisor = next((node.node for node in nodes if node.supervises), None)
@@ -49,13 +51,7 @@ def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> 
         name=name,
         joints=tuple(
             JointProfile(
-                node=node.node, commands=_set_up(node, sent=False), answers=_set_up(node, sent=True)
-            )
-            if configure
-            else JointProfile(
-                node=node.node,
-                commands=_pdos(_chosen(node.pdos, COMMAND_OBJECTS, sent=False)),
-                answers=_pdos(_chosen(node.pdos, FEEDBACK_OBJECTS, sent=True)),
+                node=node.node, commands=pdos(node, sent=False), answers=pdos(node, sent=True)
             )
             for node in drives
         ),
@@ -66,20 +62,23 @@ def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> 
     )
 
 
-def _chosen(pdos: Iterable[DrivePdo], needed: Sequence[int], *, sent: bool) -> tuple[DrivePdo, ...]:
-    """The fewest usable PDOs that carry the needed objects, or as many of them as possible."""
-    usable = [pdo for pdo in pdos if pdo.valid and pdo.sent is sent and not _unusable(pdo)]
-    missing, chosen = set(needed), list[DrivePdo]()
+def _current(node: FoundNode, *, sent: bool) -> tuple[Pdo, ...]:
+    """The fewest usable PDOs of a drive that carry the needed objects, or as many of these as possible."""
+    usable = [pdo for pdo in node.pdos if pdo.valid and pdo.sent is sent and not _unusable(pdo)]
+    missing, chosen = set(_NEEDED[sent]), list[DrivePdo]()
     while missing:
         best = max(usable, key=lambda pdo: len(missing & _carried(pdo)), default=None)
         if best is None or not missing & _carried(best):
             break
         chosen.append(best)
         missing -= _carried(best)
-    return tuple(sorted(chosen, key=lambda pdo: pdo.number))
+    return tuple(
+        Pdo(number=pdo.number, cob_id=pdo.cob_id, entries=pdo.entries)
+        for pdo in sorted(chosen, key=lambda pdo: pdo.number)
+    )
 
 
-def _carried(pdo: DrivePdo) -> set[int]:
+def _carried(pdo: DrivePdo | Pdo) -> set[int]:
     return {index for index, sub, bits in pdo.entries if sub == 0 and bits in FIELD_BITS}
 
 
@@ -107,8 +106,8 @@ def _obstacles(node: FoundNode) -> Iterator[str]:
     if not any(pdo.valid for pdo in node.pdos):
         yield _read_problem(node)
         return
-    for needed, sent in ((COMMAND_OBJECTS, False), (FEEDBACK_OBJECTS, True)):
-        carried = {i for pdo in _chosen(node.pdos, needed, sent=sent) for i in _carried(pdo)}
+    for sent, needed in _NEEDED.items():
+        carried = {i for pdo in _current(node, sent=sent) for i in _carried(pdo)}
         for index in needed:
             if index in carried:
                 continue
@@ -128,16 +127,10 @@ def _read_problem(node: FoundNode) -> str:
     return text if text.lower().startswith(f"node {node.node}") else f"node {node.node}: {text}"
 
 
-def _pdos(drive_pdos: Iterable[DrivePdo]) -> tuple[Pdo, ...]:
-    return tuple(
-        Pdo(number=pdo.number, cob_id=pdo.cob_id, entries=pdo.entries) for pdo in drive_pdos
-    )
-
-
 def _frames(node: FoundNode, *, sent: bool) -> list[tuple[Entry, ...]]:
     """PDO maps that carry the needed objects in frames of at most 8 bytes."""
     frames, free_bits = list[tuple[Entry, ...]](), 0
-    for index in FEEDBACK_OBJECTS if sent else COMMAND_OBJECTS:
+    for index in _NEEDED[sent]:
         entry = (index, 0, node.widths.get(index, 0))
         if entry[2] > free_bits:
             frames.append(())

@@ -193,7 +193,7 @@ def release_arm(loop: ControlLoop) -> Sample | None:
     try:
         with contextlib.suppress(Stopped):  # by the latch: only quick stop is sent from now on
             if loop.commands is not None:
-                loop.run(motion_steps.hold_where_it_is(loop), despite=ignored)
+                loop.run(motion_steps.hold_all(loop), despite=ignored)
             loop.run(motion_steps.drive_to(loop, TargetState.DISABLED), despite=ignored)
         sample: Sample = loop.run(_wait_until_off(loop), despite=(*_IGNORED_ALARMS, Stopped))
     except HardwareError:  # the drives hold without an operator too

@@ -111,7 +111,7 @@ def reset(
     """
     if not loop.latch.release(press):
         raise Stopped("STOP was pressed again before it was reset: reset it once more")
-    loop.commands = None  # the commands from before must not go out again
+    loop.commands = None  # old commands must not be sent again
     clear()
     return (yield from drive_to(loop, TargetState.FAULT_CLEARED))
 
@@ -177,9 +177,8 @@ def move(
                 point = path.next().tolist()
                 for joint, angle in zip(joints, point, strict=True):
                     state = state_of(sample.statuswords[joint - 1])
-                    if (
-                        state is DriveState.OPERATION_ENABLED
-                    ):  # a tripped drive gets no further targets
+                    # A tripped drive gets no further targets.
+                    if state is DriveState.OPERATION_ENABLED:
                         target = scales[joint - 1].to_counts(angle)
                         changed = replace(commands[joint - 1], target_counts=target)
                         commands = (*commands[: joint - 1], changed, *commands[joint:])
@@ -203,7 +202,7 @@ def move(
     finally:
         loop.moving = False
     if faulted:
-        yield from hold_where_it_is(loop)
+        yield from hold_all(loop)
     if ending is not None:
         raise ending
     positions = [scale.to_rad(counts) for scale, counts in zip(scales, sample.counts, strict=True)]
@@ -224,7 +223,7 @@ def incomplete_samples(sample: Sample) -> BusError:
     )
 
 
-def hold_where_it_is(loop: ControlLoop) -> Generator[Setpoints | None, Sample, None]:
+def hold_all(loop: ControlLoop) -> Generator[Setpoints | None, Sample, None]:
     """Put all joints into position mode: free ones at their position, the others at their last target."""
     sample = yield None
     yield tuple(

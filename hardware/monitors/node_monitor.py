@@ -26,6 +26,13 @@ _CONTINUED_BLOCK: Final = {5: 0x03, 6: 0x01}
 """Subcommand bits of a block transfer that is already running."""
 
 
+NMT_NAMES: Final = {
+    command.value: command.name.lower().replace("_", " ").replace("pre op", "pre-op")
+    for command in NmtCommand
+}
+"""Names of NMT commands for messages."""
+
+
 def describe_master_frame(profile: BusProfile, identifier: int, data: bytes) -> str:
     """Describe a frame that only a master sends, with its identifier; empty for frames of the nodes.
 
@@ -54,12 +61,8 @@ def describe_master_frame(profile: BusProfile, identifier: int, data: bytes) -> 
 def _describe_nmt(data: bytes) -> str:
     if len(data) != 2:
         return "an NMT command"
-    known = {
-        command.value: command.name.lower().replace("_", " ").replace("pre op", "pre-op")
-        for command in NmtCommand
-    }
     target = f"node {data[1]}" if data[1] else "all nodes"
-    return f"the NMT command {known.get(data[0], data[0])!r} to {target}"
+    return f"the NMT command {NMT_NAMES.get(data[0], data[0])!r} to {target}"
 
 
 def initiated_transfer(data: bytes) -> tuple[bool, int] | None:

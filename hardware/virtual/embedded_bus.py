@@ -53,14 +53,14 @@ class EmbeddedBus(VirtualBus):
         until = None if timeout is None else time.monotonic() + timeout
         while True:
             message, _ = self._recv_internal(timeout)
-            if message is not None and self._wanted(message):
+            if message is not None and self._is_passed(message):
                 return message
             if until is not None:
                 timeout = until - time.monotonic()
                 if timeout <= 0.0 and message is None:
                     return None
 
-    def _wanted(self, message: can.Message) -> bool:
+    def _is_passed(self, message: can.Message) -> bool:
         if message.is_extended_id:
             return self._matches_filters(message)
         passes = self._passes.get(message.arbitration_id)

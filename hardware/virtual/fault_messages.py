@@ -223,7 +223,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
         "restart-node": FaultDescription(
             broken="a joint's drive restarts, its counter at zero",
-            # FitStart zero if the arm has sagged before the next connection.
+            # Near zero if the arm has sagged before the next connection.
             says=(
                 "has left operation",
                 "has restarted",

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fixtures.base import EndpointConstraint
-from fixtures.setup_checks import mobility
+from fixtures.setup_checks import mobility, mounted_entries
 from hardware.virtual.true_loop import BallTruth, LoopTruth, OpenTruth, Truth
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -173,12 +173,6 @@ def files_allow(stated: SpecimenFiles, truth: LoopTruth, home_rad: FloatArray) -
     angles = [kind for kind in DhKind if kind.is_angle]
     difference[angles] = np.remainder(difference[angles] + np.pi, 2.0 * np.pi) - np.pi
     return bool(np.all(np.abs(difference) <= allowed + 1e-9))
-
-
-def mounted_entries(joints: int) -> tuple[str, ...]:
-    """Entries of the arm that cannot be separated from the placements of base and tool."""
-    last = (f"theta_off_{joints}", f"s_{joints}", f"a_{joints}", f"alpha_{joints}")
-    return ("theta_off_1", "s_1", *last)
 
 
 def open_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) -> OpenTruth:

@@ -116,9 +116,7 @@ class _Server(socketserver.ThreadingTCPServer):
 
 
 @contextmanager
-def serve_tracker(
-    answer: Callable[[str], str], port: int = TRACKER_PORT, *, host: str = HOST
-) -> Iterator[int]:
+def serve_tracker(answer: Callable[[str], str], port: int = TRACKER_PORT) -> Iterator[int]:
     """Answer every line on `port` with a line; 0 takes any free port. Yields the port.
 
     Raises `InstrumentError` if another program listens there.
@@ -137,12 +135,12 @@ def serve_tracker(
                     return
 
     try:
-        server = _Server((host, port), Handler)
+        server = _Server((HOST, port), Handler)
     except OSError as error:
         raise InstrumentError(
-            f"the tracker cannot listen at {host}:{port} ({error.strerror or error}): another program does, "
+            f"the tracker cannot listen at {HOST}:{port} ({error.strerror or error}): another program does, "
             "perhaps another controller. End that, or use another port: --tracker-port N here, and --tracker "
-            f"tcp:{host}:N in the session"
+            f"tcp:{HOST}:N in the session"
         ) from error
     thread = threading.Thread(
         target=server.serve_forever, args=(0.05,), name="sarcal-tracker", daemon=True

@@ -40,9 +40,7 @@ class Truth(ABC):
     @property
     def arm_table(self) -> DhTable:
         """Rows 1..n: the arm without fixture."""
-        return DhTable(
-            **{name: getattr(self.table, name)[1:] for name in DhTable.__dataclass_fields__}
-        )
+        return DhTable.from_stacked(self.table.stacked()[:, 1:])
 
     def named(self) -> dict[str, float]:
         """True values, rad and m, by the parameter names of a calibration."""
@@ -252,11 +250,11 @@ def draw_wild_loop(rng: np.random.Generator) -> LoopTruth:
 def can_cover(loop: DhLoop, x: FloatArray, pose: FloatArray, hinge: FloatArray) -> bool:
     """Whether the drives can move straight from `pose` to all limits of their ranges; follows rays in small steps."""
     edge = np.linspace(0.0, 1.0, 5)[:-1]
-    none, all_ = np.zeros(4), np.ones(4)
+    zeros, ones = np.zeros(4), np.ones(4)
     square = np.stack(
         (
-            np.concatenate((edge, all_, 1.0 - edge, none)),
-            np.concatenate((none, edge, all_, 1.0 - edge)),
+            np.concatenate((edge, ones, 1.0 - edge, zeros)),
+            np.concatenate((zeros, edge, ones, 1.0 - edge)),
         ),
         axis=-1,
     )

@@ -8,10 +8,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fixtures.measured import Measured
+from fixtures.setup_checks import mounted_entries
 from hardware.arm import JointMode
 from hardware.virtual.axis import JointCommand
 from hardware.virtual.scenarios import scenario, scenario_of
-from hardware.virtual.specimens import mounted_entries
 from hardware.virtual.true_loop import OpenTruth, paper_loop
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture

@@ -151,13 +151,13 @@ def explained(error: UnidentifiableError, stated: Experiment) -> UnidentifiableE
     """Return the error, naming a stuck sensor if the loop shows that its joint moved."""
     still = sorted({j for d in error.directions for j in d.immobile_joints})
     for joint in still:
-        has_moved = _turned_range(stated, joint)
-        if has_moved > limits.STUCK_JOINT_TURN_RAD:
+        turned_rad = _turned_range(stated, joint)
+        if turned_rad > limits.STUCK_JOINT_TURN_RAD:
             return UnidentifiableError(
                 error.directions,
                 code=f"FROZEN_JOINT_{joint}",
                 stuck_joint=joint,
-                note=f"yet the loop shows that joint {joint} turned through {WHOLE_DEGREES(has_moved).with_unit}: "
+                note=f"yet the loop shows that joint {joint} turned through {WHOLE_DEGREES(turned_rad).with_unit}: "
                 f"its sensor is stuck; check it, or calibrate with --unsensed {joint}",
             )
     return error

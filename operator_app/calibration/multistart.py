@@ -19,6 +19,7 @@ from solver.estimators.least_squares import Fit, Problem, Progress, solve_damped
 from solver.estimators.paper import closure_problem
 from solver.estimators.variance_components import Calibrated, estimate_with_errors
 from solver.loops.closure import ClosureModel
+from solver.loops.open_arm import BASE, TIP_POINT, TIP_TURN
 from solver.loops.point import GROUND
 
 SCREENING_POSES = 600
@@ -109,8 +110,7 @@ def far_from_nominal(
     return [
         (p, change)
         for p, change, more in zip(parameters, changes, spread, strict=True)
-        if abs(change)
-        > (limits.FAR_FROM_NOMINAL_RAD if p.is_angle else limits.FAR_FROM_NOMINAL_M) + more
+        if abs(change) > _limit(p) + more
     ]
 
 
@@ -133,7 +133,7 @@ def local_minimum_causes(
     better = best < limits.OTHER_SOLUTION_COST_SHARE * own
     near_nominal = any(
         limits.OTHER_SOLUTION_COST_SHARE * fit.cost < own
-        and not far_from_nominal(hard.parameters, fit.x)
+        and not any(not p.name.endswith("]") for p, _ in far_from_nominal(hard.parameters, fit.x))
         for fit in fits
     )
     if not better and not near_nominal:
@@ -141,13 +141,7 @@ def local_minimum_causes(
         far = [item for item in far if item[0].name not in _of_fixture(model)]
         if not far:
             return ()
-    p, change = max(
-        far,
-        key=lambda item: (
-            abs(item[1])
-            / (limits.FAR_FROM_NOMINAL_RAD if item[0].is_angle else limits.FAR_FROM_NOMINAL_M)
-        ),
-    )
+    p, change = _farthest(far)
     return (
         Finding(
             kind=FindingKind.OTHER_SOLUTION if better else FindingKind.FAR_FROM_NOMINAL,
@@ -162,8 +156,15 @@ def local_minimum_causes(
 
 
 def _of_fixture(model: ClosureModel) -> set[str]:
-    """Parameters that depend on where the fixture is: those of its only placement, or of the first of several."""
-    sides = {*model.ground_side, *model.hand_side}
+    """Parameters that depend on where the fixture is: those of its only placement, or of the first of several.
+
+    A tool point is not among them, nor an instrument's place: a large error there is a wrong file.
+    """
+    sides = {
+        name
+        for name in (*model.ground_side, *model.hand_side)
+        if name.partition("[")[0] not in {*BASE, *TIP_POINT, *TIP_TURN}
+    }
     return {name for name in sides if not name.endswith("]") or name.endswith("[1]")}
 
 
@@ -172,7 +173,7 @@ def fixture_elsewhere(estimate: Estimate, model: ClosureModel) -> tuple[Finding,
     far = _far(estimate.without({p.name for p in estimate.parameters} - _of_fixture(model)))
     if not far:
         return ()
-    p, change = max(far, key=lambda item: abs(item[1]))
+    p, change = _farthest(far)
     socket = p.name.partition("[")[0] in GROUND
     kind = FindingKind.SOCKET_ELSEWHERE if socket else FindingKind.FIXTURE_ELSEWHERE
     return (Finding(kind=kind, names=(p.name,), size=change, unit=p.unit),)
@@ -227,6 +228,15 @@ def has_diverged(
 
 def _far(estimate: Estimate) -> list[tuple[Parameter, float]]:
     return far_from_nominal(estimate.parameters, estimate.x, estimate.standard_deviation)
+
+
+def _farthest(far: list[tuple[Parameter, float]]) -> tuple[Parameter, float]:
+    """Return the parameter that exceeds its limit by the largest factor."""
+    return max(far, key=lambda item: abs(item[1]) / _limit(item[0]))
+
+
+def _limit(parameter: Parameter) -> float:
+    return limits.FAR_FROM_NOMINAL_RAD if parameter.is_angle else limits.FAR_FROM_NOMINAL_M
 
 
 def _described(estimate: Estimate, judged: tuple[str, ...]) -> Estimate:

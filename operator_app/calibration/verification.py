@@ -239,7 +239,8 @@ def _with_prediction(
         residuals = residuals.with_columns(subjects[shift.subject])
         named = find_outliers(residuals)
     chi2, dof = leave_one_out_chi2(residuals)
-    others = chi2_test(named.rest.chi2, named.rest.dof)
+    # Without its outliers, a single pose leaves nothing to test.
+    others = chi2_test(named.rest.chi2, named.rest.dof) if named.rest.dof > 0 else None
     return replace(
         result,
         verification=replace(
@@ -255,7 +256,7 @@ def _with_prediction(
         odd_poses=named.poses,
         shift=shift,
         stated=stated,
-        others_fit=shift is None and others.per_dof <= others.high,
+        others_fit=shift is None and others is not None and others.per_dof <= others.high,
     )
 
 

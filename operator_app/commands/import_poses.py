@@ -193,10 +193,10 @@ def _recorded(
     say(text, err=True)
     if not dwells:
         quietest_deg = np.rad2deg(quietest_rad(recording.time_s, recording.q_rad, dwell_s))
-        test_floors = f" (its test_floors {dwell_s:g} s spread by {quietest_deg:.3g} deg)"
+        quietest_text = f" (its quietest {dwell_s:g} s spread by {quietest_deg:.3g} deg)"
         raise UsageError(
             f"{file}: the arm is never at rest for {dwell_s:g} s within {spread_deg:g} deg"
-            f"{test_floors if np.isfinite(quietest_deg) else ''}; give another --dwell-s or --spread-deg, or "
+            f"{quietest_text if np.isfinite(quietest_deg) else ''}; give another --dwell-s or --spread-deg, or "
             "record an arm that stops at its poses"
         )
     return poses_of(dwells, utc_text), recording_json(recording, dwells, refused)

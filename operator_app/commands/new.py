@@ -105,8 +105,8 @@ def _arm(args: argparse.Namespace) -> int:
         say(f"Angles      rounded in the file are taken as exact: {meanings}")
     if placeholders := [text for joint in chain.joints for text in joint.placeholders]:
         say(
-            f"! Placeholders in the URDF: {'; '.join(placeholders)}. Assumed instead: a range of -180 to 180 deg, "
-            "a speed of 90 deg/s. State the arm's own limits in its file."
+            f"! Placeholders in the URDF: {'; '.join(placeholders)}. Assumed for these: a range to -180 or "
+            "180 deg, a speed of 90 deg/s. State the arm's own limits in its file."
         )
     if bent is not None:
         say("Home        bent: the middle of the ranges does not identify all parameters")

@@ -107,7 +107,7 @@ def find_dwells(
 
 
 def quietest_rad(time_s: FloatArray, q_rad: FloatArray, dwell_s: float) -> float:
-    """Return the spread of the test_floors window of this length; infinite if the recording is shorter."""
+    """Return the spread of the quietest window of this length; infinite if the recording is shorter."""
     last = np.searchsorted(time_s, time_s + dwell_s * (1.0 - 1e-9))
     return float(_ranges(q_rad, last[last < len(time_s)]).max(axis=1).min(initial=np.inf))
 

@@ -331,7 +331,8 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
         placeholders = []
         if max(-low, high) > PLACEHOLDER_ANGLE_RAD:
             placeholders.append(f"{name}: range of {low:g} to {high:g} rad")
-            low, high = -NO_LIMIT_RAD, NO_LIMIT_RAD
+            low = -NO_LIMIT_RAD if -low > PLACEHOLDER_ANGLE_RAD else low
+            high = NO_LIMIT_RAD if high > PLACEHOLDER_ANGLE_RAD else high
         if speed is not None and speed > PLACEHOLDER_RAD_PER_S:
             placeholders.append(f"{name}: velocity of {speed:g} rad/s")
             speed = None

@@ -156,12 +156,12 @@ class Plain:
     def _ways(self, s: SessionSnapshot) -> list[_Item]:
         ways = []
         if self._step is not Step.EXPORT:
-            next_variances = Step(self._step + 1)
+            following = Step(self._step + 1)
             ways.append(
                 _Item(
-                    label=f"Go on to step {int(next_variances)}, {next_variances.title}",
-                    do=partial(self._go, next_variances),
-                    missing=guards.missing_for(next_variances, s),
+                    label=f"Go on to step {int(following)}, {following.title}",
+                    do=partial(self._go, following),
+                    missing=guards.missing_for(following, s),
                 )
             )
         if self._step is not Step.CONNECT:

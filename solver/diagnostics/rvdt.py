@@ -116,26 +116,26 @@ def rvdt_verdicts(
         return np.maximum(start, values)
 
     settled = settle(model, q, errors, x0=x0, near=near, variances=at_least_stated)
-    values, back = settled.fit, back_to_caller(settled.order)
+    fitted, back = settled.fit, back_to_caller(settled.order)
     angles = {
         a.joint: a
         for a in loop_angles(
             model,
-            values.x,
-            values.fit.covariance,
+            fitted.x,
+            fitted.fit.covariance,
             q,
-            noise_left(values, back),
-            near=(values.corrections[back], values.unsensed[back]),
+            noise_left(fitted, back),
+            near=(fitted.corrections[back], fitted.unsensed[back]),
         )
     }
-    noise = _without_compliance(noise, values.fit)
+    noise = _without_compliance(noise, fitted.fit)
     offsets = {j: sensor_angle(q[:, j - 1], a)[1] for j, a in angles.items()}
-    known = dict(zip((p.name for p in model.parameters), values.x.tolist(), strict=True))
+    known = dict(zip((p.name for p in model.parameters), fitted.x.tolist(), strict=True))
     verdicts = []
     for joint, sensor in sensors.items():
         reading, angle = q[:, joint - 1], angles[joint]
         reason = _undecidable(reading, angle.scatter, sensor)
-        if not values.converged:
+        if not fitted.converged:
             reason = "the calibration without the RVDTs did not converge"
         if reason:
             verdicts.append(undecided(joint, sensor, reason, noise.get(joint)))

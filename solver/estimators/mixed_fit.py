@@ -206,9 +206,9 @@ def _iterate(
             if rounds >= FREE_ROUNDS and newton_step.slope < NEGLIGIBLE_GAIN:
                 # Not a reason to continue: the parameters converge with the present variances.
                 free, newton_step, v = False, ScoringStep.none(len(v)), fit.v
-        steady = STEADY_VARIANCE_SIGMA if ascent.fast else CREEPING_VARIANCE_SIGMA
+        steady_limit = STEADY_VARIANCE_SIGMA if ascent.fast else CREEPING_VARIANCE_SIGMA
         converged = remaining < settled and (
-            newton_step.largest < steady or newton_step.slope < LEAST_GAIN
+            newton_step.largest < steady_limit or newton_step.slope < LEAST_GAIN
         )
         nearly = remaining < SIGN_TEST_SIGMA and newton_step.largest < SIGN_TEST_VARIANCE_SIGMA
         if sign_asked and (nearly or rounds >= FREE_ROUNDS):

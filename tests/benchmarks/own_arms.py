@@ -1,11 +1,11 @@
-"""Arms of another generator: a UR5e with a ball and an iiwa 14 with a hinge, in 60 lines of NumPy; prints a table.
+"""Arms of another generator: a UR5e with a ball and an iiwa 14 with a hinge, from 100 lines of NumPy; prints a table.
 
     python -m tests.benchmarks.own_arms [--size 1.0,0.333] [--arms 40]
 
 The generator shares no code with the product. Calibration is by the public API, from 26 poses, with the packaged arm
 files. True errors of lengths, twists, encoders, play, sag and fixture are `size` times those that the files state;
-offsets are as uncertain as stated. The hinge is mounted within 5 mm and 2 deg of where its file has it. Figures are
-of the joint offsets: share of true values inside the 95 % intervals, rms of error/sigma, median sigma.
+offsets are as uncertain as stated. The hinge is mounted 5 mm and 2 deg (1 sigma) from where its file has it.
+Figures are of the joint offsets: share of true values inside the 95 % intervals, rms of error/sigma, median sigma.
 
 Bars: with errors a third as large as stated 92 % inside, rms 0.5 to 1.1, all accepted.
 """

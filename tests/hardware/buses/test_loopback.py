@@ -144,7 +144,7 @@ def test_the_kernel_filters_as_python_can_does(channel):
             bus.set_filters(filters)
             frames = []
             for _ in range(50):
-                # FitStart to what a filter wants, or anywhere.
+                # Near to what a filter wants, or anywhere.
                 near = rng.choice(filters)["can_id"] ^ (1 << rng.randrange(29)) * (
                     rng.random() < 0.5
                 )

@@ -76,6 +76,15 @@ def test_one_pose_that_is_off_makes_a_calibration_not_hold_and_is_named_alone(re
     assert (found.shift, found.odd_poses) == (None, (4,))
 
 
+def test_a_single_later_pose_that_deviates_leaves_no_others_to_agree(retaken):
+    made, _ = retaken
+    later = session(SEED, walk=1, poses=1)
+    poses = poses_of(replace(later, readings=later.readings + np.deg2rad(3.0) * np.eye(7)[1]))
+    result = verify_poses(ARM, HINGE, poses, made)
+    assert not result.holds
+    assert not result.others_fit
+
+
 def test_a_fixture_that_stands_elsewhere_is_named_as_such(retaken):
     moved = slipped(20, (2e-3, 1e-3, 1e-3))
     found = _judged((retaken[0], moved), moved.readings)

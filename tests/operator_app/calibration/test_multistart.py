@@ -119,6 +119,15 @@ def test_a_socket_that_stands_elsewhere_is_a_note(sockets):
     assert solution.verdict is Verdict.ACCEPTED
 
 
+def test_a_tool_point_that_is_elsewhere_is_refused():
+    """A ball that is 120 mm from where its file has it is another tool: the file is wrong."""
+    x, y, z = BALL.tip_m
+    solution = calibrate(PANDA, replace(BALL, tip_m=(x + 0.12, y, z)), panda_poses(1, 2))
+    assert solution.verdict is Verdict.NOT_ACCEPTED
+    assert solution.causes[0].code == "FAR_FROM_NOMINAL"
+    assert solution.causes[0].names == ("tip_x",)
+
+
 @pytest.mark.parametrize(("name", "shift_m"), [("s_1", 0.12), ("a_7", -0.1)])
 def test_a_hinge_that_stands_elsewhere_is_a_note(name, shift_m):
     """Where axes are nearly parallel, a tilt of a few degrees moves the common normal this far."""

@@ -144,13 +144,13 @@ def test_a_file_without_joints_says_so():
 
 def test_joints_of_a_simulator_and_limits_that_no_arm_has_are_no_part_of_the_arm():
     nested = "<gazebo><joint name='screw' type='screw'><parent>l1</parent></joint></gazebo>"
-    vast = joint("j1", "l0", "l1", *SIX[0], axis=AXES[0], ends=(-1e6, 1e6), velocity=100)
+    vast = joint("j1", "l0", "l1", *SIX[0], axis=AXES[0], ends=(-1e6, 1.0), velocity=100)
     chain = parse_urdf(robot(vast, *six()[1:], nested, nested).encode(), "arm.urdf")
     assert [j.name for j in chain.joints] == [f"j{k}" for k in range(1, 7)]
     first = chain.joints[0]
-    assert (first.lower_rad, first.upper_rad) == (-np.pi, np.pi)
+    assert (first.lower_rad, first.upper_rad) == (-np.pi, 1.0)
     assert first.velocity_rad_per_s is None
-    assert first.placeholders == ("j1: range of -1e+06 to 1e+06 rad", "j1: velocity of 100 rad/s")
+    assert first.placeholders == ("j1: range of -1e+06 to 1 rad", "j1: velocity of 100 rad/s")
     assert not any(j.placeholders for j in chain.joints[1:])
     parse_arm(dump_strict(dict(arm_file_of(chain, name="arm"))), "arm")
 

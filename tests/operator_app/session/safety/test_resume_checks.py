@@ -78,7 +78,7 @@ def test_a_zero_that_was_moved_is_found_before_a_drive_is_enabled(resumed, joint
     said = str(refused.value)
     assert len(session.state.poses) == 20
     if joint >= 5:
-        # FitStart the hand the poses tell which joint it is, and by how much.
+        # Near the hand, the poses tell which joint it is, and by how much.
         assert f"joint {joint} seems to have shifted by" in said
         size = float(said.partition("shifted by ")[2].split()[0])
         assert size == pytest.approx(degrees, abs=0.3)

@@ -241,7 +241,7 @@ def _guard(drive: DriveFacts) -> Clause:
 
 
 def keeps_time(arm: CanopenArm, bounds: Bounds) -> Iterator[Clause]:
-    """The mean SYNC period is as configured; any deviation comes from this computer."""
+    """Check that this computer sends SYNC with the configured mean period."""
     if arm.on_bus.pace is Pace.FAST_FORWARD:
         return
     before, begun = arm.snapshot().sync_count, time.monotonic()

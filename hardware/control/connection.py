@@ -250,7 +250,7 @@ class Connection:
         return True
 
     def explain(self, error: HardwareError) -> HardwareError:
-        """Return the error or, if host latency since control was taken explains it, the error for that latency."""
+        """Return `error`, or `HostLatencyExceeded` if host latency since control was taken explains it."""
         late = self._late_since_control()
         refused = isinstance(error, SdoRefused) and error.code != Abort.LOCAL_CONTROL
         if late is None or refused or isinstance(error, DuplicateNodeId | FramesLost):

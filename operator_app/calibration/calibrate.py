@@ -241,7 +241,7 @@ def prepare(task: Task) -> Prepared:
 
 
 def screen(prepared: Prepared) -> Screened:
-    """Refuse unidentifiable parameters; free entries with a tolerance and collect the error model."""
+    """Refuse unidentifiable parameters, add entries with a tolerance to the unknowns, and collect the error model."""
     task, loops, hard = prepared.task, prepared.loops, prepared.hard
     experiment = task.experiment
     prior = stated_priors(hard, experiment.arm, experiment.fixture)

@@ -179,7 +179,7 @@ def _about_sigmas(subject: Subject, estimate: Estimate) -> str:
 
 
 def _warnings(subject: Subject) -> Section | None:
-    """Warnings, and notes that require no action; None without any."""
+    """Return the section of warnings and of notes that require no action; None if there are neither."""
     facts = subject.facts
     notes = facts is not None and facts.verdict == Verdict.ACCEPTED.words
     glyph = element("span", "· " if notes else "▲ ", class_="glyph", aria_hidden="true")

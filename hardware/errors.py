@@ -130,7 +130,7 @@ class MappingChanged(HardwareError):
 
 
 def _remedies(differences: Sequence[ObjectMismatch]) -> Iterator[str]:
-    """Remedies for these differences, grouped by what a bus profile can allow."""
+    """Yield the remedies for these differences, grouped by whether and how a bus profile can accept them."""
     for kind, otherwise in (
         (ProfileRemedy.NONE, " (no bus profile can allow for that)"),
         (

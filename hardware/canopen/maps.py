@@ -1,7 +1,7 @@
-"""Compares the drives' PDOs with what this program sends and reads, by SDO, before anything is enabled.
+"""Reads the drives' PDO configuration by SDO before anything is enabled; compares it with what this program uses.
 
-A drive whose PDO carries its velocity in place of its position answers every SYNC correctly but would get wrong
-targets. So all PDOs are read and compared; afterwards the first position by PDO is compared with 6064h by SDO.
+A drive that sends its velocity where its position is expected answers every SYNC, but targets computed from it would be
+wrong. So all PDOs are compared; afterwards the first position by PDO is compared with 6064h by SDO.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def pdo_name(communication: int, number: int) -> str:
 def pdo_differences(
     access: ObjectAccess, node: int, profile: BusProfile
 ) -> Iterator[ObjectMismatch]:
-    """Differences of a drive's PDOs from the profile."""
+    """Yield how a drive's PDOs differ from the bus profile or conflict with other frames of the arm."""
     yield from _communication(access, node)
     joint = profile.joints[profile.joint_of[node] - 1]
     for pdo, communication, mapping, types in pdo_records(joint):

@@ -123,7 +123,7 @@ class StraightMove:
 
     @property
     def braking(self) -> bool:
-        """Whether the move ends early."""
+        """Whether `brake` was called: the move ends before its target."""
         return self._braking
 
     def next(self) -> FloatArray:

@@ -216,5 +216,5 @@ class ScriptedFault:
 
 
 def scripted(kind: str, *, joint: int, at_sync: int) -> ScriptedFault:
-    """The fault of this name at a SYNC."""
+    """Return the fault of this kind, to happen to a joint at a SYNC."""
     return ScriptedFault(at_sync=at_sync, happen=lambda arm: inject(arm, kind, joint))

@@ -214,11 +214,11 @@ def little_motion(
     known: Mapping[str, float] = NOTHING_KNOWN,
     narrows: Callable[[str], str] | None = None,
 ) -> tuple[Finding, ...]:
-    """Return the finding that some parameters have large sigmas (P,) because the poses differ little.
+    """Return the finding that some parameters have large standard deviations, (P,), because the poses differ little.
 
-    `known`: standard uncertainty (rad, m) of parameters in the files, by name. A sigma above that is reported, and
-    blocks acceptance if it is too large for any use. `narrows`: returns the source of error that dominates the sigma of
-    a named parameter, empty if only other poses help.
+    `known`: standard uncertainties (rad, m) stated in the files, by parameter. A standard deviation is reported if it
+    exceeds this or is large; it blocks acceptance if it is too large for any use. `narrows`: returns the source of
+    error that dominates the sigma of a named parameter, empty if only other poses help.
     """
     wide, coarse, refuses = [], [], False
     worst, farthest = "", 0.0

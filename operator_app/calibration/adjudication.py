@@ -89,7 +89,10 @@ class PriorInformation:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Case:
-    """A fit with the results of tests and screening; `stated` has its poses in the order in which they were taken."""
+    """A fit with the results of its tests and its screening.
+
+    `stated`: the experiment as stated, poses in the order in which they were taken.
+    """
 
     found: Calibrated
     stated: Experiment
@@ -306,7 +309,10 @@ def _labels(poses: PoseSet) -> tuple[str, ...]:
 
 
 def _single_cause(diagnosis: Diagnosis) -> bool:
-    """Whether a single cause is more likely than all others together."""
+    """Whether one cause explains the misfit and is more likely than all others together.
+
+    Also true if there was nothing to diagnose.
+    """
     best = diagnosis.best
     if best is None:
         return not diagnosis.rounds

@@ -34,16 +34,17 @@ TIP_NAMES = frozenset(TIP)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibratedArm:
-    """Links 1..n of an arm, and the point of its tool at the fixture.
+    """Links 1..n of a calibrated arm, and the tip: the point of its tool that the fixture holds.
 
-    The base is the arm's own: entries that are measured from the fixture keep the values of the arm's file.
+    The base frame is that of the arm's file: entries that are measured from the fixture keep their values there.
 
     Attributes
     ----------
     flange
         Rows 1..n with the arm's own entries as calibrated, all others as in the arm's file.
     hand
-        The same rows with the fixture's tool side as calibrated: the last frame carries the tip.
+        The same rows, with the entries that state where the fixture is on the tool as calibrated: the last
+        frame carries the tip.
     tip_m
         The tip in that frame, (3,): the ball's centre, an instrument's target; zero for a hinge, whose
         axis is the z axis of that frame, and for a rigid attachment.

@@ -59,7 +59,7 @@ class ParameterChange:
     before, after
         Values in the first and the second; of equivalent values, `after` is the one nearest to `before`.
     change
-        after minus before; for angles within half a turn.
+        after minus before; for angles the equivalent within half a turn.
     sigma
         Standard deviation of the change.
     significant

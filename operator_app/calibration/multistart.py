@@ -156,9 +156,10 @@ def local_minimum_causes(
 
 
 def _of_fixture(model: ClosureModel) -> set[str]:
-    """Parameters that depend on where the fixture is: those of its only placement, or of the first of several.
+    """Names of the parameters that depend on the fixture's place: of its only placement, or of the first of several.
 
-    A tool point is not among them, nor an instrument's place: a large error there is a wrong file.
+    The point of the tool and the place of a measuring instrument are left out: a large error in these means that a
+    file is wrong.
     """
     sides = {
         name

@@ -287,6 +287,6 @@ def _vector(args: argparse.Namespace, option: str) -> FloatArray:
         vector = np.array([])
     if vector.shape != (3,) or not np.all(np.isfinite(vector)):
         raise UsageError(
-            f"{_typed(option)} {text!r}: write three numbers with commas, e.g. 0,30,-12.5"
+            f"{_typed(option)} {text!r}: write three numbers separated by commas, e.g. 0,30,-12.5"
         )
     return vector

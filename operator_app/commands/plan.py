@@ -74,10 +74,10 @@ def _code(shown: Preview) -> ExitCode:
 
 
 def _of_files(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, str]:
-    """Return the procedure with the arm and fixture of the options, without captured poses.
+    """Return the procedure with the arm and fixture of the options, no captured poses, and what the plan is based on.
 
     The drive joints of the procedure apply to its own arm; for another arm, or another kind of fixture in the default
-    procedure, they are ranked.
+    procedure, they are left open, for the planner to choose.
     """
     procedure = load_procedure(args.procedure or "hinge")
     if args.arm:

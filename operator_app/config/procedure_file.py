@@ -185,7 +185,7 @@ def check_own(file_model: ProcedureFile, arm: ArmModel) -> Iterator[Complaint]:
 def _check_exploration(
     file_model: ProcedureFile, drives: tuple[int, ...], arm: ArmModel | None
 ) -> Iterator[Complaint]:
-    """Check that each drive joint has exactly one travel and no other joint has any; a plan needs none."""
+    """Check that each drive joint has one travel and no other joint has any; planned poses need no travels."""
     place: KeyPath = ("capture", "exploration")
     named = [item.joint for item in file_model.capture.exploration]
     for k, joint in enumerate(named):

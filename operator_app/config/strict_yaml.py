@@ -161,7 +161,9 @@ class _Builder:
         out: dict[str, Any] = {}
         for key_node, value_node in node.value:
             if not isinstance(key_node, ScalarNode):
-                self._complain(key_node, path, "has a key that is not a word", "write `key: value`")
+                self._complain(
+                    key_node, path, "has a list or a mapping as a key", "write `key: value`"
+                )
                 continue
             key = str(key_node.value)
             key_path = (*path, key)

@@ -85,7 +85,7 @@ def settings_if_right() -> tuple[UserSettings, str]:
     except ConfigError:
         return UserSettings(), (
             f"{settings_path()} is invalid, and its theme and operator are not used: "
-            "`sarcal settings` shows what is wrong, and corrects it"
+            "`sarcal settings` shows what is wrong; correct or delete the file"
         )
 
 

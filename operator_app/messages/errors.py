@@ -95,7 +95,7 @@ REMEDIES: Mapping[type, str] = {
     DriveDiverged: "Keep clear until the cause is known: the drive has failed, or another controller commands it. Then "
     "reset (R, or `sarcal reset`) and apply the modes again",
     DriveDropout: "Find out who switched the drive off, and why; when it is safe, reset (R) and apply the modes again",
-    DriveFault: "The arm holds. Find what it hit, reset (R) and apply the modes again",
+    DriveFault: "The arm holds. Find the cause of this fault, then reset (R) and apply the modes again",
     Stopped: "Reset STOP (R) when it is safe; nothing moves by itself",
     CommandRefused: "Nothing was sent to the drives",
     UploadUnknown: "Upload again (step 7, or `sarcal export SESSION --upload`); until then do not rely on what the "
@@ -104,7 +104,7 @@ REMEDIES: Mapping[type, str] = {
     UnidentifiableError: "Take poses that differ more from each other, or free a joint that does not move",
     TooFewPosesError: "Capture more poses (step 4)",
     FixtureError: "Remount the fixture as described, then check it again (step 2)",
-    WriteError: "Free space or choose another folder; the journal is complete",
+    WriteError: "Free some disk space or choose another folder; the journal is complete",
 }
 """Remedies by class of the error, or its nearest base class."""
 
@@ -114,9 +114,10 @@ _TRIPS: Mapping[int, str] = {
         "Release the external stop when it is safe, then reset (R) and apply the modes again",
     ),
     EmergencyCode.HEARTBEAT_LOST: "The arm holds. This computer or its bus paused: reset (R) and apply the modes again",
+    EmergencyCode.EXCESS_TORQUE: "The arm holds. Find what it hit, reset (R) and apply the modes again",
     EmergencyCode.SENSOR: "The arm holds. Repair that sensor or its cable, then reset (R) and apply the modes again",
 }
-"""Remedies of trips without a collision, by emergency code."""
+"""Remedies of trips whose cause the emergency code names."""
 
 
 def drive_words(state: DriveState) -> str:

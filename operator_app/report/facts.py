@@ -240,7 +240,7 @@ def side_note(solution: Solution) -> str:
 
 
 def remedy_table(solution: Solution) -> FactTable | None:
-    """Offset, gain and corrections of every RVDT that the poses could determine; None without any."""
+    """Offset, gain and corrections of every RVDT that the poses could determine; None if there are none."""
     rows: list[tuple[Cell, ...]] = []
     for table in reading_tables(solution):
         head: tuple[Cell, ...] = (

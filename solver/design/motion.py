@@ -94,7 +94,7 @@ class ChainMotion:
         return np.asarray(np.linalg.det(self.tangent[:, [j - 1 for j in drives], :]))
 
     def rates(self, drives: Sequence[int]) -> FloatArray:
-        """Rate of every arm joint per rate of each drive joint, (m, n, d); huge near a fold."""
+        """Rate of every arm joint per rate of each drive joint, (m, n, d); very large near a fold."""
         rows = self.tangent[:, [j - 1 for j in drives], :]
         # The ridge prevents an error at an exact fold, where the rates become very large.
         inverse = np.linalg.inv(rows + 1e-12 * np.eye(rows.shape[-1]))

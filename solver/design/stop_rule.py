@@ -166,7 +166,11 @@ def _forecast(
     goal: FloatArray,
     poses_left: int,
 ) -> tuple[FloatArray, int | None]:
-    """Best standard deviations after up to `poses_left` poses, each chosen for the parameter that is then the worst."""
+    """Return the standard deviations that up to `poses_left` more poses give, and after how many all goals are met.
+
+    Each pose is the one that most reduces the variance of the parameter farthest above its goal. The number is None if
+    the goals are not met.
+    """
     M = information.copy()
     if len(root) == 0:
         return standard_deviations(M, P)[columns], None

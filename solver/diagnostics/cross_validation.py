@@ -127,12 +127,12 @@ def fold_poses(q: FloatArray, folds: int) -> tuple[IntArray, ...]:
 
 
 def far_block(q: FloatArray, share: float = 0.2) -> IntArray:
-    """Indices of a block of poses far from the rest: extrapolation, not interpolation.
+    """Indices of a block of poses far from the rest, so that predicting it is extrapolation.
 
-    The block is the pose farthest from the middle of the set, in units of each joint's range, and its nearest
-    neighbours.
+    The block is the pose farthest from the mean, each joint divided by the spread of its readings, and its nearest
+    neighbours: `share` of all poses.
 
-    Raises `ValueError` if `share` leaves no pose on one side.
+    Raises `ValueError` if the block would be empty or contain all poses.
     """
     count = round(share * len(q))
     if not 0 < count < len(q):

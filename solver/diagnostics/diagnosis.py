@@ -185,11 +185,12 @@ def diagnose(
 def _residual_tests(
     scene: FaultModels, residuals: WhitenedResiduals, quiet: WhitenedResiduals
 ) -> tuple[Outliers, list[HypothesisTest]]:
-    """Search for outliers and steps with the noise of the fit; for steps of a reading with `quiet` noise.
+    """Search `residuals`, whitened by the noise of the fit, for outliers and steps.
 
-    The noise is not scaled down where the residuals are small: one sensor may exceed its specification while most
-    sources are below theirs. `quiet` noise is used for readings only, since deflections that the smooth model describes
-    badly resemble a change of the geometry rather than a step of a single reading.
+    Steps of a single reading are searched for in `quiet`, which is whitened by less noise. The noise of the fit is not
+    scaled down where the residuals are small: one sensor may exceed its specification while most sources are below
+    theirs. `quiet` is used for readings only, since deflections that the smooth model describes badly resemble a
+    change of the geometry rather than a step of a single reading.
     """
     odd = find_outliers(residuals)
     tests = [odd.test]
@@ -206,7 +207,10 @@ def _residual_tests(
 def _explanations(
     scene: FaultModels, residuals: WhitenedResiduals, odd: Outliers
 ) -> Iterator[CauseRanking]:
-    """Repeatedly find and fit the best explanation of the remaining residuals, until no test fires."""
+    """Yield rankings of possible causes: the best one is fitted, and the next ranking is for the residuals that remain.
+
+    It ends when no test fires, when no cause explains the residuals, or after `limits.MOST_CAUSES_FITTED` rankings.
+    """
     persistent_faults = tuple(scene.persistent_faults())
     for _ in range(limits.MOST_CAUSES_FITTED):
         ranking = _ranked(residuals, (*_changes(scene, residuals, odd), *persistent_faults))

@@ -1,4 +1,4 @@
-"""One possible fault of arm, fixture or readings: derivatives of the misclosures with respect to it, natural size."""
+"""Possible faults of arm, fixture or readings: the derivatives of the misclosures, and the size to be expected."""
 
 from __future__ import annotations
 

@@ -135,12 +135,12 @@ class ClosureModel(ABC):
     @property
     @abstractmethod
     def ground_side(self) -> tuple[str, ...]:
-        """Names of the unknowns of the fixture's place on the table; these change when the fixture is moved."""
+        """Names of the unknowns that state where the fixture is on the table; their values change when it is moved."""
 
     @property
     @abstractmethod
     def hand_side(self) -> tuple[str, ...]:
-        """Names of the unknowns of the fixture's place on the tool; these change at every mounting."""
+        """Names of the unknowns that state where the fixture is on the tool; their values change at every mounting."""
 
     @abstractmethod
     def loop(self, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:

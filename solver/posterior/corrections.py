@@ -207,10 +207,10 @@ class CorrectionShapes:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointCorrections:
-    """Effects of a fit that act along joints.
+    """The effects in a fit that act along joints.
 
-    `fit`: the linear fit, at its solution. `first`, `end`: columns of the fit (of its whole width) that act along a
-    joint.
+    `fit`: the linear fit, at its solution. `first`, `end`: half-open range of their columns among all columns of the
+    fit.
     """
 
     fit: LinearFit

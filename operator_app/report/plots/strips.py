@@ -237,7 +237,7 @@ def ranges(rows: Sequence[Range]) -> Html:
 
 
 def corrections_by_joint(subject: Subject, estimate: Estimate | None) -> Html | None:
-    """Draw the corrections of each joint's readings that close the loops; None without any."""
+    """Draw the corrections of each joint's readings that close the loops; None if there are none."""
     if estimate is None or estimate.corrections is None:
         return None
     values = CLOSURE_ANGLE.per_si * estimate.corrections

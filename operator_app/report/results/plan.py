@@ -78,7 +78,7 @@ def _checks(shown: Preview) -> list[str]:
 
 
 def _drives(shown: Preview) -> str:
-    """The ranking of drive sets over the region, the same sets at the start pose, and the choice."""
+    """Return the ranking of drive sets over the reachable region as text, with their leverage at the start pose."""
     at_start = {r.drives: r for r in shown.choice.prediction.here}
     listed = list(shown.choice.prediction.region[:SHOWN_SETS])
     if all(r.drives != shown.choice.drives for r in listed):

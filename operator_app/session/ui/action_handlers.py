@@ -99,7 +99,7 @@ def acknowledge(context: ActionContext) -> None:
 
 
 def automatic(context: ActionContext) -> None:
-    """Capture the missing poses; on a real arm with drives, after a question."""
+    """Capture the missing poses; if this moves a real arm, only after the operator confirms."""
     begin = task(TaskKind.AUTOMATIC, "moving and capturing automatically", lambda o: o.automatic())
     if not guards.moves_real_arm(context.s):
         begin(context)

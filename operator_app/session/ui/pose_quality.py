@@ -31,7 +31,7 @@ class PoseQuality:
     Attributes
     ----------
     live
-        Quality of the used poses; None without any.
+        Quality of the used poses; None if there are none.
     next_waypoint
         First waypoint of the plan that was not visited; None after the last.
     best_waypoint

@@ -139,7 +139,7 @@ class Supervisor:
         self.reported_stop = ""
 
     def check(self, now: SessionSnapshot, *, unseen_s: float) -> None:
-        """Check a snapshot: if data are lost, stop the arm; after `unseen_s` without a poll, end a motion."""
+        """Check a snapshot: stop the arm if data are lost; end a motion if no screen polled for long (`unseen_s`)."""
         self._end_unwatched_motion(now, unseen_s)
         self._report_stop(now)
         self._update_motion(now)

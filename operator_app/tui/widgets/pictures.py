@@ -148,7 +148,7 @@ class ArmView(Lines):
         self._turn = False
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return the drawing, made again only if a joint moved visibly."""
+        """Return the drawing, made again only if a joint moved visibly or something else that it shows changed."""
         if s.arm is None:
             self.set_title("Arm")
             return [(), line((" no arm connected", "dim"))]

@@ -47,13 +47,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     # The matrices are small: more threads would only compete with the bus.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     open_closed_streams()
-    process = argv is None  # otherwise a part of one
+    process = argv is None  # otherwise called from Python code
     end = ProcessEnd() if process else None
     code = 1
     try:
         with ending_signals_interrupt(for_good=process):
             code = _code(sys.argv[1:] if argv is None else list(argv))
-    except SystemExit as error:  # argparse's
+    except SystemExit as error:  # raised by argparse
         code = error.code if isinstance(error.code, int) else 0
         raise
     except BaseException as error:
@@ -159,7 +159,7 @@ ALSO_CALLED = {
 
 
 class _Parser(argparse.ArgumentParser):
-    """Reports unknown commands with a suggestion; removes control characters from typed text."""
+    """Parser that suggests a command for an unknown one, and removes control characters from error messages."""
 
     def error(self, message: str) -> NoReturn:
         if unknown := re.match(r"argument COMMAND: invalid choice: '(.*?)'", message):
@@ -170,7 +170,7 @@ class _Parser(argparse.ArgumentParser):
         super().error(sanitized(message))
 
     def print_help(self, file: object = None) -> None:
-        """Print the help on stdout; unlike argparse's own, an `OSError` is raised."""
+        """Print the help on stdout; unlike argparse's method, this one raises `OSError`."""
         say(self.format_help().removesuffix("\n"))
 
 
@@ -198,7 +198,7 @@ class _CommandParser(_Parser):
 
 
 class _Version(argparse.Action):
-    """Looks up the version only when it is asked for, as the import is slow."""
+    """Action of ``--version``, which looks up the version only on request, as the import is slow."""
 
     def __call__(
         self,

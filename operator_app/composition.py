@@ -1,4 +1,4 @@
-"""Composition of session, arm and bus.
+"""Opens the real or virtual arm of a session on its bus.
 
 Without a bus, a session gets the embedded virtual arm: a controller in this process on a python-can ``virtual``
 channel, with the same frames as a real one.
@@ -50,12 +50,12 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
 
 EMBEDDED_PATIENCE_S = 10.0
-"""Timeouts for the embedded arm, which shares the processor with its operator."""
+"""Timeout of heartbeats, answers and SDOs for the embedded arm, which shares the processor with this program."""
 SWITCH_INTERVAL_S = 0.0005
-"""Interpreter switch interval, so that SYNC does not wait for a solver or a repaint."""
+"""Thread switch interval of the interpreter, so that SYNC does not wait for a solver or a repaint."""
 
 RARELY = 100_000
-"""Threshold of full garbage collections."""
+"""Threshold of `gc.set_threshold` with which full garbage collections are rare."""
 
 COMPILED = ("scipy.linalg", "scipy.special", "scipy.sparse.csgraph", "scipy.spatial")
 """Libraries loaded before an arm is live: loading one holds the interpreter for 10 to 40 ms."""
@@ -65,12 +65,12 @@ _channels = count(1)
 
 @cache
 def prepare_real_time() -> None:
-    """Keep the interpreter responsive; once per process, before an arm is live."""
+    """Set up the interpreter, once per process, so that it answers every SYNC in time."""
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     for library in COMPILED:
         import_module(library)
     # A full garbage collection takes 0.1 s or more, during which no SYNC is answered and no STOP sent. Young
-    # garbage is collected as usual; old garbage is closed dialogs of 0.4 MB each.
+    # objects are collected as usual; old ones are closed dialogs of 0.4 MB each.
     gc.freeze()
     young, middle, _ = gc.get_threshold()
     gc.set_threshold(young, middle, RARELY)
@@ -84,7 +84,7 @@ def open_arm(
     speed: float = 1.0,
     record_to: Path | None = None,
 ) -> Iterator[Rig]:
-    """Open the arm of a session; on the embedded bus, start its virtual controller too.
+    """Open the arm of a session and yield it as a `Rig`; on the embedded bus, start its virtual controller too.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def open_arm(
     BusError
         The bus cannot be opened.
     SessionError
-        The session was imported, so that no arm belongs to it.
+        The session was imported and has no arm, or its files or options do not suit the arm.
     """
     if opening.imported:
         raise SessionError(
@@ -172,7 +172,7 @@ def open_arm(
 def _outside_arm(
     offer: ArmOffer, opening: Opening, bus: BusSettings, record_to: Path | None
 ) -> Iterator[OutsideArm]:
-    """Open an arm of another package; at the end it holds its position."""
+    """Open an arm of another package; it holds its position when the context ends."""
     if record_to is not None and not offer.records:
         raise SessionError(
             f"the arm {bus.interface!r} cannot record its bus",
@@ -230,7 +230,7 @@ def unattended(
 ) -> Iterator[Session]:
     """Open a session for a command; however it ends, hold the arm and close the journal.
 
-    Calls `cut_short` with a session that ended early. A session without an arm leaves no folder.
+    Calls `cut_short` if the session ends early. A session without an arm leaves no folder.
 
     Raises
     ------
@@ -252,7 +252,7 @@ def unattended(
             raise
         finally:
             with ending_signals_wait():
-                # Of this run: an earlier one may have had another arm.
+                # The identity is of this run: an earlier run may have had another arm.
                 connected = session.identity is not None
                 held = session.close(reason)
                 not_empty = not remove_if_empty(session)
@@ -294,7 +294,7 @@ def _completed(choices: Choices, bus: BusSettings, *, embedded: bool) -> Choices
 def _instrument(
     procedure: Procedure, choices: Choices, controller: VirtualController | None
 ) -> Instrument | None:
-    """Return the instrument: from the options or, if not there, of the virtual arm or, if none, of the procedure."""
+    """Return the instrument of the options, else of the virtual arm, else of the procedure; None without one."""
     fixture = procedure.fixture.fixture
     if not isinstance(fixture, Measured):
         return None
@@ -305,7 +305,7 @@ def _instrument(
 
 
 def describe(arm: ArmModel) -> ArmDescription:
-    """Return the expected description objects of the drives of `arm`."""
+    """Return the description objects expected in the drives of `arm`; SessionError for a joint without a sensor."""
     return ArmDescription(
         model=arm.name,
         joints=tuple(

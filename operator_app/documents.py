@@ -53,7 +53,7 @@ def parameters_at(reference: str, root: Path) -> ParametersDocument:
     try:
         folder = find_session(root, reference)
     except SessionError:
-        # A folder that contains only the file.
+        # The folder may contain only a parameters file, without a journal.
         folder = where
         if not (where / PARAMETERS_NAME).is_file():
             raise

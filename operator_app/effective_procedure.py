@@ -1,4 +1,4 @@
-"""The effective procedure, bus and scenario of a session. Opens nothing."""
+"""The effective procedure, bus and scenario of a session, without opening the bus."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 
 
 def effective_procedure(opening: Opening) -> Procedure:
-    """Return the procedure with the arm as it really is: a scenario may give it other sensors."""
+    """Return the procedure of a session, with the sensors that a scenario gives to its arm."""
     procedure, choices = opening.procedure, opening.choices
     if opening.imported:
         return procedure
-    # The journal has the bus; a report must not depend on whether it can be opened here.
+    # The journal states the bus: a report must not depend on whether that bus is available here.
     interface = choices.interface or session_bus(choices, procedure).interface
     if interface != "virtual" and choices.scenario is None:
         return procedure
@@ -27,7 +27,7 @@ def effective_procedure(opening: Opening) -> Procedure:
 
 
 def named_scenario(choices: Choices) -> Scenario:
-    """Return the scenario of these choices."""
+    """Return the scenario that these choices name, or the default one."""
     from hardware.virtual.scenarios import scenario
 
     return scenario(choices.scenario or DEFAULT_SCENARIO, choices.seed or 0)
@@ -46,6 +46,6 @@ def session_bus(choices: Choices, procedure: Procedure) -> BusSettings:
         interface,
         choices.channel or from_file.channel,
         choices.bitrate or from_file.bitrate,
-        # --scenario or --seed ask for the virtual arm.
+        # --scenario and --seed select the virtual arm.
         otherwise=None if choices.scenario or choices.seed is not None else usual_bus(interface),
     )

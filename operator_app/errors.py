@@ -106,7 +106,7 @@ class JournalDamagedError(JournalError):
     Attributes
     ----------
     path, line, key
-        Where the problem is; the key is empty if it is the whole line.
+        Place of the problem; the key is empty if the problem concerns the whole line.
     events
         Number of valid lines before it.
     """

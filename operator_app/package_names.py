@@ -1,7 +1,7 @@
-"""Checks, before they are imported, that the top-level packages are this program's.
+"""Checks, before importing them, that the top-level packages belong to this program.
 
-PyPI's `fixtures` installs the same top-level name. If installed later it replaces this program's package, and the
-failure would appear far from the cause.
+PyPI's `fixtures` has the same top-level name. If installed later, it replaces this program's package, and the
+failure would appear far from its cause.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ FIRST_WORDS = {
     "hardware": b'"""The arm and the bus:',
     "solver": b'"""Kinematics, closure, estimation and planning.',
 }
-"""First line of the `__init__.py` of our packages."""
+"""Beginning of the `__init__.py` of each package of this program."""
 
 REPAIR = "pip install --force-reinstall --no-deps FOLDER, the folder or wheel that sarcal came from"
 
@@ -50,7 +50,7 @@ class ForeignPackageError(ImportError):
 
 
 def require_own_names() -> None:
-    """Check that this program's packages are found beside this one.
+    """Check that Python finds this program's other top-level packages, unchanged, beside this one.
 
     Raises
     ------

@@ -30,7 +30,7 @@ def sanitized(text: str, *, keep: str = "") -> str:
 
 
 def lines(texts: Iterable[str]) -> str:
-    """Join lines; each is made harmless first."""
+    """Join texts with line breaks; characters that are not printable are replaced by `MARK`."""
     return "\n".join(map(sanitized, texts))
 
 
@@ -42,8 +42,8 @@ def as_json(value: object) -> str:
 def say(text: str = "", *, err: bool = False, streaming: bool = False) -> None:
     """Print lines on stdout or stderr.
 
-    Errors of writing progress to stderr, and a closed pipe, are ignored: exit code and files hold the result. A
-    closed pipe ends a `streaming` command.
+    Write errors on stderr and a closed pipe are ignored, since exit code and files hold the result; if `streaming`, a
+    closed pipe is an error.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def say(text: str = "", *, err: bool = False, streaming: bool = False) -> None:
 
 
 class Stderr:
-    """Stderr for progress; errors of writing are ignored."""
+    """Stderr for progress; write errors are ignored."""
 
     @property
     def _stream(self) -> TextIO:
@@ -88,7 +88,7 @@ class Stderr:
         return self._stream.fileno()
 
     def write(self, text: str) -> int:
-        """Write; ignore errors."""
+        """Write text; ignore errors."""
         try:
             return self._stream.write(text)
         except OSError:

@@ -23,7 +23,7 @@ _first_s: float | None = None
 
 
 def _interrupt(_number: int, _frame: object) -> None:
-    global _first_s  # noqa: PLW0603 - as the handlers, one a process
+    global _first_s  # noqa: PLW0603 - one per process, like the handlers
     now_s = time.monotonic()
     if _first_s is None or now_s - _first_s > AGAIN_S:
         _first_s = now_s
@@ -31,11 +31,11 @@ def _interrupt(_number: int, _frame: object) -> None:
 
 
 def _ignore(_number: int, _frame: object) -> None:
-    """Ignore a signal; unlike SIG_IGN this includes one that came just before, and does not affect child processes."""
+    """Ignore a signal, also a pending one; unlike SIG_IGN, child processes do not inherit this handler."""
 
 
 def interrupted() -> bool:
-    """Whether a signal has just asked this process to end."""
+    """Whether a signal asked this process to end within the last `AGAIN_S` seconds."""
     return _first_s is not None and time.monotonic() - _first_s < AGAIN_S
 
 
@@ -48,9 +48,9 @@ def press_ctrl_c() -> None:
 
 @contextmanager
 def ending_signals_interrupt(*, for_good: bool = False) -> Iterator[None]:
-    """Context in which SIGTERM and SIGHUP end the run once, as Ctrl-C does; nested contexts share one handler.
+    """Context in which SIGINT, SIGTERM and SIGHUP raise KeyboardInterrupt; nested contexts share one handler.
 
-    `for_good`: the process ends afterwards, and no signal changes its exit code any more.
+    `for_good`: the process ends afterwards, and these signals are ignored, so that none changes its exit code.
     """
     global _first_s  # noqa: PLW0603
     before = {number: signal.getsignal(number) for number in ENDING}
@@ -70,10 +70,10 @@ def ending_signals_interrupt(*, for_good: bool = False) -> Iterator[None]:
 
 @contextmanager
 def ending_signals_wait() -> Iterator[None]:
-    """Context in which all signals wait, while the arm is made to hold and the journal closed (well under a second)."""
+    """Context in which ending signals are ignored: the arm is held and the journal closed (well under a second)."""
     before = {number: signal.getsignal(number) for number in ENDING}
     while any(signal.getsignal(number) is not _ignore for number in ENDING):
-        with suppress(BaseException):  # the signal came in time to be deferred
+        with suppress(BaseException):  # a signal that came before its handler was replaced
             for number in ENDING:
                 signal.signal(number, _ignore)
     try:
@@ -84,15 +84,15 @@ def ending_signals_wait() -> Iterator[None]:
 
 
 class ProcessEnd:
-    """Ends this process with its exit code, whatever other threads and Python do. To be made once, early."""
+    """Ends this process with its exit code, even if other threads still run. Create it once, early."""
 
     def __init__(self) -> None:
-        # The last of all: they run in reverse order.
+        # Registered first, it runs last.
         atexit.register(self._if_interrupted)
         self._code = 0
 
     def soon(self, code: int) -> None:
-        """End the process with `code` soon after its main thread: another thread may be waiting for a lost terminal."""
+        """End the process with `code` soon after its main thread ends: another thread may wait for a lost terminal."""
         self._code = code
         threading.Thread(target=self._with_threads, daemon=True).start()
 
@@ -102,7 +102,7 @@ class ProcessEnd:
         os._exit(self._code)
 
     def _if_interrupted(self) -> None:
-        """Keep the exit code where Python would end with SIGINT, such as after an interrupt in executed text."""
+        """Exit with 130 where Python would end with SIGINT, such as after an interrupt in code run from a string."""
         if self._code == INTERRUPTED:
             for stream in (sys.stdout, sys.stderr):
                 with suppress(OSError, ValueError):

@@ -17,7 +17,7 @@ Key = tuple[str | int, ...]
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A display unit: its name, and `per_si`, how many of it are one SI unit; `json_per_si` is a contract."""
+    """A display unit; one SI unit is `per_si` of it, and `json_per_si` of the unit in JSON (a contract)."""
 
     unit: str
     per_si: float = 1.0
@@ -70,7 +70,7 @@ class Figure:
     role
         ``text``, ``found`` (an identified value), ``warn``.
     key
-        Its key in the JSON object; empty: not in JSON.
+        Path of its key in the JSON object; empty: not in JSON.
     """
 
     value: float | None
@@ -136,7 +136,7 @@ class Kind:
         return Figure(value, self.quantity, places, signed=self.signed)
 
 
-# Of a calibration.
+# Calibration.
 SIGMA_POS = Kind(CLOSURE_LENGTH, digits=4)
 SIGMA_ORI = Kind(CLOSURE_ANGLE, digits=4)
 CONDITION = Kind(NUMBER)
@@ -145,7 +145,7 @@ COST = Kind(NUMBER, digits=5)
 PREDICTED = Kind(CLOSURE_LENGTH, places=3)
 """Closure error of a pose with the estimate from the poses before it."""
 
-# Of the arm.
+# Arm.
 POSITION = Kind(ANGLE, places=3, signed=True)
 TARGET = Kind(ANGLE, places=2, signed=True)
 REACH = Kind(ANGLE, places=1, signed=True)
@@ -160,7 +160,7 @@ JOINT_SPEED = Kind(SPEED, places=2, signed=True)
 JOINT_TORQUE = Kind(TORQUE, places=1, signed=True)
 READING_SD = Kind(ANGLE, places=4)
 
-# Of a fixture file.
+# Fixture file.
 NOMINAL_LENGTH = Kind(LENGTH, places=0)
 MOUNTED_LENGTH = Kind(LENGTH, places=1)
 NOMINAL_TWIST = Kind(ANGLE, places=1)
@@ -168,7 +168,7 @@ NOMINAL_OFFSET = Kind(ANGLE, places=2)
 LENGTH_TOLERANCE = Kind(LENGTH, digits=2)
 ANGLE_TOLERANCE = Kind(ANGLE, digits=2)
 
-# Of what may be wrong.
+# Faults.
 STEP = Kind(ANGLE, places=4, signed=True)
 """Enough decimal places for a step of a few counts."""
 LOST_COUNTS = Kind(COUNTS, places=0, signed=True)
@@ -190,7 +190,7 @@ MANY_TIMES = Kind(NUMBER, places=0)
 POS_LIMIT = Kind(CLOSURE_LENGTH, places=2)
 ORI_LIMIT = Kind(CLOSURE_ANGLE, places=2)
 
-# Of time.
+# Times.
 DATA_AGE = Kind(AGE, places=0)
 SILENCE = Kind(TIME, places=1)
 
@@ -221,7 +221,7 @@ def significant(value: float, digits: int = 3) -> str:
 
 
 def typeset(text: str) -> str:
-    """Return numbers as in print: a real minus sign, a raised power of ten."""
+    """Return `text` with typographic minus signs and with powers of ten as superscripts."""
     raised = re.sub(
         r"(?<=\d)e([+-]\d+)\b", lambda m: "·10" + str(int(m[1])).translate(SUPERSCRIPTS), text
     )
@@ -255,7 +255,7 @@ def joints_named(joints: Sequence[int]) -> str:
 
 
 def others_free(driven: int, joint_count: int) -> str:
-    """Return ", the others free", or "" if all joints drive."""
+    """Return ", the others free", or "" if all joints are driven."""
     return "" if driven == joint_count else ", the others free"
 
 

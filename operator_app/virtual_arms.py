@@ -1,4 +1,4 @@
-"""The virtual arm: scenario, controller, parameter slots, tracker."""
+"""Builds and runs the virtual arm: scenario, controller, parameter slots, tracker."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ SERIAL_NUMBER = "SDA-0001"
 def virtual_arm(
     arm: ArmModel, fixture: FixtureSpec, choices: Choices, placement: int = 1
 ) -> Scenario:
-    """Return the virtual arm for these files, in this placement of its fixture.
+    """Return the scenario of a virtual arm for these files and this placement of the fixture.
 
     Raises
     ------
@@ -83,8 +83,8 @@ def run_controller(
 ) -> Iterator[VirtualController]:
     """Run the virtual controller of an arm on a bus, with parameters in the folder `slots` or in memory.
 
-    The plant is this arm in `fixture` (default: the packaged hinge) and `placement`. `script`: faults at given SYNCs.
-    If the controller is `attended`, the operator program calls `VirtualController.attend` while it waits.
+    The plant is this arm in `fixture` (default: the built-in hinge) and `placement`; SessionError if it cannot be
+    built. `script`: faults at given SYNCs. `attended`: the operator program calls `VirtualController.attend`.
     """
     fixture = load_fixture("hinge") if fixture is None else fixture
     chosen = virtual_arm(arm, fixture, choices, placement)
@@ -146,7 +146,7 @@ def slots_in(folder: Path | None) -> ParameterStore:
 
 
 def virtual_instrument(controller: VirtualController, fixture: Measured) -> Instrument:
-    """Return the tracker of a virtual arm of this process as an `Instrument`."""
+    """Return the tracker of a virtual arm of this process as an `Instrument`; SessionError without one."""
     if controller.tracker is None:
         raise SessionError("this virtual arm has no tracker", "use a fixture of kind measured")
     port = CalledLines(controller.tracker.answer, "the virtual arm's tracker")

@@ -44,7 +44,7 @@ FILES: dict[FileKind, tuple[type[StrictModel | StrictRecord], ...]] = {
 
 
 def json_schema(kind: FileKind) -> dict[str, Any]:
-    """JSON Schema (draft 2020-12) of a kind of file, with its ``schema`` line."""
+    """Return the JSON Schema (draft 2020-12) of a kind of file, with its ``schema`` line."""
     versions = [f"sarcal/{kind}/{version}" for version in VERSIONS.get(kind, (1,))]
     line: dict[str, Any] = {"description": "The first line of the file."}
     line |= {"const": versions[0]} if len(versions) == 1 else {"enum": versions}
@@ -114,7 +114,7 @@ class FileRead:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilesRead:
-    """Files as read, in the order of the arguments, and all their problems."""
+    """Results for all files, in the order of the arguments, and all their problems."""
 
     files: tuple[FileRead, ...]
     problems: tuple[Problem, ...]
@@ -133,7 +133,7 @@ def read_any(path: str) -> Resource:
 
 
 def kind_of(source: Resource) -> AnyKind | None:
-    """Return the kind of a file, from its ``schema`` line or, without one, from its keys or its header."""
+    """Return the kind of a file, from its ``schema`` line or else from its keys or header; None if it is unknown."""
     text = source.data.decode("utf-8", errors="replace")
     kinds = SCHEMA_LINE.search(text)
     for kind in FILES:
@@ -157,9 +157,9 @@ def kind_of(source: Resource) -> AnyKind | None:
 
 
 def _parsed(source: Resource, kind: AnyKind | None, joints: set[int]) -> Holds:
-    """Read a file of a kind, for arms with these numbers of joints."""
+    """Read a file of a kind, for arms with these numbers of joints; raises ConfigError."""
     data, file = source.data, source.file
-    # With arms of several sizes it is unknown which one this file belongs to.
+    # If the arms differ in their number of joints, it is unknown which one this file belongs to.
     count = next(iter(joints)) if len(joints) == 1 else None
     match kind:
         case "arm":
@@ -180,7 +180,7 @@ def _parsed(source: Resource, kind: AnyKind | None, joints: set[int]) -> Holds:
                 text = f"poses of {joint_count} joint{'s' if joint_count != 1 else ''}, the arms have {known}"
                 raise only(file, text, "is it the right arm?", line=1)
             return loaded
-    # The error that prevents reading it is reported instead.
+    # If an error prevents reading the file, report that one.
     load_strict(data, file)
     kinds = ", ".join(FILES)
     remedy = f"begin it with `schema: sarcal/KIND/1`, KIND one of {kinds}; poses are a CSV file"

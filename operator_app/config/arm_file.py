@@ -51,7 +51,7 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 class RowModel(StrictModel):
     """One D-H row. ``fixture`` stands for an entry that the fixture determines (Table 1's asterisk).
 
-    ``beta_deg`` is Hayati's: it is identified in place of s where the row joins parallel axes, and may replace it.
+    ``beta_deg`` is Hayati's: it is identified in place of s where the row joins parallel axes; ``s_m`` may be left out.
     """
 
     row: Count

@@ -1,4 +1,4 @@
-"""Writes files completely or not at all, even in a power cut, and YAML that `strict_yaml` reads without any change.
+"""Writes files completely or not at all, even in a power cut, and formats YAML that `strict_yaml` reads back unchanged.
 
 Floats are written with as many digits as are needed to read the same double (at most 17); text is quoted whenever it
 could be read as another type.
@@ -82,7 +82,7 @@ PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_./-]*")
 
 
 def dump_strict(data: Mapping[str, Any], *, comment: str = "") -> bytes:
-    """Write a mapping of plain values; the lines of `comment` come first, each after a ``#``.
+    """Format a mapping of plain values as YAML; the lines of `comment` come first, each after a ``#``.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def scalar_text(value: str) -> str:
 
 
 class _StrictDumper(yaml.SafeDumper):
-    """SafeDumper without aliases, with our numbers and quotes."""
+    """SafeDumper without aliases, with this module's formats of numbers and text."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True

@@ -78,16 +78,16 @@ def read_columns(
     unique: tuple[str, ...],
     unique_remedy: str,
 ) -> dict[str, MutableSequence[Any]]:
-    """Read every record below the header: values of each column, by name, in the order of the rows.
+    """Return the values of each column, by name and in the order of the rows, from all records below the header.
 
     Parameters
     ----------
     columns
-        Names in the order of the file, and the function that reads a cell of each and raises `BadCell`.
+        Function that reads a cell or raises `BadCell`, by name of the column in the order of the file.
     packed
         Columns to be stored as floats of 8 bytes, a quarter of the size of objects.
-    unique
-        Columns whose values have to differ between rows, and the remedy if they do not.
+    unique, unique_remedy
+        Columns whose values together have to differ between rows, and the remedy if they do not.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def _problem(
 
 
 def number(cell: str) -> float:
-    """Read a finite decimal number."""
+    """Read a finite decimal number; raises BadCell."""
     cell = cell.strip()
     if not cell:
         raise BadCell("the cell is empty", "fill it in or remove the row")
@@ -167,7 +167,7 @@ def number(cell: str) -> float:
 
 
 def whole_number(cell: str) -> int:
-    """Read a whole number from 1."""
+    """Read a whole number of at least 1; raises BadCell."""
     value = number(cell)
     plain = not any(c in cell for c in ".eE")
     if not plain or not 1 <= value <= 2**53:
@@ -176,7 +176,7 @@ def whole_number(cell: str) -> int:
 
 
 def write_records(records: Iterable[Iterable[str]], *, texts: Collection[str] = ()) -> bytes:
-    """Write records, the header first, in such a way that `read_records` returns the same cells.
+    """Format records as CSV, the header first, so that `read_records` returns the same cells.
 
     Cells of the columns named in `texts` are free text: they are written so that no spreadsheet takes them for a
     formula and no terminal interprets them; `text_of` returns the original text.

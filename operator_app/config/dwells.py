@@ -1,7 +1,7 @@
-"""Dwells of a recorded arm: one pose for each time at rest.
+"""Finds the dwells of a recorded arm; each gives one pose.
 
-In every window of the stated duration all joints stay within the stated spread, and over the whole dwell they drift by
-less than half of it. Gaps without samples do not count.
+Over a dwell, the readings of every joint stay within the stated spread and drift by at most half of it. Long gaps
+between samples do not count as time at rest.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ DWELL_SPREAD_RAD = float(np.deg2rad(0.05))
 
 LEAST_SAMPLES = 5
 GAP_STEPS, GAP_SHARE = 5.0, 0.25
-"""A gap between samples counts as observed up to this many median steps or this share of the dwell."""
+"""A gap between samples counts as observed up to this many median steps or this share of `dwell_s`, if longer."""
 
 MOST_BISECTIONS = 6
 """Number of times that the spread is halved to separate dwells from a creep between them."""
@@ -51,7 +51,7 @@ class RefusedDwell:
 
 
 def poses_of(dwells: Sequence[Dwell], utc_of: Callable[[float], str]) -> PoseSet:
-    """Return one pose per dwell, in order; `utc_of` formats a start time, or returns "" if it is no time of day."""
+    """Return one pose per dwell, in order; `utc_of` formats a start time ("": not a calendar time)."""
     utc = tuple(utc_of(d.start_s) for d in dwells)
     return PoseSet(
         placement=np.ones(len(dwells), dtype=np.int64),
@@ -71,7 +71,7 @@ def find_dwells(
     dwell_s: float = DWELL_S,
     spread_rad: float = DWELL_SPREAD_RAD,
 ) -> tuple[tuple[Dwell, ...], tuple[RefusedDwell, ...]]:
-    """Find the dwells of samples `q_rad` (m, n) at rising times `time_s` (m,), and the refused ones."""
+    """Return the dwells of samples `q_rad` (m, n) at rising times `time_s` (m,), and the refused rests."""
     if len(time_s) < LEAST_SAMPLES:
         return (), ()
     step = np.diff(time_s)
@@ -107,7 +107,7 @@ def find_dwells(
 
 
 def quietest_rad(time_s: FloatArray, q_rad: FloatArray, dwell_s: float) -> float:
-    """Return the spread of the quietest window of this length; infinite if the recording is shorter."""
+    """Return the smallest spread (rad) in any window of `dwell_s`; infinite if the recording is shorter."""
     last = np.searchsorted(time_s, time_s + dwell_s * (1.0 - 1e-9))
     return float(_ranges(q_rad, last[last < len(time_s)]).max(axis=1).min(initial=np.inf))
 
@@ -125,7 +125,7 @@ def _dwell(
     ends: tuple[int, int],
     spread_rad: float,
 ) -> Dwell | RefusedDwell:
-    """Test the samples between two indices, both included, without the motion at their edges."""
+    """Return the dwell between two indices (both included), without motion at its edges, or why it is refused."""
     at_rest = q_rad[ends[0] : ends[1] + 1]
     away = np.abs(at_rest - np.median(at_rest, axis=0))
     noise = 1.4826 * np.median(away, axis=0)
@@ -168,7 +168,7 @@ def _at_rest(
     if not len(rest):
         return
     begins, ends = first[rest], last[rest]
-    # Windows are in order of their ends: a region ends where the next window begins behind it.
+    # Windows are in order of their ends: a region ends where the next window begins after it.
     cuts = np.flatnonzero(begins[1:] > ends[:-1])
     for a, b in zip((0, *(cuts + 1)), (*cuts, len(rest) - 1), strict=True):
         yield int(begins[a]), int(ends[b])

@@ -1,4 +1,4 @@
-"""Errors and masses stated in files, and defaults for those that are not stated.
+"""Uncertainties and masses in files, and defaults for those that are not stated.
 
 The defaults are what an ordinary workshop achieves. All are one standard deviation, 0 is exact. A mapping replaced by a
 plain 0, such as ``give: 0``, has 0 for all its uncertainties.
@@ -42,7 +42,7 @@ class Uncertain(StrictModel):
     A file may have a plain 0 in place of the mapping, which sets all its uncertainties to 0.
     """
 
-    # In JSON Schema bounds concern numbers only, keys mappings only.
+    # In JSON Schema, bounds apply to numbers only and keys to mappings only.
     model_config = ConfigDict(
         json_schema_extra={"type": ["object", "number"], "minimum": 0, "maximum": 0}
     )
@@ -68,7 +68,7 @@ class RowToleranceModel(Uncertain):
     twist_deg: StatedDeg | None = None
 
     def over(self, arm: ToleranceModel) -> RowTolerance:
-        """Return the row's tolerance as a domain object; what it does not state is as for the whole arm."""
+        """Return the row's tolerance as a domain object; values that it does not state are those of `arm`."""
         length = arm.length_mm if self.length_mm is None else self.length_mm
         twist = arm.twist_deg if self.twist_deg is None else self.twist_deg
         return RowTolerance(length_m=length / 1e3, twist_rad=math.radians(twist))
@@ -83,7 +83,7 @@ class GiveModel(Uncertain):
     def compliance(self, held: Sequence[str]) -> Compliance:
         """Return the compliance as a domain object.
 
-        `held` is what the fixture constrains: ``position_mm``, ``orientation_mrad``.
+        `held` lists what the fixture constrains: ``position_mm``, ``orientation_mrad``.
         """
         missing = (key for key in held if key not in self.model_fields_set)
         return Compliance(
@@ -94,14 +94,14 @@ class GiveModel(Uncertain):
 
 
 def assumed_of_rows(arm: ToleranceModel, rows: Sequence[RowToleranceModel]) -> Iterator[str]:
-    """Return, as text, the default uncertainties that apply to rows whose uncertainty no key states."""
+    """Yield, as text, each default uncertainty that applies to a row because the file states none."""
     for key in ToleranceModel.model_fields:
         if key not in arm.model_fields_set and any(getattr(row, key) is None for row in rows):
             yield f"tolerance.{key}: {getattr(arm, key):g}"
 
 
 def assumed_of_joints(key: str, models: Mapping[int, StrictModel]) -> Iterator[str]:
-    """Return, as text, the default of `key` and the numbers of the joints for which the file does not state it."""
+    """Yield, as text, the default of `key` with the joints for which the file does not state it, if any."""
     silent = [j for j, model in models.items() if key not in model.model_fields_set]
     if silent:
         value = getattr(models[silent[0]], key)
@@ -113,7 +113,7 @@ MASS_PERCENT, CENTRE_MM, TILT_DEG = 20.0, 15.0, 3.0
 
 
 class LinkModel(StrictModel):
-    """Parts that move with one joint: their mass and centre of mass.
+    """Mass and centre of mass of the parts that move with one joint.
 
     Without masses, deflections under load are modelled as an arbitrary smooth function of the pose.
     """
@@ -155,7 +155,7 @@ def link_masses(links: Sequence[LinkModel], gravity: GravityModel) -> LinkMasses
     """Return the masses as a domain object."""
     mass = np.array([link.mass_kg for link in links])
     down = np.array(gravity.down, dtype=np.float64)
-    down /= np.abs(down).max()  # of any length, even if its square is no float
+    down /= np.abs(down).max()  # so that `norm` neither overflows nor underflows
     return LinkMasses(
         mass_kg=mass,
         centre_m=np.array([link.centre_m for link in links], dtype=np.float64),

@@ -61,7 +61,7 @@ class ConfigError(Exception):
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
     def __reduce__(self) -> tuple[type[ConfigError], tuple[tuple[Problem, ...]]]:
-        """Pickle by the problems: the error may come from another process."""
+        """Pickle the problems, since the error may come from another process."""
         return type(self), (self.problems,)
 
 
@@ -99,7 +99,7 @@ WANTED = {
     "float": "a number", "int": "a whole number", "bool": "true or false", "string": "text",
     "tuple": "a list", "list": "a list", "dict": MAPPING, "dataclass": MAPPING, "model": MAPPING,
 }  # fmt: skip
-"""What is wanted instead of another type, by the first word of pydantic's name for the error."""
+"""Required type as text, by the first word of pydantic's name for the error."""
 
 LIMITS_IN_WORDS = {
     "greater_than": ("gt", "greater than"),
@@ -146,7 +146,7 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
 
 
 def value_in_words(value: Any) -> str:
-    """Return a value as part of a sentence."""
+    """Describe a value for use in a sentence."""
     if value is None:
         return "empty"
     if isinstance(value, bool):
@@ -178,7 +178,7 @@ def _number_hint(value: Any, kind: str) -> str:
 
 
 def is_near_option(error: ErrorDetails) -> bool:
-    """Whether a value is nearly one of a list of words."""
+    """Whether the refused value resembles one of the allowed words."""
     options = _options(error.get("ctx", {}))
     return bool(difflib.get_close_matches(str(error["input"]), options, n=1))
 

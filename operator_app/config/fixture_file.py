@@ -56,12 +56,12 @@ class FixtureSpec:
 
     @property
     def tolerance_m(self) -> float:
-        """Tolerance of the placement (lengths): the true placement is within it."""
+        """Tolerance of the placement's lengths: the true placement is within it."""
         return self.fixture.tolerance.position_m
 
     @property
     def tolerance_rad(self) -> float:
-        """Tolerance of the placement (angles)."""
+        """Tolerance of the placement's angles."""
         return self.fixture.tolerance.orientation_rad
 
 
@@ -93,7 +93,7 @@ TurnVectorDeg = tuple[TwistDeg, TwistDeg, TwistDeg]
 PlacementNumber = Annotated[int, Field(ge=1)]
 
 SMALLEST_MM = 5.0
-"""A placement without any dimension of this size was written in metres."""
+"""A placement whose dimensions are all smaller was probably written in metres."""
 
 
 class CommonFields(StrictModel, ABC):
@@ -139,7 +139,7 @@ class CommonFields(StrictModel, ABC):
 
     @abstractmethod
     def own(self) -> dict[str, Any]:
-        """Return the arguments of the domain object, other than its placement."""
+        """Return the arguments that only this kind of fixture has, for the domain object."""
 
 
 class MetalFields(CommonFields):
@@ -274,7 +274,7 @@ class MeasuredModel(CommonFields):
         return value
 
     def own(self) -> dict[str, Any]:
-        """Return the instrument's kind, its standard deviations, and which placements are known."""
+        """Return the instrument's standard deviations, whether it measures poses, and which placements are known."""
         sigma = {"sigma_mm": self.instrument_sigma_mm, "sigma_deg": self.instrument_sigma_deg}
         return {
             **in_si(sigma),

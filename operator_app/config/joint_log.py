@@ -1,4 +1,4 @@
-"""Joint logs of robots: rows of numbers, with a header or without, in radians or degrees.
+"""Reads joint logs of robots: rows of numbers, with a header or without, in radians or degrees.
 
 Numbers are separated by commas or white space; lines that begin with ``#`` are comments.
 """
@@ -154,7 +154,7 @@ def is_number(cell: str) -> bool:
 
 
 def find_column(option: str, word: str, header: list[str], count: int, file: str) -> int:
-    """Return the index of a column by its name in the header or its number."""
+    """Return the index (from 0) of the column with this name or number (from 1); raises ConfigError."""
     if word in header:
         return header.index(word)
     if not re.fullmatch(r"[1-9]\d{0,3}", word):
@@ -168,7 +168,7 @@ def find_column(option: str, word: str, header: list[str], count: int, file: str
 def find_columns(
     option: str, header: list[str], remaining: list[int], joint_count: int, file: str
 ) -> tuple[int, ...]:
-    """Return the indices of the columns of joints 1 to n, to be found among the columns `remaining`."""
+    """Return the indices (from 0) of the columns of joints 1 to n among `remaining`; raises ConfigError."""
     count = remaining[-1] + 1 if remaining else 0
     if not option:
         if len(remaining) == joint_count:
@@ -206,7 +206,7 @@ def find_columns(
 
 
 def numbered_series(names: Sequence[str], count: int) -> tuple[int, ...]:
-    """Return the places of `count` names that differ only in a number that counts from 0 or 1.
+    """Return the indices of `count` names that differ only in a number that counts from 0 or 1, in its order.
 
     Empty unless there is exactly one such series. Case is ignored only if no series is found otherwise (`Q1` does not
     belong to `q1` to `q7`).

@@ -48,7 +48,7 @@ UNIT_WITHIN = 1e-3
 
 
 def group_of(name: str) -> tuple[str, ...] | None:
-    """All columns of the orientation's representation to which this column belongs; None if it belongs to none."""
+    """Return all columns of the representation of orientation to which this column belongs; None if there is none."""
     for group in (ROTATION, ROLL_PITCH_YAW, QUATERNION):
         if name in group:
             return group
@@ -59,13 +59,13 @@ def group_of(name: str) -> tuple[str, ...] | None:
 
 
 def groups_in(names: Collection[str]) -> tuple[tuple[str, ...], ...]:
-    """All representations of an orientation to which any of these names belongs; a file may have at most one."""
+    """Return the representations of an orientation to which any of these names belongs; a file may have at most one."""
     groups = {group: None for name in names if (group := group_of(name)) is not None}
     return tuple(groups)
 
 
 def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
-    """Rotation vectors (m, 3), rad, from the values (m, 3 or 4) of these columns, deg or a quaternion.
+    """Return rotation vectors (m, 3), rad, from the values (m, 3 or 4) of these columns, deg or a quaternion.
 
     Raises
     ------
@@ -224,8 +224,8 @@ LEAST_HEIGHT_M = 0.01
 """Height of the triangle below which its targets are nearly in line: rotations about that line are not measurable."""
 
 MOST_OFF_M, MOST_OFF_SPREADS = 1e-3, 8.0
-"""Limits of the distance of a pose's targets from the common triangle, in metres and relative to the usual distance:
-beyond both a target has moved, or two were exchanged."""
+"""Limits of the distance of a pose's targets from the common triangle, in metres and relative to the median distance:
+beyond both, a target has moved or two were exchanged."""
 
 TRIANGLE_ROUNDS = 5
 """Iterations of aligning all triangles with their mean; the second one changes the mean only by the square of the
@@ -233,11 +233,11 @@ noise."""
 
 
 def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:
-    """Positions (m) and rotation vectors (rad) of the triangles of three points, (m, 6) from (m, 9).
+    """Return positions (m) and rotation vectors (rad), (m, 6), of the triangles of three points, (m, 9).
 
     An instrument that measures only points can measure a pose with three targets: columns ``x1_m,y1_m,z1_m`` to
-    ``x3_m,y3_m,z3_m`` of a poses file. Their places on the tool need not be known: the triangle common to all poses is
-    the mean over them. Its frame has its origin in the centroid, x towards target 1, and z normal to the triangle
+    ``x3_m,y3_m,z3_m`` of a poses file. Their positions on the tool need not be known: the common triangle is the mean
+    over all poses. Its frame has its origin in the centroid, x towards target 1, and z normal to the triangle
     (targets 1, 2, 3 counter-clockwise). For a standard deviation of s in each coordinate and sides of length a, that of
     the origin is s / sqrt(3), that of a rotation about a line in the triangle's plane sqrt(2) s / a, and about its
     normal s / a.
@@ -260,12 +260,12 @@ def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:
 
 
 def _turns(shape: FloatArray, measured: FloatArray) -> FloatArray:
-    """Rotations (m, 3, 3) that align a triangle (3, 3), one row for each point, with the measured ones."""
+    """Return rotations (m, 3, 3) that align a triangle (3, 3), one row for each point, with the measured ones."""
     return nearest_rotation(np.swapaxes(measured, -1, -2) @ shape)
 
 
 def _frame(shape: FloatArray) -> FloatArray:
-    """Axes x, y, z (columns) of the frame of a triangle about its centroid, (3, 3)."""
+    """Return axes x, y, z (columns) of the frame of a triangle about its centroid, (3, 3)."""
     x = shape[0] / np.linalg.norm(shape[0])
     z = np.cross(shape[0], shape[1])
     z = z / np.linalg.norm(z)

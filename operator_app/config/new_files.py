@@ -1,4 +1,4 @@
-"""Content of the files that `sarcal new` writes: fixture and procedure files, and packaged files under another name.
+"""Content of the files that `sarcal new` writes: fixture and procedure files, and copies of built-in files.
 
 All are checked by the same models as any other file.
 """
@@ -42,20 +42,20 @@ Made by `sarcal new procedure` for {arm} in {fixture}. Check these:
 - held: free entries of the arm that stay as its file has them, and why."""
 
 EXPLORED_DEG = 20.0
-"""Travel of each joint of an open arm, either way from home."""
+"""Exploration range of each joint of an open arm, in either direction from home."""
 POSES_BY_STRATEGY = {"planned": 12, "explore": 40}
 FASTEST_DEG_PER_S = 10.0
 SLOW = 0.1
-"""Share of its speed that no joint exceeds."""
+"""Command speed as a share of the slowest joint's maximum speed; at most `FASTEST_DEG_PER_S`."""
 
 
 def copied(kind: Kind, packaged: str, *, name: str, **instead: str) -> bytes:
-    """Return a packaged file under another name, with the values of some of its top keys replaced.
+    """Return a copy of a built-in file with another name, and with the values of the top keys `instead` replaced.
 
     Raises
     ------
     ConfigError
-        There is no packaged file of that name.
+        There is no built-in file with that name.
     """
     source = resolve(kind, packaged)
     if source.folder is not None:
@@ -75,7 +75,7 @@ def fixture_file(fixture: Hinge | Ball, *, name: str, arm: ArmModel) -> bytes:
     comment = MEASURED_HINGE if isinstance(fixture, Hinge) else MEASURED_BALL
     keys = (HingePlacement if isinstance(fixture, Hinge) else BallPlacement).model_fields
     in_si = {key: key.replace("_mm", "_m").replace("_deg", "_rad") for key in keys}
-    # Compliance and check list are not measured: as in the packaged file.
+    # Compliance and check list are not measured: they are those of the built-in file.
     packaged = load_strict(resolve("fixture", fixture.kind).data, fixture.kind).data
     data: dict[str, Any] = {
         "schema": "sarcal/fixture/1",
@@ -144,7 +144,7 @@ def procedure_file(
 
 
 def _boxes(arm: ArmModel) -> Sequence[Mapping[str, Any]]:
-    """Travel of every joint from home, inside its range."""
+    """Return the exploration range of every joint, relative to home and inside the joint's range."""
     boxes = []
     for k, (joint, home) in enumerate(zip(arm.joints, arm.home_rad.tolist(), strict=True), 1):
         low, high = math.degrees(joint.lower_rad - home), math.degrees(joint.upper_rad - home)
@@ -159,7 +159,7 @@ def _boxes(arm: ArmModel) -> Sequence[Mapping[str, Any]]:
 
 
 def _millimetres(value_m: float) -> float:
-    """Round to 0.01 mm, which is finer than a mounting can be measured."""
+    """Convert to mm, rounded to 0.01 mm, which is finer than a mounting can be measured."""
     return round(1e3 * value_m, 2)
 
 

@@ -1,4 +1,4 @@
-"""Records of a parameters document: joints, rows, entries, corrections, quality, joint uncertainty."""
+"""Records of a parameters document: joints, rows, entries, RVDT corrections, quality, correlations, budget."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from solver.chain.parameters import DhEntry
 Int32 = Annotated[int, Field(strict=True, ge=-(2**31), le=2**31 - 1)]
 FORCED, NOT_ACCEPTED = "FORCED", "NOT_ACCEPTED"
 REFUSED = (FORCED, NOT_ACCEPTED)
-"""Codes of the warning that a calibration was not accepted: used anyway for a reason, or not used."""
+"""Codes of the warning that a calibration was not accepted: exported anyway for a stated reason, or not exported."""
 Code = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 Side = Literal["arm", "ground", "hand"]
 
@@ -45,7 +45,7 @@ class WhichArm(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WhichFixture(StrictRecord):
-    """Name of the fixture, and its kind."""
+    """Name and kind of the fixture."""
 
     name: ExactText
     kind: ExactText
@@ -53,7 +53,7 @@ class WhichFixture(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointParameters(StrictRecord):
-    """One joint.
+    """Parameters of one joint.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class DhRow(StrictRecord):
 class CalibratedEntry(StrictRecord):
     """An entry that was calibrated, with its standard deviation: an angle's in deg, a length's in m.
 
-    `side` is arm, ground or tool: only the arm's entries stay valid in another mounting. None in files of version 1.
+    `side` is arm, ground (table) or hand (tool): only arm entries stay valid in another mounting; None in version 1.
     """
 
     entry: ExactText
@@ -97,7 +97,7 @@ class CalibratedEntry(StrictRecord):
 
     @classmethod
     def of(cls, entry: str, sigma: float, side: Side | None = None) -> CalibratedEntry:
-        """Entry with `sigma` in its unit, deg or m."""
+        """Return the record of an entry with its `sigma` in deg (angle) or m (length)."""
         if DhEntry.parse(entry).kind.is_angle:
             return cls(entry=entry, side=side, sigma_deg=sigma)
         return cls(entry=entry, side=side, sigma_m=sigma)
@@ -201,11 +201,11 @@ Budget = Mapping[str, Mapping[str, Share]]
 
 
 def correlations_of(names: Sequence[str], covariance: FloatArray) -> dict[str, tuple[float, ...]]:
-    """Return the correlations of parameters (k,) from their covariance (k, k); 0 for one without variance."""
+    """Return the `Correlations` of parameters (k,) from their covariance (k, k); 0 for one without variance."""
     sd = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     scale = np.where(sd > 0.0, sd, np.inf)
     correlation = np.clip(covariance / np.outer(scale, scale), -1.0, 1.0)
-    # Minus zero would be written differently.
+    # Adding 0.0 turns -0.0 into 0.0.
     rounded = np.round(correlation, CORRELATION_PLACES) + 0.0
     return {name: tuple(rounded[k, :k].tolist()) for k, name in enumerate(names) if k}
 
@@ -213,7 +213,7 @@ def correlations_of(names: Sequence[str], covariance: FloatArray) -> dict[str, t
 def budget_of(
     names: Sequence[str], variance: FloatArray, parts: Mapping[str, FloatArray]
 ) -> dict[str, dict[str, float]]:
-    """Return, by part, its share of each variance (k,), without parts that round to zero."""
+    """Return, by parameter, the share of each part in its variance (k,), without shares that round to zero."""
     by_source = {}
     for k, name in enumerate(names):
         if variance[k] > 0.0:

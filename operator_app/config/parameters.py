@@ -76,7 +76,7 @@ UtcTime = Annotated[
 
 
 BESIDE_THE_TABLE = {"ball": 6, "measured": 12}
-"""Unknowns that are not in the arm's table: a ball's centre and its socket, an instrument and its target."""
+"""Number of parameters outside the D-H table: points of ball and socket, or poses of instrument and target."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -51,7 +51,7 @@ def load_parameters(path: str | Path) -> ParametersDocument:
 
 
 def format_parameters(document: ParametersDocument) -> bytes:
-    """Write a document from which `parse_parameters` returns the same document, bit for bit.
+    """Format a document so that `parse_parameters` returns the same one, bit for bit.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def rows_from_table(table: DhTable) -> tuple[DhRow, ...]:
 def joints_from_table(
     arm: ArmModel, table: DhTable, calibrated: tuple[CalibratedEntry, ...]
 ) -> tuple[JointParameters, ...]:
-    """Per-joint part of a document: offsets of rows 1..n of `table`, their sigmas and counts."""
+    """Return the joints of a document: offsets of rows 1..n of `table`, their sigmas and counts."""
     sigma = {entry.entry: entry.sigma for entry in calibrated}
     return tuple(
         JointParameters(
@@ -116,6 +116,6 @@ def joints_from_table(
 
 
 def home_offset_counts(arm: ArmModel, joint: int, theta_off_rad: float) -> int | None:
-    """Offset in whole counts of the joint's sensor (607Ch); None for a joint without a sensor."""
+    """Return an offset in whole counts of the joint's sensor (607Ch); None for a joint without a sensor."""
     sensor = arm.joints[joint - 1].sensor
     return None if isinstance(sensor, NoSensor) else round(theta_off_rad / sensor.resolution_rad)

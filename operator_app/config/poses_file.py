@@ -169,7 +169,7 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     joints = {int(m[1]) for name in names if (m := THETA.fullmatch(name))}
     last = joint_count if joint_count is not None else max(joints, default=1)
     theta, sd = ([f"{kind}{j}_deg" for j in range(1, last + 1)] for kind in ("theta", "sd"))
-    # Columns probably meant by misspelt ones: they do not also count as missing.
+    # Columns probably meant by misspelt ones, which do not also count as missing.
     meant: set[str] = set()
     endpoints = (*POSITION_COLUMNS, *ROTATION, *ROLL_PITCH_YAW, *QUATERNION, *TARGETS)
     every = (*KEY, *theta, *sd, *OPTIONAL, *endpoints)
@@ -179,7 +179,7 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     }
     meant |= {*other_unit.values()}
     for ending, right in (("_deg", "degrees"), ("_m", "metres")):
-        # Seven columns in radians are one mistake.
+        # Seven columns in radians are reported as one mistake.
         matching = {name: c for name, c in other_unit.items() if c.endswith(ending)}
         if matching:
             remedy = (
@@ -243,7 +243,7 @@ def _known(name: str) -> bool:
 
 
 def _in_our_unit(name: str, candidates: list[str]) -> str:
-    """Return the column of the format that has this quantity in another unit; empty if there is none."""
+    """Return the column that has this quantity in the unit of this format; empty if there is none."""
     unit = UNIT.fullmatch(name)
     return next((c for c in candidates if unit and c.rpartition("_")[0] == unit[1]), "")
 

@@ -1,7 +1,7 @@
 """A procedure (``sarcal/procedure/1``): the settings of ``sarcal run``.
 
-`ProcedureFile` has the content of the file, in the file's units and in SI units; it is checked against the arm
-elsewhere. `Procedure` adds its arm and fixture, and the operator's choices.
+`ProcedureFile` has the content of the file, in the file's units and in SI units; `procedure_file`
+checks it against the arm. `Procedure` adds its arm and fixture, and the operator's choices.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class Modes(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exploration(StrictRecord):
-    """Travel of one drive joint, relative to its start (the check of the file assumes the arm's home)."""
+    """Exploration range of one drive joint, relative to its start (the check of the file assumes the arm's home)."""
 
     joint: Count
     from_deg: Annotated[AngleDeg, Field(le=0.0)]
@@ -94,12 +94,12 @@ class Exploration(StrictRecord):
 
     @property
     def lower_rad(self) -> float:
-        """Lower end of the travel, at most 0."""
+        """Lower end of the range, at most 0."""
         return math.radians(self.from_deg)
 
     @property
     def upper_rad(self) -> float:
-        """Upper end of the travel, at least 0."""
+        """Upper end of the range, at least 0."""
         return math.radians(self.to_deg)
 
     @field_validator("to_deg")
@@ -164,7 +164,7 @@ class CapturePlan(StrictRecord):
     seed
         Seed of the sequence of poses.
     requested_sigma
-        For a plan: combined standard uncertainties at which it may end early, by parameter name with unit.
+        Combined standard uncertainties at which a planned capture may end early, by parameter name with unit.
     """
 
     strategy: Annotated[Literal["explore", "planned"], Field(alias="plan")] = "explore"

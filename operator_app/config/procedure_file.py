@@ -46,7 +46,7 @@ def parse_procedure(
     try:
         file_model = check_model(ProcedureFile, document, kind="procedure")
     except ConfigError as error:
-        # Its other files are read anyway, so that all problems are reported at once.
+        # Read the other files anyway, to report all problems at once.
         if isinstance(name := document.data.get("arm"), str):
             files.read("arm", name, parse_arm)
         if isinstance(name := document.data.get("fixture"), str):
@@ -185,7 +185,7 @@ def check_own(file_model: ProcedureFile, arm: ArmModel) -> Iterator[Complaint]:
 def _check_exploration(
     file_model: ProcedureFile, drives: tuple[int, ...], arm: ArmModel | None
 ) -> Iterator[Complaint]:
-    """Check that each drive joint has one travel and no other joint has any; planned poses need no travels."""
+    """Check that each drive joint, and no other joint, has one exploration range; planned poses need none."""
     place: KeyPath = ("capture", "exploration")
     named = [item.joint for item in file_model.capture.exploration]
     for k, joint in enumerate(named):
@@ -204,7 +204,7 @@ def _check_exploration(
 
 
 def _check_limits(file_model: ProcedureFile, arm: ArmModel) -> Iterator[Complaint]:
-    """Check that travels from home stay inside the ranges, and check the speed of the drive joints."""
+    """Check that exploration from home stays inside the joint ranges, and check the speed of the drive joints."""
     boxes = [
         (k, item)
         for k, item in enumerate(file_model.capture.exploration)

@@ -40,7 +40,7 @@ _HEXADECIMAL = r"([0-9A-Fa-f]{1,8})h"
 def _form(
     pattern: str, what: str, example: str
 ) -> tuple[StringConstraints, object, WithJsonSchema]:
-    """Type of a text that must match a pattern, with a readable error."""
+    """Return the annotations of a text that must match a pattern, with a readable error."""
 
     def check(text: str) -> str:
         if not re.fullmatch(pattern, text):
@@ -62,7 +62,7 @@ ModeCode = Annotated[int, Field(strict=True, ge=-128, le=127)]
 
 
 def hexadecimal(text: str) -> int:
-    """Read ``00020192h``."""
+    """Return the value of a text such as ``00020192h``."""
     return int(text.removesuffix("h"), 16)
 
 
@@ -76,7 +76,7 @@ class PdoSpec(StrictRecord):
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """Index, sub-index and bits of everything mapped."""
+        """Index, sub-index and bits of each mapped object."""
         matches = [re.fullmatch(_ENTRY, text) for text in self.map]
         return tuple((int(m[1], 16), int(m[2] or 0), int(m[3])) for m in matches if m is not None)
 
@@ -124,7 +124,7 @@ class ModeCodes(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Patience(StrictRecord):
-    """Limits of waiting: largest heartbeat period, and the silence after which a node counts as lost."""
+    """Heartbeat limits: longest period, and the silence after which a node counts as lost."""
 
     slowest_ms: Annotated[Count, Field(le=MAX_HEARTBEAT_MS)] = DEFAULT_HEARTBEAT_LIMIT_MS
     silent_after_s: Annotated[PositiveNumber, Field(ge=0.2, le=60.0)] | None = None
@@ -157,7 +157,7 @@ class ProfileFile(StrictRecord):
     sdo_timeout_s: Annotated[PositiveNumber, Field(ge=0.05, le=60.0)] | None = None
 
     def for_joints(self, count: int | None = None) -> BusProfile:
-        """Return the profile of an arm with this number of joints; None: the largest possible number."""
+        """Return the profile for `count` joints; None: the highest listed number, else the largest possible."""
         if count is None:
             listed = max((joint.joint for joint in self.joints), default=0)
             room = MAX_JOINTS if self.supervisor == "none" else min(MAX_JOINTS, self.supervisor - 1)
@@ -180,7 +180,7 @@ class ProfileFile(StrictRecord):
         )
 
     def own(self, number: int) -> JointSpec:
-        """Return the settings of one joint."""
+        """Return the settings of one joint, which are the defaults if the file does not list it."""
         return next((j for j in self.joints if j.joint == number), JointSpec(joint=number))
 
     def _joint(self, number: int, own: JointSpec) -> JointProfile:

@@ -27,7 +27,7 @@ from operator_app.config.strict_yaml import Path as KeyPath
 
 
 def parse_profile(data: bytes, file: str, *, joints: int | None) -> BusProfile:
-    """Read a bus profile for an arm of `joints` joints; None: the largest possible number.
+    """Read a bus profile for an arm of `joints` joints (None: as in `ProfileFile.for_joints`).
 
     Raises
     ------
@@ -44,7 +44,7 @@ def parse_profile(data: bytes, file: str, *, joints: int | None) -> BusProfile:
 
 
 def load_profile(reference: str | Path, *, joints: int | None = None) -> BusProfile:
-    """Read a bus profile by built-in name or path; raises as `parse_profile`."""
+    """Read a bus profile by built-in name or path; raises the same errors as `parse_profile`."""
     resource = resolve("profile", reference)
     return parse_profile(resource.data, resource.file, joints=joints)
 
@@ -125,7 +125,7 @@ def check_profile(file_model: ProfileFile, joints: int | None) -> Iterator[Compl
                     f"joint {number} has none",
                     f"give {key} for all joints, or its own",
                 )
-                return  # and so for the others
+                return  # the other joints have the same problem
     yield from _check_unique(file_model, count)
 
 
@@ -214,7 +214,7 @@ def _check_unique(file_model: ProfileFile, count: int) -> Iterator[Complaint]:
                 f"node {joint.node} is {nodes[joint.node]} and joint {number}",
                 "give each its own number",
             )
-            return  # with its consequences
+            return  # other problems may follow from this one
         nodes[joint.node] = f"joint {number}"
         for key, pdos in (("commands", joint.commands), ("answers", joint.answers)):
             own = bool(getattr(file_model.own(number), key))
@@ -223,7 +223,7 @@ def _check_unique(file_model: ProfileFile, count: int) -> Iterator[Complaint]:
                 used = identifiers.get(pdo.cob_id) or next(
                     (what for low, high, what in _RESERVED if low <= pdo.cob_id <= high), ""
                 )
-                if used and key_path not in reported:  # settings of all joints are written once
+                if used and key_path not in reported:  # common settings are reported once
                     reported.add(key_path)
                     yield (
                         key_path,

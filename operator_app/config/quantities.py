@@ -1,4 +1,4 @@
-"""Units of numbers in files: conversion to SI units and back without loss, and checks for plausible sizes."""
+"""Units of numbers in files: conversion to SI units and back without loss, and checks for plausible values."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def angle_doubt(value_deg: float) -> str:
 def _limited(
     largest: float, text: str, remedy: str, *, smallest: float | None = None
 ) -> tuple[AfterValidator, WithJsonSchema]:
-    """Refuse a number beyond `largest` (by default, in either direction); `text` is a template for the number."""
+    """Return validators that refuse a number above `largest` or below `smallest` (default: -`largest`)."""
     least = -largest if smallest is None else smallest
 
     def check(value: float) -> float:
@@ -96,7 +96,7 @@ def _limited(
 
 
 def _uncertainty(limit: float, unit: str) -> tuple[AfterValidator, WithJsonSchema]:
-    """Refuse an implausibly large uncertainty."""
+    """Return validators that refuse an implausibly large uncertainty."""
     text = f"{{:g}} {unit} is too large for an uncertainty (limit {limit:g} {unit})"
     return _limited(limit, text, "write one standard deviation (0: exact)", smallest=0.0)
 
@@ -148,7 +148,7 @@ Name = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0
 
 
 def degrees_for_file(angle_rad: FloatArray | float) -> FloatArray:
-    """Degrees whose ``np.deg2rad`` is exactly `angle_rad`; if there is no such double, the nearest.
+    """Return degrees whose ``np.deg2rad`` is exactly `angle_rad`; if there is no such double, the nearest.
 
     If there are several, the one with the fewest digits. An angle that came from a file in degrees always has such a
     double, so that reading, writing and reading again changes no bit.

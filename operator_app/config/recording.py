@@ -28,10 +28,10 @@ RECORDING_LIMIT_BYTES = 1024 * 1024 * 1024
 
 LARGEST_ANGLE_RAD = 20.0 * np.pi
 PER_SECOND = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3), (0.0, 1.0))
-"""Least times since 1970 in nanoseconds, microseconds, milliseconds and seconds."""
+"""Least value of a time since 1970 in ns, us, ms or s, and the number of these units in a second."""
 
 SINCE_1970_S = 1e8
-"""Least calendar time; smaller ones count from the start of the recording."""
+"""Times from this value on count from 1970; smaller ones count from the start of the recording."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,7 +108,7 @@ def load_timed_log(
             cells.append(_time_s(row.cells[by], file, row.line, by))
             cells.extend(_angle(row.cells[k], file, row.line, k) for k in where)
         elif row is not lines[-1]:
-            # The last line of a killed recorder is incomplete.
+            # A killed recorder leaves its last line incomplete.
             text = f"{len(row.cells)} cells; the lines before have {width}"
             raise only(file, text, "correct this line", line=row.line)
     table = np.array(cells).reshape(-1, 1 + len(where))
@@ -155,7 +155,7 @@ def _angle(cell: str, file: str, line: int, column: int) -> float:
 def recording_of(
     time_s: FloatArray, q_rad: FloatArray, *, joints: tuple[str, ...], file: str, source: str
 ) -> JointRecording:
-    """Order samples by time and leave out incomplete ones.
+    """Return samples in the order of time, without incomplete ones and repeated times.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""Finding files by built-in name or path, and reading them with a limit.
+"""Finds files by built-in name or path, and reads them up to a size limit.
 
-A built-in name (``hinge``) always means the packaged file; ``./hinge`` means a file of that name.
+A built-in name (``hinge``) always means the built-in file; ``./hinge`` means a file with that name.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ YAML_LIMIT_BYTES = 256 * 1024
 
 
 OPEN_ALREADY = ("/dev/stdin", "/dev/fd/", "/proc/self/fd/")
-"""Pipes with a writer: the shell's ``<(command)``."""
+"""Beginnings of paths of pipes that already have a writer, such as the shell's ``<(command)``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resource:
-    """A file as found.
+    """Name, folder and content of a file.
 
     Attributes
     ----------
     file
         Name for messages: the path as typed, or ``packaged:<name>.yaml``.
     folder
-        Folder from which relative references inside the file start; None for a packaged file.
+        Folder from which relative references inside the file start; None for a built-in file.
     """
 
     file: str
@@ -49,7 +49,7 @@ class Resource:
 
 
 def builtin_names(kind: Kind) -> tuple[str, ...]:
-    """Names of the packaged files of a kind."""
+    """Return the names of the built-in files of a kind."""
     entries = _folder(kind).iterdir()
     return tuple(sorted(e.name[:-5] for e in entries if e.name.endswith(".yaml")))
 
@@ -67,7 +67,7 @@ def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) ->
     Raises
     ------
     ConfigError
-        It is neither a built-in name nor a file; the message lists the built-in names.
+        It is neither a built-in name nor a file (the message lists the built-in names), or the file cannot be read.
     """
     text = str(reference)
     names = builtin_names(kind)
@@ -99,7 +99,7 @@ def expanded(reference: str | Path) -> Path:
 
 
 def read_limited(path: Path, shown: str, *, limit: int) -> bytes:
-    """Read a file of at most `limit` bytes; any error of the system becomes a ConfigError."""
+    """Read a file, named `shown` in messages; ConfigError if it exceeds `limit` bytes or cannot be read."""
     try:
         if stat.S_ISFIFO(path.stat().st_mode) and not str(path).startswith(OPEN_ALREADY):
             # Opening it would wait for its writer, perhaps forever.

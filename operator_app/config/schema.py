@@ -36,13 +36,13 @@ UNKNOWN, KNOWN_HERE = "unknown key", "known here: "
 
 
 class StrictModel(BaseModel):
-    """Base of every model of a file: no unknown keys, immutable."""
+    """Base of the models that build a domain object: no unknown keys, immutable."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class StrictRecord:
-    """Base of the models that are frozen dataclasses."""
+    """Base of the models that are frozen dataclasses: no unknown keys."""
 
     __slots__ = ()
     __pydantic_config__: ClassVar = ConfigDict(extra="forbid")
@@ -55,7 +55,7 @@ _ADAPTERS: dict[Any, TypeAdapter[Any]] = {}
 
 
 def adapter(model: type[M]) -> TypeAdapter[M]:
-    """Pydantic's adapter of a model, for reading, writing and JSON Schema. Built once, when first needed."""
+    """Return pydantic's adapter of a model, for reading, writing and JSON Schema; built once, when first needed."""
     if model not in _ADAPTERS:
         _ADAPTERS[model] = TypeAdapter(model)
     return _ADAPTERS[model]
@@ -88,7 +88,7 @@ def read_model(model: type[M], data: bytes, *, kind: str, file: str) -> M:
     Raises
     ------
     ConfigError
-        The file is wrong; lists all problems.
+        The file is invalid; the error lists all problems.
     """
     return check_model(model, load_strict(data, file), kind=kind)
 
@@ -174,7 +174,7 @@ def _problems(
 ) -> Iterator[Problem]:
     placed = _without_alternatives(document, [(_path(document, error), error) for error in errors])
     if noted:
-        # Errors of a whole record have been reported with their place.
+        # A validator has already reported the errors of a whole record, with their places.
         placed = [(path, error) for path, error in placed if error["type"] != "value_error"]
     missing = {path for path, error in placed if error["type"] == "missing"}
     meant: set[Path] = set()
@@ -215,7 +215,7 @@ def _without_alternatives(
 
 
 def _path(document: YamlDocument, error: ErrorDetails) -> Path:
-    """Pydantic's location without the tags of unions, which do not occur in the file."""
+    """Return pydantic's location without the tags of unions, which do not occur in the file."""
     path: Path = ()
     loc = error["loc"]
     for depth, part in enumerate(loc):
@@ -259,7 +259,7 @@ def _unknown_key(
 
 
 def _keys(document: YamlDocument, model: type[M], path: Path) -> list[str]:
-    """Keys that the schema knows in the mapping at `path`."""
+    """Return the keys that the schema knows in the mapping at `path`."""
     schema = adapter(model).json_schema()
     nodes = [schema]
     for depth, part in enumerate(path, 1):

@@ -83,14 +83,14 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
 def _composed(text: str, file: str) -> Node | None:
     """Compose the single document of a file.
 
-    Cached, as opening a session reads the same packaged files several times.
+    Cached, as opening a session reads the same built-in files several times.
     """
     node: Node | None = StrictLoader(text, file).get_single_node()
     return node
 
 
 def resolve_plain(text: str) -> Scalar:
-    """Read an unquoted scalar; inf if a number is too large for a double.
+    """Return the value of an unquoted scalar; inf for a number that is not finite or too large for a double.
 
     Raises
     ------
@@ -206,7 +206,7 @@ class _Builder:
         return value
 
     def _complain(self, node: Node, path: Path, text: str, remedy: str) -> None:
-        # With the node's own place: the second of two equal keys has a line of its own.
+        # Report the place of this node: the second of two equal keys has another line.
         self.found.append((path, text, remedy, _mark(node)))
 
 
@@ -249,7 +249,7 @@ Complaint = tuple[Path, str, str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class YamlDocument:
-    """A mapping as read.
+    """A YAML mapping with the place of every key.
 
     Attributes
     ----------
@@ -289,7 +289,7 @@ class YamlDocument:
         )
 
     def at(self, path: Path) -> Any:
-        """Value at `path`; None where there is none."""
+        """Return the value at `path`; None if there is none."""
         value: Any = self.data
         for part in path:
             try:
@@ -316,6 +316,6 @@ class YamlDocument:
 
 
 def _shown(text: str) -> str:
-    """A key as part of a line of text, whatever characters it contains."""
+    """Return a key for use in a message, printable and at most 60 characters long."""
     plain = text if text.isprintable() and text else repr(text)
     return plain if len(plain) <= 60 else plain[:57] + "..."

@@ -34,7 +34,7 @@ def format_urdf(
     T_tip: FloatArray | None = None,
     comment: Iterable[str] = (),
 ) -> bytes:
-    """Write links 1..n with the geometry of `table`, and ranges, speeds and torques of `arm`.
+    """Return a URDF of links 1..n with the geometry of `table`, and ranges, speeds and torques of `arm`.
 
     Joints have the arm file's names where these are valid in a URDF (without spaces, and unique).
 
@@ -106,7 +106,7 @@ z."""
 def with_calibration(
     data: bytes, file: str, arm: ArmModel, table: DhTable, comment: Sequence[str]
 ) -> bytes:
-    """Return the same file with the geometry of `table` in the origins of its joints, and a comment.
+    """Return a file with the geometry of `table` in the origins of its joints, and a comment.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def with_calibration(
 
 
 def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray]:
-    """Origins (4, 4), by joint, that have to change for the chain to match `table`.
+    """Return the origins (4, 4), by joint, that have to change for the chain to match `table`.
 
     With all joints at zero, ``C_j`` leads from frame j-1 to the file's own frame of joint j. If the offset of joint j
     changes by d_j, its link is at ``Rz(q_j + d_j) C_j`` in frame j-1, so that shapes turn with their joints.
@@ -170,7 +170,7 @@ def _inverse(T: FloatArray) -> FloatArray:
 
 
 def _chains(data: bytes, file: str, arm: ArmModel) -> Iterator[UrdfChain]:
-    """Chains between every link fixed to the arm's base and every link fixed to its tool.
+    """Yield the chains between every link fixed to the arm's base and every link fixed to its tool.
 
     The arm is found by its joint names or, without these, as the only arm of the file.
     """
@@ -183,7 +183,7 @@ def _chains(data: bytes, file: str, arm: ArmModel) -> Iterator[UrdfChain]:
 
 
 def _matching(chains: Iterable[UrdfChain], arm: ArmModel, file: str) -> UrdfChain:
-    """Return the chain whose rows are nearest to the arm's; raises ConfigError if they are of another arm."""
+    """Return the chain whose rows are nearest to the arm's; raises ConfigError if all belong to another arm."""
     n, candidates = arm.joint_count, list[tuple[float, str, UrdfChain]]()
     for chain in chains:
         if len(chain.joints) != n:
@@ -203,7 +203,7 @@ def _matching(chains: Iterable[UrdfChain], arm: ArmModel, file: str) -> UrdfChai
     return nearest
 
 
-# ---- the text ----------------------------------------------------------------------------------
+# ---- XML text ----------------------------------------------------------------------------------
 
 _TAG = re.compile(rb"""<[^\s>/]+(?:[^>"']|"[^"]*"|'[^']*')*>""")
 
@@ -227,7 +227,7 @@ def _into_xml(data: bytes, origins: Mapping[str, FloatArray], comment: Sequence[
             added = f'<origin xyz="{attribute["xyz"]}" rpy="{attribute["rpy"]}"/>'.encode()
             cuts.append((match.end(), match.end(), added))
         elif tag == "origin" and joint and way[-1] == "joint" and cuts[-1][0] == cuts[-1][1]:
-            # Replaces an earlier comment of this program.
+            # The joint has an origin: change it instead of adding one.
             cuts[-1] = (at, match.end(), _changed_tag(match[0], origins[joint]))
         way.append(tag)
 
@@ -275,7 +275,7 @@ def _ur_lines(data: bytes, file: str) -> Iterator[tuple[str, str, re.Match[bytes
 
 
 def _ur_chain(data: bytes, file: str) -> UrdfChain:
-    """The six joints of UR's kinematics file; the tip is the last link, wrist_3."""
+    """Return the six joints of UR's kinematics file; the tip is the last link, wrist_3."""
     values: dict[tuple[str, str], str] = {}
     for link, key, value, _ in _ur_lines(data, file):
         values[link, key] = value[2].decode()

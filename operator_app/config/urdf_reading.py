@@ -23,7 +23,7 @@ ONLY_REVOLUTE = "only revolute joints are supported: exclude others with --base 
 NO_LIMIT_RAD = math.pi
 """Range of a continuous joint, in either direction."""
 PLACEHOLDER_ANGLE_RAD, PLACEHOLDER_RAD_PER_S = math.radians(3600.0), math.radians(3600.0)
-"""Larger limits of angle and speed are placeholders, such as 1e6 rad or 100 rad/s: the joint counts as without one."""
+"""Larger limits of angle and speed are placeholders, such as 1e6 rad or 100 rad/s: they count as not stated."""
 GRIPPER = re.compile(r"finger|grip|jaw|knuckle|thumb", re.IGNORECASE)
 """Names of joints of a gripper, not of the arm."""
 FLANGES = ("tool0", "flange")
@@ -79,7 +79,7 @@ class UrdfChain:
     table
         Rows 1..n.
     frames
-        Frames 0..n with all joints at zero, seen in the base link, (4, 4), m.
+        Frames 0..n with all joints at zero, in the base link's frame, (4, 4), m.
     T_link_base, T_flange_tip
         Fixed transforms that D-H rows cannot represent, (4, 4), m: from the base link to frame 0, and from frame n to
         the tip. Both are the identity for a file written by this program.
@@ -165,7 +165,7 @@ class UrdfTree:
         return chain_of(self.name, tuple(_step(e, file) for e in way[first:]), tip, file)
 
     def around(self, first: str, last: str) -> Iterator[tuple[str, str]]:
-        """Return possible bases and tips of an arm from joint `first` to joint `last`: all links fixed to its ends."""
+        """Yield possible bases and tips of an arm from joint `first` to joint `last`: all links fixed to its ends."""
         named = {e.get("name", ""): e for e in self.elements.values()}
         if first not in named or last not in named:
             return
@@ -239,7 +239,7 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
     """Return the link at the end of the only arm, not counting links that a gripper moves."""
     parents = {_links(e)[0] for e in elements.values()}
     leaves = [child for child in elements if child not in parents]
-    # A cycle has no end; any of its links can be named.
+    # A cycle has no end; `_joints_to` reports it from any of its links.
     ends, turning = dict[str, int](), {"revolute", "continuous"}
     for leaf in leaves or list(elements):
         way = _joints_to(leaf, elements, file)

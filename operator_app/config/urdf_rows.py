@@ -16,13 +16,13 @@ from solver.chain.kinematics import DhTable
 MEET_M = 1e-9
 """Distance below which axes count as intersecting."""
 MEETING_SINE, FAR_M = 1e-9, 2.0
-"""Least sine of the angle between the tip's and the last joint's axis, and largest distance of their common normal from
-both, with which the last row follows that common normal."""
+"""Least sine of the angle between the tip's and the last joint's axes, and largest s and a, for which the last row
+follows their common normal."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisLine:
-    """Axis of a joint seen in the base link, with all joints at zero: direction, a point, a preferred x, (3,) each."""
+    """Axis of a joint in the base link's frame, all joints at zero: direction, a point, a preferred x, (3,) each."""
 
     z: FloatArray
     point_m: FloatArray
@@ -43,11 +43,11 @@ def rows_of(
 
     Returns
     -------
-    Rows 1..n; and frames 0..n seen in the base link with all joints at zero, (4, 4) each. Frame 0 is on axis 1
+    Rows 1..n; and frames 0..n in the base link's frame with all joints at zero, (4, 4) each, m. Frame 0 is on axis 1
     near the base link's origin; frame n is as near to the tip as a D-H row allows.
     """
     z = axes[0].z
-    # Frame 0: the file's own base if it is on the first axis.
+    # Frame 0 equals the base link's frame if axis 1 is its z axis.
     origin = axes[0].point_m - float(axes[0].point_m @ z) * z
     x = _across(z, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
     frames, rows = [frame_of(x, z, origin)], list[tuple[float, ...]]()
@@ -69,7 +69,7 @@ def rows_of(
 
 
 def link_transform(row: Sequence[float]) -> FloatArray:
-    """``Rz(theta_off) Tz(s) Tx(a) Rx(alpha) Ry(beta)`` as (4, 4)."""
+    """Return ``Rz(theta_off) Tz(s) Tx(a) Rx(alpha) Ry(beta)``, (4, 4), of a row in this order, rad and m."""
     theta_off, s, a, alpha, beta = row
     c, n, ca, sa, cb, sb = (f(v) for v in (theta_off, alpha, beta) for f in (math.cos, math.sin))
     turn = np.array([[c, -n * ca, n * sa], [n, c * ca, -c * sa], [0.0, sa, ca]])
@@ -80,14 +80,14 @@ def link_transform(row: Sequence[float]) -> FloatArray:
 
 
 def frame_of(x: FloatArray, z: FloatArray, origin_m: FloatArray) -> FloatArray:
-    """Frame (4, 4) with these orthogonal axes."""
+    """Return the frame (4, 4) with these orthogonal axes x and z and this origin."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = np.column_stack((x, np.cross(z, x), z)), origin_m
     return T
 
 
 def _by_common_normal(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
-    """Return the row that leads to an axis that is not parallel, along the common normal."""
+    """Return the row to an axis that is not parallel, along the common normal."""
     x, z, origin = before[:3, 0], before[:3, 2], before[:3, 3]
     normal = np.cross(z, line.z)
     normal /= np.linalg.norm(normal)
@@ -111,9 +111,9 @@ def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
 
 
 def _to_tip(before: FloatArray, tip: AxisLine, sine: float) -> tuple[float, ...]:
-    """Return the row that leads to a tip whose axis is nearly the joint's, along the common normal if that is near.
+    """Return the row to a tip whose axis is nearly parallel to the joint's, along the common normal if that is near.
 
-    Otherwise the row leads to the tip's origin, without its small tilt.
+    Otherwise the row leads to the tip's origin and omits the small tilt.
     """
     if sine > MEETING_SINE:
         row = _by_common_normal(before, tip)
@@ -127,7 +127,7 @@ def _to_tip(before: FloatArray, tip: AxisLine, sine: float) -> tuple[float, ...]
 
 
 def _normal_to(line: AxisLine, apart: FloatArray, z: FloatArray) -> tuple[FloatArray, float]:
-    """Return the normal from z to an axis `apart` (3,) m from it, towards the axis' x, and the distance along it."""
+    """Return the unit normal to a line at `apart` (3,), m, turned towards the line's x, and the distance along it."""
     a = float(np.linalg.norm(apart))
     if a <= MEET_M:
         return _across(z, line.x, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])), 0.0
@@ -149,11 +149,11 @@ def _angle(a: FloatArray, b: FloatArray, about: FloatArray) -> float:
 
 
 EXACT_PLACES = 13
-"""Decimals of an angle with the precision of a double."""
+"""Number of decimal places from which on an angle counts as not rounded."""
 
 
 def rotation_of_rpy(rpy: FloatArray) -> FloatArray:
-    """Rotation matrix (3, 3) of roll, pitch, yaw, rad."""
+    """Return the rotation matrix (3, 3) of roll, pitch, yaw (3,), rad."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
     return np.array(
         [
@@ -165,7 +165,7 @@ def rotation_of_rpy(rpy: FloatArray) -> FloatArray:
 
 
 def rpy_of(R: FloatArray) -> FloatArray:
-    """Roll, pitch, yaw (3,), rad, of a rotation matrix; also exact at a pitch of 90 deg."""
+    """Return roll, pitch, yaw (3,), rad, of a rotation matrix; also exact at a pitch of 90 deg."""
     yaw = math.atan2(R[1, 0], R[0, 0])
     c, s = math.cos(yaw), math.sin(yaw)
     pitch = math.atan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
@@ -174,8 +174,8 @@ def rpy_of(R: FloatArray) -> FloatArray:
 
 
 def origin_words(T: FloatArray) -> dict[str, str]:
-    """Attributes of an <origin> for a pose (4, 4), m."""
-    # -0.0 and the rounding of sines are not written.
+    """Return the attributes of an <origin> for a pose (4, 4), m."""
+    # Rounding errors of sines, and -0.0, are written as 0.
     numbers = {"xyz": T[:3, 3], "rpy": rpy_of(T[:3, :3])}
     return {
         key: " ".join(repr(float(v)) if abs(v) > 1e-16 else "0" for v in values)

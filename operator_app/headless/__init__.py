@@ -1,1 +1,1 @@
-"""`sarcal run` and plain mode: sessions without a full screen."""
+"""`sarcal run` and plain mode: sessions without the terminal app."""

@@ -48,7 +48,7 @@ class ConsoleListener(Listener):
         self._console.print(sanitized(text), markup=False)
 
     def resumed(self, session: Session) -> None:
-        """Report the poses of a resumed session."""
+        """Report the number of poses of a resumed session."""
         if session.journal.contents.torn:
             self.say(f"{session.journal.contents.torn}.")
         self._late_times = session.state.late.times
@@ -61,7 +61,7 @@ class ConsoleListener(Listener):
             self.say(line)
 
     def connected(self, identity: ArmIdentity) -> None:
-        """Report the arm."""
+        """Report model, serial number and nodes of the arm."""
         self._joints = sum(node.role.startswith("joint") for node in identity.nodes)
         self.say(
             f"Connected to {identity.model}, serial {identity.serial_number}: "
@@ -137,7 +137,7 @@ def cut_short_lines(cut: CutShort) -> list[str]:
     folder = session.journal.kept_folder
     if session.journal.loss is not None:
         return [*_danger(cut), f"{what}. The rescued entries are in {folder}."]
-    # From the journal: an interrupt may come between writing an event and applying it.
+    # Read the journal: an interrupt may come between writing an event to it and applying the event.
     saved_state = read_session(folder).state if cut.kept else None
     poses = len(state.poses if saved_state is None else saved_state.poses)
     lines = [f"{what}; no pose was captured."]
@@ -147,7 +147,7 @@ def cut_short_lines(cut: CutShort) -> list[str]:
             *_how_to_continue(cut),
         ]
     if isinstance(cut.cause, DriveDiverged):
-        # The operator has just seen the arm move: the cause first.
+        # The arm has just moved by itself: state the cause first.
         lines.insert(0, f"{stopped_words(str(cut.cause))}.")
     if late := _lateness_note(cut):
         lines.insert(0, late)

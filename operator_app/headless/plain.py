@@ -46,7 +46,7 @@ class Terminal(Protocol):
         """Return the typed line; raises EOFError at the end of the input."""
 
     def touched(self, timeout_s: float) -> bool:
-        """Wait for a line; discard it, and return whether one was typed."""
+        """Wait at most this long for a line; discard it, and return whether one was typed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,9 +80,9 @@ class Plain:
         self.runner: Runner = sessions.new() if resume is None else sessions.resumed(resume)
 
     def run(self) -> str:
-        """Show menus until the operator quits. Ctrl-C means STOP.
+        """Show menus until the operator quits, and return the reason. Ctrl-C means STOP.
 
-        If STOP is already latched or no arm is connected, Ctrl-C quits.
+        If the arm is stopped, silent or not connected, Ctrl-C raises KeyboardInterrupt instead.
         """
         self._terminal.say(
             "sarcal, plain mode. Type a number and Enter. While the arm moves, Enter stops it; "
@@ -224,7 +224,7 @@ class Plain:
                     chosen.do()
 
     def pose(self, s: SessionSnapshot) -> int | None:
-        """Ask for the number of a pose."""
+        """Ask for the number of a pose; None if there is no such pose."""
         typed = self._terminal.ask("Pose number: ").strip()
         known = {p.number for p in s.state.poses}
         if typed.isdecimal() and int(typed) in known:
@@ -233,15 +233,15 @@ class Plain:
         return None
 
     def item(self, s: SessionSnapshot) -> int | None:
-        """Item of the check list in the chosen row."""
+        """Return the item of the check list in the chosen row."""
         return self._row
 
     def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
-        """Alarm in the chosen row."""
+        """Return the alarm in the chosen row."""
         return None if self._row is None else ShownAlarm(number=self._row, all_visible=True)
 
     def open(self, make: Callable[[], Runner]) -> None:
-        """Open another session."""
+        """Open another session; write why if that fails."""
         try:
             self.runner = make()
         except EXPECTED as error:
@@ -253,13 +253,13 @@ class Plain:
         self._step, self._heard = Step.CONNECT, 0
 
     def write_report(self, runner: Runner) -> Path:
-        """Write the report page."""
+        """Write the report page and return its path."""
         from operator_app.report.html.page import write_report
 
         return write_report(runner.session)
 
     def topics(self) -> Mapping[str, str]:
-        """Topics and summaries of the manual."""
+        """Return the summaries of the manual's pages, by topic."""
         return {topic: self._manual.summary(topic) for topic in self._manual.topics}
 
     def show_page(self, topic: str) -> None:
@@ -267,7 +267,7 @@ class Plain:
         self._terminal.say(as_text(self._manual.page(topic).markdown, PAGE_WIDTH))
 
     def show_history(self, serial: str) -> None:
-        """Write the history of an arm."""
+        """Write the history of the arm with this serial number."""
         try:
             history = arm_history(serial, self.sessions.root)
         except EXPECTED as error:
@@ -312,7 +312,7 @@ class StandardTerminal:
         return input(sanitized(prompt))
 
     def touched(self, timeout_s: float) -> bool:
-        """Wait for a line from a terminal; input from a pipe does not count."""
+        """Wait at most this long for a line from a terminal; input from a pipe does not count."""
         if not sys.stdin.isatty():
             select.select([], [], [], timeout_s)
             return False

@@ -1,4 +1,4 @@
-"""Text of a snapshot in plain mode: one fact per line."""
+"""Formats a snapshot as text for plain mode: one fact per line."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from operator_app.units import CONDITION, DATA_AGE, POSITION, READING_SD, SILENC
 
 
 def describe(step: Step, s: SessionSnapshot) -> list[str]:
-    """Return lines with the step, the safety state, details, and the proposed action."""
+    """Return lines of text with the step, the safety state, details, and the recommended action."""
     kind = "SIMULATED" if s.simulated else "REAL ARM"
     lines = [f"Step {int(step)} of {len(Step)}, {step.title}. {kind}. {_safety(s)}"]
     lines += [f"Alarm: {alarm.text}." for alarm in s.alarms]
@@ -24,7 +24,7 @@ def describe(step: Step, s: SessionSnapshot) -> list[str]:
 
 
 def results(s: SessionSnapshot) -> list[str]:
-    """Return the results of the calibration."""
+    """Return the results of the calibration as lines of text."""
     facts = facts_on(s)
     return [no_facts(s)] if facts is None else facts_text(facts).splitlines()
 

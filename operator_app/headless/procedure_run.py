@@ -1,4 +1,4 @@
-"""`sarcal run` without output: confirms a remounted fixture, then takes the steps of a session in order.
+"""`sarcal run` without its output: waits for the confirmation of a remounted fixture, then runs a session's steps.
 
 The confirmation goes into the journal before the arm is connected, so that an interrupted session resumes in the
 right placement.
@@ -51,13 +51,13 @@ def run(
     homing: bool = False,
     solver: Solver = solve_here,
 ) -> RunResult | None:
-    """Run all steps from Connect to Export; any refusal is raised.
+    """Run all steps from Connect to Export; any error is raised.
 
     Returns None if the current placement is complete and the fixture has to be remounted for the next one.
 
     `forced`: reason for exporting a calibration that is not accepted ("": it is not exported). `homing`: whether the
-    operator agrees that an arm outside its box goes home. `solver`: a separate process on a real bus, so that SYNC is
-    not delayed.
+    operator agrees that an arm outside its exploration box goes home. `solver`: on a real bus a separate process, so that
+    SYNC is not delayed.
     """
     if session.procedure.position_joints is not None:
         session.check_modes(session.procedure.position_joints)
@@ -126,7 +126,7 @@ def next_placement(
         The mounting was not confirmed.
     """
     listener.close()
-    # The journal has the bus that was really used; the options may leave it to the environment.
+    # The journal states the bus that was used; the options may leave it to the environment.
     opening = resume(str(opening.folder), opening.choices, root=root)
     number, placements = opening.placement + 1, opening.procedure.placements
     if opening.choices.interface == "virtual":
@@ -162,7 +162,7 @@ def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
 
 @contextmanager
 def _interrupted_in_words(opening: Opening, listener: ConsoleListener) -> Iterator[None]:
-    """Report what has been saved if a run is interrupted while the fixture is being mounted."""
+    """Context that reports what has been saved if a run is interrupted while the fixture is being mounted."""
     try:
         yield
     except KeyboardInterrupt:
@@ -175,7 +175,7 @@ def _interrupted_in_words(opening: Opening, listener: ConsoleListener) -> Iterat
 
 
 def _confirmed(opening: Opening, number: int) -> None:
-    """Wait until the confirming word is typed; discard input typed before the question."""
+    """Wait for the confirming word, without input typed before the prompt; SessionError if the input ends."""
     if sys.stdin.isatty():
         import termios
 

@@ -27,7 +27,7 @@ EXAMPLES: Mapping[str, str] = {
     "procedure": "hinge",
     "profile": "sarcos",
 }
-"""Packaged file that is printed completely: its comments explain it."""
+"""Built-in file that a page shows completely, by kind: its comments explain it."""
 
 PURPOSE: Mapping[FileKind, str] = {
     "arm": "An arm file holds the Denavit-Hartenberg table, the sensors and the ranges of an arm, and how "
@@ -42,7 +42,7 @@ PURPOSE: Mapping[FileKind, str] = {
 
 
 def file_page(kind: FileKind) -> str:
-    """Return the page of a kind of file."""
+    """Return the page that lists the keys of a kind of file."""
     schema = json_schema(kind)
     models = schema["$defs"]
     tops = [choice["$ref"].rpartition("/")[2] for choice in schema["oneOf"]]
@@ -262,7 +262,7 @@ def _name(entry: ODVariable) -> str:
 
 
 def _default(entry: ODVariable) -> str:
-    value: object = entry.default  # canopen says int; an EDS has texts too
+    value: object = entry.default  # annotated as int by canopen, but an EDS also has texts
     if value is None:
         return ""
     node = "node + " if entry.relative else ""

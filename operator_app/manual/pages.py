@@ -71,7 +71,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
 """Topics by section, in the order of reading, with a summary in one line."""
 
 FILE = re.compile(r"<!-- file: ([\w.-]+) -->\n```\w+\n(.*?)```", re.DOTALL)
-"""Mark of a block of code that is a complete file."""
+"""Mark and content of a block of code that is a complete file."""
 
 FILES_OF = re.compile(r"<!-- files of: ([\w-]+) -->")
 """Mark of a page that includes the files of another one."""
@@ -82,7 +82,7 @@ FOLDER = files("operator_app") / "manual" / "pages"
 
 
 class NoSuchTopicError(Exception):
-    """There is no page of this name; the text gives the most similar name and lists all pages."""
+    """There is no page with this name; the text gives the most similar name and lists all pages."""
 
     def __init__(self, topic: str, topics: tuple[str, ...]) -> None:
         near = [name for name in topics if topic and name.startswith(topic)]
@@ -112,7 +112,7 @@ class Page:
 
 
 class Manual:
-    """All pages; generated ones are made on request."""
+    """All pages of the manual; `made` generates some of them on request, by topic."""
 
     def __init__(self, made: Mapping[str, Callable[[], str]]) -> None:
         self._made = made
@@ -137,7 +137,7 @@ class Manual:
         Raises
         ------
         NoSuchTopicError
-            There is no page of this name.
+            There is no page with this name.
         """
         name = topic.strip().lower().removesuffix(".md")
         if name not in self.topics:
@@ -168,7 +168,7 @@ GENERATED = (
 
 
 def reference() -> Mapping[str, Callable[[], str]]:
-    """Return the function that generates each page."""
+    """Return the functions that generate pages, by topic."""
     return {topic: partial(_generated, topic) for topic in GENERATED}
 
 

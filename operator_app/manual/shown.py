@@ -22,7 +22,7 @@ CODE, FENCE = re.compile(r"(`[^`\n]+`)"), re.compile(r"(^```.*?^```$)", re.DOTAL
 PLAIN_GLYPHS = str.maketrans("─•", "--")
 """Replacements for terminals without these characters."""
 MANY_COLUMNS, TALLEST = 4, 8
-"""Limits of columns and of lines in a row for a table shown side by side."""
+"""A table with at least so many columns, and more lines per row than this on average, is shown as blocks."""
 
 
 def as_text(markdown: str, width: int) -> str:
@@ -80,7 +80,7 @@ class _Rows(TableElement):
                 continue
             for column in table.columns:
                 column.overflow = "fold"
-            # Names are to be typed.
+            # Names that are to be typed are not wrapped.
             names = [len(str(cell)) for cell in table.columns[0].cells]
             table.columns[0].no_wrap = max(names, default=0) <= options.max_width // 3
             table.pad_edge = False

@@ -35,7 +35,7 @@ def poses_named(labels: tuple[str, ...]) -> str:
 
 
 def source_remedy(source: str) -> str:
-    """Return a remedy with which a source in the uncertainty budget can be halved."""
+    """Return the remedy that halves a source of error in the uncertainty budget."""
     kind, _, joint = source.rpartition("_")
     written = SOURCE_REMEDIES.get(source) or SOURCE_REMEDIES.get(kind, SOURCE_REMEDIES[""])
     return written.format(joint=joint)
@@ -59,7 +59,7 @@ SOURCE_REMEDIES = {
     "discrepancy": "find the deflection that depends on the pose and that no file states",
     "counts": "fit encoders with more counts: averaging does not help an encoder at rest",
 }
-"""Remedies by source of the budget, without the joint's number."""
+"""Remedies by source of the budget, without the joint's number; "" is any other source."""
 
 _HOLDS_ONLY = (
     ". No file states how well {fixed} is known: the stated tool accuracy holds only if the fixed value is right; "
@@ -87,7 +87,7 @@ class _Amount(float):
 
     @classmethod
     def of(cls, value: float, unit: str) -> _Amount:
-        """Return a value of a finding in this unit."""
+        """Return a finding's value; `unit` "rad" marks it as an angle."""
         amount = cls(value)
         amount.angle = unit == "rad"
         return amount
@@ -131,7 +131,7 @@ def fixed_briefly(offsets: tuple[str, ...]) -> str:
 
 
 def _holds(f: Finding) -> str:
-    """Return text on what the accuracy of the tool does not include; the figures of `f` are m/rad, by offset."""
+    """Return the sentence on errors that the tool accuracy excludes; the figures of `f` are m/rad, by offset."""
     if not f.figures:
         return ""
     rates = (
@@ -167,7 +167,7 @@ def _specified(f: Finding) -> str:
 
 
 def _share(f: Finding) -> str:
-    """Linearity deviation of an RVDT as a share of its full scale."""
+    """Return the linearity deviation of an RVDT as a share of its full scale, as text."""
     full = f.figures.get("full_scale_rad")
     if full is None or f.size is None or f.sigma is None:
         return ""

@@ -44,7 +44,7 @@ EXPECTED = (SessionError, HardwareError, SolverError, FixtureError, ConfigError,
 
 
 def words(error: BaseException) -> SessionError:
-    """Return the event and the remedy, as text."""
+    """Return an error as a `SessionError` with event and remedy for the operator."""
     if isinstance(error, SessionError):
         return SessionError(_capital(error.happened), _capital(error.remedy))
     return SessionError(_capital(str(error).removesuffix(".")), _remedy(error))
@@ -121,7 +121,7 @@ _TRIPS: Mapping[int, str] = {
 
 
 def drive_words(state: DriveState) -> str:
-    """Return a drive's state for an operator beside the arm, in one of four short terms."""
+    """Return a drive's state as one of four short terms for an operator beside the arm."""
     match state:
         case DriveState.OPERATION_ENABLED:
             return "enabled"
@@ -150,7 +150,7 @@ def _capital(text: str) -> str:
 
 
 def unwatching_words(identity: ArmIdentity) -> str:
-    """Return a text with the drives without a heartbeat time-out (1016h); "" if all have one."""
+    """Return the warning that names drives without a heartbeat time-out (1016h); "" if all have one."""
     joints = identity.unwatching
     if not joints:
         return ""
@@ -164,7 +164,7 @@ def unwatching_words(identity: ArmIdentity) -> str:
 
 
 def configured_words(identity: ArmIdentity) -> str:
-    """Return a text with the drive objects set according to the bus profile; "" for none."""
+    """Return the sentence that names the drive objects set as the bus profile requires; "" for none."""
     zeroed = identity.zeroed
     pdos = tuple(text for text in identity.configured if text not in zeroed)
     parts = [
@@ -189,6 +189,6 @@ def configured_words(identity: ArmIdentity) -> str:
 
 
 def by_hand_words(targets_rad: Mapping[int, float]) -> str:
-    """Return the instruction to move the joints of an arm without drives by hand."""
+    """Return the instruction to move joints of an arm without drives by hand, each to its target, rad."""
     ways = " and ".join(f"J{j} to {REACH(q).with_unit}" for j, q in sorted(targets_rad.items()))
     return f"By hand: take {ways}, then leave it at rest"

@@ -1,6 +1,6 @@
-"""A finding: a fault or a fact with its place, size and probability, and whether it blocks acceptance.
+"""A finding: a fault or a fact with its place, magnitude and probability, and whether it blocks acceptance.
 
-The templates of its text and remedy are those of its kind; no code reads figures back from them.
+Its kind has the templates of its text and remedy; no code parses figures from these texts.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ CERTAIN = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedSize:
-    """A parameter with a value: `unit` is "rad" or "m"; `share` (0..1) of its information comes from the poses."""
+    """A parameter with a value in `unit`, "rad" or "m"; `share` (0..1) of its information comes from the poses."""
 
     name: str
     size: float
@@ -40,17 +40,17 @@ class Finding:
     names
         Parameters, entries, fixtures or files concerned.
     size, sigma, unit
-        Its size and standard uncertainty, and their unit: "rad", "m", or "" for a plain number.
+        Its magnitude and standard uncertainty, and their unit: "rad", "m", or "" for a plain number.
     figures
         Its other figures, in SI units.
     sizes
-        Sizes of several parameters.
+        Values of several parameters.
     reported
         Text and remedy that a lower layer wrote (fixtures, solver, file readers).
     probability
         Probability relative to all other explanations, including no fault.
     doubted
-        Whether it is always stated as a mere possibility.
+        Whether it is always stated as a possibility.
     blocking
         Whether it prevents acceptance: parameters may be wrong by more than their sigmas allow.
     """

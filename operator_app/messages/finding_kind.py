@@ -1,11 +1,11 @@
 """Kinds of findings, each with its public code, text and remedy; no other module contains such texts.
 
-A message is a template. ``{size:STEP}`` is a figure in one of the formats of `operator_app.units`,
+A message is a template. ``{size:STEP}`` is a value in one of the formats of `operator_app.units`,
 ``{limit:ANGLE|LENGTH}`` in the first one if the finding's unit is rad, else in the second; ``{certain:drifts|may
 drift}`` is the first choice if the finding is certain, ``{several:do|does}`` if it is about several poses.
 """
 
-# Kinds may share code and text.
+# Several kinds may have the same code and text.
 # ruff: noqa: PIE796
 from __future__ import annotations
 

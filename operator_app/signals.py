@@ -60,7 +60,7 @@ def ending_signals_interrupt(*, for_good: bool = False) -> Iterator[None]:
     _first_s = None
     try:
         for number in ENDING:
-            if number != signal.SIGHUP or before[number] != signal.SIG_IGN:  # nohup
+            if number != signal.SIGHUP or before[number] != signal.SIG_IGN:  # set by nohup
                 signal.signal(number, _interrupt)
         yield
     finally:

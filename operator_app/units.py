@@ -17,7 +17,7 @@ Key = tuple[str | int, ...]
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A display unit; one SI unit is `per_si` of it, and `json_per_si` of the unit in JSON (a contract)."""
+    """A display unit; factors `per_si` and `json_per_si` convert from SI to it and to the unit in JSON (a contract)."""
 
     unit: str
     per_si: float = 1.0
@@ -59,7 +59,7 @@ def in_json(parameter: Valued, value: float) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One number.
+    """A number for display and JSON.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class Figure:
         """The number at full precision, in the units of the contract; None if unknown."""
         if self.value is None or not math.isfinite(self.value):
             return None
-        # Counts stay whole.
+        # Counts stay integers.
         return (
             self.value
             if self.quantity.json_per_si == 1.0

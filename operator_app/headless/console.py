@@ -36,7 +36,7 @@ class ConsoleListener(Listener):
     """Writes progress to stderr; the bar only on a terminal."""
 
     def __init__(self) -> None:
-        # Errors of writing progress are ignored.
+        # It ignores write errors.
         self._stderr = Stderr()
         self._console = Console(file=cast("IO[str]", self._stderr), highlight=False, soft_wrap=True)
         self._progress: Progress | None = None

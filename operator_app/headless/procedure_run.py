@@ -56,8 +56,8 @@ def run(
     Returns None if the current placement is complete and the fixture has to be remounted for the next one.
 
     `forced`: reason for exporting a calibration that is not accepted ("": it is not exported). `homing`: whether the
-    operator agrees that an arm outside its exploration box goes home. `solver`: on a real bus a separate process, so that
-    SYNC is not delayed.
+    operator agrees that an arm outside its exploration box goes home. `solver`: on a real bus, a separate process, so
+    that SYNC is not delayed.
     """
     if session.procedure.position_joints is not None:
         session.check_modes(session.procedure.position_joints)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def calibration_data(solution: Solution) -> dict[str, Any]:
-    """Return the data that are not figures of a table."""
+    """Return the calibration's JSON data that are not figures of a table."""
     search = solution.search
     return {
         **estimate_data(solution.identified),
@@ -81,7 +81,7 @@ def calibration_data(solution: Solution) -> dict[str, Any]:
 
 
 def estimate_data(estimate: Estimate) -> dict[str, Any]:
-    """Return the data of one estimator that are not figures of a table."""
+    """Return one estimator's JSON data that are not figures of a table."""
     band = None if estimate.chi2 is None else chi2_test(estimate.chi2, estimate.dof)
     return {
         "estimator": estimate.estimator,

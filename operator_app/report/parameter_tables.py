@@ -33,7 +33,7 @@ SEVERAL_SIGMAS = 3.0
 
 
 def precision(estimate: Estimate) -> Callable[[Quantity], int]:
-    """Return a function for decimal places: those that show a quantity's smallest sigma with two significant digits."""
+    """Return a function that gives a quantity's decimal places: two significant digits of its smallest sigma."""
     sigmas = estimate.standard_deviation.tolist()
     return precision_of(zip(estimate.parameters, sigmas, strict=True), most=MOST_PLACES)
 
@@ -52,7 +52,7 @@ def precision_of(
 
 
 def nominal_places(parameters: Iterable[Parameter]) -> Callable[[Quantity], int]:
-    """Return a function for decimal places: those that show a quantity's nominal values exactly."""
+    """Return a function that gives the decimal places that show a quantity's nominal values exactly."""
     listed = tuple(parameters)
 
     def places(quantity: Quantity) -> int:

@@ -160,7 +160,7 @@ def _closure(
 
 
 def rvdt_deviations(subject: Subject, joint: int, figures: RvdtFigures) -> Picture:
-    """Return the plot of one RVDT's readings minus the angles from the loops, with the fitted curve and its limits."""
+    """Return the plot of one RVDT's readings minus the angles from the loops, with fitted curve and stated limits."""
     grid = np.linspace(figures.curve.low, figures.curve.high, CURVE_POINTS)
     curve = figures.curve(grid)
     allowed = _rvdt(subject, joint).linearity_rad

@@ -1,4 +1,4 @@
-"""A calibration in the formats of other tools: JSON, CSV, URDF, MATLAB. Computes nothing, writes no file.
+"""A calibration in the formats of other tools: JSON, CSV, URDF, MATLAB, as bytes.
 
 Each format states the side of every parameter (arm, ground or tool): only the arm's remain valid when the fixture is
 dismounted. A URDF contains only the arm itself.
@@ -33,7 +33,7 @@ EXPORT_FILES = {
     "urdf": "arm.urdf",
     "mat": "result.mat",
 }
-"""File names in a session's folder by format, beside the parameters file."""
+"""Names of the exported files in a session's folder, by format."""
 
 CSV_HEADER = ("parameter", "side", "unit", "nominal", "value", "sigma")
 
@@ -67,7 +67,7 @@ def in_format(calibration: Calibration, kind: str) -> bytes:
 
 
 def _json(calibration: Calibration) -> bytes:
-    """The object of `sarcal solve --json`, with the arm and its table."""
+    """Return the object of `sarcal solve --json`, with the arm's name, serial number and D-H rows, as JSON."""
     content: Mapping[str, Any] = facts_of(calibration.solution, checks=calibration.checks).json
     document = {
         "schema": "sarcal/result/1",
@@ -82,7 +82,7 @@ def _json(calibration: Calibration) -> bytes:
 
 
 def _rows(calibration: Calibration) -> list[dict[str, Any]]:
-    """D-H rows 1..n of the arm itself, without the fixture's entries, in deg and m, as in its URDF."""
+    """Return D-H rows 1..n of the arm itself, without the fixture's entries, in deg and m, as in its URDF."""
     arm = calibration.by_itself
     columns = arm.table().stacked()
     angles = [kind for kind in DhKind if kind.is_angle]
@@ -102,7 +102,7 @@ def _rows(calibration: Calibration) -> list[dict[str, Any]]:
 
 
 def _csv(calibration: Calibration) -> bytes:
-    """One row for each parameter, angles in deg, lengths in mm; a forced export has its reason in a last column."""
+    """Return CSV: one row per parameter, in deg or mm; a forced export has its reason in a last column."""
     estimate = calibration.solution.identified
     rows = [
         (p.name, side_of(calibration.solution.model, p.name), quantity_of(p).unit,
@@ -180,7 +180,7 @@ def _provenance(calibration: Calibration) -> list[str]:
 
 
 def _mat(calibration: Calibration) -> bytes:
-    """MATLAB variables in SI units, with units in their names."""
+    """Return a MATLAB file of variables in SI units, with units in their names."""
     from scipy.io import savemat
 
     estimate = calibration.solution.identified
@@ -188,7 +188,7 @@ def _mat(calibration: Calibration) -> bytes:
     names = np.array([p.name for p in estimate.parameters], dtype=object)
     buffer = io.BytesIO()
     savemat(
-        buffer,  # type: ignore[arg-type] # the stubs know paths only
+        buffer,  # type: ignore[arg-type] # the stubs accept only paths
         {
             "arm_model": calibration.arm.name,
             "arm_serial": calibration.serial_number,
@@ -204,7 +204,7 @@ def _mat(calibration: Calibration) -> bytes:
             "nominal_rad_or_m": np.array([p.nominal for p in estimate.parameters]),
             "sigma_rad_or_m": estimate.standard_deviation,
             "covariance_rad_or_m": estimate.covariance,
-            # Columns of link j: theta_off_rad, s_m, a_m, alpha_rad, beta_rad.
+            # One row per link: theta_off_rad, s_m, a_m, alpha_rad, beta_rad.
             "dh_arm_rad_m": arm.table().stacked().T,
             "dh_hand_rad_m": arm.table("tip").stacked().T,
             "tip_m": arm.tip_m,

@@ -1,8 +1,7 @@
 """Facts of a calibration: verdict, headlines, tables and notices, built once for all renderers.
 
-Text, page, JSON, screen and plain mode render these facts and make no decisions. A table that is added
-to `facts_of` appears in all of them; figures with a key are in JSON as well; further JSON data are in
-`calibration_data`.
+Text, HTML page, JSON, terminal app and plain mode render these facts and make no decisions. A table that is added to
+`facts_of` appears in all of them, in JSON only its figures with a key; further JSON data are in `calibration_data`.
 """
 
 from __future__ import annotations
@@ -67,11 +66,11 @@ class Facts:
     Attributes
     ----------
     verdict, reasons
-        The verdict in a word or two, and the reasons against a better one.
+        The verdict in words, and the reasons why the calibration is not accepted.
     causes
         Possible faults, the most probable first.
     data
-        Content of the JSON object apart from figures with a key.
+        Content of the JSON object without the tables' figures.
     """
 
     accepted: bool
@@ -89,7 +88,7 @@ class Facts:
         return merged(self.data, keyed(self.tables))
 
     def table(self, ident: str) -> FactTable | None:
-        """Return one table; None where it would be empty."""
+        """Return the table with this name; None if the calibration has none."""
         return next((t for t in self.tables if t.ident == ident), None)
 
 
@@ -166,7 +165,7 @@ def facts_of(
 
 
 def estimate_json(estimate: Estimate) -> dict[str, Any]:
-    """Return the result of one estimator as JSON, such as the paper's in addition to the chosen one."""
+    """Return the result of one estimator as a JSON object."""
     rows = closure_row(estimate.estimator, estimate.sigmas, key=())
     closure = FactTable(ident="", title="", columns=CLOSURE_COLUMNS, rows=(rows,))
     return merged(
@@ -176,7 +175,7 @@ def estimate_json(estimate: Estimate) -> dict[str, Any]:
 
 
 def merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
-    """Merge two JSON objects; where both have a value, the second one's is kept."""
+    """Return two JSON objects merged; where both have a value, that of the second is used."""
     result = dict(one)
     for key, value in other.items():
         both = isinstance(value, Mapping) and isinstance(result.get(key), Mapping)
@@ -222,11 +221,11 @@ def _sigma(name: str, kind: Kind, before: TwoReadings, after: TwoReadings) -> He
 
 
 EVERY = 4
-"""Step between the rows of a correction table that are shown."""
+"""One in this many rows of a correction table is shown."""
 
 
 def side_note(solution: Solution) -> str:
-    """Return a note on each parameter's side (arm, ground or tool): only the arm's stay valid in another mounting."""
+    """Return a note that lists the parameters of the arm, of the ground and of the tool."""
     names: dict[str, list[str]] = {"arm": [], "ground": [], "hand": []}
     for parameter in solution.identified.parameters:
         names[side_of(solution.model, parameter.name)].append(parameter.name)
@@ -240,7 +239,7 @@ def side_note(solution: Solution) -> str:
 
 
 def remedy_table(solution: Solution) -> FactTable | None:
-    """Offset, gain and corrections of every RVDT that the poses could determine; None if there are none."""
+    """Return the table of offset, gain and corrections of every RVDT that the poses determine; None without any."""
     rows: list[tuple[Cell, ...]] = []
     for table in reading_tables(solution):
         head: tuple[Cell, ...] = (

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def calibration_data(solution: Solution) -> dict[str, Any]:
-    """Return the keys that do not come from the tables' figures."""
+    """Return the calibration's JSON data that are not figures of a table."""
     search = solution.search
     return {
         **estimate_data(solution.identified),
@@ -81,7 +81,7 @@ def calibration_data(solution: Solution) -> dict[str, Any]:
 
 
 def estimate_data(estimate: Estimate) -> dict[str, Any]:
-    """Return those keys of one estimator that do not come from tables' figures."""
+    """Return one estimator's JSON data that are not figures of a table."""
     band = None if estimate.chi2 is None else chi2_test(estimate.chi2, estimate.dof)
     return {
         "estimator": estimate.estimator,
@@ -96,7 +96,7 @@ def estimate_data(estimate: Estimate) -> dict[str, Any]:
 
 
 def checks_data(checks: Checks) -> dict[str, Any]:
-    """Return the keys of the checks: jackknife, hold-out, far block."""
+    """Return the data of the checks: jackknife, hold-out, far block."""
     return {
         "jackknife_sigma": None,
         "hold_out": _hold_out_data(checks.held_out),
@@ -116,7 +116,7 @@ def _hold_out_data(hold_out: HoldOut | None) -> dict[str, Any] | None:
 def _components_data(components: VarianceComponents | None) -> dict[str, Any]:
     if components is None:
         return {}
-    # A rigid fixture is given as zero, not left out.
+    # A rigid fixture has zeros, not missing keys.
     rigid = {} if components.compliance is None else {"fixture_mm": 0.0, "fixture_mrad": 0.0}
     return {
         "variance_components": rigid,
@@ -158,7 +158,7 @@ def unidentifiable_data(
 ) -> dict[str, Any]:
     """Return the object for a pose set that leaves parameters undetermined (exit code 5).
 
-    It has every key of a calibration's object, with empty values.
+    Keys for the results of a calibration are empty or left out.
     """
     directions = error.directions
     causes = [{"code": error.code, "probability": 1.0, "text": error.note, "remedy": ""}]

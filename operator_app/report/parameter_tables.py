@@ -24,16 +24,16 @@ from solver.diagnostics.statistics import correlations, intervals
 from solver.estimators.estimate import Estimate
 
 MOST_PLACES = 6
-"""Decimal places at most: 1 nm and 0.001 mdeg, however small a sigma is."""
+"""Maximum number of decimal places: 1 nm and 0.001 mdeg."""
 
 HEAT_STEPS = 5
 
 SEVERAL_SIGMAS = 3.0
-"""Two estimates that differ by more than this number of sigmas are marked: one of the sigmas must be wrong."""
+"""The note on both estimators mentions a difference from this number of sigmas on."""
 
 
 def precision(estimate: Estimate) -> Callable[[Quantity], int]:
-    """Decimal places for angles and for lengths, such that the smallest sigma of each has two significant digits."""
+    """Return a function that gives a quantity's decimal places: two significant digits of its smallest sigma."""
     sigmas = estimate.standard_deviation.tolist()
     return precision_of(zip(estimate.parameters, sigmas, strict=True), most=MOST_PLACES)
 
@@ -41,7 +41,7 @@ def precision(estimate: Estimate) -> Callable[[Quantity], int]:
 def precision_of(
     sigmas: Iterable[tuple[Valued, float]], *, most: int = 9
 ) -> Callable[[Quantity], int]:
-    """Return the same as `precision`, for parameters with their sigmas."""
+    """Return the function of `precision` for these parameters and sigmas, with at most `most` decimal places."""
     listed = tuple(sigmas)
 
     def places(quantity: Quantity) -> int:
@@ -52,7 +52,7 @@ def precision_of(
 
 
 def nominal_places(parameters: Iterable[Parameter]) -> Callable[[Quantity], int]:
-    """Decimal places that show the nominal values exactly."""
+    """Return a function that gives the decimal places that show a quantity's nominal values exactly."""
     listed = tuple(parameters)
 
     def places(quantity: Quantity) -> int:
@@ -71,9 +71,9 @@ def parameter_table(
     nominal_key: bool = True,
     note: str = "",
 ) -> FactTable:
-    """Nominal, identified, change, sigma and interval, and the other estimator's values.
+    """Return the table of nominal and identified values, changes, sigmas, intervals and the other estimator's values.
 
-    `sides` gives the side of each parameter: arm, ground or tool.
+    `repeatability`: type A standard uncertainties (P,), rad and m. `sides`: arm, ground or tool, by parameter.
     """
     own = f"{estimate.estimator} (chosen)"
     columns = [*words("parameter", "unit"), *figures("nominal")]
@@ -136,7 +136,7 @@ def _beside(p: Parameter, places: int, other: Estimate) -> Cell:
 def estimators_table(
     estimate: Estimate, beside: Estimate | None, *, diverged: bool = False
 ) -> FactTable | None:
-    """Values and sigmas of both estimators from the same poses, and their difference; None for a single one.
+    """Return the table of both estimators' values and sigmas, and their differences; None with one estimator.
 
     `diverged`: the solution diverged, and neither estimate is usable.
     """
@@ -190,13 +190,13 @@ def estimators_table(
 
 
 def change_of(parameter: Parameter, value: float, reference: float) -> float:
-    """Return how far a value is from another, an angle the short way round."""
+    """Return value minus reference; for an angle, modulo a turn, between -pi and pi."""
     change = value - reference
     return math.remainder(change, 2.0 * math.pi) if parameter.is_angle else change
 
 
 def dh_table(solution: Solution) -> FactTable | None:
-    """D-H table, with identified entries beside nominal ones; None for a loop without such a table."""
+    """Return the D-H table, with identified beside nominal entries; None for a loop without a D-H table."""
     model = solution.model
     before = model.dh_table(nominal_vector(model.parameters))
     after = model.dh_table(solution.estimate.x)
@@ -248,7 +248,7 @@ def shown_kinds(*, with_beta: bool) -> tuple[DhKind, ...]:
 
 
 def jackknife_table(estimate: Estimate, spread: FloatArray | None) -> FactTable | None:
-    """Return every sigma beside its jackknife value (each pose left out in turn)."""
+    """Return the table of sigmas and jackknife sigmas (each pose left out in turn); None if not computed."""
     if spread is None:
         return None
     places, rows = precision(estimate), []
@@ -268,7 +268,7 @@ def jackknife_table(estimate: Estimate, spread: FloatArray | None) -> FactTable 
 
 
 def tolerated_table(solution: Solution) -> FactTable | None:
-    """Lengths, twists and offsets that were corrected within their tolerances."""
+    """Return the table of lengths, twists and offsets corrected within their tolerances; None without any."""
     estimate = solution.estimate
     places, round_places = precision(estimate), nominal_places(estimate.parameters)
     rows = []
@@ -299,7 +299,7 @@ def tolerated_table(solution: Solution) -> FactTable | None:
 
 
 def correlation_table(estimate: Estimate) -> FactTable:
-    """Correlations of the parameters, lower triangle, shaded by size."""
+    """Return the table of the parameters' correlations, lower triangle, shaded by magnitude."""
     matrix = correlations(estimate.covariance)
     listed = [p.name for p in estimate.parameters]
 

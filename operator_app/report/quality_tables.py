@@ -26,7 +26,7 @@ from solver.diagnostics.hypothesis_tests import FOLDS
 from solver.estimators.estimate import ClosureSigmas, Estimate
 
 BAR_PER_DECADE, BAR_DECADES = 10, 4
-"""Bar of a condition number: twenty characters for 100, forty for 10,000 or more."""
+"""Length of the bar of a condition number: 20 characters for 100, 40 for 10,000 or more."""
 OBSERVABILITY = (
     "geometric mean of the singular values over root m",
     "smallest over largest singular value",
@@ -37,7 +37,7 @@ OBSERVABILITY = (
 
 
 def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactTable:
-    """Condition, rank, degrees of freedom, chi2, weakest direction."""
+    """Return the table of condition number, rank, chi2 and degrees of freedom, with the weakest direction as a note."""
     estimate, identifiability = solution.identified, solution.seen
     weights = ", ".join(
         f"{name} {significant(weight, 2)}"
@@ -73,7 +73,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
 
 
 def trend_table(solution: Solution) -> FactTable | None:
-    """Return the table of the condition number over the number of poses; None where it is not known."""
+    """Return the table of the condition number over the number of poses; None with fewer than two values."""
     trend = solution.seen.trend
     if len(trend) < 2:
         return None
@@ -99,7 +99,7 @@ def trend_table(solution: Solution) -> FactTable | None:
 
 
 def hand_table(solution: Solution) -> FactTable | None:
-    """Return the position uncertainty of the tool at the poses of the calibration."""
+    """Return the table of the tool's position uncertainty at the poses of the calibration; None if not computed."""
     hand = solution.hand
     if hand is None:
         return None
@@ -117,7 +117,7 @@ def hand_table(solution: Solution) -> FactTable | None:
 
 
 def accuracy_table(solution: Solution) -> FactTable | None:
-    """Return the tool's accuracy over the joints' ranges, before and after calibration."""
+    """Return the table of the tool position error over the joint ranges, before and after; None if not computed."""
     accuracy = solution.accuracy
     if accuracy is None:
         return None
@@ -211,7 +211,7 @@ def truth_in_words(solution: Solution) -> str:
 
 
 def observability_table(solution: Solution) -> FactTable:
-    """Return the five observability indices of the literature."""
+    """Return the table of the five observability indices of the literature."""
     return FactTable(
         ident="observability",
         title="Observability of the scaled Jacobian (no unit)",
@@ -234,7 +234,7 @@ CLOSURE_COLUMNS = (
 
 
 def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | None) -> FactTable:
-    """Closure sigmas before and after calibration, by both interpretations, and for held-out poses."""
+    """Return the table of closure sigmas before and after calibration, as rms and as printed, and of held-out poses."""
     estimate = solution.identified
     rows = [
         closure_row("nominal, before", solution.before, key=("before",)),
@@ -276,17 +276,12 @@ def closure_row(
 ) -> tuple[Cell, ...]:
     """Return one row of closure sigmas.
 
-    Parameters
-    ----------
-    key
-        Key of the figures in JSON; None: not in JSON.
-    reading
-        Name in JSON of a figure that exists in one interpretation only.
+    `key`: key of the figures in JSON; None: not in JSON. `reading`: key of the rms if only that is in JSON.
     """
     cells: list[Cell] = [name]
     turned = sigmas.orientation_rad
     if turned is not None and turned.rms == 0.0:
-        # Journals of earlier versions: no rotation closes.
+        # Journals of earlier versions have 0 if the loop has no rotation equations.
         turned = None
     for symbol, kind, both in (
         ("sigma_pos_mm", SIGMA_POS, sigmas.position_m),
@@ -301,7 +296,7 @@ def closure_row(
 
 
 def causes_table(solution: Solution) -> FactTable | None:
-    """Return the causes, the most probable first; only the page and JSON show their sentences."""
+    """Return the table of possible faults, most probable first, with sentences for the page only; None without any."""
     rows = tuple(
         (
             cause.code,
@@ -327,7 +322,7 @@ def causes_table(solution: Solution) -> FactTable | None:
 
 
 def tests_table(solution: Solution) -> FactTable | None:
-    """Return every hypothesis test of the verdict; those that fired are marked."""
+    """Return the table of the verdict's hypothesis tests, with marks at those that fired; None without any."""
     rows = tuple(
         (
             t.code,

@@ -1,4 +1,4 @@
-"""Tables of a session's joints, sensors and poses, for the page."""
+"""Tables of a session's joints, sensors and poses, for the HTML page."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from solver.estimators.error_model import SD_OF_PEAK
 from solver.estimators.estimate import Estimate
 
 CORRECTION_ODD = 3.0
-"""A joint is marked whose corrections (rms) exceed the stated uncertainty of its readings by this factor."""
+"""A joint is marked if the rms of its corrections exceeds the uncertainty of its readings by this factor."""
 
 
 def sensed_joints(subject: Subject) -> tuple[int, ...]:
-    """Joints whose readings were used."""
+    """Return the joints (from 1) whose readings were used."""
     return tuple(
         j
         for j, joint in enumerate(subject.procedure.arm.joints, 1)
@@ -39,7 +39,7 @@ def sensed_joints(subject: Subject) -> tuple[int, ...]:
 
 
 def rvdt_joints(subject: Subject) -> tuple[int, ...]:
-    """Joints read by an RVDT."""
+    """Return the joints (from 1) with an RVDT."""
     return tuple(
         j
         for j, joint in enumerate(subject.procedure.arm.joints, 1)
@@ -48,7 +48,7 @@ def rvdt_joints(subject: Subject) -> tuple[int, ...]:
 
 
 def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
-    """Sensor, corrections and coverage of every joint."""
+    """Return the table of every joint's sensor, corrections and covered range."""
     arm, q, used = subject.procedure.arm, subject.readings_rad, sensed_joints(subject)
     sigma, stated, rows = arm.sigma_rad(), _stated_rad(arm), []
     for j, joint in enumerate(arm.joints, 1):
@@ -93,8 +93,8 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
 
 
 def _stated_rad(arm: ArmModel) -> FloatArray:
-    """Stated standard uncertainty of each joint's reading (n,), rad."""
-    encoder = math.sqrt(2.0) * arm.accuracy_rad  # once and twice per turn
+    """Return the stated standard uncertainty of each joint's reading (n,), rad."""
+    encoder = math.sqrt(2.0) * arm.accuracy_rad  # errors once and twice per turn
     curve = rms_per_amplitude() * SD_OF_PEAK * arm.linearity_rad()
     parts = (arm.sigma_rad(), encoder, curve, arm.gain_rad(), arm.backlash_rad, arm.sag_rad)
     return np.asarray(np.sqrt(sum(part**2 for part in parts)))
@@ -115,7 +115,7 @@ def sensor_words(sensor: Sensor, *, used: bool) -> str:
 
 
 def rvdt_table(subject: Subject) -> FactTable | None:
-    """Gain, linearity and noise of each RVDT against the angle that the loop measures, with their limits."""
+    """Return the table of each RVDT's gain, linearity and noise, relative to the loop's angles; None without any."""
     rows: list[tuple[Cell, ...]] = []
     for verdict in () if subject.solution is None else subject.solution.rvdt:
         sensor = subject.procedure.arm.joints[verdict.joint - 1].sensor
@@ -154,7 +154,7 @@ def rvdt_table(subject: Subject) -> FactTable | None:
 
 
 def pose_table(subject: Subject, estimate: Estimate | None) -> FactTable:
-    """All captured poses with their residuals, notes, and reasons for exclusion."""
+    """Return the table of all captured poses with their closure errors, notes, and reasons for exclusion."""
     joints = subject.procedure.arm.joint_count
     days = {pose.utc[:10] for pose in subject.poses}
     day = f", {min(days)}" if len(days) == 1 and all(days) else ""

@@ -1,4 +1,4 @@
-"""Lines of a terminal as spans; a span is text with the role that styles it."""
+"""Lines for a terminal, made of spans; a span is text with a role, which selects its style."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ def line(*parts: str | Span) -> Line:
 
 
 def entry(label: str, *parts: str | Span, column: int = 12) -> Line:
-    """Make a line with a label at its left, in a column of this width."""
+    """Make a line with a label at its left, in a column of `column` characters."""
     return line((f" {label:<{column - 1}}", "dim"), *parts)
 
 
 short_entry = partial(entry, column=11)
-"""A line with a label in the narrower column of steps that have a drawing."""
+"""Make a line with a label in the narrower column of steps that have a drawing."""
 
 
 def length(of: Line) -> int:
-    """Number of cells that a line takes; every character used is one cell wide."""
+    """Return the number of cells that a line takes; every character used is one cell wide."""
     return sum(len(text) for text, _ in of)
 
 
@@ -44,7 +44,7 @@ def clip(of: Line, width: int) -> Line:
 
 
 def cut(rows: list[Line], width: int, height: int, more: str) -> list[Line]:
-    """Return at most `height` rows; if some are cut, the last one states how many."""
+    """Return at most `height` rows; if some are cut off, the last row ends with the text `more`."""
     if len(rows) <= height:
         return rows
     if height < 1:
@@ -55,15 +55,15 @@ def cut(rows: list[Line], width: int, height: int, more: str) -> list[Line]:
 
 
 def wrapped(text: str, width: int, role: str = "text", indent: str = "") -> list[Line]:
-    """Wrap a sentence; continuation lines are indented."""
+    """Wrap text to lines of `width` characters; continuation lines begin with `indent`."""
     rows = textwrap.wrap(text, max(width, 8), subsequent_indent=indent, break_long_words=True)
     return [((row, role),) for row in rows] or [()]
 
 
 def window(rows: Sequence[Line], first: int, height: int) -> tuple[list[Line], int, int]:
-    """Return the rows from `first` on that fit, how many they are, and the index of the first.
+    """Return the rows from `first` on that fit, their number, and the index of the first.
 
-    The last row states the number of rows that do not fit.
+    If not all rows fit, a last row states how many are below or, at the end, above.
     """
     if len(rows) <= height:
         return list(rows), len(rows), 0
@@ -75,6 +75,6 @@ def window(rows: Sequence[Line], first: int, height: int) -> tuple[list[Line], i
 
 
 def beside(left: Line, right: Line, width: int) -> Line:
-    """Combine two lines, one at the left end and one at the right end."""
+    """Return one line with `left` at its left end and `right` at its right end."""
     gap = max(1, width - length(left) - length(right))
     return (*left, (" " * gap, "text"), *right)

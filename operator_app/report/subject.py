@@ -1,4 +1,4 @@
-"""The subject of a report: one session's facts, poses and calibration."""
+"""The subject of a report: one session with its poses and calibration."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Subject:
     checks
         Cross-validation and jackknife of the solution; None where they were not computed.
     recalculated_because
-        Why the solution is not the one in the journal; empty if it is.
+        Reason why the solution is not the one in the journal; empty if it is.
     last_utc, events, torn
         Time of the journal's last event, number of events, and text about an incomplete line dropped from its end.
     simulated
@@ -65,7 +65,7 @@ class Subject:
 
     @property
     def facts(self) -> Facts | None:
-        """The facts of the calibration; None without one."""
+        """The facts of the calibration; None without a calibration."""
         if self.solution is None:
             return None
         return facts_of(
@@ -102,7 +102,7 @@ class Subject:
 
     @property
     def implicit(self) -> Estimate | None:
-        """Estimate of the implicit estimator, whether or not it was chosen."""
+        """Estimate of the implicit estimator, chosen or not; None if there is none."""
         if self.solution is None:
             return None
         both = (self.solution.identified, self.solution.beside)
@@ -125,12 +125,12 @@ class Subject:
 
     @property
     def readings_rad(self) -> FloatArray:
-        """Readings of the poses used, (m, n), rad."""
+        """Mean readings of the poses used, (m, n), rad."""
         return np.array([p.mean_rad for p in self.used])
 
     @property
     def unsensed_joints(self) -> tuple[int, ...]:
-        """Joints whose readings were not used."""
+        """Joints (from 1) whose readings were not used."""
         if self.solution is None:
             return self.procedure.unsensed_joints
         return self.solution.model.unsensed_joints
@@ -145,16 +145,16 @@ def subject_of_session(
     torn: str = "",
     unidentifiable: UnidentifiableError | None = None,
 ) -> Subject:
-    """Read a session's journal.
+    """Return the subject of a session, from the events of its journal.
 
     Parameters
     ----------
     procedure
-        The session's procedure, with the connected arm.
+        Procedure of the session, with the connected arm.
     found
-        Its calibration; None if the poses do not determine every parameter.
+        Calibration of the session; None if the poses do not determine every parameter.
     unidentifiable
-        The undetermined parameters, in that case.
+        Error with the undetermined parameters, in that case.
     """
     return Subject(
         name=name,
@@ -182,17 +182,17 @@ def _simulated(events: Sequence[JournalEvent]) -> bool:
 
 
 def facts_on(s: SessionSnapshot) -> Facts | None:
-    """Return the facts of a snapshot's calibration; None if its poses have none."""
+    """Return the facts of a snapshot's calibration; None if it has no calibration of its poses."""
     return None if no_facts(s) else _facts(_Same(s))
 
 
 def subject_on(s: SessionSnapshot) -> Subject | None:
-    """Return the report subject of a snapshot's calibration; None if its poses have none."""
+    """Return the report subject of a snapshot; None if it has no calibration of its poses."""
     return None if no_facts(s) else _subject(_Same(s))
 
 
 def no_facts(s: SessionSnapshot) -> str:
-    """Return text on why there is no calibration to show; empty if there is one."""
+    """Return the reason why a snapshot has no calibration of its poses; empty if it has one."""
     if s.solution is None:
         return "no calibration of these poses yet"
     counting = sum(not pose.excluded for pose in s.state.poses)
@@ -202,10 +202,7 @@ def no_facts(s: SessionSnapshot) -> str:
 
 
 class _Same:
-    """Cache key of a snapshot: the parts of it that a calibration depends on.
-
-    Snapshots come 20 times a second.
-    """
+    """Cache key of a snapshot (there are 20 per second): the parts that the facts depend on."""
 
     def __init__(self, s: SessionSnapshot) -> None:
         self.s = s

@@ -23,7 +23,7 @@ class Column:
     Attributes
     ----------
     title, unit
-        Its header; the unit in brackets.
+        Header, with the unit in brackets.
     words
         Whether its cells are text, aligned to the left.
     group
@@ -43,7 +43,7 @@ class Column:
 
 
 def words(*titles: str) -> tuple[Column, ...]:
-    """Return columns of words."""
+    """Return columns of text."""
     return tuple(Column(title, words=True) for title in titles)
 
 
@@ -65,7 +65,7 @@ class FactTable:
     detail
         Whether only the HTML page shows it.
     out
-        Rows (indices) that are not used, shown dimmed.
+        Indices of rows that are not used, shown dimmed.
     """
 
     ident: str
@@ -100,7 +100,7 @@ class FactTable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Headline:
-    """A figure that summarises a calibration, and the limit to compare it with; `closure`: a closure sigma."""
+    """A figure that summarises a calibration, with a note; `closure`: whether it is a closure sigma."""
 
     name: str
     figure: Figure
@@ -109,17 +109,17 @@ class Headline:
 
     @property
     def text(self) -> str:
-        """``rank 14 (of 14)``."""
+        """Text such as ``rank 14 (of 14)``."""
         return self.figure_text + (f" ({self.note})" if self.note else "")
 
     @property
     def figure_text(self) -> str:
-        """``rank 14``."""
+        """Text such as ``rank 14``."""
         return f"{self.name} {self.figure.with_unit}"
 
 
 def keyed(tables: Iterable[FactTable]) -> dict[str, Any]:
-    """Return all figures that have a key as one object; whole-number keys make lists."""
+    """Return all figures that have a key as one JSON object; integer keys become lists."""
     tree: dict[str | int, Any] = {}
     for figure in (c for t in tables for row in t.rows for c in row if isinstance(c, Figure)):
         if figure.key:

@@ -1,4 +1,4 @@
-"""Facts as text and tables for a terminal of 80 columns, and as lines of spans for its panels."""
+"""Facts as text and tables for a terminal of 80 columns, and as lines of spans for the terminal app."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def facts_text(facts: Facts, *, failed: str = "") -> str:
 
 
 def verdict_text(facts: Facts, *, failed: str = "") -> str:
-    """Return the verdict with its reasons and, in the same line, the test with new poses that `failed`."""
+    """Return the verdict with its reasons; its first line also names a `failed` test with new poses."""
     reasons = facts.reasons
     head = facts.verdict.upper()
     if failed:
@@ -51,7 +51,7 @@ def verdict_text(facts: Facts, *, failed: str = "") -> str:
 
 
 def _codes_in_verdict(facts: Facts) -> set[str]:
-    """Codes of notices that the verdict already includes: its causes or, if it is not accepted, the blocking ones."""
+    """Return the codes of notices that the verdict includes: all causes if accepted, otherwise the blocking ones."""
     return {c.code for c in facts.causes if facts.accepted or c.blocking}
 
 
@@ -65,13 +65,13 @@ def table_text(table: FactTable) -> str:
 
 
 def table_lines(table: FactTable, gap: str = "  ", margin: str = "  ") -> list[str]:
-    """Return head and rows of a table without columns that only the page shows."""
+    """Return the header and rows of a table as lines, without columns that only the page shows."""
     heads, rows = placed(table.brief, gap)
     return [(margin + gap.join(cells)).rstrip() for cells in (*heads, *rows)]
 
 
 def placed(table: FactTable, gap: str) -> tuple[list[list[str]], list[list[str]]]:
-    """Return the aligned rows of the head (groups above titles) and of the body."""
+    """Return the header rows (groups above titles) and the body rows, as padded cells."""
     if not table.rows:
         return [], []
     columns, groups = table.columns, _groups(table.columns)
@@ -98,7 +98,7 @@ def placed(table: FactTable, gap: str) -> tuple[list[list[str]], list[list[str]]
 
 
 def _groups(columns: Sequence[Column]) -> list[tuple[int, int]]:
-    """First column of every group, and the one after its last."""
+    """Return the index of the first column of every group, and of the column after its last."""
     starts = [
         k
         for k, column in enumerate(columns)
@@ -110,11 +110,11 @@ def _groups(columns: Sequence[Column]) -> list[tuple[int, int]]:
 
 
 ROLES = {"found": "bold"}
-"""Roles of figures that the screen maps to another style."""
+"""Roles of figures that the terminal app shows in the style of another role."""
 
 
 def table_spans(table: FactTable) -> tuple[list[Line], list[Line]]:
-    """Return head and body of a table, as spans, without columns that only the page shows."""
+    """Return the header and body of a table as spans, without columns that only the page shows."""
     table = table.brief
     heads, rows = placed(table, " ")
     body = [
@@ -133,7 +133,7 @@ def table_spans(table: FactTable) -> tuple[list[Line], list[Line]]:
 
 
 def headline_spans(headlines: Sequence[Headline], width: int) -> Line:
-    """Return headlines side by side; the last ones without their notes if these do not fit."""
+    """Return headlines side by side, without the notes of the last ones where these do not fit."""
     row = ""
     for with_note in range(len(headlines), -1, -1):
         texts = [h.text if k < with_note else h.figure_text for k, h in enumerate(headlines)]
@@ -153,7 +153,7 @@ MANY_JOINTS = 2
 
 
 def unidentifiable_text(error: UnidentifiableError) -> str:
-    """Return why a pose set does not determine every parameter, and the remedy."""
+    """Return text on why a pose set does not determine every parameter, and on the remedy."""
     directions = error.directions
     joints = sorted({j for d in directions for j in d.immobile_joints})
     if len(joints) > MANY_JOINTS:
@@ -181,7 +181,7 @@ def unidentifiable_text(error: UnidentifiableError) -> str:
 
 
 def aligned(rows: Sequence[Sequence[str]], *, left: bool = False) -> str:
-    """Return rows as columns, the first one left-aligned, the others right-aligned (if `left`, left-aligned too)."""
+    """Return rows as aligned text: the first column to the left, the others to the right or, if `left`, to the left."""
     columns = list(zip_longest(*(map(sanitized, row) for row in rows), fillvalue=""))
     for k, cells in enumerate(columns):
         width = max(map(len, cells))
@@ -191,5 +191,5 @@ def aligned(rows: Sequence[Sequence[str]], *, left: bool = False) -> str:
 
 
 def paragraph(text: str, indent: int = 0, width: int = WIDTH) -> str:
-    """Wrap one sentence or more to the width of a terminal."""
+    """Wrap text to `width` characters, with `indent` spaces before continuation lines."""
     return textwrap.fill(text, width, subsequent_indent=" " * indent, break_long_words=False)

@@ -1,4 +1,4 @@
-"""Tables of the sources of error (sizes, shares of variances, effect of halving one) and of the posterior's results."""
+"""Tables of sources of error (magnitudes, shares of variance, effect of halving one) and of the posterior's results."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ from solver.posterior.corrections import ReadingCorrection
 
 SMALLEST_P = 1e-12
 LARGEST = 3
-"""Number of sources of error that are named if not all can be shown."""
+"""Number of sources of error that are named where there is no room for all."""
 
 
 def components_table(
     components: VarianceComponents | None, *, diverged: bool = False
 ) -> FactTable | None:
-    """Size of every estimated source of error, with its interval.
+    """Return the table of the estimated standard deviations of the sources of error, with intervals; None without any.
 
-    If the solution has `diverged`, there is no note on the fixture's compliance.
+    If the solution has `diverged`, the table has no note on the fixture's compliance.
     """
     if components is None or (not components.components and components.compliance is None):
         return None
@@ -86,7 +86,7 @@ def component_words(name: str) -> str:
 
 
 def budget_table(solution: Solution) -> FactTable | None:
-    """Share of every parameter's variance due to each source of error."""
+    """Return the table of each source's share in every parameter's variance; None if not computed."""
     if solution.components is None:
         return None
     estimate, budget = solution.estimate, solution.components.budget
@@ -119,7 +119,7 @@ def budget_table(solution: Solution) -> FactTable | None:
 
 
 def sensitivity_table(solution: Solution) -> FactTable | None:
-    """For the largest sigmas: the largest source, and the sigma if that source were halved."""
+    """Return the table of the largest sigmas, their largest sources, and the sigmas with these halved; None if none."""
     sensitivities = source_sensitivities(solution)
     rows: list[tuple[Cell, ...]] = []
     for h in sensitivities:
@@ -154,7 +154,7 @@ def source_words(source: str) -> str:
 
 
 def scale_table(solution: Solution) -> FactTable | None:
-    """Ratio of the size of each family of errors to the stated size."""
+    """Return the table of each error family's ratio of estimated to stated magnitude; None if not estimated."""
     if not solution.scales:
         return None
     rows: list[tuple[Cell, ...]] = [
@@ -177,7 +177,7 @@ def scale_table(solution: Solution) -> FactTable | None:
 
 
 def distance_table(solution: Solution) -> FactTable | None:
-    """Distances between the sockets of a ball."""
+    """Return the table of the distances between the sockets of a ball; None without any."""
     if not solution.distances:
         return None
     known = any(d.measured for d in solution.distances)
@@ -201,7 +201,7 @@ def distance_table(solution: Solution) -> FactTable | None:
 
 
 def _measured(distance: Distance) -> tuple[Cell, ...]:
-    """Cells of a measured distance."""
+    """Return the cells of a measured distance, empty if it was not measured."""
     if distance.measured is None:
         return ("", "")
     stated = distance.measured
@@ -209,7 +209,7 @@ def _measured(distance: Distance) -> tuple[Cell, ...]:
 
 
 def best_table_table(solution: Solution) -> FactTable | None:
-    """D-H table that gives the best tool position if no corrections are applied."""
+    """Return the D-H table that gives the best tool position without corrections; None if not computed."""
     best = solution.best
     if best is None:
         return None
@@ -236,7 +236,7 @@ def best_table_table(solution: Solution) -> FactTable | None:
 
 
 def posterior_data(solution: Solution) -> dict[str, Any]:
-    """Return the JSON keys of the posterior's results; angles in deg, lengths in m or as the key says."""
+    """Return the posterior's results as JSON data; angles in deg, lengths in m or as the key states."""
     best = solution.best
     data: dict[str, Any] = {
         "shares": dict(solution.shares),
@@ -280,7 +280,7 @@ _PER_SI = np.array([np.rad2deg(1.0) if kind.is_angle else 1.0 for kind in DhKind
 
 
 def _correction_data(c: ReadingCorrection) -> dict[str, Any]:
-    """Return one correction; its coefficients are in deg, those for gravity in deg/(N m) kg and deg/(N m) kg m."""
+    """Return one correction; coefficients are in deg, for gravity in deg/(N m) kg and deg/(N m) kg m."""
     data: dict[str, Any] = {
         "source": c.source,
         "joint": c.joint,

@@ -13,10 +13,10 @@ True
 
 Functions, in the order of use, and what each returns::
 
-    load_arm, load_fixture   Arm, Fixture: from a file, or packaged by name
+    load_arm, load_fixture   Arm, Fixture: from a file, or built-in by name
     load_poses, poses_of     Poses: readings of a CSV file or data frame, or of an array
-    plan                     Plan: the most informative poses, before any is taken
-    simulate                 Simulation: readings of a simulated arm, with the truth
+    plan                     Plan: the most informative poses, before any is measured
+    simulate                 Simulation: readings of a simulated arm, with its true values
     calibrate                Result: values, sigmas, intervals, verdict, fk, export; Table by its table()
     verify                   Verification: a Result tested with new poses
     compare                  Comparison: what drifted between two Results
@@ -24,7 +24,7 @@ Functions, in the order of use, and what each returns::
 
 Errors, besides TypeError and ValueError for a wrong argument::
 
-    ConfigError, WriteError  a file is wrong, or cannot be written
+    ConfigError, WriteError  a file is invalid, or cannot be written
     FixtureError             arm and fixture do not go together
     SolverError              the poses do not suffice for a calibration
     UnidentifiableError      a SolverError: the poses do not determine every parameter
@@ -34,12 +34,12 @@ Errors, besides TypeError and ValueError for a wrong argument::
 Each has a help text: ``help(sarcal.Result)``. For a first script, type ``sarcal help scripting`` in a shell.
 
 Your own readings may be an array (`poses_of`), a CSV file or a data frame (`load_poses`); an arm and a fixture are
-files, or the names of packaged ones. The end of a name is its unit: ``_rad``, ``_deg``, ``_m``, ``_mm``. Angles are
+files, or names of built-in ones. The end of a name is its unit: ``_rad``, ``_deg``, ``_m``, ``_mm``. Angles are
 sensor readings: joint angle = reading + theta_off.
 
 **Stability.** The names in ``sarcal.__all__``, their parameters and the attributes in their docstrings are this
-program's interface. They change only in a release that raises the version's first number (before 1.0: the second),
-after one that warned (`DeprecationWarning`). The same holds for the keys of `Result.to_json`, which are those of
+program's interface. They change only in a major release (before 1.0: a minor release), after a release that gave a
+`DeprecationWarning`. The same holds for the keys of `Result.to_json`, which are those of
 ``sarcal solve --json``. Estimates may change in their last digits: a better error model moves them within their sigmas.
 Everything else that can be imported (``operator_app``, ``hardware``, ``fixtures``, ``solver``) may change with any
 release.
@@ -50,7 +50,7 @@ from typing import TYPE_CHECKING, Any
 
 from operator_app.package_names import require_own_names
 
-# Checked before these packages are imported: a later failure would be far from its cause.
+# Checked before these packages are imported: a later error would be hard to trace to its cause.
 require_own_names()
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ _NAMES = {
     "sarcal.tables": ("Table",),
     "solver.errors": ("SolverError", "UnidentifiableError"),
 }
-"""Names by module, which is imported at first use of one of them, so that `import sarcal` is fast."""
+"""Names by module; each module is imported when one of its names is first used, so that `import sarcal` is fast."""
 
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 
@@ -125,6 +125,6 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    # Functions only: pydoc prints every class that dir() names with all it inherits, 1,300 lines.
+    # Functions only: for every class in dir(), pydoc prints all inherited members, 1,300 lines.
     functions = [name for name in __all__ if name.islower()]
     return ["__all__", "__doc__", "__file__", "__name__", "__path__", *functions]

@@ -5,10 +5,10 @@
     CAN_INTERFACE=my_arm CAN_CHANNEL=127.0.0.1:7400 pytest --pyargs sarcal.arm_contract
 
 The arm is found as `sarcal run` finds it. `SARCAL_PROCEDURE` names the procedure with its arm, fixture and speeds
-(default hinge). **The arm moves**: the drive joints move by `STEP_RAD` and back, and STOP is tried. An arm that is
-moved by hand does not move. Without CAN_INTERFACE the embedded virtual arm is used.
+(default hinge). **The arm moves**: the drive joints move by `STEP_RAD` and back, and STOP is tested. These
+motions are left out for an arm that is moved by hand. Without CAN_INTERFACE the embedded virtual arm is used.
 
-The requirements are in `hardware.commissioning`, `clauses` and `checks`; `sarcal arm-check` tests the same.
+The requirements are in `hardware.commissioning.clauses` and `.checks`; `sarcal arm-check` tests the same.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 STEP_RAD = math.radians(2.0)
 BOUNDS = Bounds(samples=10, still_rad=math.radians(0.5), near_rad=math.radians(0.5))
-"""Step of a drive joint in a fixture, where other joints follow; and limits of comparisons with an arm in a fixture."""
+"""Step of a drive joint, and limits of comparisons: both for an arm in a fixture, where the other joints follow."""
 
 
 class ConnectedArm:
@@ -45,7 +45,7 @@ class ConnectedArm:
 
     @property
     def drives(self) -> tuple[int, ...]:
-        """Joints in position mode: those in the procedure or, if none, those that now move the others most."""
+        """Joints (from 1) in position mode: all in an open chain, else those of the procedure, else the best set."""
         fixture = self.procedure.fixture.fixture
         if not fixture.holds_hand:
             return tuple(range(1, self.n + 1))
@@ -56,24 +56,24 @@ class ConnectedArm:
         return rank_at_pose(model, nominal_vector(model.parameters), q_rad)[0].drives
 
     def ready(self) -> tuple[int, ...]:
-        """Enable the drives in the modes of a capture; return the drive joints."""
+        """Take control, set the modes of a capture, and return the drive joints."""
         drives = self.drives
         self.arm.take_control()
         self.arm.set_modes(self.modes(drives))
         return drives
 
     def modes(self, drives: tuple[int, ...]) -> list[JointMode]:
-        """Position mode for `drives`, free for the others."""
+        """Return position mode for `drives`, and free mode for the other joints."""
         numbers = range(1, self.n + 1)
         return [JointMode.POSITION if j in drives else JointMode.FREE for j in numbers]
 
     @property
     def speed_rad_per_s(self) -> float:
-        """Speed of the procedure."""
+        """Joint speed from the procedure."""
         return self.procedure.capture.speed_rad_per_s
 
     def away(self, joint: int) -> float:
-        """A target `STEP_RAD` away, on the side where the joint has more range."""
+        """Return a target, rad, `STEP_RAD` from the joint's position, towards the farther end of its range."""
         position, limits = (
             self.arm.snapshot().joints[joint - 1],
             self.procedure.arm.joints[joint - 1],
@@ -82,7 +82,7 @@ class ConnectedArm:
         return position.position_rad + (STEP_RAD if up else -STEP_RAD)
 
     def turn(self, joint: int, target_rad: float, speed_rad_per_s: float) -> checks.Turn:
-        """Move a joint to a target."""
+        """Return the motion of a joint to a target, for a check to run."""
         return checks.Turn(
             arm=self.arm,
             joint=joint,
@@ -92,14 +92,14 @@ class ConnectedArm:
         )
 
     def require_moved(self) -> None:
-        """Skip requirements that cannot be tested on an arm that a person moves."""
+        """Skip the test if the arm is moved by hand."""
         if self.identity.by_hand:
             pytest.skip("this arm is moved by hand")
 
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConnectedArm]:
-    """The arm, connected once; every test leaves it ready for the next one."""
+    """Connect the arm once for all tests; every test leaves it ready for the next one."""
     named = os.environ.get("SARCAL_PROCEDURE", "hinge")
     opening = begin(named, Choices(), root=tmp_path_factory.mktemp("contract"))
     with open_arm(opening) as rig:
@@ -107,10 +107,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConnectedArm]:
 
 
 def fulfils(tried: Clause | Iterable[Clause]) -> None:
-    """Test every clause on the arm, up to the first failure.
-
-    Skip the test, with the reason, if a clause could not be tested.
-    """
+    """Assert every clause, up to the first failure; skip the test, with the reasons, if one could not be tested."""
     count, unknown = 0, []
     for clause in [tried] if isinstance(tried, Clause) else tried:
         count += 1

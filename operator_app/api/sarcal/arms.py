@@ -1,10 +1,10 @@
-"""The `Arm` protocol and its data types, for packages that add an arm to ``sarcal``.
+"""The `Arm` interface and its data types, for packages that add an arm to ``sarcal``.
 
 ``sarcal help outside-arm`` shows a complete package. Its entry point, in group ``sarcal.arm``, refers to an `ArmOffer`;
 ``-i NAME -c CHANNEL`` makes `sarcal` request that arm with an `ArmOrder`. Angles are sensor readings, rad.
 
-`identity_of`, `snapshot_of` and `reading_of` build an arm's answers from plain angles; `SimulatedChain` is a simulated
-arm in its fixture for tests of the package. The names in ``__all__`` are as stable as those of `sarcal`; new fields may
+`identity_of`, `snapshot_of` and `reading_of` make the objects that an arm returns; `SimulatedChain` is a simulated arm
+in its fixture for tests of the package. The names in ``__all__`` are as stable as those of `sarcal`; new fields may
 be added to objects made by `sarcal`, and, with defaults, to those made by an arm.
 """
 
@@ -98,11 +98,11 @@ def identity_of(
     device_name: str = "",
     by_hand: bool = False,
 ) -> ArmIdentity:
-    """Return the identity of an arm all of whose joints have the same identity.
+    """Return the identity of an arm whose joint drives have no identities of their own.
 
-    `serial_number` distinguishes arms, so that a session never has poses of two of them. `speaks` names the protocol in
-    text for the operator, such as ``"JSON"``. A simulated arm has a `device_name` that begins with `SIMULATED_NAME`.
-    `by_hand`: only a person moves it, so that no hardware stop is required.
+    `serial_number` must differ between arms, so that a session never has poses of two arms. `speaks` names the protocol
+    in text for the operator, such as ``"JSON"``. A simulated arm has a `device_name` that begins with
+    `SIMULATED_NAME`. `by_hand`: only a person moves the arm, so that no hardware stop is required.
     """
     nodes = tuple(
         NodeIdentity(
@@ -136,7 +136,7 @@ def snapshot_of(
     torques_nm: ArrayLike | None = None,
     moving: bool = False,
 ) -> ArmSnapshot:
-    """Return the state of an arm from its latest sample, which has the number `sample` and is `age_s` old.
+    """Return the state of an arm from its latest sample, whose number is `sample` and whose age is `age_s`.
 
     `angles_rad`, `torques_nm` and `modes` have one entry per joint; missing torques are taken as zero.
     """
@@ -171,7 +171,7 @@ def snapshot_of(
 
 
 def reading_of(order: ArmOrder, samples_rad: ArrayLike, *, first_sample: int) -> Reading:
-    """Return the statistics of samples (k, n); the first has the number `first_sample`."""
+    """Return mean and standard deviation of samples (k, n), rad; `first_sample` is the number of the first one."""
     samples = np.asarray(samples_rad, dtype=float)
     mean = samples.mean(axis=0)
     scales = [joint.scale for joint in order.description.joints]
@@ -196,9 +196,9 @@ class SimulatedChain:
     Parameters
     ----------
     arm, fixture
-        Files, or names of packaged ones.
+        Files, or names of built-in ones.
     seed
-        Seed of the true geometry, which is drawn within the tolerances of the files.
+        Seed of the true geometry, which is drawn at random within the tolerances of the files.
     scenario
         Scenario of the arm's errors, as in `sarcal --scenario`.
 
@@ -230,7 +230,7 @@ class SimulatedChain:
         self.step([None] * model.joint_count, self.angles_rad)
 
     def step(self, modes: Sequence[JointMode | None], targets_rad: FloatArray) -> FloatArray:
-        """Advance 10 ms; return the angles.
+        """Simulate 10 ms and return the sensor readings (n,), rad.
 
         `modes` has one entry per joint, None where the drive is off and the joint is blocked; `targets_rad` (n,) is
         used in position mode.

@@ -1,4 +1,4 @@
-"""`calibrate`: calibrates an arm from poses in a fixture. `load_result`: reads the result of a session."""
+"""`calibrate` calibrates an arm from poses in a fixture; `load_result` reads the result of a session."""
 
 from __future__ import annotations
 
@@ -43,27 +43,27 @@ def calibrate(
     Parameters
     ----------
     arm, fixture
-        As for `load_arm` and `load_fixture`: a path, a packaged name, or an object that they returned.
+        As for `load_arm` and `load_fixture`: a path, a built-in name, or an object that they returned.
     poses
         As for `load_poses`: a path, a data frame, `Poses`, or a `Simulation`.
     estimator
         ``implicit`` weights every joint by its sensor and includes all errors that the files state; ``paper`` is the
         published unweighted least squares.
     unsensed_joints
-        Joints (from 1) whose readings are not to be used.
+        Joints (from 1) whose readings are not used.
     global_start
         Search without a first guess instead of starting from the nominal values.
     drop_unidentifiable
-        Fix parameters that the poses do not determine at their nominal values, instead of refusing.
+        Fix parameters that the poses do not determine at their nominal values, instead of raising UnidentifiableError.
     length_tolerance_mm
-        Standard deviation of the maker's lengths; None: as stated in the arm's file.
+        Standard deviation of the lengths in the arm file; None: as stated there.
     checks
         Also compute the cross-validation: jackknife and hold-out.
 
     Returns
     -------
     Result
-        Also when it is not accepted, see `Result.accepted` and `Result.reasons`.
+        Also if the calibration is not accepted, see `Result.accepted` and `Result.reasons`.
 
     Raises
     ------
@@ -124,9 +124,9 @@ SESSIONS = Path("sessions")
 
 @one_blas_thread
 def load_result(session: str | PathLike[str]) -> Result:
-    """Read the calibration of a session that ``sarcal run``, ``sarcal import`` or `Result.save` made.
+    """Return the calibration of a session made by ``sarcal run``, ``sarcal import`` or `Result.save`.
 
-    Nothing is solved again, except for sessions of versions that stored no solution.
+    It is not solved again, unless the session is of a version that stored no solution.
 
     Parameters
     ----------
@@ -136,11 +136,11 @@ def load_result(session: str | PathLike[str]) -> Result:
     Raises
     ------
     TypeError
-        The argument is no path.
+        The argument is not a path.
     SessionError
         There is no such session, it cannot be read, or none of its poses is used.
     SolverError, FixtureError
-        It had to be solved again, and its poses do not suffice.
+        The session had to be solved again, and its poses do not suffice.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Calls of the library: checks the arguments before anything is computed, with one BLAS thread.
+"""Checks of the arguments of the library's functions, and the limit to one BLAS thread.
 
 An error names the argument, its value and the valid values: TypeError for a wrong type, ValueError for a wrong value.
 """
@@ -20,21 +20,21 @@ if TYPE_CHECKING:
 
 
 LARGEST_TOLERANCE_MM = 100.0
-"""Limit, as of ``--length-tolerance``."""
+"""Largest permitted value, as for ``--length-tolerance``."""
 
 LONGEST_SHOWN = 80
-"""Most characters of a value in an error."""
+"""Maximum number of characters of a value in an error message."""
 
 
 def shown(value: Any) -> str:
-    """Return a value in one short line."""
+    """Return a value as one short line of text."""
     short = reprlib.Repr()
     short.maxother = short.maxstring = LONGEST_SHOWN
     return " ".join(short.repr(value).split())
 
 
 def whole(name: str, value: Any, *, least: int = 0) -> int:
-    """Check a whole number, which must be `least` or more, and return it."""
+    """Return a whole number after checking that it is `least` or more."""
     expected = f"give a whole number, {least} or more"
     if isinstance(value, bool | np.bool_):
         raise TypeError(f"{name}={value}: {expected}")
@@ -48,7 +48,7 @@ def whole(name: str, value: Any, *, least: int = 0) -> int:
 
 
 def numbers(name: str, value: Any) -> FloatArray:
-    """Check real, finite numbers and return them as an array of floats."""
+    """Return an array of floats after checking that all numbers are real and finite."""
     try:
         array = np.asarray(value)
     except ValueError:
@@ -73,7 +73,7 @@ def numbers(name: str, value: Any) -> FloatArray:
 
 
 def number(name: str, value: Any) -> float:
-    """Check one real, finite number and return it."""
+    """Return a number after checking that it is real and finite."""
     array = numbers(name, value)
     if array.ndim:
         raise TypeError(f"{name} has shape {array.shape}: give one number")
@@ -93,7 +93,7 @@ def tolerance_m(name: str, value_mm: Any) -> float | None:
 
 
 def joints(name: str, value: Any, joint_count: int) -> tuple[int, ...]:
-    """Check joint numbers, counted from 1, and return them in ascending order, each once."""
+    """Return joint numbers (from 1), checked, in ascending order, each once."""
     expected = f"give a list of joint numbers from 1 to {joint_count}, such as [6, 7]"
     if isinstance(value, str | bytes) or not isinstance(value, Iterable):
         raise TypeError(f"{name}={shown(value)}: {expected}")
@@ -110,13 +110,13 @@ def joints(name: str, value: Any, joint_count: int) -> tuple[int, ...]:
 
 
 def one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:
-    """Refuse a value that is not one of the choices."""
+    """Raise ValueError if a value is not one of the choices."""
     if value not in choices:
         raise ValueError(f"{name}={shown(value)}: give {' or '.join(map(repr, choices))}")
 
 
 def readings_rad(name: str, value: Any, lower_rad: FloatArray, upper_rad: FloatArray) -> FloatArray:
-    """Check sensor readings (n,) or (m, n) against these ranges, which they may exceed by a turn, and return them."""
+    """Return sensor readings (n,) or (m, n), rad, after checking that they exceed their ranges by at most one turn."""
     readings, n = numbers(name, value), len(lower_rad)
     if readings.ndim == 0 or readings.shape[-1] != n:
         raise ValueError(f"{name} has shape {readings.shape}: {shape_wanted(readings.shape, n)}")
@@ -147,14 +147,13 @@ R = TypeVar("R")
 def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
     """Run `function` with one BLAS thread.
 
-    Matrices here have some tens of rows: more threads wait for each other and, on busy cores, take seconds
-    instead of a third of one. The limit holds for the whole process until `function` returns; then the caller's
-    setting is restored.
+    Matrices here have some tens of rows: several threads wait for each other and, on busy cores, take seconds
+    instead of a third of a second. The limit applies to the whole process until `function` returns.
     """
 
     @wraps(function)
     def limited(*args: P.args, **kwargs: P.kwargs) -> R:
-        import scipy.linalg  # noqa: F401 - its BLAS has to be loaded to be limited
+        import scipy.linalg  # noqa: F401 - its BLAS must be loaded before it can be limited
         from threadpoolctl import threadpool_limits
 
         with threadpool_limits(limits=1, user_api="blas"):

@@ -1,4 +1,4 @@
-"""`verify` and `compare`: a calibration against new poses, and against an earlier one."""
+"""`verify` tests a calibration with new poses; `compare` compares it with an earlier one."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Verification:
 
     @property
     def holds(self) -> bool:
-        """Whether the calibration predicts these poses within its stated uncertainty."""
+        """Whether the calibration predicts the new poses within its stated uncertainty."""
         return self._found.holds
 
     @property
@@ -44,7 +44,7 @@ class Verification:
 
     @property
     def odd_poses(self) -> tuple[str, ...]:
-        """Names of poses that deviate too far for chance, the worst first."""
+        """Names of the poses that deviate by more than chance allows, the largest deviation first."""
         return tuple(self._poses.names[k] for k in self._found.odd_poses)
 
     def to_json(self) -> dict[str, Any]:
@@ -68,13 +68,15 @@ def verify(result: Result, poses: str | PathLike[str] | Poses | Any) -> Verifica
     result
         The calibration; it is not fitted again.
     poses
-        As for `load_poses`; other poses than those of the calibration.
+        As for `load_poses`; none of them may have been used in the calibration.
 
     Raises
     ------
+    TypeError, ConfigError
+        `result` is not a `Result`, or `poses` is invalid.
     ValueError
-        Some poses are poses of the calibration itself, or of other placements, or have measured endpoints although its
-        fixture has no instrument.
+        Some poses were used in the calibration, are of another placement, or have measured endpoints although its
+        fixture is not ``measured``.
 
     Examples
     --------
@@ -110,7 +112,7 @@ class Comparison:
 
     @property
     def drifted(self) -> tuple[str, ...]:
-        """Parameters that changed by more than noise, the largest change first."""
+        """Names of the parameters that changed significantly, the most significant first."""
         return tuple(d.name for d in self._found.drifted)
 
     def to_json(self) -> dict[str, Any]:
@@ -141,14 +143,14 @@ def compare(
     level
         Probability of a false alarm, over all parameters together.
     remounted
-        Whether the fixture was taken off in between: only the arm's own parameters are compared.
+        Whether the fixture was dismounted in between; only the arm's own parameters are then compared.
 
     Raises
     ------
     IncomparableError
         The two are not of the same arm, or have no parameter in common.
     ConfigError, SessionError
-        There is no such file or session, or there is no calibration in it.
+        A file or session does not exist, or has no calibration.
     TypeError, ValueError
         An argument is invalid; the text names it.
 

@@ -1,4 +1,4 @@
-"""Arm and fixture objects of the library: the content of a file. Computes nothing."""
+"""Arm and fixture of the library, read from their files."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Arm:
     name
         Model name, e.g. ``sarcos_dextrous``.
     source_file
-        File it was read from; ``packaged:...`` for a packaged one.
+        File it was read from; ``packaged:...`` for a built-in arm.
 
     Examples
     --------
@@ -55,24 +55,24 @@ class Arm:
 
     @property
     def lower_rad(self) -> FloatArray:
-        """Lower ends of the ranges, sensor coordinates, shape (n,)."""
+        """Lower ends of the joint ranges, as sensor readings, shape (n,)."""
         return self._model.lower_rad
 
     @property
     def upper_rad(self) -> FloatArray:
-        """Upper ends of the ranges, sensor coordinates, shape (n,)."""
+        """Upper ends of the joint ranges, as sensor readings, shape (n,)."""
         return self._model.upper_rad
 
     @property
     def home_rad(self) -> FloatArray:
-        """Home pose, sensor coordinates, shape (n,)."""
+        """Home pose, as sensor readings, shape (n,)."""
         return self._model.home_rad
 
     def fk(self, q_rad: ArrayLike) -> FloatArray:
-        """Pose of frame n in the arm's base frame, from the values in its file: before any calibration.
+        """Return the pose of frame n in the arm's base frame, from the uncalibrated values in its file.
 
-        For readings (n,) or (m, n), rad, returns T_base_flange (4, 4) or (m, 4, 4), lengths in m; `Result.fk` with
-        ``frame="flange"`` returns the calibrated one. Raises TypeError or ValueError for invalid readings of this arm.
+        For readings (n,) or (m, n), rad, returns T_base_flange (4, 4) or (m, 4, 4), lengths in m. Raises TypeError or
+        ValueError for readings that are not valid for this arm. For the calibrated pose, see `Result.fk`.
         """
         q = readings_rad("q_rad", q_rad, self.lower_rad, self.upper_rad)
         return T_base_flange(self._model.table, q)
@@ -90,7 +90,7 @@ class Fixture:
     name, kind
         Name shown to the operator; ``hinge``, ``ball``, ``rigid`` or ``measured``.
     source_file
-        File it was read from; ``packaged:...`` for a packaged one.
+        File it was read from; ``packaged:...`` for a built-in fixture.
 
     Examples
     --------
@@ -110,12 +110,12 @@ class Fixture:
 
 
 def load_arm(arm: str | PathLike[str] | Arm) -> Arm:
-    """Read an arm by the path of its file or the name of a packaged one; an `Arm` is returned as it is.
+    """Return the arm in this file, or the built-in arm with this name; an `Arm` is returned unchanged.
 
     Raises
     ------
     TypeError
-        The argument is none of these.
+        The argument is neither a path, a name nor an `Arm`.
     ConfigError
         The file is invalid; the text lists all problems with line, key and remedy.
     """
@@ -127,7 +127,7 @@ def load_arm(arm: str | PathLike[str] | Arm) -> Arm:
 
 
 def load_fixture(fixture: str | PathLike[str] | Fixture) -> Fixture:
-    """Read a fixture by the path of its file or the name of a packaged one; raises the same errors as `load_arm`."""
+    """Return the fixture in this file, or the built-in fixture with this name; raises the same errors as `load_arm`."""
     if isinstance(fixture, Fixture):
         return fixture
     resource = resolve("fixture", _reference("fixture", fixture))

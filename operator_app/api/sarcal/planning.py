@@ -1,4 +1,4 @@
-"""`plan` and `simulate`: the most informative poses before anything moves, and simulated poses for tests."""
+"""`plan` chooses the most informative poses before the arm moves; `simulate` returns simulated poses for tests."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ class Plan:
 
     @property
     def drive_joints(self) -> tuple[int, ...]:
-        """Joints (from 1) to put into position mode; the others are free."""
+        """Joints (from 1) in position mode; the others are free."""
         return self._shown.choice.drives
 
     @property
     def q_rad(self) -> FloatArray:
-        """Predicted readings of the planned poses, (m, n)."""
+        """Predicted sensor readings of the planned poses, (m, n)."""
         return np.array([p.q_rad for p in self._shown.poses])
 
     @property
     def sigmas(self) -> Mapping[str, float]:
-        """Predicted standard deviations by name and unit, as `Result.sigmas`, for errors of stated size."""
+        """Predicted standard deviations by name and unit, as `Result.sigmas`, with errors as stated in the files."""
         return with_units(self._shown.parameters, self._shown.plan.predicted_sigma.tolist())
 
     @property
@@ -81,7 +81,7 @@ def plan(
     poses
         Number of poses.
     drive_joints
-        Joints (from 1) for position mode; None: the best set is chosen.
+        Joints (from 1) in position mode; None: the best set is chosen.
     unsensed_joints
         Joints whose readings will not be used.
     samples
@@ -94,7 +94,7 @@ def plan(
     TypeError, ValueError
         An argument is invalid; the text names it.
     SessionError
-        No plan can be made; the text has the reason and the remedy.
+        No plan can be made; the text gives the reason and the remedy.
 
     Examples
     --------
@@ -122,7 +122,7 @@ def plan(
 
 @dataclass(frozen=True, slots=True)
 class Simulation:
-    """Simulated readings and the truth behind them; made by `simulate`.
+    """Simulated readings and the true parameters; made by `simulate`.
 
     Attributes
     ----------
@@ -145,11 +145,12 @@ def simulate(
     samples: int = 32,
     seed: int = 0,
 ) -> Simulation:
-    """Draw an arm and its mounting at random, and simulate readings of poses.
+    """Draw the true parameters of an arm and its mounting at random, and return simulated readings.
 
-    Errors are about 2 deg in offsets, half the stated tolerance in the placement, and the stated tolerance in lengths
-    and twists. Sensors have their stated resolution and noise, and RVDTs the largest linearity deviation within
-    specification. Encoder scale errors, play, sag and compliance are left out; ``sarcal run`` simulates them.
+    Standard deviations: for offsets the tolerance in the arm file, or 2 deg if there is none; for lengths and twists
+    their stated tolerances. The placement deviates by at most half its stated tolerance. Sensors have their stated
+    resolution and noise, and RVDTs the largest linearity deviation within specification. Not included: encoder
+    scale errors, backlash, sag and compliance, which ``sarcal run`` simulates.
 
     Parameters
     ----------
@@ -167,7 +168,7 @@ def simulate(
     TypeError, ValueError
         An argument is invalid; the text names it.
     SessionError
-        The loop does not close near the arm's home, or that many poses are not possible in it.
+        The loop does not close near the arm's home pose, or does not allow that many poses.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Measured poses: conversion from and to arrays, CSV files and data frames."""
+"""Measured poses, from arrays, CSV files or data frames, and to CSV files."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Poses:
     Attributes
     ----------
     source
-        Where the poses come from, as text.
+        Origin of the poses, as text, such as the path of a file.
 
     Examples
     --------
@@ -50,12 +50,12 @@ class Poses:
 
     @property
     def q_rad(self) -> FloatArray:
-        """Readings, sensor coordinates, shape (m, n), read-only."""
+        """Sensor readings, shape (m, n), read-only."""
         return self._set.q_rad
 
     @property
     def q_deg(self) -> FloatArray:
-        """Readings in degrees."""
+        """Sensor readings in degrees, shape (m, n)."""
         return np.rad2deg(self._set.q_rad)
 
     @property
@@ -69,7 +69,7 @@ class Poses:
         return self._set.label
 
     def to_csv(self, path: str | PathLike[str]) -> Path:
-        """Write a poses file (degrees) from which exactly the same numbers are read."""
+        """Write a poses file in degrees, from which the same numbers are read, and return its path."""
         target = Path(path)
         target.write_bytes(format_poses(self._set))
         return target
@@ -98,14 +98,14 @@ def poses_of(
     Parameters
     ----------
     q_rad, q_deg
-        Readings (m, n), in one of the two units: angles as read from the sensors, continuous, without offsets.
+        Sensor readings (m, n), in one of the two units, continuous, without offsets.
     placement
         Number (from 1) of the fixture placement of each pose (m,), or one number for all; None: a single placement.
     names
         Name of each pose; None: 1 to m.
     samples, sd_rad
-        Number of samples averaged in each pose (m,), and their spread (m, n). Either may be one number for all poses;
-        the spread may also be one number for each joint (n,). None: one sample each.
+        Number of samples averaged in each pose (m,), and their standard deviation (m, n). Either may be one number for
+        all poses; the standard deviation may also be one number per joint (n,). None: one sample per pose.
     endpoint_m
         Endpoint measured by an instrument, for a ``measured`` fixture: (m, 3), or (m, 6) with a rotation vector, rad.
         With any other fixture it is not used, and a warning of the result says so.
@@ -113,7 +113,7 @@ def poses_of(
     Raises
     ------
     TypeError, ValueError
-        The poses are invalid; the text has the reason.
+        The poses are invalid; the text gives the reason.
 
     Examples
     --------
@@ -148,7 +148,7 @@ def poses_of(
 
 
 def _one_a_pose(name: str, value: Any, poses: int) -> IntArray:
-    """Return a whole number for each pose, from 1; a single one applies to all."""
+    """Return whole numbers, 1 or more, one per pose (m,); a single number applies to all poses."""
     values = [value] * poses if np.ndim(value) == 0 else value
     numbers_read = [whole(name, number, least=1) for number in values]
     if len(numbers_read) != poses:
@@ -162,7 +162,7 @@ def _one_a_pose(name: str, value: Any, poses: int) -> IntArray:
 
 
 def _spread_rad(value: Any, shape: tuple[int, ...]) -> FloatArray:
-    """Return standard deviations of the readings; a single one, or one for each joint, applies to all."""
+    """Return standard deviations of the readings (m, n); one number, or one per joint, applies to all poses."""
     spread = numbers("sd_rad", value)
     if spread.shape not in (shape, shape[1:], ()):
         raise ValueError(
@@ -173,7 +173,7 @@ def _spread_rad(value: Any, shape: tuple[int, ...]) -> FloatArray:
 
 
 def _endpoint_m(value: Any, poses: int) -> FloatArray:
-    """Return points, or points and rotation vectors, one for each pose."""
+    """Return the measured endpoints: points (m, 3), or points and rotation vectors (m, 6)."""
     endpoint = numbers("endpoint_m", value)
     if endpoint.shape not in ((poses, 3), (poses, 6)):
         raise ValueError(
@@ -195,16 +195,16 @@ def load_poses(
         columns ``theta1_deg`` to ``thetaN_deg``, and optionally ``placement``, ``pose``, ``sd1_deg``.., ``samples``,
         ``x_m``,``y_m``,``z_m``. `Poses` are returned as they are, and so are those of a `Simulation`.
     joint_count
-        Number of the arm's joints; None: as in the file.
+        Required number of joints; None: any.
 
     Raises
     ------
     ConfigError
-        The file is wrong; lists all problems with line, column and remedy.
+        The file is invalid; the text lists all problems with line, column and remedy.
     ValueError
-        These `Poses` are of an arm with another number of joints.
+        The `Poses` do not have `joint_count` joints.
     TypeError
-        The argument is a bare array: state its unit with ``poses_of(q_rad=...)`` or ``poses_of(q_deg=...)``.
+        `source` is none of these. For an array, use `poses_of`, which states the unit.
     """
     held = getattr(source, "poses", None)
     if isinstance(held, Poses):
@@ -232,7 +232,7 @@ def load_poses(
 
 
 def _csv_of(frame: Any, columns: list[str]) -> bytes:
-    """Write a data frame as a poses file, column by column, so that a frame of any library can be used."""
+    """Return a data frame of any library as the bytes of a poses file."""
     cells = {name: [_cell(v) for v in frame[name]] for name in columns}
     count = len(next(iter(cells.values()), []))
     head = {
@@ -246,6 +246,6 @@ def _csv_of(frame: Any, columns: list[str]) -> bytes:
 
 
 def _cell(value: Any) -> str:
-    """Write one value with as many digits as are needed to read the same double."""
+    """Return a value as text, with as many digits as are needed to read the same double."""
     plain = value.item() if hasattr(value, "item") else value
     return repr(plain) if isinstance(plain, float) else str(plain)

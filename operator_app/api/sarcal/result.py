@@ -1,4 +1,4 @@
-"""Result of a calibration: values with units, tables, tool position, files. Computes nothing itself."""
+"""Result of a calibration: values with units, tables, tool position, files."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ class Result:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Reasons why it is not accepted; empty when it is."""
+        """Reasons why the calibration is not accepted; empty if it is."""
         return self._solution.reasons
 
     @property
@@ -141,7 +141,7 @@ class Result:
 
     @property
     def corrections(self) -> tuple[Mapping[str, Any], ...]:
-        """Corrections of readings that `fk` applies on request, as data: ``corrections`` of `to_json`."""
+        """Corrections of the readings, as in `to_json`; `fk` applies them with ``corrections=True``."""
         return tuple(self.to_json()["corrections"])
 
     @property
@@ -150,7 +150,7 @@ class Result:
         return tuple(t.ident for t in self._facts.tables)
 
     def table(self, name: str = "parameters") -> Table:
-        """Return one table; raises KeyError, which lists the available names, if there is none of that name."""
+        """Return the table with this name; raises KeyError, which lists the available names, if there is none."""
         table = self._facts.table(name)
         if table is None:
             raise KeyError(f"no table {name!r}; there are {', '.join(self.tables)}")
@@ -164,18 +164,18 @@ class Result:
     def figure(self, name: str = "parameters") -> PaperFigure:
         """Return one figure for a paper, as wide as one or two columns of a journal.
 
-        A notebook shows it; ``figure("budget").savefig("budget.svg")`` writes it, and ``.pdf`` with the
-        extra ``[plots]``.
+        A notebook shows it; ``figure("budget").savefig("budget.svg")`` writes it to a file, which may also be ``.pdf``
+        with the extra ``[plots]``.
 
         Raises
         ------
         KeyError
-            There is no figure of that name; the text lists those available.
+            There is no figure with this name; the text lists those available.
         """
         return draw_figure(self._subject, name)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the object of ``sarcal solve --json``: deg and m, by the endings of its keys."""
+        """Return the object of ``sarcal solve --json``; angles in deg, lengths in m or as the key states."""
         return self._facts.json
 
     @property
@@ -188,35 +188,35 @@ class Result:
     def fk(
         self, q_rad: ArrayLike, *, frame: Frame = "tip", corrections: bool = False
     ) -> FloatArray:
-        """Pose of the tool in the arm's base frame, by the best D-H table.
+        """Return the pose of the tool in the arm's base frame, by default from the best D-H table.
 
         Parameters
         ----------
         q_rad
             Sensor readings (n,) or (m, n), rad.
         frame
-            ``tip``: the point of the tool at the fixture (with a hinge, its axis is z there); ``flange``: frame n of
-            the arm's own D-H table, which stays valid in another mounting, as in an exported URDF.
+            ``tip``: the point of the tool at the fixture (with a hinge, z is along its axis); ``flange``: frame n of
+            the arm's own D-H table, as in an exported URDF, which stays valid in another mounting.
         corrections
             Use the identified table and the corrections of the readings instead (`Result.corrections`): more accurate,
             for a controller that can apply them.
 
         Returns
         -------
-        T_base_tip (4, 4) or (m, 4, 4), lengths in m.
+        T_base_tip or T_base_flange, (4, 4) or (m, 4, 4), lengths in m.
 
         Raises
         ------
         TypeError, ValueError
-            The readings, taken as radians, are not valid for this arm, or there is no such frame.
+            The readings are not valid for this arm, or there is no such frame.
         """
         one_of("frame", frame, get_args(Frame))
         return self._hand.T_base(self._readings(q_rad), frame, corrected=corrections)
 
     def tip_sigma(self, q_rad: ArrayLike) -> FloatArray:
-        """Standard deviation of the distance between the true tip and its position by `fk`, in m.
+        """Return the standard deviation of the tip position from `fk`, over its three components together, in m.
 
-        From the covariance of the parameters, in the arm's base frame; errors of the readings are not included.
+        It follows from the covariance of the parameters, without errors of the readings.
 
         Parameters
         ----------
@@ -233,21 +233,21 @@ class Result:
     # -- files -------------------------------------------------------------------------------------
 
     def save(self, folder: str | PathLike[str], *, overwrite: bool = False) -> Path:
-        """Write a session folder: journal, poses.csv, report.html, and parameters.yaml if there are any.
+        """Write a session folder (journal, poses.csv, report.html, parameters.yaml) and return its path.
 
-        ``sarcal report``, ``compare``, ``verify`` and ``export`` work on it. `parameters.yaml` is left out
-        where the calibration was not accepted, or has no D-H table of the whole loop (a ball).
+        ``sarcal report``, ``compare``, ``verify`` and ``export`` work on it. parameters.yaml is left out
+        if the calibration was not accepted, or has no D-H table of the whole loop (a ball).
 
-        A notebook cell or a script may be run again: a session of the same poses, arm and fixture in the folder is
-        replaced, and its exports are removed. Other files remain.
+        A session of the same poses, arm and fixture in the folder is replaced, and its exports are removed, so that a
+        notebook cell or a script may be run again. Other files remain.
 
         Parameters
         ----------
         folder
             A new folder, a folder without a session, or one with a session of the same poses, arm and fixture.
         overwrite
-            Replace a saved or imported session of other data as well. A session captured from an arm, or one that was
-            edited (notes, excluded poses), is never replaced.
+            Also replace a saved or imported session of other data. A session that was captured from an arm or edited
+            (notes, excluded poses) is never replaced.
 
         Raises
         ------
@@ -285,16 +285,15 @@ class Result:
         force: str = "",
         into: str | PathLike[str] | None = None,
     ) -> Path:
-        """Write one file for another tool, as ``sarcal export --format`` does.
+        """Write one file for another tool, as ``sarcal export --format`` does, and return its path.
 
         Parameters
         ----------
         path
             Its ending selects the format: ``.yaml`` parameters file, ``.json`` everything, ``.csv`` one row for each
-            parameter, ``.urdf`` the arm's own side, ``.mat`` MATLAB.
+            parameter, ``.urdf`` the arm without its mounting, ``.mat`` MATLAB.
         force
-            Reason for using a calibration that is not accepted; it is written into the file. It has no effect on an
-            accepted one.
+            Reason for using a calibration that is not accepted, written into the file. Not used for an accepted one.
         into
             Your own URDF, xacro with literal numbers or UR ``default_kinematics.yaml``: the output is that file with
             only the joint origins changed, whatever the ending.
@@ -308,6 +307,8 @@ class Result:
         SessionError
             The calibration is not accepted and `force` gives no reason; or a parameters file was requested but there is
             no D-H table of the whole loop (a ball).
+        WriteError
+            The file cannot be written.
         """
         if not isinstance(force, str):
             raise TypeError(f'force={force!r}: state the reason, as force="reason"')
@@ -370,7 +371,7 @@ class Result:
 
     @cached_property
     def _state_source(self) -> Journalled | ImportedSession:
-        """Source of the poses, as it is (or would be) recorded in a session."""
+        """The session that the result was read from, or that `save` would write."""
         origin = self._origin
         return origin if isinstance(origin, Journalled) else self._session(origin)
 

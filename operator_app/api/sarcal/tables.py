@@ -55,11 +55,11 @@ class Table:
 
     @property
     def rows(self) -> tuple[tuple[str, ...], ...]:
-        """Cells as shown; the exact numbers are in `Result.values` and `Result.to_json`."""
+        """Cells as printed; the exact numbers are in `Result.values` and `Result.to_json`."""
         return tuple(tuple(shown(cell) for cell in row) for row in self._facts.whole.rows)
 
     def to_frame(self) -> Any:
-        """Return a pandas data frame; ImportError if pandas is not installed."""
+        """Return a pandas data frame; raises ImportError if pandas is not installed."""
         import pandas as pd  # type: ignore[import-not-found,import-untyped,unused-ignore]
 
         return pd.DataFrame(list(self.rows), columns=list(self.columns))
@@ -75,7 +75,7 @@ class Table:
 
 
 def with_units(parameters: Iterable[Parameter], values: Iterable[float]) -> Mapping[str, float]:
-    """Return values (rad, m) in deg and mm, read-only."""
+    """Return values (rad, m) converted to deg and mm, read-only, by parameter name and unit."""
     return MappingProxyType(
         {
             f"{p.name}_deg" if p.is_angle else f"{p.name}_mm": (

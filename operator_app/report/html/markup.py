@@ -1,6 +1,6 @@
-"""HTML and SVG elements, in which text is escaped unless it is already markup; common parts of sections; style sheet.
+"""HTML and SVG elements, common parts of sections, and the style sheet.
 
-Strings from operators, buses and files therefore appear in the page as text.
+Text is escaped unless it is already markup, so that strings from operators, buses and files cannot add markup.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ WHITE_SPACE = "\t\n\r"
 
 
 class Html(str):
-    """Markup; every other string is text."""
+    """A string of markup; any other string is text, to be escaped."""
 
     __slots__ = ()
 
@@ -35,7 +35,7 @@ Attribute = str | int | float | bool | None
 
 
 def text(value: str) -> Html:
-    """Return a string as markup: escaped, unless it is markup already."""
+    """Return a string as markup, escaped unless it is already markup."""
     if isinstance(value, Html):
         return value
     return Html(html.escape(sanitized(value, keep=WHITE_SPACE), quote=True))
@@ -61,12 +61,12 @@ def element(tag: str, *children: str, **attributes: Attribute) -> Html:
 
 
 def join(parts: Iterable[str]) -> Html:
-    """Put pieces one after another."""
+    """Return the parts joined as markup; text is escaped."""
     return Html("".join(text(part) for part in parts))
 
 
 def spoken(value: str) -> Html:
-    """Return text from a person, isolated so that its right-to-left marks do not affect the text around it."""
+    """Return text from a person as an isolated element, so that its writing direction affects no other text."""
     return element("bdi", value)
 
 
@@ -81,7 +81,7 @@ WRITTEN_OPTION = re.compile(r"--[a-z-]+(?: \d[\d,]*)?")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
-    """One section: anchor, heading, content; a narrow one takes half of the page."""
+    """One section of the page: anchor, heading, content; a narrow section takes half of the page's width."""
 
     ident: str
     title: str
@@ -117,7 +117,7 @@ def figure(caption: str, drawn: Html) -> Html:
 
 
 def plots(drawn: Iterable[Html]) -> Html:
-    """Arrange figures side by side where there is room."""
+    """Return figures side by side where there is room."""
     return element("div", *drawn, class_="plots")
 
 
@@ -139,7 +139,7 @@ def sentence(text: str) -> str:
 
 
 def prose(text: str) -> Html:
-    """Return a sentence in which options of the command line are highlighted and not broken."""
+    """Return text in which options of the command line are highlighted and not broken across lines."""
     parts: list[str] = []
     end = 0
     for option in WRITTEN_OPTION.finditer(text):
@@ -152,7 +152,7 @@ def prose(text: str) -> Html:
 
 
 def table_html(table: FactTable) -> Html:
-    """Build a table whose first column heads its rows."""
+    """Return an HTML table whose first column contains the row headers."""
     table = table.whole
     starts = [
         bool(c.group) and c.group != before.group
@@ -178,7 +178,7 @@ def table_html(table: FactTable) -> Html:
 
 
 def _words(cell: Cell) -> Html:
-    """Return the content of a cell; text from people and devices is isolated (see `spoken`)."""
+    """Return the content of a cell; text longer than 40 characters is isolated (see `spoken`)."""
     if isinstance(cell, Figure):
         content = text(typeset(cell.shown))
         return element("span", "▲ ", content, class_="warn") if cell.role == "warn" else content
@@ -213,7 +213,7 @@ def _header(columns: tuple[Column, ...]) -> list[Html]:
 
 
 def _class(column: Column, cell: Cell = "", *, starts: bool) -> str | None:
-    """CSS class of a cell: numbers are aligned right, and a gap precedes the first column of a group."""
+    """Return the CSS classes of a cell: ``n`` for numbers, ``start`` for the first column of a group, its role."""
     classes = [] if column.words else ["n"]
     classes += ["start"] if starts else []
     if isinstance(cell, Figure) and cell.role not in ("text", "warn"):
@@ -256,7 +256,7 @@ DARK_COLOURS = {
     "minus": "240 163 94",
 }
 HEAT_ALPHA = 0.09
-"""Opacity of a cell of the heat table, per step."""
+"""Opacity of a cell in the table of correlations, per step of magnitude."""
 
 
 def _variables(colours: dict[str, str]) -> str:

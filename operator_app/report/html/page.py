@@ -52,11 +52,11 @@ if TYPE_CHECKING:
 
 
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
-"""Content security policy of the page: a browser loads nothing for it."""
+"""Content security policy of the page: the browser loads no other resource."""
 
 
 def report_html(subject: Subject) -> bytes:
-    """Return the page, UTF-8. The same journal gives the same bytes."""
+    """Return the report page of a session, UTF-8; the same journal gives the same bytes."""
     sections = sections_of(subject)
     title = (
         f"{subject.procedure.arm.name} {subject.state.serial_number}: "
@@ -82,7 +82,7 @@ def report_html(subject: Subject) -> bytes:
 
 
 def document(title: str, body: Html, *, generator: str = "") -> bytes:
-    """Return a whole page, UTF-8, that loads nothing."""
+    """Return a complete page, UTF-8, that loads no other resource."""
     made_by = [element("meta", name="generator", content=generator)] if generator else []
     head = element(
         "head",
@@ -111,7 +111,7 @@ REPORT_NAME = "report.html"
 
 
 def write_report(session: Session) -> Path:
-    """Make the page from the session's journal and write it into the session's folder."""
+    """Write the report page into the session's folder and return its path; GuardError without a current calibration."""
     calibration = journal_calibration(session.state)
     if not isinstance(calibration, StoredCalibration):
         raise GuardError("There is no calibration of these poses", "Calibrate first (step 5)")
@@ -126,7 +126,7 @@ def write_report(session: Session) -> Path:
 
 
 def verdict_words(subject: Subject) -> str:
-    """Return the verdict in a word or two."""
+    """Return the verdict in words, such as ``Accepted``."""
     facts = subject.facts
     return ("not identifiable" if facts is None else facts.verdict).capitalize()
 
@@ -142,7 +142,7 @@ def summary(subject: Subject) -> Html:
 
 
 def _widest(subject: Subject) -> list[Html]:
-    """Text on the least certain parameter and the remedy; empty without an uncertainty budget."""
+    """Return paragraphs on the least certain parameter and the remedy; empty without an uncertainty budget."""
     sensitivities = () if subject.solution is None else source_sensitivities(subject.solution)
     if not sensitivities:
         return []
@@ -163,7 +163,7 @@ def _widest(subject: Subject) -> list[Html]:
 
 
 def _tool(subject: Subject) -> list[Html]:
-    """Tool position error before and after calibration, as figures and as a picture."""
+    """Return the tool position error before and after calibration, as text and pictures; empty if not computed."""
     solution, facts = subject.solution, subject.facts
     if solution is None or facts is None or (accuracy := solution.accuracy) is None:
         return []
@@ -239,7 +239,7 @@ def tiles(facts: Facts | None) -> Html:
 
 
 def _reasons(subject: Subject) -> Sequence[str]:
-    """Reasons for the verdict."""
+    """Return the reasons why the calibration is not accepted or not possible."""
     if subject.facts is not None:
         return subject.facts.reasons
     blind = subject.unidentifiable
@@ -247,7 +247,7 @@ def _reasons(subject: Subject) -> Sequence[str]:
 
 
 def history_html(history: ArmHistory) -> bytes:
-    """Return the page, UTF-8."""
+    """Return the history page of an arm, UTF-8."""
     last = history.calibrations[-1].document
     title = f"{last.arm.model} {last.arm.serial}: history"
     sections = [
@@ -282,7 +282,7 @@ def history_html(history: ArmHistory) -> bytes:
 
 
 def _chart(part: EntryHistory, j: int) -> Html:
-    """Draw one entry over the sessions, with both kinds of control limits where there are any."""
+    """Draw entry `j` over the sessions, with both kinds of control limits where they are known."""
     name, chart = part.names[j], part.chart
     unit = quantity(name)
     count = len(part.calibrations)

@@ -1,4 +1,4 @@
-"""The sections of a report page: which tables, plots and notes it has, and in which order."""
+"""The sections of a report page: their tables, plots and notes, and their order."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ HEADINGS = {
     "observability": "Observability",
     "correlations": "Correlations",
 }
-"""Headings of sections whose table has a long title, or that hold more than the table."""
+"""Headings of sections whose table has a long title, or that contain more than the table."""
 
 
 NARROW = frozenset(
@@ -133,7 +133,7 @@ def sections_of(subject: Subject) -> tuple[Section, ...]:
 
 
 def _of_table(subject: Subject, estimate: Estimate, table: FactTable) -> Section:
-    """Section with one table of the facts, its note, and the plots that belong to it."""
+    """Return the section of one table of the facts, with its note and its plots."""
     content: list[str] = [table_html(table)] if table.rows else []
     if table.note:
         content.append(remark(table.note))
@@ -158,7 +158,7 @@ def _of_table(subject: Subject, estimate: Estimate, table: FactTable) -> Section
 
 
 def _before_and_after(subject: Subject) -> list[str]:
-    """The arm before and after calibration, side by side; the tool error is at the top of the page."""
+    """Return pictures of the arm before and after calibration; empty if it cannot be drawn."""
     pair = None if subject.solution is None else before_after.arm_pair(subject)
     if pair is None:
         return []
@@ -194,7 +194,7 @@ def _warnings(subject: Subject) -> Section | None:
 
 
 def _joints(subject: Subject) -> Section:
-    """Residuals and coverage of each joint."""
+    """Return the section of each joint's corrections and covered range."""
     table = joint_table(subject, subject.implicit)
     pictures = [corrections_by_joint(subject, subject.implicit), coverage(subject)]
     return Section(
@@ -205,7 +205,7 @@ def _joints(subject: Subject) -> Section:
 
 
 def _rvdt(subject: Subject) -> Section | None:
-    """RVDT readings against the angles that the loops measure; None without an RVDT."""
+    """Return the section of RVDT readings against the angles that the loops measure; None without an RVDT."""
     joints, estimate = rvdt_joints(subject), subject.implicit
     if not joints:
         return None
@@ -238,7 +238,7 @@ def _rvdt_verdict(verdict: RvdtVerdict) -> Html:
 
 
 def _poses(subject: Subject, estimate: Estimate | None) -> Section:
-    """Every captured pose, used or not."""
+    """Return the section of all captured poses, used or not."""
     out = [p.number for p in subject.poses if p.excluded]
     points = [f"{plural(len(subject.poses), 'pose')} captured, {len(subject.used)} used."]
     if out:
@@ -252,7 +252,7 @@ def _poses(subject: Subject, estimate: Estimate | None) -> Section:
 
 
 def _provenance(subject: Subject) -> Section:
-    """Arm, fixture, time, software and pose set."""
+    """Return the section that states arm, fixture, procedure, times, software and pose set."""
     procedure = subject.procedure
     fixture = procedure.fixture
     position = [j for j, mode in enumerate(subject.state.modes, 1) if mode == "position"]
@@ -286,7 +286,7 @@ def _provenance(subject: Subject) -> Section:
 
 
 def _method(subject: Subject) -> Section:
-    """Origin of every number on the page."""
+    """Return the section that explains how the numbers on the page were computed."""
     samples = sorted({p.samples for p in subject.poses})
     file = subject.state.imported
     points = [

@@ -24,10 +24,10 @@ from solver.loops.closure import ClosureModel
 
 ASPECT = 1.25
 AXIS_M = 0.08
-"""Half the length at which a hinge's axis is drawn."""
+"""Half the drawn length of a hinge's axis."""
 ENLARGED = (1, 2, 5, 10, 20, 50, 100)
 PANEL_GAP_SHARE = 0.15
-"""Largest width of the drawn gap between tool and fixture, as a share of the picture's size."""
+"""Largest width of the drawn gap between tool and fixture, as a share of the arm's extent in the picture."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +43,7 @@ class Pair:
 
 
 def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
-    """Return pictures of the tool position error over the joints' ranges, before and after; None if not computed."""
+    """Return pictures of the tool position error over the joint ranges, before and after; None if not computed."""
     accuracy = solution.accuracy
     if accuracy is None:
         return None
@@ -90,7 +90,7 @@ def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Words:
-    """Captions of the pictures of an arm; `there` labels the measured point (empty with a fixture)."""
+    """Captions of the pictures of an arm; `there` labels the measured point, empty if a fixture holds the tool."""
 
     title: str
     worst: str
@@ -113,7 +113,7 @@ MEASURED = _Words(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Seen:
-    """Points of arm and fixture for one set of parameters, in the arm's base frame, m; a zero axis is not drawn."""
+    """Points and axes of arm and fixture, in the arm's base frame, m; a zero axis is not drawn."""
 
     chain: FloatArray
     hand_axis: FloatArray
@@ -122,12 +122,12 @@ class _Seen:
 
     @property
     def gap(self) -> FloatArray:
-        """Vector from the tool to the place where the fixture holds it."""
+        """Vector, m, from the tool to the point where the fixture holds it."""
         return np.asarray(self.pin - self.chain[-1])
 
 
 def arm_pair(subject: Subject) -> Pair | None:
-    """Draw the arm in the pose with the largest closure error; None for fixtures without a drawing."""
+    """Draw the arm, before and after, in the pose with the largest nominal closure error; None if not possible."""
     solution = subject.solution
     if solution is None or solution.model.unsensed_joints:
         return None
@@ -137,7 +137,7 @@ def arm_pair(subject: Subject) -> Pair | None:
     at_nominal = closure_at_readings(part, nominal, q)
     missed = np.linalg.norm(at_nominal.residual[:, at_nominal.rotation_rows :], axis=1)
     worst = int(np.argmax(missed))
-    # An instrument measures the tool of an open arm at another place in every pose.
+    # With an instrument, the measured point differs from pose to pose.
     at_worst = part.at_poses(np.array([worst]))
     before = _seen(at_worst, nominal, q[worst])
     after = _seen(at_worst, solution.estimate.x[columns], q[worst])
@@ -187,7 +187,7 @@ def _seen(part: ClosureModel, x: FloatArray, q: FloatArray) -> _Seen | None:
 
 
 def _view(points: FloatArray, up: FloatArray) -> FloatArray:
-    """Return the directions right and up (rows) of the view, upright, that shows these points most spread out."""
+    """Return the right and up directions (rows) of the upright view in which the points have the largest extent."""
     spread = points - points.mean(axis=0)
     # The horizontal axis is the level direction with the largest extent.
     level = spread - np.outer(spread @ up, up)
@@ -213,7 +213,7 @@ def _layers(
         return np.stack((at - AXIS_M * along, at + AXIS_M * along))
 
     joints, held = flat(seen.chain[:-1]), flat(pin[None, :])
-    # A ball and a measured point have no axis: a mark shows them.
+    # A ball and a measured point have no axis: only a mark is drawn.
     turns, (label_there, own) = bool(np.any(seen.pin_axis)), labels
     axes = [
         line(axis(pin, seen.pin_axis), "dashed", label_there),

@@ -14,13 +14,13 @@ from operator_app.units import SPAN, WHOLE_DEGREES
 from solver.arrays import FloatArray
 
 if TYPE_CHECKING:
-    # `sarcal plan` draws with this, without Textual.
+    # Not imported at run time: `sarcal plan` works without Textual.
     from operator_app.report.spans import Line
 
 
 _DOTS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
 _LAST_BITS = 1e-6
-"""Positions that differ only by rounding errors fall on the same dot on every machine."""
+"""Added to a position before rounding down, so that rounding errors do not change the dot."""
 _ASCII_MARK = {"text": "*", "dim": ".", "accent": "o", "warn": "!", "alarm": "!"}
 
 
@@ -30,9 +30,9 @@ class Canvas:
     Parameters
     ----------
     columns, rows
-        Size in cells.
+        Width and height in cells.
     ascii_only
-        One mark per cell instead of braille.
+        Use one ASCII mark per cell instead of braille dots.
     """
 
     def __init__(self, columns: int, rows: int, *, ascii_only: bool) -> None:
@@ -54,7 +54,7 @@ class Canvas:
 
     @staticmethod
     def row(y: float) -> int:
-        """Row of cells in which a dot at this height lies."""
+        """Return the row of cells that contains a dot at `y`."""
         return _whole(y) // 4
 
     def dot(self, x: float, y: float, role: str = "text") -> None:
@@ -80,7 +80,7 @@ class Canvas:
                 self.dot(x + dx, y + dy, role)
 
     def letter(self, x: float, y: float, text: str, role: str = "text") -> None:
-        """Write text into the cells from the one that contains a dot."""
+        """Write text into cells, starting at the one that contains the dot (x, y)."""
         column, row = _whole(x) // 2, self.row(y)
         for k, character in enumerate(text):
             if 0 <= column + k < self.columns and 0 <= row < self.rows:
@@ -117,10 +117,10 @@ def _whole(place: float) -> int:
 
 
 COLUMNS, BAR_ROWS = 66, 16
-"""Size of the drawing in cells, without its scales."""
+"""Width and height of the drawing in cells, without its scales."""
 BAR_CELLS = 46
 SCALE_CELLS = 9
-"""Cells of the scale at the left."""
+"""Width of the scale at the left, in cells."""
 NEIGHBOURS = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1), (0, 2))
 """Alternative places of a label (rows down, labels to the right) if its own is occupied."""
 
@@ -179,7 +179,7 @@ class Plane:
         self._low, self._size = low - room, high - low + 2.0 * room
 
     def region(self) -> None:
-        """One dot in every cell that can be reached."""
+        """Set one dot in every cell that can be reached."""
         for q in self._shown.plan.manifold.q[self._shown.plan.allowed]:
             x, y = self._at(q)
             self._canvas.dot(2 * (int(x) // 2), 4 * (int(y) // 4) + 1, "dim")
@@ -194,10 +194,10 @@ class Plane:
                 self._canvas.segment(x0, y0, x1, y1)
 
     def mark(self, q_rad: FloatArray, text: str) -> None:
-        """Write a label at a pose, or beside it if there is already a label."""
+        """Write a label at a pose, or beside it if there is already a label, or not at all if there is no room."""
         x, y = self._at(q_rad)
         column, row = int(x) // 2, int(y) // 4
-        # First where no other label touches it: 6 beside 7 would read as 67.
+        # Prefer places that touch no other label: 6 beside 7 would read as 67.
         for gap, (down, right) in product((1, 0), NEIGHBOURS):
             cells = [(row + down, column + right * len(text) + k) for k in range(len(text))]
             inside = all(0 <= r < BAR_ROWS and 0 <= c < COLUMNS for r, c in cells)
@@ -208,7 +208,7 @@ class Plane:
                 return
 
     def lines(self) -> Iterator[str]:
-        """Return the drawing with its scales, deg."""
+        """Yield the lines of the drawing, with its scales in deg."""
         across, up = self._axes
         low, high = self._low, self._low + self._size
         unit = WHOLE_DEGREES.quantity.unit
@@ -233,7 +233,7 @@ class Plane:
 
 
 def _axes(shown: Preview) -> tuple[int, int]:
-    """Return two joints (from 0): the drive joints or, with a single one, also the joint that moves most."""
+    """Return two joints (from 0): the first two drive joints or, with only one, also the joint that moves most."""
     drives = [j - 1 for j in shown.choice.drives]
     if len(drives) > 1:
         return drives[0], drives[1]

@@ -40,13 +40,13 @@ SHAPES: tuple[tuple[Shape, str], ...] = (("dot", "a"), ("square", "b"), ("triang
 ROTATIONS = {2: ("dx", "dy"), 3: ("rx", "ry", "rz")}
 CURVE_POINTS = 61
 KNOWN_SIGMAS = 2.0
-"""Half the width of the band about a curve in sigmas: 95 %."""
+"""Half-width of the band about a curve, in sigmas (95 %)."""
 FAR_OFF = 2.5
-"""A pose is marked whose closure error exceeds the rms by this factor."""
+"""A pose is marked if its closure error exceeds the rms by this factor."""
 
 
 def pose_axis(subject: Subject) -> Axis:
-    """Axis of pose numbers."""
+    """Return the axis of pose numbers."""
     return axis("pose", [float(p.number) for p in subject.used], whole=True)
 
 
@@ -92,7 +92,7 @@ def residuals(subject: Subject, estimate: Estimate) -> tuple[Picture, ...]:
 
 
 def misses(subject: Subject, estimate: Estimate) -> Picture:
-    """Return the plot of the distance between tool and fixture in every pose; large distances are marked."""
+    """Return the plot of the distance between tool and fixture in every pose; large ones are marked."""
     miss = np.linalg.norm(estimate.residual[:, estimate.rotation_rows :], axis=1)
     rms = float(np.sqrt(np.mean(miss**2)))
     odd, values = miss > FAR_OFF * rms, CLOSURE_LENGTH.per_si * miss
@@ -160,7 +160,7 @@ def _closure(
 
 
 def rvdt_deviations(subject: Subject, joint: int, figures: RvdtFigures) -> Picture:
-    """Return the plot of one RVDT's readings minus the angles from the loops, with linearity deviation and limits."""
+    """Return the plot of one RVDT's readings minus the angles from the loops, with fitted curve and stated limits."""
     grid = np.linspace(figures.curve.low, figures.curve.high, CURVE_POINTS)
     curve = figures.curve(grid)
     allowed = _rvdt(subject, joint).linearity_rad
@@ -182,7 +182,10 @@ def rvdt_deviations(subject: Subject, joint: int, figures: RvdtFigures) -> Pictu
 
 
 def rvdt_corrections(subject: Subject, estimate: Estimate, joint: int) -> Picture:
-    """Return the plot of one RVDT joint's corrections over its reading, with the stated noise."""
+    """Return the plot of one RVDT joint's corrections over its reading, with the stated noise.
+
+    Raises ValueError if the estimate has no corrections.
+    """
     if estimate.corrections is None:
         raise ValueError("this estimator finds no corrections")
     values = estimate.corrections[:, joint - 1]

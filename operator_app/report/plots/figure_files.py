@@ -1,4 +1,4 @@
-"""Figures for a paper as files: the report's own pictures as SVG and, with the extra ``[plots]``, as PDF.
+"""Figures for a paper: the report's pictures as SVG files and, with the extra ``[plots]``, as PDF files.
 
 One column of a scientific journal is 88 mm wide, two are 180 mm. Colours are those of the page's light theme; bars have
 the colours of Okabe and Ito, which colour-blind readers can tell apart, and marks differ in shape as well.
@@ -38,11 +38,11 @@ from solver.diagnostics.statistics import intervals
 
 ONE_COLUMN_MM, TWO_COLUMNS_MM = 88, 180
 TITLE = 16.0
-"""Height of the line above a panel, in the units of its picture."""
+"""Height of the caption above a panel, in the units of its picture."""
 BARS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#bdbdbd")
 ENDINGS = ("svg", "pdf")
 FONT, PDF_FONT = '"DejaVu Sans", Verdana, sans-serif', "Vera"
-"""Bitstream Vera comes with the PDF library; the standard fonts of PDF readers have no minus sign."""
+"""Bitstream Vera is part of the PDF library; the standard fonts of PDF readers have no minus sign."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ class PaperFigure:
 
 
 def figure(subject: Subject, name: str) -> PaperFigure:
-    """Return one figure; raises KeyError, which lists those available, if there is none of that name."""
+    """Return the figure with this name; raises KeyError, which lists those available, if there is none."""
     return PaperFigure(_document(drawing(subject, name)))
 
 
@@ -108,7 +108,7 @@ def pdf_is_possible() -> bool:
 
 
 def _document(of: Panels) -> str:
-    """Return a complete SVG file with its own colours and the panels in rows, each under a letter."""
+    """Return a complete SVG file with its own colours; several panels are in rows, each under a letter."""
     columns = min(of.columns, len(of.pictures))
     captions = of.words or ("",) * len(of.pictures)
     parts: list[Html] = []
@@ -143,7 +143,7 @@ def _style(colours: Mapping[str, str]) -> str:
 
 
 def _pdf(svg: str) -> bytes:
-    """Convert with svglib and reportlab; the same picture gives the same bytes."""
+    """Return an SVG file converted to PDF; the same picture gives the same bytes."""
     try:
         from reportlab.graphics import renderPDF
         from reportlab.pdfbase import pdfmetrics
@@ -164,13 +164,13 @@ def _pdf(svg: str) -> bytes:
 
 
 MOST_SOURCES = 7
-"""Sources of a budget with their own colour; the others are drawn as one."""
+"""Number of sources of a budget that have their own colour; the others are drawn as one."""
 PERCENTS = (0.0, 20.0, 40.0, 60.0, 80.0, 100.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Panels:
-    """Pictures in one figure, in rows of `columns`; `words` are their captions."""
+    """Pictures of one figure, `columns` per row; `words` are their captions."""
 
     pictures: tuple[Picture | Bars, ...]
     columns: int = 1
@@ -178,7 +178,7 @@ class Panels:
 
 
 def drawing(subject: Subject, name: str) -> Panels:
-    """Return the drawing of one of `FIGURES`.
+    """Return the panels of one of `FIGURES`.
 
     Raises
     ------
@@ -192,7 +192,7 @@ def drawing(subject: Subject, name: str) -> Panels:
 
 
 def drawings(subject: Subject) -> Mapping[str, Panels]:
-    """Return all figures of a calibration, by name."""
+    """Return the panels of all figures of a calibration, by name of the figure."""
     by_name = {name: _made(subject, name) for name in FIGURES}
     return {name: shown for name, shown in by_name.items() if shown is not None}
 
@@ -206,7 +206,7 @@ def _residuals(subject: Subject, solution: Solution) -> Panels:
 
 
 def _parameters(subject: Subject, solution: Solution) -> Panels:
-    """Changes with their intervals beside sigmas, angles above lengths."""
+    """Return panels of the changes with their intervals, beside panels of the sigmas, one row per unit."""
     estimate, limits = solution.identified, intervals(solution.identified)
     of_quantity: dict[Quantity, list[int]] = {}
     for k, p in enumerate(estimate.parameters):
@@ -240,7 +240,7 @@ def _parameters(subject: Subject, solution: Solution) -> Panels:
 
 
 def _stated(subject: Subject, solution: Solution, parameter: Parameter) -> float:
-    """Stated standard uncertainty of a parameter, in the unit shown; NaN if no file states it."""
+    """Return the stated tolerance of a parameter, in the unit shown; NaN if no file states it."""
     fixture, arm = subject.procedure.fixture, subject.procedure.arm
     if side_of(solution.model, parameter.name) != "arm":
         stated: float | None = fixture.tolerance_rad if parameter.is_angle else fixture.tolerance_m
@@ -258,7 +258,7 @@ def _budget(_: Subject, solution: Solution) -> Panels | None:
     nothing = np.zeros(len(rows))
     percent: dict[str, FloatArray] = {}
     for source, variance in solution.components.budget.items():
-        # The RVDTs of all joints share a colour: the bar shows the joint.
+        # Sources of one kind share a colour, whatever the joint.
         kind = re.sub(r" \d+$", "", source_words(source))
         share = np.divide(100.0 * variance[rows], total, out=nothing.copy(), where=total > 0.0)
         percent[kind] = percent.get(kind, nothing) + np.maximum(share, 0.0)

@@ -26,7 +26,7 @@ class Axis:
     ticks: tuple[float, ...]
 
     def place(self, value: float, start: float, end: float) -> float:
-        """Position of a value between the coordinates `start` (of low) and `end` (of high)."""
+        """Return the coordinate of a value, between `start` (of `low`) and `end` (of `high`)."""
         return start + (value - self.low) / (self.high - self.low) * (end - start)
 
     @property
@@ -36,11 +36,11 @@ class Axis:
 
     @property
     def tick_texts(self) -> tuple[str, ...]:
-        """All ticks with the same number of decimal places."""
+        """Ticks as text, all with the same number of decimal places or significant digits."""
         step = self.ticks[1] - self.ticks[0] if len(self.ticks) > 1 else 1.0
         largest = max(abs(t) for t in self.ticks)
         if largest >= 1e5 or step < 1e-4:
-            # As many digits as distinguish neighbours.
+            # Enough digits to distinguish neighbouring ticks.
             digits = math.floor(math.log10(largest)) - math.floor(math.log10(step) + 1e-9) + 1
             return tuple(significant(t, max(2, digits)) for t in self.ticks)
         places = max(0, -math.floor(math.log10(step) + 1e-9))
@@ -55,7 +55,10 @@ def axis(
     whole: bool = False,
     symmetric: bool = False,
 ) -> Axis:
-    """Return an axis that contains all finite `values`, with a small margin and about five ticks."""
+    """Return an axis that contains all finite `values`, with a small margin and about five ticks.
+
+    `whole`: ticks only at whole numbers. `symmetric`: zero in the middle.
+    """
     finite = [v for v in values if math.isfinite(v)]
     low, high = (min(finite), max(finite)) if finite else (0.0, 1.0)
     if symmetric:
@@ -80,7 +83,7 @@ def map_axes(
     unit: str,
     aspect: float,
 ) -> tuple[Axis, Axis]:
-    """Return two axes of equal scale that contain all values, for a frame of this ratio of width to height."""
+    """Return two axes of equal scale that contain all values, in a frame whose width is `aspect` times its height."""
     across, up = axis(labels[0], x, unit=unit), axis(labels[1], y, unit=unit)
     width, height = across.high - across.low, up.high - up.low
     size = max(width, aspect * height)
@@ -92,7 +95,7 @@ def map_axes(
 
 
 def _about(axis: Axis, size: float, step: float) -> Axis:
-    """Return an axis of this length with the same middle as `axis`, and a tick at every `step`."""
+    """Return an axis of length `size` with the same middle as `axis`, and a tick at every `step`."""
     middle = 0.5 * (axis.low + axis.high)
     low, high = middle - 0.5 * size, middle + 0.5 * size
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
@@ -105,13 +108,13 @@ class LogAxis(Axis):
     """A logarithmic axis; ticks are at powers of ten and, if these are few, at 2 and 5 times them."""
 
     def place(self, value: float, start: float, end: float) -> float:
-        """Position of a positive value between `start` (of low) and `end` (of high)."""
+        """Return the coordinate of a positive value, between `start` (of `low`) and `end` (of `high`)."""
         share = math.log(value / self.low) / math.log(self.high / self.low)
         return start + share * (end - start)
 
     @property
     def tick_texts(self) -> tuple[str, ...]:
-        """Every tick with as many digits as necessary."""
+        """Ticks as text, each with as many digits as necessary."""
         return tuple(f"{t:,.0f}" if t >= 1.0 else f"{t:g}" for t in self.ticks)
 
 
@@ -126,7 +129,7 @@ def log_axis(label: str, values: Iterable[float], *, unit: str = "") -> LogAxis:
 
 
 def _round_step(least: float, *, whole: bool) -> float:
-    """Return the smallest 1, 2 or 5 times a power of ten that is not below `least`."""
+    """Return the smallest 1, 2 or 5 times a power of ten that is not below `least`; if `whole`, at least 1."""
     if whole and least <= 1.0:
         return 1.0
     power = 10.0 ** math.floor(math.log10(least))
@@ -154,7 +157,7 @@ class Ribbon:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Polyline:
-    """Points joined by a line. `class_` is a line style: ``a``, ``b``, ``dashed``."""
+    """Points joined by a line. `class_` is a line style: ``a``, ``b``, ``dashed``, ``gap``."""
 
     x: Sequence[float]
     y: Sequence[float]
@@ -164,9 +167,9 @@ class Polyline:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Marks:
-    """Points. `class_` is a colour: ``a``, ``b``, ``c``; `tips` are a description of each point.
+    """Points. `class_` is a colour, ``a`` to ``d``; `tips` has a description of each point.
 
-    `sizes` are areas, 1 the largest; empty: all are of the usual size.
+    `sizes`: areas of the marks relative to the largest possible; empty: all of the usual area.
     """
 
     x: Sequence[float]
@@ -183,7 +186,7 @@ Layer = Band | Ribbon | Polyline | Marks
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """A plot: name, description, axes, and layers, of which the first are drawn lowest.
+    """A plot: name, title, description, axes, and layers, of which the first is drawn lowest.
 
     `aspect` is width over height of its frame; 0 lets the renderer choose.
     """

@@ -1,7 +1,4 @@
-"""Rows of small plots, one for each joint: values over poses, and ranges with the part covered by poses.
-
-Drawn as SVG.
-"""
+"""Rows of small SVG plots, one per joint: values over poses, and ranges with the part covered by poses."""
 
 from __future__ import annotations
 
@@ -41,7 +38,7 @@ BAR_HEIGHT, LEGEND = 13.0, 12.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strip:
-    """One row of values about zero.
+    """One row of values about zero; `odd`: drawn in the warning colour.
 
     Attributes
     ----------
@@ -58,7 +55,7 @@ class Strip:
 
 
 def strips(x: Axis, at: Sequence[float], rows: Sequence[Strip]) -> Html:
-    """Draw corrections, mrad, over a common x axis, each row with its own scale, which is written at its right."""
+    """Draw corrections, mrad, over a common x axis; each row has its own scale, written at its right end."""
     right = PLOT_WIDTH - RIGHT - SCALE_WIDTH
     height = HEAD + ROW * len(rows) + FOOT
     parts = [
@@ -107,7 +104,7 @@ def strips(x: Axis, at: Sequence[float], rows: Sequence[Strip]) -> Html:
 
 
 def _x_axis(x: Axis, right: float, foot: float) -> list[Html]:
-    """Ticks and title of the axis that all rows share."""
+    """Draw the ticks and title of the axis that all rows share."""
     parts = []
     for value, tick_text in zip(x.ticks, x.tick_texts, strict=True):
         x_at = x.place(value, NAME_WIDTH, right)
@@ -118,14 +115,14 @@ def _x_axis(x: Axis, right: float, foot: float) -> list[Html]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bars:
-    """Named rows on one x axis, each with marks, and with bars from one value to another.
+    """Named rows on one x axis, each with marks and bars.
 
     Attributes
     ----------
     bars
-        By label: one (from, to) for each row.
+        By label: start and end of a bar for each row.
     marks
-        By label: one value for each row; non-finite ones are left out.
+        By label: one value for each row; non-finite values are not drawn.
     """
 
     x: Axis
@@ -192,10 +189,7 @@ COVERAGE = "Joint ranges and the part that the poses cover"
 
 
 def ranges(rows: Sequence[Range]) -> Html:
-    """Draw each range, deg, as a bar with a tick for each value; its ends are written below it.
-
-    Bars are as wide as the picture, minus space for values beyond the range.
-    """
+    """Draw each range, deg, as a bar with a tick for each value; its ends are written below it."""
     right = PLOT_WIDTH - RIGHT - SCALE_WIDTH
     height = HEAD + ROW * len(rows) + 4.0
     parts = [
@@ -262,7 +256,7 @@ def corrections_by_joint(subject: Subject, estimate: Estimate | None) -> Html | 
 
 
 def coverage(subject: Subject) -> Html:
-    """Draw how much of each joint's range the poses cover."""
+    """Draw the range of each joint and the part of it that the poses cover."""
     scale, readings = ANGLE.per_si, ANGLE.per_si * subject.readings_rad
     rows = [
         Range(

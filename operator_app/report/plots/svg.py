@@ -1,7 +1,7 @@
 """Pictures as inline SVG: frame, ticks, bands, lines and marks.
 
-Plots are drawn for the width of a phone and enlarged elsewhere. Colours and line styles are classes of
-the page's style sheet, so that they follow its theme; marks differ in shape as well.
+Plots are drawn for the width of a phone and enlarged on larger screens. Colours and line styles are classes of the
+page's style sheet, so that they follow its theme; marks differ in shape as well.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ LEFT, RIGHT, TOP, BOTTOM = 46.0, 8.0, 22.0, 34.0
 LARGEST_MARK = 5.0
 """Radius of a mark whose area is 1."""
 CHARACTER = 6.2
-"""Mean width of a character of plot text, on a phone."""
+"""Mean width of a character of plot text, in the units of the picture."""
 
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """The parts of a picture that is `PLOT_WIDTH` wide."""
+    """The elements of a drawn picture, `PLOT_WIDTH` wide and `height` high."""
 
     height: float
     parts: tuple[Html, ...]
@@ -46,7 +46,7 @@ def plot(of: Picture) -> Html:
 
 
 def draw(of: Picture) -> Drawn:
-    """Draw layers in one frame, the first ones lowest."""
+    """Draw the layers of a picture in one frame, the first lowest."""
     x, y, layers = of.x, of.y, of.layers
     height = HEIGHT if of.aspect == 0.0 else (PLOT_WIDTH - LEFT - RIGHT) / of.aspect + TOP + BOTTOM
     right, bottom = PLOT_WIDTH - RIGHT, height - BOTTOM
@@ -78,7 +78,7 @@ def draw(of: Picture) -> Drawn:
 
 
 def picture(ident: str, title: str, description: str, height: float, parts: Iterable[str]) -> Html:
-    """Wrap drawn parts as an image with a name and a description for screen readers."""
+    """Return an SVG image of drawn parts, with a title and a description for screen readers."""
     return element(
         "svg",
         element("title", title, id=f"{ident}-t"),
@@ -92,7 +92,7 @@ def picture(ident: str, title: str, description: str, height: float, parts: Iter
 
 
 def mark(shape: Shape, x: float, y: float, r: float, class_: str, tip: str = "") -> Html:
-    """Draw one mark, with a tooltip if it has one."""
+    """Draw one mark, with the tooltip `tip` unless that is empty."""
     inside = [element("title", tip)] if tip else []
     name = f"mark {class_}"
     match shape:
@@ -112,7 +112,7 @@ def mark(shape: Shape, x: float, y: float, r: float, class_: str, tip: str = "")
 def label(
     text: str, x: float, y: float, *, class_: str = "tick", anchor: str | None = None
 ) -> Html:
-    """Write text into a picture."""
+    """Return text at a point of a picture."""
     return element("text", typeset(text), x=x, y=y, class_=class_, text_anchor=anchor)
 
 
@@ -150,7 +150,7 @@ def _band(layer: Band, y: Axis, right: float, bottom: float) -> Html:
 
 
 def _legend(layers: Sequence[Layer], right: float) -> Html:
-    """Write the names of the layers above the frame, starting at the right."""
+    """Return the legend: the labels of the layers above the frame, starting at the right."""
     parts: list[Html] = []
     at = right
     for layer in reversed([layer for layer in layers if layer.label]):
@@ -171,5 +171,5 @@ def _legend(layers: Sequence[Layer], right: float) -> Html:
 
 
 def drawn(picture: Picture) -> Html:
-    """Return a drawn picture under its caption."""
+    """Draw a picture under its caption."""
     return figure(picture.title, plot(picture))

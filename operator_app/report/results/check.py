@@ -1,4 +1,4 @@
-"""Output of `sarcal check` as text and as JSON: problems of files, and prospects of a calibration with them."""
+"""Output of `sarcal check` as text and as JSON: problems of files, and a forecast of a calibration with them."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ FORECAST_NOTE = (
 
 
 def problems_text(problems: Sequence[Problem]) -> str:
-    """Return all problems, file by file, one line each, in the format in which editors can follow them."""
+    """Return all problems, file by file, one line each, in a format from which editors can open the file."""
     count = len(problems)
     files = list(dict.fromkeys(p.file for p in problems))
     many = f" in {len(files)} files" if len(files) > 1 else ""
@@ -60,7 +60,7 @@ def problems_text(problems: Sequence[Problem]) -> str:
 
 
 def check_text(files: FilesRead, chains: Sequence[Chain]) -> str:
-    """Return the kind of each file, and the prospects of each arm in its fixture."""
+    """Return text on each file and each arm, and the calibration forecast of each arm in its fixture."""
     arms = {chain.arm.name: chain.arm for chain in chains}
     for looked in files.of("arm"):
         if isinstance(looked.holds, ArmModel):
@@ -155,7 +155,7 @@ def _sensor(joint: Joint) -> str:
 
 
 def _chain(chain: Chain) -> str:
-    """Prospects of one arm in one fixture."""
+    """Return the calibration forecast of one arm in one fixture, as text."""
     arm, spec, outlook = chain.arm, chain.fixture, chain.outlook
     give = spec.fixture.compliance
     yields = [
@@ -206,7 +206,7 @@ def _chain(chain: Chain) -> str:
 
 
 def _freedom(chain: Chain) -> list[str]:
-    """Mobility, drive joints with reasons, and the distance between home and a closed pose."""
+    """Return sentences on the mobility, the drive joints, and the distance from home to a closed pose."""
     outlook, n = chain.outlook, chain.arm.joint_count
     if outlook.mobility is None:
         return []
@@ -230,7 +230,7 @@ def _freedom(chain: Chain) -> list[str]:
 
 
 def _other_home(chain: Chain) -> list[str]:
-    """A usable home pose, ready to be copied into the arm file, if the arm's own home is not usable."""
+    """Return lines with a usable home pose for the arm file; empty if the arm's own is usable or none is known."""
     if chain.home is None:
         return []
     home, outlook = chain.home
@@ -262,7 +262,7 @@ def _identifiability_text(what: str, identifiability: Identifiability) -> str:
 
 
 def found_json(files: FilesRead, chains: Sequence[Chain]) -> dict[str, Any]:
-    """Return the JSON object: files, problems, and the prospects of each arm in its fixture."""
+    """Return the JSON object: files, problems, and the calibration forecast of each arm in its fixture."""
     return {
         "files": [
             {"file": f.source.file, "kind": f.kind, "text": in_words(f)} for f in files.files

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 DRIFTED = "drifted"
 NO_DRIFT = "no significant drift"
 MADE_OTHERWISE = {"ESTIMATOR", "ENTRIES", "TABLE"}
-"""Codes of notices about differences that move parameters of an unchanged arm."""
+"""Codes of notices about differences in the calculation, which change parameters even if the arm has not changed."""
 
 NOTHING_FOLLOWS = "same poses: nothing follows for the arm"
 
@@ -41,7 +41,7 @@ def comparison_text(comparison: CalibrationComparison) -> str:
 
 
 def comparison_json(comparison: CalibrationComparison) -> dict[str, Any]:
-    """Return the object of `sarcal compare --json`: deg and m, as in the documents."""
+    """Return the object of `sarcal compare --json`; angles in deg, lengths in m."""
     return {
         "verdict": NOTHING_FOLLOWS
         if comparison.same_poses
@@ -147,7 +147,7 @@ def _table(comparison: CalibrationComparison) -> FactTable:
 
 
 def change_data(change: ParameterChange, before: str, after: str) -> dict[str, Any]:
-    """One parameter in JSON, deg or m; `before` and `after` are the keys of its two values."""
+    """Return one parameter's change as JSON, in deg or m; `before` and `after` are the keys of its two values."""
     numbers = {
         before: change.before,
         after: change.after,

@@ -29,7 +29,7 @@ FRAMED = 72
 
 
 def quantity(name: str) -> Quantity:
-    """Return the quantity of an entry's values."""
+    """Return the quantity of an entry: angle or length."""
     return ANGLE if DhEntry.parse(name).kind.is_angle else LENGTH
 
 
@@ -45,7 +45,7 @@ def title_of(part: EntryHistory) -> str:
 
 
 def entries_table(part: EntryHistory) -> FactTable:
-    """Return one row per entry: its value and its control limits."""
+    """Return the table with one row per entry: its last value, its sigmas and its control limits."""
     rows: list[tuple[Cell, ...]] = []
     chart, shifted = part.chart, {s.name for s in part.chart.changes}
     for j, name in enumerate(part.names):
@@ -72,7 +72,7 @@ def entries_table(part: EntryHistory) -> FactTable:
 
 
 def sessions_table(part: EntryHistory) -> FactTable:
-    """Return one row per session with the values of all entries."""
+    """Return the table with one row per session: the values of all entries."""
     units = [quantity(name) for name in part.names]
     rows: list[tuple[Cell, ...]] = [
         (
@@ -95,7 +95,7 @@ def sessions_table(part: EntryHistory) -> FactTable:
 
 
 def verdict_text(history: ArmHistory, width: int = WIDTH) -> str:
-    """Return text: which entries have shifted, that none has, or that there are too few sessions."""
+    """Return the verdict: the shifted entries, that none has shifted, or that there are too few sessions."""
     lines = [
         paragraph(f"- {_shift_text(part, shift)}", indent=2, width=width)
         for part in history.parts
@@ -117,7 +117,7 @@ def _most_sessions(history: ArmHistory) -> int:
 
 
 def due_text(history: ArmHistory) -> str:
-    """Return text with the date of the next calibration."""
+    """Return the sentence with the date of the next calibration and its reason."""
     return f"Next calibration due {history.due:%Y-%m-%d}: {history.due_why}."
 
 
@@ -131,7 +131,7 @@ def checks_lines(history: ArmHistory) -> list[str]:
 
 
 def history_text(history: ArmHistory, *, brief: bool = False) -> str:
-    """Return the history for a terminal, the verdict first; `brief` for a frame of 80 columns."""
+    """Return the history for a terminal, the verdict first; if `brief`, shortened to fit a frame."""
     last, width = history.calibrations[-1].document, FRAMED if brief else WIDTH
     counts = (
         f"{last.arm.model} {last.arm.serial}: {plural(len(history.calibrations), 'accepted calibration')}, "
@@ -154,7 +154,7 @@ def history_text(history: ArmHistory, *, brief: bool = False) -> str:
 
 
 def history_json(history: ArmHistory) -> dict[str, Any]:
-    """Return the object of `sarcal history --json`: deg and m, as in the documents."""
+    """Return the object of `sarcal history --json`; angles in deg, lengths in m."""
     last = history.calibrations[-1].document
     early = _most_sessions(history) <= BASELINE
     return {

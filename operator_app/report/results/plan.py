@@ -38,9 +38,9 @@ if TYPE_CHECKING:
 
 
 SHOWN_SETS = 6
-"""Drive sets in the table."""
+"""Maximum number of drive sets in the table."""
 WEAKEST = 4
-"""Parameters of the weakest direction that are listed."""
+"""Number of parameters of the weakest direction that are listed."""
 PLACES = 4
 """Decimal places of predicted sigmas."""
 
@@ -63,7 +63,7 @@ def plan_text(shown: Preview, *, title: str, ascii_only: bool) -> str:
 
 
 def _checks(shown: Preview) -> list[str]:
-    """Return the block of fixed entries and fixture warnings; empty without any."""
+    """Return one block of text on fixed entries and fixture warnings; empty without any."""
     lines = [
         paragraph(
             f"! {c.severity.value}: {c.text}: {c.remedy}"
@@ -78,7 +78,7 @@ def _checks(shown: Preview) -> list[str]:
 
 
 def _drives(shown: Preview) -> str:
-    """Return the ranking of drive sets over the reachable region as text, with their leverage at the start pose."""
+    """Return the ranked drive sets over the reachable region as text, with their leverage at the start pose."""
     at_start = {r.drives: r for r in shown.choice.prediction.here}
     listed = list(shown.choice.prediction.region[:SHOWN_SETS])
     if all(r.drives != shown.choice.drives for r in listed):
@@ -115,7 +115,7 @@ def _drives(shown: Preview) -> str:
 
 
 def _verdict(ranked: RankedDrives, now: RankedDrives | None) -> str:
-    """Why a set of drive joints is excluded, in a word or two."""
+    """Return in a few words why a set of drive joints is excluded; empty if it is not."""
     if not ranked.usable:
         return "not usable"
     if now is not None and not now.usable:
@@ -171,7 +171,7 @@ def _sigma(parameter: Parameter, sigma: float) -> list[str]:
 def advice_text(
     ranked: tuple[PlacementReport, ...], parameters: dict[str, Parameter], joints: int
 ) -> str:
-    """Return ranked hinge placements: predicted sigmas, and the difference from the current placement."""
+    """Return text on ranked hinge placements: each one's difference from the present one, and predicted sigmas."""
     if not ranked:
         return "No placement near the present one can be used."
     rows = [["", "tilt", "shift", "uncertainty", "condition", "mobility", "drives", "poses"]]
@@ -238,7 +238,7 @@ def _placement(
 
 
 ANGULAR = ("alpha", "theta")
-"""Beginnings of the names of entries that are angles."""
+"""Prefixes of the names of entries that are angles."""
 
 
 def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:
@@ -281,7 +281,7 @@ def _ranked_json(ranked: RankedDrives) -> dict[str, Any]:
 def advice_json(
     ranked: tuple[PlacementReport, ...], parameters: Mapping[str, Parameter]
 ) -> list[dict[str, Any]]:
-    """Return ranked hinge placements."""
+    """Return ranked hinge placements as JSON objects."""
     return [
         {
             "text": placement.text,

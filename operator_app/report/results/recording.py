@@ -1,4 +1,4 @@
-"""Stretches of a recording that became poses, and those that did not, as text and as JSON."""
+"""Dwells of a recording that became poses, and those that were refused, as text and as JSON."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def recording_text(
     dwell_s: float,
     spread_deg: float,
 ) -> str:
-    """Return one line about the recording, and one for each stretch that does not count as a dwell."""
+    """Return one line about the recording, and one for each refused dwell, at most `MOST_LINES`."""
     span_s = recording.time_s[-1] - recording.time_s[0]
     lost = f" ({recording.left_out} more left out: a joint has no angle, or a time occurs twice)"
     head = (
@@ -56,7 +56,7 @@ def recording_text(
 def recording_json(
     recording: JointRecording, dwells: Sequence[Dwell], refused: Sequence[RefusedDwell]
 ) -> dict[str, Any]:
-    """Return the recording's data with every stretch; times in s as in the recording."""
+    """Return the recording's data with all dwells and refused dwells; times in s, as in the recording."""
     return {
         "file": recording.file,
         "joints": list(recording.joints),

@@ -38,7 +38,7 @@ def published_text(reproduction: Published) -> str:
 
 
 def published_json(reproduction: Published) -> dict[str, Any]:
-    """Return the figures of all tables; angles in deg, lengths in m, closure in mm and mrad."""
+    """Return the JSON object with the figures of all tables; angles in deg, lengths in m, closure in mm and mrad."""
     numbers = keyed(_tables(reproduction))
     shares = zip(reproduction.shares, numbers["shares"], strict=True)
     remedies = zip(reproduction.remedies, numbers["remedies"], strict=True)
@@ -55,7 +55,7 @@ def _tables(reproduction: Published) -> list[FactTable]:
 
 
 def _identified(reproduction: Published) -> FactTable:
-    """Table 2: the published values, and the paper's estimator on the simulated arm."""
+    """Return Table 2: the published values, and those of the paper's estimator for the simulated arm."""
     estimate, rows = reproduction.solution.estimate, []
     for p, value, sd in zip(
         estimate.parameters, estimate.x.tolist(), estimate.standard_deviation.tolist(), strict=True

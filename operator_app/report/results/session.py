@@ -1,7 +1,4 @@
-"""Output of `run`, `report` and `session`: a session's calibration, planned capture and poses, and a repaired journal.
-
-Nothing is computed, but poses.csv is checked to contain the session's poses.
-"""
+"""Output of `run`, `report` and `session`: a session's calibration, planned capture, poses and repaired journal."""
 
 from __future__ import annotations
 
@@ -78,10 +75,7 @@ def unidentifiable_json(
 
 
 def _poses_file(folder: Path, state: SessionState) -> str | None:
-    """Path of poses.csv beside the journal.
-
-    None unless it contains the poses in use (from the first calibration on).
-    """
+    """Return the path of poses.csv if that file contains the poses in use, otherwise None."""
     from operator_app.config.poses_file import format_poses, load_poses
 
     path = folder / POSES_NAME
@@ -89,7 +83,7 @@ def _poses_file(folder: Path, state: SessionState) -> str | None:
         return None
     poses = state.pose_set()
     try:
-        # Equal to the byte; or, where only a note was added since, equal in what a calibration uses.
+        # The same bytes or, if only a note was added since, the same data for a calibration.
         same = path.read_bytes() == format_poses(poses) or (
             load_poses(path).poses.sha256() == poses.sha256()
         )
@@ -122,16 +116,13 @@ def session_text(folder: Path, state: SessionState, *, accepted: bool) -> str:
 
 
 MOST_POSES_LISTED = 60
-"""Rows of the table at most; `poses.csv` has all poses."""
+"""Maximum number of rows of the table; poses.csv has all poses."""
 
 
 def session_table_text(folder: Path, state: SessionState, *, procedure: str, torn: str) -> str:
-    """Return two tables: the session, and its poses.
+    """Return a table of the session and one of its poses, as text.
 
-    Parameters
-    ----------
-    torn
-        Text about a part dropped from the end of the journal; empty if there is none.
+    `torn`: text about a part dropped from the end of the journal; empty if there is none.
     """
     about = FactTable(
         ident="session",
@@ -229,7 +220,7 @@ KEPT_POSE, RESTORED, LOST = "kept", "restored", "lost"
 
 
 def fate(line: RepairedLine) -> str:
-    """Return in one word what the repair did with a line."""
+    """Return what the repair did with a line: ``kept``, ``restored`` or ``lost``."""
     if line.event is None:
         return LOST
     return RESTORED if line.words else KEPT_POSE
@@ -311,7 +302,7 @@ def capture_json(
     parameters: Iterable[Parameter],
     poses: Sequence[CapturedPose],
 ) -> dict[str, Any] | None:
-    """Return the JSON object of a planned capture; None if poses were only explored."""
+    """Return the JSON object of a planned capture; None without one."""
     if end is None:
         return None
     known = {p.name: p for p in parameters}
@@ -333,7 +324,7 @@ def capture_json(
 
 
 def capture_text(end: CampaignEnd, advice: str, parameters: Iterable[Parameter]) -> str:
-    """Return text: how a planned capture ended, which parameters are less precise than requested, and advice."""
+    """Return text on how a planned capture ended, which parameters are less precise than requested, and advice."""
     known = {p.name: quantity_of(p) for p in parameters}
     weak = FactTable(
         ident="weak",

@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 
 
 OUTLIERS_LISTED = 5
-"""Outliers that are listed."""
+"""Maximum number of outliers that are listed."""
 
 
 def closure(verdict: VerificationResult) -> FactTable:
-    """Closure of the new poses at the nominal and at the calibrated parameters."""
+    """Return the table of closure sigmas of the new poses, with nominal and with calibrated parameters."""
     return FactTable(
         ident="closure",
         title="Closure at the measured joints",
@@ -59,7 +59,7 @@ def verification_json(verdict: VerificationResult, poses: PoseSet) -> dict[str, 
 
 
 def _shift_json(shift: CommonShift) -> dict[str, Any]:
-    """Return the shift: ``joint_4`` with its size in deg, or ``fixture``."""
+    """Return the common shift as JSON: of ``joint_4``, with its magnitude in deg, or of ``fixture``."""
     joint = shift.subject != FIXTURE
     return {
         "what": f"joint_{shift.subject}" if joint else shift.subject,
@@ -120,7 +120,7 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
 
 
 def verified_words(result: VerificationResult) -> str:
-    """Return text on whether the parameters are valid for the new poses."""
+    """Return the result of a verification in one line: verdict, closure sigmas and chi2/dof."""
     sigmas, ratio = result.verification.sigmas, CHI2(result.verification.chi2.per_dof).shown
     turned = sigmas.orientation_rad
     return (
@@ -135,7 +135,7 @@ UNSOUND = "open loop not accepted"
 
 
 def open_loop_json(check: OpenLoopCheck) -> dict[str, Any]:
-    """Return the object of `sarcal verify --open-loop --json`: deg and m."""
+    """Return the object of `sarcal verify --open-loop --json`; angles in deg, lengths in m."""
     return {
         "verdict": _verdict(check),
         "disagree": [d.name for d in check.disagree],

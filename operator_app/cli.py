@@ -35,7 +35,7 @@ the joint-angle offsets and where the hinge is. Without a command, the terminal 
 embedded virtual arm, or on a bus named with -i, -c and -b."""
 
 EPILOG = """\
-Names such as `hinge` are packaged files; a path works everywhere a name does. Results go to stdout,
+Names such as `hinge` are built-in files; a path works everywhere a name does. Results go to stdout,
 progress to stderr.
 
 exit codes: 0 accepted; 2 usage or bad input; 3 bus or arm fault; 4 solved but not accepted;

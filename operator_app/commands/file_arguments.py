@@ -172,7 +172,7 @@ def new(parser: argparse.ArgumentParser) -> None:
     option(
         parser,
         "--from NAME",
-        "copy this packaged file with its comments, to change its numbers",
+        "copy this built-in file with its comments, to change its numbers",
         dest="packaged",
     )
     option(parser, "--name NAME", "name of the new arm, fixture or procedure")

@@ -97,7 +97,7 @@ OWN = ("positional arguments", "options")
 INTRODUCTION = """\
 # Commands
 
-Without a command, `sarcal` opens the terminal app. Names such as `hinge` are packaged files; a path
+Without a command, `sarcal` opens the terminal app. Names such as `hinge` are built-in files; a path
 works wherever a name does. Results go to stdout, progress to stderr. `sarcal COMMAND --help` prints the
 same as this page; what a command returns is on the page of [exit codes](exit-codes.md)."""
 

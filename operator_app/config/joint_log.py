@@ -248,13 +248,14 @@ def _angles(body: list[Row], where: tuple[int, ...], file: str, *, radians: bool
                 problems.append(replace(cell, text=error.text, remedy=error.remedy))
                 continue
             if doubt := angle_doubt(math.degrees(value) if radians else value):
-                doubted.append(replace(cell, text=doubt))
+                in_radians = f"{value:g} rad = " if radians else ""
+                doubted.append(replace(cell, text=in_radians + doubt))
         if len(problems) >= MOST_PROBLEMS:
             break
     if doubted:
         # A wrong unit is one mistake, however many cells show it.
         more = f", as in {plural(len(doubted) - 1, 'other cell')}" if doubted[1:] else ""
-        remedy = "if it is in degrees, leave out --rad" if radians else "give degrees"
+        remedy = "leave out --rad if the log is in degrees" if radians else "give degrees"
         problems.append(replace(doubted[0], text=f"{doubted[0].text}{more}", remedy=remedy))
     if problems:
         raise ConfigError(problems)

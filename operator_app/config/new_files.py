@@ -59,14 +59,14 @@ def copied(kind: Kind, packaged: str, *, name: str, **instead: str) -> bytes:
     """
     source = resolve(kind, packaged)
     if source.folder is not None:
-        remedy = f"packaged: {', '.join(builtin_names(kind))}"
-        raise only(source.file, f"is not a packaged {kind}", remedy)
+        remedy = f"built-in: {', '.join(builtin_names(kind))}"
+        raise only(source.file, f"is not a built-in {kind}", remedy)
     text = source.data.decode()
     for key, value in {"name": name, **instead}.items():
         # A path may have backslashes, which a template would interpret.
         line = f"{key}: {scalar_text(value)}".replace("\\", r"\\")
         text = re.sub(rf"^{key}: .*$", line, text, count=1, flags=re.MULTILINE)
-    head = f"# {schema_line(kind)}\n# A copy of the packaged {packaged}.\n"
+    head = f"# {schema_line(kind)}\n# A copy of the built-in {packaged}.\n"
     return (head + text).encode()
 
 

@@ -41,6 +41,7 @@ from operator_app.config.measured_endpoints import (
 )
 from operator_app.config.quantities import UNIT, angle_doubt, degrees_for_file, length_doubt
 from operator_app.config.resources import expanded, read_limited
+from operator_app.units import plural
 from solver.arrays import FloatArray
 from solver.chain.poses import PoseSet
 
@@ -207,8 +208,8 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
                 "give one spread column for each joint, or none",
             )
     present = {*names, *meant}
-    have = f"({len(joints)} joint column{'s' if len(joints) != 1 else ''}"
-    have += f", the arm has {joint_count} joints)" if joint_count is not None else ")"
+    have = f" (the file has {plural(len(joints), 'joint column')}"
+    have += f", the arm {plural(joint_count, 'joint')})" if joint_count is not None else ")"
     endpoint = (
         "an endpoint is x_m,y_m,z_m (and rx_deg,ry_deg,rz_deg), or three targets x1_m to z3_m"
     )
@@ -226,7 +227,7 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
         yield None, other[0], text, "keep one of the two"
     for group, required, more, remedy in (
         (KEY, True, "", HEADER_EXAMPLE),
-        (theta, True, f" {have}", ""),
+        (theta, True, have, ""),
         (sd, bool(present & {*sd}), "", "give one spread column for each joint, or none"),
         (POSITION_COLUMNS, bool(turns or present & {*POSITION_COLUMNS}), "", endpoint),
         *((turn, True, "", endpoint) for turn in turns),

@@ -104,10 +104,12 @@ class Exploration(StrictRecord):
 
     @field_validator("to_deg")
     @classmethod
-    def _require_travel(cls, value: float, info: ValidationInfo) -> float:
+    def _require_width(cls, value: float, info: ValidationInfo) -> float:
         low = info.data.get("from_deg")
         if low is not None and value - low < 1.0:
-            raise refuse(f"the joint would travel {value - low:g} deg", "give it more than 1 deg")
+            raise refuse(
+                f"the exploration range is {value - low:g} deg wide", "make it at least 1 deg wide"
+            )
         return value
 
 

@@ -200,7 +200,7 @@ def _check_exploration(
     for joint in sorted(set(drives) - set(named)):
         if arm is None or joint <= arm.joint_count:
             remedy = f"add {{joint: {joint}, from_deg: ..., to_deg: ...}}"
-            yield place, f"joint {joint} has no travel", remedy
+            yield place, f"joint {joint} has no exploration range", remedy
 
 
 def _check_limits(file_model: ProcedureFile, arm: ArmModel) -> Iterator[Complaint]:
@@ -213,13 +213,13 @@ def _check_limits(file_model: ProcedureFile, arm: ArmModel) -> Iterator[Complain
     for k, item in boxes:
         joint, home = arm.joints[item.joint - 1], math.degrees(arm.home_rad[item.joint - 1])
         low, high = math.degrees(joint.lower_rad), math.degrees(joint.upper_rad)
-        for key, travel in (("from_deg", item.from_deg), ("to_deg", item.to_deg)):
-            if not low - 1e-9 <= home + travel <= high + 1e-9:
+        for key, end in (("from_deg", item.from_deg), ("to_deg", item.to_deg)):
+            if not low - 1e-9 <= home + end <= high + 1e-9:
                 text = (
-                    f"takes joint {item.joint} from home {home:.6g} to {home + travel:.6g} deg, "
+                    f"takes joint {item.joint} from home {home:.6g} to {home + end:.6g} deg, "
                     f"outside its range {low:.6g} to {high:.6g} deg"
                 )
-                yield ("capture", "exploration", k, key), text, "shorten the travel"
+                yield ("capture", "exploration", k, key), text, "shorten the exploration range"
     # If the program chooses, any joint may drive.
     named = [item.joint for _, item in boxes]
     drives = named if file_model.chosen_modes.listed else range(1, arm.joint_count + 1)

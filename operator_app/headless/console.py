@@ -193,7 +193,9 @@ def _how_to_continue(cut: CutShort) -> list[str]:
                 f"Find out why the drive of joint {cause.joint} left its state.",
                 goes_on,
             ]
-        return [f"Find out what joint {cause.joint} hit.{reset}", goes_on]
+        if cause.code == EmergencyCode.EXCESS_TORQUE:
+            return [f"Find out what joint {cause.joint} hit.{reset}", goes_on]
+        return [f"Find the cause of the fault of joint {cause.joint}.{reset}", goes_on]
     if isinstance(cause, DriveDiverged):
         return [
             f"Only when you know why joint {cause.joint} diverged: {goes_on[0].lower()}{goes_on[1:]}"

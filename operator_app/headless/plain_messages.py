@@ -86,8 +86,9 @@ def _capture(s: SessionSnapshot) -> list[str]:
     again = f" Placement {s.state.placement}." if s.state.placement > 1 else ""
     lines = [f"{len(s.state.used_poses)} of {s.required_poses} poses.{again}"]
     if s.live is not None and s.live.history:
+        limit = s.procedure.acceptance.scaled_condition_number
         lines.append(
-            f"Condition number {CONDITION(s.live.scaled_condition_number).shown} (the result warns above 100); "
+            f"Condition number {CONDITION(s.live.scaled_condition_number).shown} (the result warns above {limit:g}); "
             f"weakest: {', '.join(s.live.weakest[:3])}."
         )
     for pose in s.state.poses[-3:]:

@@ -67,7 +67,7 @@ def _example(kind: str) -> Iterator[str]:
     known: Any = kind
     names = ", ".join(f"`{name}`" for name in builtin_names(known))
     yield f"Packaged: {names}."
-    yield f"## The packaged {EXAMPLES[kind]}"
+    yield f"## The built-in {EXAMPLES[kind]}"
     yield f"```yaml\n{resolve(known, EXAMPLES[kind]).data.decode().rstrip()}\n```"
 
 

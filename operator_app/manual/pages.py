@@ -22,7 +22,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
         "How to": {
             "terminal-app": "work in the terminal app",
             "own-arm": "describe your own arm, plan, rehearse",
-            "packaged-arms": "the arms that come with the program, and what was tried on real ones",
+            "packaged-arms": "the built-in arms, and what was tried on real ones",
             "outside-arm": "bring in an arm that is not on CAN, as a package",
             "own-hinge": "build and describe your own hinge",
             "own-poses": "calibrate from readings that you have",

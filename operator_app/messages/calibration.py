@@ -63,8 +63,7 @@ SOURCE_REMEDIES = {
 
 _HOLDS_ONLY = (
     ". No file states how well {fixed} is known: the stated tool accuracy holds only if the fixed value is right; "
-    "otherwise the tool is also off by {rates}. Calibrate with a fixture that determines {fixed}, or state "
-    "offset_tolerance_deg in the arm's file"
+    "otherwise the tool is also off by {rates}"
 )
 
 
@@ -141,6 +140,13 @@ def _holds(f: Finding) -> str:
     return _HOLDS_ONLY.format(fixed=", ".join(f.figures), rates=", ".join(rates))
 
 
+def _releasing(f: Finding) -> str:
+    if not f.figures:
+        return ""
+    fixed = ", ".join(f.figures)
+    return f"calibrate with a fixture that determines {fixed}, or state offset_tolerance_deg in the arm file"
+
+
 def _displacement(f: Finding) -> str:
     turn, shift = f.figures["turn_rad"], f.figures["shift_m"]
     known = [(SHIFTED, shift), (TURNED, turn)]
@@ -198,7 +204,7 @@ def _range(f: Finding) -> str:
 
 def _narrowing(f: Finding) -> str:
     if f.names:
-        return source_remedy(f.names[0])
+        return f"to halve its largest contribution, {source_remedy(f.names[0])}"
     return "take more poses that differ more from each other: every joint through a larger part of its range"
 
 
@@ -228,7 +234,7 @@ FIELDS: Mapping[str, Callable[[Finding], object]] = {
     "fixed_at": lambda f: ", ".join(
         f"{x.name} at {units.NOMINAL_OFFSET(x.size).with_unit}" for x in f.sizes
     ),
-    "reference": lambda f: "best line" if "from_line" in f.figures else "true angle",
+    "reference": lambda f: "best-fit straight line" if "from_line" in f.figures else "true angle",
     "reported": lambda f: f.reported[0],
     "reported_remedy": lambda f: f.reported[1] if len(f.reported) > 1 else "",
     "displacement": _displacement,
@@ -240,4 +246,5 @@ FIELDS: Mapping[str, Callable[[Finding], object]] = {
     "range": _range,
     "narrowing": _narrowing,
     "holds": _holds,
+    "releasing": _releasing,
 }

@@ -170,7 +170,7 @@ def configured_words(identity: ArmIdentity) -> str:
     parts = [
         f"{len(changed)} {what}{'s' if len(changed) > 1 else ''} {'were' if len(changed) > 1 else 'was'} {how}: "
         f"{changed[0]}"
-        f"{'; and so on' if len(changed) > 1 else ''}. "
+        f"{f'; and {len(changed) - 1} more' if len(changed) > 1 else ''}. "
         for changed, what, how in (
             (
                 pdos,

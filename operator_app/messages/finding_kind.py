@@ -25,8 +25,8 @@ _RANGE = (
 )
 _WHOLE_TURN = (
     (
-        "joint {joint} reads {size:READING} in {poses}, whole turns away from its range {range}: its encoder counts "
-        "from another turn"
+        "joint {joint} reads {size:READING} in {poses}, outside its range {range} by whole turns: its turn count "
+        "is wrong"
     ),
     "home the joint or correct range_deg in the arm file",
 )
@@ -187,14 +187,14 @@ class FindingKind(Enum):
         "{sensor}_{joint}",
         (
             "the encoder of joint {joint} {certain:has|may have} a cyclic error of {size:SCATTER} rms with one or two "
-            "periods per turn, more than the arm file states"
+            "periods per turn, more than its accuracy_deg allows"
         ),
-        "check the centring of joint {joint}'s encoder, or state its accuracy_deg",
+        "check the centring of joint {joint}'s encoder, or state a larger accuracy_deg",
     )
     ENCODERS_EXCEED = (
         "ENCODERS",
-        "the errors of the encoders are about {times:TIMES} times as large as the arm file states",
-        "check the centring of the encoders, or state their accuracy_deg",
+        "the errors of the encoders are about {times:TIMES} times their accuracy_deg",
+        "check the centring of the encoders, or state a larger accuracy_deg",
     )
     RVDT_NONLINEAR = (
         "{sensor}_{joint}",
@@ -240,20 +240,20 @@ class FindingKind(Enum):
     JOINT_SAG = (
         "SAG_JOINT_{joint}",
         (
-            "joint {joint} {certain:sags|may sag} by {size:SCATTER} rms, depending on the pose, more than the arm file "
-            "states"
+            "joint {joint} {certain:sags|may sag} by {size:SCATTER} rms, depending on the pose, more than its sag_deg "
+            "allows"
         ),
-        "check joint {joint} for play or a weak link, or state its sag_deg",
+        "check joint {joint} for play or a weak link, or state a larger sag_deg",
     )
     PLAY_EXCEEDS = (
         "PLAY",
-        "the joints' play is about {times:TIMES} times what the arm file states",
-        "check bearings and couplings for wear, or state the joints' play",
+        "the joints' play is about {times:TIMES} times their backlash_deg",
+        "check bearings and couplings for wear, or state a larger backlash_deg",
     )
     SAG_EXCEEDS = (
         "SAG",
-        "the joints' sag under load is about {times:TIMES} times what the arm file states",
-        "check bearings and couplings for wear, or state the joints' sag under load",
+        "the joints' sag under load is about {times:TIMES} times their sag_deg",
+        "check bearings and couplings for wear, or state a larger sag_deg",
     )
     LENGTH_STEP = (
         "STEP_LENGTH_{name}",
@@ -388,12 +388,12 @@ class FindingKind(Enum):
     )
     SIGMAS_USELESS = (
         "LITTLE_MOTION",
-        "these poses determine {sizes} no better than they were known before (standard uncertainties in brackets)",
+        "these poses determine {sizes} no better than the files do (standard uncertainty in brackets)",
         "{narrowing}",
     )
     SIGMAS_WIDE = (
         "LITTLE_MOTION",
-        "these poses determine {sizes} only roughly (standard uncertainties in brackets)",
+        "the standard uncertainty of {sizes} is large",
         "{narrowing}",
     )
     CONDITION = (
@@ -448,7 +448,7 @@ class FindingKind(Enum):
     # The solution.
     NOT_CONVERGED = (
         "NOT_CONVERGED",
-        "the iteration did not converge in {iterations:d} rounds",
+        "the iteration did not converge in {iterations:d} iterations",
         "see the warnings about the readings, or try --global-start",
     )
     OTHER_SOLUTION = (
@@ -510,10 +510,12 @@ class FindingKind(Enum):
     FIXED_UNSEEN = (
         "HELD",
         "{listed_all} cannot be identified from these poses and {one_name:was|were} fixed at nominal values{holds}",
+        "{releasing}",
     )
     FIXED_BY_CHOICE = (
         "HELD",
         "not calibrated but fixed, as stated in the arm's file: {fixed_at}{tolerance}{holds}",
+        "{releasing}",
     )
     LENGTHS_EXACT = (
         "LENGTHS_EXACT",

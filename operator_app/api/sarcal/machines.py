@@ -140,7 +140,7 @@ def _reference(kind: Literal["arm", "fixture"], value: Any) -> str:
     path = fspath(value) if isinstance(value, str | PathLike) else None
     if not isinstance(path, str):
         raise TypeError(
-            f"{kind}={shown(value)}: give the path of its file, the name of a packaged one, or what "
+            f"{kind}={shown(value)}: give the path of its file, the name of a built-in {kind}, or what "
             f"sarcal.load_{kind} returned"
         )
     return path

@@ -213,7 +213,7 @@ def _quoted(value: Any) -> str:
         case bool():
             return "true" if value else "false"
         case int() if abs(value) > MAX_INTEGER:
-            return "a number with too many digits"
+            return f"a number of {len(str(abs(value)))} digits"
         case int() | float():
             return f"{value}"
         case str():

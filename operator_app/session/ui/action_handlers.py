@@ -1,4 +1,4 @@
-"""What the actions do: they submit tasks to the runner, after a question where one is needed."""
+"""What the actions do: they submit tasks to the runner, after confirmation where it is needed."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def history(context: ActionContext) -> None:
 
 
 def apply_modes(context: ActionContext) -> None:
-    """Set the selected modes, after a question."""
+    """Set the selected modes, after confirmation."""
     joints = context.s.wanted_joints
     text = f"The drives are enabled; {_modes_text(context.s)}. Nothing moves yet. Stand clear of the arm."
     question = YesNo(title="Apply the modes?", text=text, yes="Apply")
@@ -278,7 +278,7 @@ def procedure(context: ActionContext) -> None:
 
 
 def new_session(context: ActionContext) -> None:
-    """Start another session, after a question."""
+    """Start another session, after confirmation."""
     interface = context.interface
     text = "This session is closed and kept, the arm is held, and a new session starts at step 1."
     question = YesNo(title="New session?", text=text, yes="Start")
@@ -286,7 +286,7 @@ def new_session(context: ActionContext) -> None:
 
 
 def remount(context: ActionContext) -> None:
-    """Release the arm and continue in the next placement, after a question with the operator's steps."""
+    """Release the arm and continue in the next placement, after confirmation of the operator's steps."""
     interface = context.interface
     steps = " ".join(remounting_steps(context.s.procedure))
     text = (

@@ -168,7 +168,7 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            help="Type the drive joints; they take effect when applied.",
            steps=_at(Step.MODES), work=other_joints),
     Action(name="apply_modes", keys=("a",), shown="a", label="Apply", prompt=action_handlers.apply_prompt,
-           help="Enable the drives and set the selected modes, after a question; the modes are read back.",
+           help="Enable the drives and set the selected modes, after confirmation; the modes are read back.",
            steps=_at(Step.MODES), guard=guards.may_apply_modes, work=action_handlers.apply_modes),
     Action(name="wiggle", keys=("w",), shown="w", label="Wiggle",
            prompt="Trial wiggle: 2 deg and back",
@@ -189,7 +189,7 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            help="Move to the waypoint that adds most information. Any key stops.", steps=_at(Step.CAPTURE),
            guard=guards.may_go_best, work=lambda context: action_handlers.go(context, context.s.best_waypoint)),
     Action(name="go_home", keys=("h",), shown="h", label="Go home", prompt="Go home at 5 deg/s",
-           help="Move the drive joints straight home at 5 deg/s, after a question: for an arm outside the "
+           help="Move the drive joints straight home at 5 deg/s, after confirmation: for an arm outside the "
            "box of its procedure. Any key stops.",
            steps=_at(Step.MODES, Step.CAPTURE, Step.EXPORT), guard=guards.may_go_home,
            work=action_handlers.home),
@@ -213,7 +213,7 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            steps=_at(Step.CAPTURE), guard=guards.may_edit_pose, work=action_handlers.exclude),
     Action(name="remount", keys=("M",), shown="M", label="Remount",
            prompt="Remount the fixture, for poses in another placement",
-           help="Release the arm, after a question with the steps, and continue this session in another "
+           help="Release the arm, after confirmation of the steps, and continue this session in another "
            "placement of its fixture; the arm's offsets are shared.",
            steps=_at(Step.CAPTURE), guard=guards.may_remount, work=action_handlers.remount),
     Action(name="calibrate", keys=("s",), shown="s", label="Solve",
@@ -288,7 +288,7 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
     OnScreen(name="theme", keys=("T",), shown="T", label="Theme",
              help="Change between dark, light and no colour."),
     OnScreen(name="quit", keys=QUIT_KEYS, shown="q", label="Quit",
-             help="Quit, after a question: the arm is held, the session is kept.",
+             help="Quit, after confirmation: the arm is held, the session is kept.",
              footer=EVERYWHERE),
     *(
         OnScreen(name=f"step_{int(step)}", keys=(str(int(step)),), shown=str(int(step)),
@@ -299,7 +299,7 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
 
 
 def by_name(name: str) -> Action | OnScreen:
-    """Return the action of this name."""
+    """Return the action with this name."""
     return next(a for a in ACTIONS if a.name == name)
 
 

@@ -203,7 +203,7 @@ def _export(s: SessionSnapshot) -> NextAction:
         return NextAction(
             "upload",
             "Upload",
-            "the files are written. Enter uploads to the controller, after a question; q quits",
+            "the files are written. Enter uploads to the controller, after confirmation; q quits",
         )
     if s.verification is None:
         hint = "done: uploaded and read back. Enter or q quits; y verifies with new poses"

@@ -268,7 +268,7 @@ def explore(session: Session, listener: Listener, after_pose: Callable[[], None]
         if waypoint >= len(plan):
             raise GuardError(
                 f"only {count} of {total} poses could be reached",
-                "drive another pair of joints, widen the span, mount the hinge elsewhere, or "
+                "drive another pair of joints, widen the exploration ranges, mount the hinge elsewhere, or "
                 "calibrate from these poses",
             )
         listener.going(None)

@@ -25,8 +25,8 @@ from operator_app.units import (
 )
 from solver.chain.arm_model import Joint
 
-ACCEPTABLE, PAPER = 100, 28
-"""Scaled condition numbers: the limit that the paper states, and the one that it reached."""
+PAPER = 28
+"""Scaled condition number that the paper reached."""
 
 
 class StillPanel(Lines):
@@ -169,7 +169,7 @@ class QualityPanel(Lines):
 
     TITLE = "What the poses determine"
     HELP = (
-        "Scaled condition number: the result warns above 100, the paper reached 28; lower is better. The trend "
+        "Scaled condition number: lower is better; the result warns above the limit; the paper reached 28. The trend "
         "over all poses, first to present from left to right, is on a log scale up to 30 times the lowest value. "
         "Weak: the parameters that the poses determine least. Coverage: the part of each joint's "
         "range that the poses span. Best next: the planned pose that adds most information."
@@ -213,12 +213,13 @@ def _condition(s: SessionSnapshot, width: int) -> Line:
         return line((" condition ", "dim"), ("—", "text"), (needed, "dim"))
     value = live.scaled_condition_number
     shown = CONDITION(value).shown
-    good = value < ACCEPTABLE
-    role, word = ("bold", "ok") if good else ("warn", f"▲ over {ACCEPTABLE}")
+    limit = s.procedure.acceptance.scaled_condition_number
+    good = value <= limit
+    role, word = ("bold", "ok") if good else ("warn", f"▲ over {limit:g}")
     if not good and len(s.state.used_poses) < s.required_poses:
         # Later poses reduce the condition number: no remedy is needed.
         role, word = "bold", "so far"
-    more = f" (limit {ACCEPTABLE}, paper {PAPER})" if width > 40 else f" (paper {PAPER})"
+    more = f" (limit {limit:g}, paper {PAPER})" if width > 40 else f" (paper {PAPER})"
     return clip(
         line(
             (" condition ", "dim"),

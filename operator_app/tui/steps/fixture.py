@@ -93,7 +93,10 @@ class ChecksPanel(Lines):
                 line(
                     " ◌ ",
                     f"predicted condition number {CONDITION(s.forecast.scaled_condition_number).shown} ",
-                    ("(the result warns above 100)", "dim"),
+                    (
+                        f"(the result warns above {s.procedure.acceptance.scaled_condition_number:g})",
+                        "dim",
+                    ),
                 )
             )
             rows += _ranges(s)

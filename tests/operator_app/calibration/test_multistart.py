@@ -93,7 +93,11 @@ def test_poses_that_tell_little_are_said_to_once():
     [
         ("theta_off_4", session(2), "take more poses"),
         # Taken for one that is as stated: its curve, five times its specification, is most of this sigma.
-        ("theta_off_7", CASES["RVDT 5 %"](3).taken, "replace the RVDT of joint 7"),
+        (
+            "theta_off_7",
+            CASES["RVDT 5 %"](3).taken,
+            "to halve its largest contribution, replace the RVDT of joint 7",
+        ),
     ],
     ids=["as stated", "a bent RVDT"],
 )

@@ -211,7 +211,7 @@ def _iterate(
             newton_step.largest < steady_limit or newton_step.slope < LEAST_GAIN
         )
         nearly = remaining < SIGN_TEST_SIGMA and newton_step.largest < SIGN_TEST_VARIANCE_SIGMA
-        if sign_asked and (nearly or rounds >= FREE_ROUNDS):
+        if sign_asked and (nearly or converged or rounds >= FREE_ROUNDS):
             surplus = gravity_share(fit) - 0.5
             in_doubt = abs(surplus) < min(DOUBTFUL_SIGN_SHARE, newton_step.largest)
             sign_asked = in_doubt and not converged and rounds < FREE_ROUNDS

@@ -115,7 +115,7 @@ def test_plain_ascii_on_request(plan_output):
     for label in ("S", "1", "6", "*", "J1 deg", "J5 deg"):
         assert label in picture
     advice = plan_output["ascii"].split("Hinge placements")[1]
-    for word in ("as it is", "mobility", "condition", "joints travel: J1", "sigmas in mm"):
+    for word in ("as it is", "mobility", "condition", "joint ranges reached: J1", "sigmas in mm"):
         assert word in advice
 
 

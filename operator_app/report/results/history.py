@@ -36,7 +36,11 @@ def quantity(name: str) -> Quantity:
 def title_of(part: EntryHistory) -> str:
     """Return the title of a part of the history."""
     first, last = part.calibrations[0].document, part.calibrations[-1].document
-    what = {Side.ARM: "Offsets of the arm", Side.GROUND: "Ground side", Side.HAND: "Hand side"}
+    what = {
+        Side.ARM: "Offsets of the arm",
+        Side.GROUND: "Fixture on the table",
+        Side.HAND: "Fixture on the tool",
+    }
     since = "" if part.side is Side.ARM else f", mounted {first.utc:%Y-%m-%d}"
     return (
         f"{what[part.side]}: fixture {last.fixture.name}, {last.estimator}{since}, "

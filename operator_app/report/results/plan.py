@@ -119,7 +119,7 @@ def _verdict(ranked: RankedDrives, now: RankedDrives | None) -> str:
     if not ranked.usable:
         return "not usable"
     if now is not None and not now.usable:
-        return "fold at start"
+        return "singular at start"
     return ""
 
 
@@ -129,7 +129,7 @@ def _poses(shown: Preview) -> str:
     for number, pose in enumerate(shown.poses, 1):
         row = [str(number), " ".join(map(str, pose.drives))]
         row += [SPAN(angle).shown for angle in pose.q_rad.tolist()]
-        rows.append([*row, "no safe way" if pose.route is None else ""])
+        rows.append([*row, "no safe path" if pose.route is None else ""])
     known = f", beside {shown.captured} captured ones" if shown.captured else ""
     head = (
         f"{len(shown.poses)} poses in visiting order{known}: predicted readings in deg, of which "
@@ -210,14 +210,14 @@ def _placement(
         + f" {kind.quantity.unit}"
         for kind, angles in ((MOUNTED_LENGTH, False), (NOMINAL_TWIST, True))
     )
-    travel = ", ".join(
+    reached = ", ".join(
         f"J{j} {WHOLE_DEGREES(low).shown} to {WHOLE_DEGREES(high).shown}"
         for j, (low, high) in enumerate(placement.reach_rad.tolist(), 1)
     )
     lines = [
         f"{number}. {placement.text}",
         f"placement: {entries}",
-        f"joints travel: {travel}",
+        f"joint ranges reached: {reached}",
     ]
     for quantity in (ANGLE, LENGTH):
         phrases = [

@@ -115,7 +115,10 @@ def test_text_page_and_what_stays_mounted(sessions, tmp_path, history):
     assert lines[0] == "SHIFTED:"
     assert max(len(line) for line in lines if not line.startswith("Page")) <= 80
     assert f"due {BEGAN + (SESSIONS - 1) * MONTH + 3 * MONTH:%Y-%m-%d}" in out
-    assert f"Ground side: fixture hinge, implicit, mounted 2026-01-31, {SESSIONS} sessions" in out
+    assert (
+        f"Fixture on the table: fixture hinge, implicit, mounted 2026-01-31, {SESSIONS} sessions"
+        in out
+    )
     text = page.read_text()
     assert text.count("<svg") == 14
     assert "theta_off_4 by " in text

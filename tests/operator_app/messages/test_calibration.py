@@ -46,7 +46,10 @@ EXAMPLE = Finding(
 )
 
 RATES = {"theta_off_3": 0.11}
-RVDT_TEXT = "the RVDT of joint 3 deviates from its best-fit straight line by 0.9 % of full scale (specification: at most 0.50 %)"
+RVDT_TEXT = (
+    "the RVDT of joint 3 deviates from its best-fit straight line by 0.9 % of full scale (specification: at most "
+    "0.50 %)"
+)
 RVDT_NOISE = "the readings of joint 3's RVDT scatter by 0.09 deg (at most 0.02 deg)"
 OWN = {
     K.FIXTURE_SLIPPED: {"names": ("tool",), "poses": ("7", "8")},

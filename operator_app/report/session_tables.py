@@ -50,7 +50,7 @@ def rvdt_joints(subject: Subject) -> tuple[int, ...]:
 def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
     """Return the table of every joint's sensor, corrections and covered range."""
     arm, q, used = subject.procedure.arm, subject.readings_rad, sensed_joints(subject)
-    sigma, stated, rows = arm.sigma_rad(), _stated_rad(arm), []
+    sigma, stated, rows = arm.sigma_rad(), stated_rad(arm), []
     for j, joint in enumerate(arm.joints, 1):
         rms = None
         if estimate is not None and estimate.corrections is not None and j in used:
@@ -92,7 +92,7 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
     )
 
 
-def _stated_rad(arm: ArmModel) -> FloatArray:
+def stated_rad(arm: ArmModel) -> FloatArray:
     """Return the stated standard uncertainty of each joint's reading (n,), rad."""
     encoder = math.sqrt(2.0) * arm.accuracy_rad  # errors once and twice per turn
     curve = rms_per_amplitude() * SD_OF_PEAK * arm.linearity_rad()

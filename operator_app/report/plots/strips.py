@@ -21,7 +21,7 @@ from operator_app.report.plots.svg import (
     picture,
     segment,
 )
-from operator_app.report.session_tables import CORRECTION_ODD, sensed_joints
+from operator_app.report.session_tables import CORRECTION_ODD, sensed_joints, stated_rad
 from operator_app.units import ANGLE, CLOSURE_ANGLE, SHARE, Figure, fixed, significant
 
 if TYPE_CHECKING:
@@ -235,7 +235,8 @@ def corrections_by_joint(subject: Subject, estimate: Estimate | None) -> Html | 
     if estimate is None or estimate.corrections is None:
         return None
     values = CLOSURE_ANGLE.per_si * estimate.corrections
-    noise = CLOSURE_ANGLE.per_si * subject.procedure.arm.sigma_rad()
+    arm = subject.procedure.arm
+    noise, stated = CLOSURE_ANGLE.per_si * np.array([arm.sigma_rad(), stated_rad(arm)])
     rms = np.sqrt(np.mean(values**2, axis=0))
     return figure(
         "Corrections that close the loops, joint by joint",
@@ -247,7 +248,7 @@ def corrections_by_joint(subject: Subject, estimate: Estimate | None) -> Html | 
                     name=f"joint {j}",
                     values=values[:, j - 1].tolist(),
                     band=float(noise[j - 1]),
-                    odd=bool(rms[j - 1] > CORRECTION_ODD * noise[j - 1]),
+                    odd=bool(0.0 < CORRECTION_ODD * stated[j - 1] < rms[j - 1]),
                 )
                 for j in sensed_joints(subject)
             ],

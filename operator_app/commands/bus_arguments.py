@@ -33,7 +33,7 @@ def app(parser: argparse.ArgumentParser) -> None:
     option(group, "--poses N", "how many poses to capture", type=pose_count)
     option(group, "--resume SESSION", "go on with a session: folder, name or latest")
     option(group, "--ascii", "only ASCII characters")
-    option(group, "--plain", "numbered prompts instead of a full screen")
+    option(group, "--plain", "numbered prompts instead of the terminal app")
     option(group, "--light", "begin with the light theme")
     option(
         group,

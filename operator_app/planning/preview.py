@@ -51,7 +51,7 @@ class Preview:
     parameters
         Unknowns of the calibration.
     mobility
-        Freedoms of the closed chain.
+        Degrees of freedom of the closed chain.
     estimate
         Estimate with which the plan was made; None: nominal values.
     checks

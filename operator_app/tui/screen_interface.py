@@ -101,7 +101,7 @@ class ScreenInterface:
         self.app.poll()
 
     def do_named(self, name: str) -> None:
-        """Do the action of this name, after a click or as the next action."""
+        """Do the action with this name, after a click or as the next action."""
         self.do(action_table.by_name(name))
 
     def do_anywhere(self, action: Action | OnScreen) -> None:

@@ -3,7 +3,7 @@
 Poses are added greedily, then exchanged for better candidates until no exchange helps
 (Fedorov 1972). With M the information so far and F the r rows of a candidate,
 ``det(M + F'F) = det(M) det(I + F M^-1 F')``: one product over all candidates and a determinant of
-size r each, so a whole round costs milliseconds. Where the unknowns include effects (nuisance parameters), the
+size r each, so a whole sweep takes milliseconds. Where the unknowns include effects (nuisance parameters), the
 determinant is that of the parameters' information alone (D_s-optimality).
 """
 
@@ -24,7 +24,7 @@ RESTART_WORK = 400_000
 """Small problems have bad local optima and are cheap: they are started again, up to this many
 candidates times poses times unknowns altogether. Among thousands of candidates one start comes within one per cent."""
 MAX_SWEEPS = 10
-"""Largest number of rounds of exchanges."""
+"""Largest number of sweeps of exchanges."""
 WORTHWHILE = 1e-9
 """A gain of log det smaller than this is due to rounding."""
 

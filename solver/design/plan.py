@@ -150,7 +150,7 @@ def make_plan(
     captured
         Joint angles (c, n) of poses captured already; their information is included.
     covariance
-        (P, P) of `x`; None trusts `x` everywhere.
+        (P, P) of `x`; with None, `x` counts as reliable everywhere.
     avoid_rad
         Readings (b, n) where a move had to be stopped: nothing is planned within `AVOID_RADIUS_RAD` of them.
     """

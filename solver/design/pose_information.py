@@ -18,7 +18,7 @@ from solver.estimators.error_model import ErrorModel
 from solver.loops.closure import ClosureModel
 
 EFFECTS = 40
-"""Number of combinations of effects used in planning, those that the poses determine best: on the packaged arms they
+"""Number of combinations of effects used in planning, those that the poses determine best: on the built-in arms they
 carry 99.9 % of the information, and a choice among 3,000 poses takes one second."""
 
 

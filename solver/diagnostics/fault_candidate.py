@@ -33,7 +33,7 @@ class Cause(Enum):
 
 
 class PeakDeviation(NamedTuple):
-    """Largest deviation of a sensor over the poses and its standard deviation, rad; `from_line`: from the best line."""
+    """Largest deviation of a sensor over the poses, from its best-fit line if `from_line`, and its sigma, rad."""
 
     peak: float
     sd: float
@@ -53,7 +53,7 @@ class Candidate:
     cause, subject
         Kind of cause, and its joint, entry or side.
     columns, natural
-        Derivatives (m, r, c) of the misclosures with respect to each coefficient, and its natural size (c,).
+        Derivatives (m, r, c) of the misclosures with respect to each coefficient, and its expected size (c,).
     own
         Poses (p,) with separate columns: then `columns` are (p, r, c), each with its own coefficient, and `natural` is
         (p * c,).
@@ -62,7 +62,7 @@ class Candidate:
     poses
         Poses concerned, indices in the order of the fit; empty for all.
     most
-        Largest size of this cause, in units of the natural one.
+        Largest size of this cause, in units of the expected one.
     shapes, least
         The deviation in every pose is ``shapes @ b`` (m,), or b itself; it counts as a cause only if larger (rms) than
         `least`.
@@ -115,7 +115,7 @@ class Candidate:
         return out
 
     def deviation(self, b: FloatArray, covariance: FloatArray) -> PeakDeviation:
-        """Largest deviation over the poses, with the gain included or from the best line, whichever is more certain.
+        """Largest deviation over the poses, with the gain included or from the best-fit line, whichever is more certain.
 
         The loop determines a sensor's linearity deviation far better than its gain.
         """

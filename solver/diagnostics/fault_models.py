@@ -21,10 +21,10 @@ from solver.estimators.effects import LinearModel, System
 from solver.estimators.linear_fit import LinearFit
 
 ANGLE_RAD, LENGTH_M = 1e-3, 1e-3
-"""Natural size of faults without a stated size."""
+"""Expected size of faults without a stated size."""
 
 SCALE = 1e-2
-"""Natural size of a scale error."""
+"""Expected size of a scale error."""
 
 
 LENGTHS_SHARE = 0.1
@@ -88,7 +88,7 @@ class FaultModels:
     def _along(
         self, cause: Cause, j: int, shapes: FloatArray, size: float = ANGLE_RAD
     ) -> Candidate:
-        """Candidate: an error of joint j's reading with these shapes (m, c), each of this natural size."""
+        """Candidate: an error of joint j's reading with these shapes (m, c), each of this expected size."""
         columns = self.joint(j) * shapes[:, None, :]
         natural = np.full(shapes.shape[1], size)
         return Candidate(cause=cause, subject=str(j), columns=columns, natural=natural)

@@ -26,7 +26,7 @@ from solver.estimators.paper import closure_problem
 from solver.loops.closure import ClosureModel
 
 SIZES = np.logspace(-2.0, 3.0, 21)
-"""Sizes of an explanation that are tried, in units of its natural size."""
+"""Scales of an explanation that are tried, in units of its expected size."""
 
 STRIDE = 4
 """Step through `SIZES` of a first search for the single maximum, used where each size is expensive."""
@@ -43,7 +43,7 @@ class Evidence:
     chi2, dof
         Remaining chi2 and its degrees of freedom, at stated variances.
     size
-        Standard deviation of the coefficients, in units of their natural sizes.
+        Standard deviation of the coefficients, in units of their expected sizes.
     b, covariance
         Coefficients (c,) and their covariance (c, c); for columns of single poses only the variances (c,).
     moved
@@ -77,7 +77,7 @@ def log_likelihood(residuals: WhitenedResiduals, *, most_noise: float) -> float:
 def evidence(
     residuals: WhitenedResiduals, G: FloatArray, natural: FloatArray, *, most: float = np.inf
 ) -> Evidence | None:
-    """Compute the evidence of columns G (m, r, c) with coefficients of natural sizes (c,), or up to `most` times these.
+    """Compute the evidence of columns G (m, r, c) with coefficients of expected sizes (c,), or up to `most` times.
 
     None if all of them are fitted already.
     """

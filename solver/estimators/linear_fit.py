@@ -22,7 +22,7 @@ SMALL = 64
 
 np.empty(2 << 20)
 """Allocated and freed once: from then on glibc keeps free blocks up to this size, instead of returning the matrices of
-every round to the system and having them zeroed again. Other C libraries are not affected."""
+every iteration to the system and having them zeroed again. Other C libraries are not affected."""
 
 LEAST_RESOLVED_SHARE = 1e-3
 """Least diagonal element of the Cholesky factor of ``I - N N'`` (`_held_out`) for which its rank counts as full."""

@@ -1,4 +1,4 @@
-"""The table of actions, for the full screen and for plain mode: keys, texts, steps, guard and handler.
+"""The table of actions, for the terminal app and for plain mode: keys, texts, steps, guard and handler.
 
 Handlers that only change settings are in this module, others in `action_handlers`.
 Key dispatch, footer, help, palette and prompts are made from this table.

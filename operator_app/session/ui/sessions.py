@@ -82,7 +82,7 @@ class Sessions:
         return runner
 
     def procedures(self) -> tuple[Procedure, ...]:
-        """The packaged procedures."""
+        """The built-in procedures."""
         return tuple(load_procedure(name) for name in builtin_names("procedure"))
 
     def resumed(self, reference: str) -> Runner:

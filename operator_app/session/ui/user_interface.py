@@ -1,4 +1,4 @@
-"""Actions, and the interface that full screen and plain mode implement for them.
+"""Actions, and the interface that the terminal app and plain mode implement for them.
 
 The guard of an action is checked when it is chosen, and again when its question is answered.
 """
@@ -157,7 +157,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OnScreen(Entry):
-    """An action that only the full screen has and carries out: selection, views, themes, steps."""
+    """An action that only the terminal app has and carries out: selection, views, themes, steps."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

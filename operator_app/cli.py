@@ -97,8 +97,8 @@ def _dispatch(argv: Sequence[str]) -> int:
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     completing = words_to_complete()
     arguments = argv if completing is None else completing
-    wanted = next((word for word in arguments if word in COMMANDS), APP)
-    if wanted == APP:
+    command = next((word for word in arguments if word in COMMANDS), APP)
+    if command == APP:
         declare(APP, parser)
     chosen = None
     subparsers = parser.add_subparsers(
@@ -108,7 +108,7 @@ def _dispatch(argv: Sequence[str]) -> int:
         sub = subparsers.add_parser(
             name, help=summary, description=summary[0].upper() + summary[1:] + "."
         )
-        if name == wanted:
+        if name == command:
             declare(name, sub)
             chosen = sub
     if completing is not None:

@@ -44,7 +44,7 @@ from operator_app.session.workflow.opening import (
 )
 from operator_app.session.workflow.pose_reading import Instrument, port_of
 from operator_app.session.workflow.session import Session
-from operator_app.signals import ending_signals_interrupt, ending_signals_wait
+from operator_app.signals import ending_signals_ignored, ending_signals_interrupt
 from operator_app.virtual_arms import run_controller, true_values, virtual_instrument
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
@@ -251,7 +251,7 @@ def unattended(
                 reason = "interrupted"
             raise
         finally:
-            with ending_signals_wait():
+            with ending_signals_ignored():
                 # The identity is of this run: an earlier run may have had another arm.
                 connected = session.identity is not None
                 held = session.close(reason)

@@ -10,7 +10,7 @@ import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
 
-FIRST_WORDS = {
+DOCSTRING_STARTS = {
     "fixtures": b'"""Physical fixtures: endpoint constraints',
     "hardware": b'"""The arm and the bus:',
     "solver": b'"""Kinematics, closure, estimation and planning.',
@@ -58,7 +58,7 @@ def require_own_names() -> None:
         One of them is not; the text states the remedy.
     """
     home = Path(__file__).resolve().parents[1]
-    for name, first_words in FIRST_WORDS.items():
+    for name, first_words in DOCSTRING_STARTS.items():
         spec = importlib.util.find_spec(name)
         origin = "nothing" if spec is None or spec.origin is None else spec.origin
         own = home / name / "__init__.py"

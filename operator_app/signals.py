@@ -69,7 +69,7 @@ def ending_signals_interrupt(*, for_good: bool = False) -> Iterator[None]:
 
 
 @contextmanager
-def ending_signals_wait() -> Iterator[None]:
+def ending_signals_ignored() -> Iterator[None]:
     """Context in which ending signals are ignored: the arm is held and the journal closed (well under a second)."""
     before = {number: signal.getsignal(number) for number in ENDING}
     while any(signal.getsignal(number) is not _ignore for number in ENDING):

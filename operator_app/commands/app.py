@@ -37,10 +37,10 @@ def execute(args: argparse.Namespace) -> int:
         from hardware.timing import Pace
         from operator_app.commands.choices import choices_from, recording
         from operator_app.composition import open_arm
-        from operator_app.config.user_settings import settings_if_right
+        from operator_app.config.user_settings import valid_settings
         from operator_app.session.ui.sessions import Sessions
 
-        usual, warning = settings_if_right()
+        usual, warning = valid_settings()
         choices = replace(choices_from(args, journal=False), operator=usual.operator)
 
         def join(opening: Opening) -> AbstractContextManager[Rig]:
@@ -94,11 +94,11 @@ def farewell(sessions: Sessions, folder: Path, reason: str, *, plain: bool = Fal
 
 
 def _full_screen(args: argparse.Namespace, make_source: Callable[[], Sessions]) -> str:
-    from operator_app.config.user_settings import settings_if_right
+    from operator_app.config.user_settings import valid_settings
     from operator_app.tui.app import run
     from operator_app.tui.theme import DARK, LIGHT, NO_COLOUR
 
-    settings, _ = settings_if_right()
+    settings, _ = valid_settings()
     usual = {"dark": DARK, "light": LIGHT, "none": NO_COLOUR}[settings.theme or "dark"]
     return run(
         make_source,
@@ -115,7 +115,7 @@ class _Ended(BaseException):
 
 def _plain(args: argparse.Namespace, source: Sessions) -> str:
     from operator_app.headless.plain import Plain, StandardTerminal
-    from operator_app.signals import ending_signals_wait
+    from operator_app.signals import ending_signals_ignored
 
     def end(number: int, _: object) -> NoReturn:
         raise _Ended(signal.Signals(number).name)
@@ -130,7 +130,7 @@ def _plain(args: argparse.Namespace, source: Sessions) -> str:
     except KeyboardInterrupt:
         reason = "interrupted"
     finally:
-        with ending_signals_wait():
+        with ending_signals_ignored():
             source.close(reason)
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -16,7 +16,7 @@ from operator_app.composition import describe, open_arm
 from operator_app.errors import DrivesNotOffError
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, sanitized, say
-from operator_app.signals import ending_signals_wait, press_ctrl_c
+from operator_app.signals import ending_signals_ignored, press_ctrl_c
 
 RESULT_MARKS = {True: "ok", False: "FAILED", None: "-"}
 
@@ -53,7 +53,7 @@ def execute(args: argparse.Namespace) -> int:
                 )
                 say(line, err=args.json, streaming=True)
         finally:
-            with ending_signals_wait():
+            with ending_signals_ignored():
                 held = arm.close()
                 powered = arm.left_powered if isinstance(arm, PowerReporting) else ()
     if args.json:

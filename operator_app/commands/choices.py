@@ -12,7 +12,7 @@ from operator_app.config.arm_file import load_arm
 from operator_app.config.poses_file import LoadedPoses
 from operator_app.config.procedure import DEFAULT_PROFILE
 from operator_app.config.profile_file import load_profile
-from operator_app.config.user_settings import settings_if_right, usual_bus
+from operator_app.config.user_settings import usual_bus, valid_settings
 from operator_app.exit_codes import UsageError
 from operator_app.safe_output import say
 from operator_app.session.workflow.opening import Choices, Opening, begin, resume
@@ -72,7 +72,7 @@ def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:
 
 
 def _operator_name() -> str | None:
-    settings, wrong = settings_if_right()
+    settings, wrong = valid_settings()
     if wrong:
         say(f"sarcal: {wrong}.", err=True)
     return settings.operator

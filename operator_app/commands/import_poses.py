@@ -16,7 +16,7 @@ from operator_app.config.dwells import (
     DWELL_SPREAD_RAD,
     find_dwells,
     poses_of,
-    quietest_rad,
+    smallest_spread_rad,
 )
 from operator_app.config.joint_log import Unit, load_joint_log
 from operator_app.config.poses_file import save_poses
@@ -118,9 +118,9 @@ def _poses(
         )
         print_warnings(file, read)
         pose_sets.append(read.poses)
-    said_of = {"recordings": recordings} if recordings else {}
+    recording_data = {"recordings": recordings} if recordings else {}
     if len(pose_sets) == 1:
-        return pose_sets[0], said_of
+        return pose_sets[0], recording_data
     for k, (file, poses) in enumerate(zip(args.poses, pose_sets, strict=True)):
         if same := [
             args.poses[i] for i in range(k) if np.array_equal(pose_sets[i].q_rad, poses.q_rad)
@@ -143,7 +143,7 @@ def _poses(
         else tuple(utc for p in pose_sets for utc in p.utc or ()),
         notes=tuple(note for p in pose_sets for note in p.notes or ("",) * len(p)),
     )
-    return together, said_of
+    return together, recording_data
 
 
 def _joined(parts: list[Any]) -> Any:
@@ -192,11 +192,13 @@ def _recorded(
     text = recording_text(recording, dwells, refused, dwell_s=dwell_s, spread_deg=spread_deg)
     say(text, err=True)
     if not dwells:
-        quietest_deg = np.rad2deg(quietest_rad(recording.time_s, recording.q_rad, dwell_s))
-        quietest_text = f" (its quietest {dwell_s:g} s spread by {quietest_deg:.3g} deg)"
+        smallest_spread_deg = np.rad2deg(
+            smallest_spread_rad(recording.time_s, recording.q_rad, dwell_s)
+        )
+        quietest_text = f" (its quietest {dwell_s:g} s spread by {smallest_spread_deg:.3g} deg)"
         raise UsageError(
             f"{file}: the arm is never at rest for {dwell_s:g} s within {spread_deg:g} deg"
-            f"{quietest_text if np.isfinite(quietest_deg) else ''}; give another --dwell-s or --spread-deg, or "
+            f"{quietest_text if np.isfinite(smallest_spread_deg) else ''}; give another --dwell-s or --spread-deg, or "
             "record an arm that stops at its poses"
         )
     return poses_of(dwells, utc_text), recording_json(recording, dwells, refused)

@@ -32,7 +32,7 @@ def execute(args: argparse.Namespace) -> int:
     require_joints(unsensed or (), procedure.arm.joint_count)
     contents = read_journal(opening.folder)
     state = session_state(contents)
-    calibration, blind = None, None
+    calibration, unidentifiable = None, None
     try:
         # From the journal, else calculated now; the report says which.
         calibration = session_calibration(
@@ -40,10 +40,15 @@ def execute(args: argparse.Namespace) -> int:
         )
         calibration = with_checks(calibration, state, procedure)
     except UnidentifiableError as error:
-        blind = error
+        unidentifiable = error
     name = opening.folder.resolve().name
     subject = subject_of_session(
-        name, contents.events, procedure, calibration, torn=contents.torn, unidentifiable=blind
+        name,
+        contents.events,
+        procedure,
+        calibration,
+        torn=contents.torn,
+        unidentifiable=unidentifiable,
     )
     if args.json or args.text:
         _print(args, subject, opening.folder, state)
@@ -57,17 +62,17 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _print(args: argparse.Namespace, subject: Subject, folder: Path, state: SessionState) -> None:
-    blind, solution, facts = subject.unidentifiable, subject.solution, subject.facts
-    if blind is not None:
+    unidentifiable, solution, facts = subject.unidentifiable, subject.solution, subject.facts
+    if unidentifiable is not None:
         if args.text:
-            say(unidentifiable_text(blind))
+            say(unidentifiable_text(unidentifiable))
             return
         procedure = subject.procedure
         model = procedure.fixture.fixture.model(
             procedure.arm, unsensed_joints=subject.unsensed_joints
         )
         data = unidentifiable_json(
-            blind, parameters=len(model.parameters), folder=folder, state=state
+            unidentifiable, parameters=len(model.parameters), folder=folder, state=state
         )
         say(as_json(data))
     if solution is None or facts is None:

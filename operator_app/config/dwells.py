@@ -106,7 +106,7 @@ def find_dwells(
     return tuple(sorted(dwells, key=lambda d: d.start_s)), tuple(refused)
 
 
-def quietest_rad(time_s: FloatArray, q_rad: FloatArray, dwell_s: float) -> float:
+def smallest_spread_rad(time_s: FloatArray, q_rad: FloatArray, dwell_s: float) -> float:
     """Return the smallest spread (rad) in any window of `dwell_s`; infinite if the recording is shorter."""
     last = np.searchsorted(time_s, time_s + dwell_s * (1.0 - 1e-9))
     return float(_ranges(q_rad, last[last < len(time_s)]).max(axis=1).min(initial=np.inf))

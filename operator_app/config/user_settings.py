@@ -75,7 +75,7 @@ def load_settings() -> UserSettings:
     return parse_settings(data, str(settings_path())) if data is not None else UserSettings()
 
 
-def settings_if_right() -> tuple[UserSettings, str]:
+def valid_settings() -> tuple[UserSettings, str]:
     """Return the user's settings and an empty text; if the file is invalid, default settings and a warning.
 
     A bus is not taken from these: `usual_bus` refuses an invalid file.

@@ -47,8 +47,8 @@ class Chain:
     @property
     def refused(self) -> bool:
         """Whether a calibration with these files would fail."""
-        blind = any(identified.directions for _, identified in self.poses)
-        return self.outlook.refused or blind or bool(self.unfit)
+        unidentifiable = any(identified.directions for _, identified in self.poses)
+        return self.outlook.refused or unidentifiable or bool(self.unfit)
 
 
 def chains_of(files: FilesRead) -> tuple[Chain, ...]:

@@ -56,7 +56,7 @@ class Outlook:
     seen: Identifiability | None = None
 
     @property
-    def blind(self) -> tuple[UnidentifiableDirection, ...]:
+    def unidentifiable(self) -> tuple[UnidentifiableDirection, ...]:
         """Parameter directions that no poses of this chain determine."""
         return () if self.seen is None else self.seen.directions
 
@@ -65,7 +65,7 @@ class Outlook:
         """Whether a calibration would fail."""
         return (
             self.refusal is not None
-            or bool(self.blind)
+            or bool(self.unidentifiable)
             or any(c.severity is Severity.REFUSED for c in self.checks)
         )
 

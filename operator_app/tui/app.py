@@ -28,7 +28,7 @@ from operator_app.exit_codes import ExitCode
 from operator_app.manual.pages import Manual, reference
 from operator_app.report.spans import Line, line
 from operator_app.session.ui.steps import QUIT_KEYS, STOP_KEYS, Step
-from operator_app.signals import ENDING, ending_signals_wait
+from operator_app.signals import ENDING, ending_signals_ignored
 from operator_app.tui.driver import Pressed, watched
 from operator_app.tui.lines import Clicked, Lines
 from operator_app.tui.palette import ActionProvider
@@ -346,7 +346,7 @@ def run(
             reason = "failed"
     finally:
         # Nothing may interrupt while the arm is held and the journal closed.
-        with ending_signals_wait():
+        with ending_signals_ignored():
             app.close_source(reason)
     if app.problem is not None:
         raise app.problem

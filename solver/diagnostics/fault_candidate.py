@@ -115,7 +115,7 @@ class Candidate:
         return out
 
     def deviation(self, b: FloatArray, covariance: FloatArray) -> PeakDeviation:
-        """Largest deviation over the poses, with the gain included or from the best-fit line, whichever is more certain.
+        """Largest deviation over the poses, gain included or from the best-fit line, whichever is more certain.
 
         The loop determines a sensor's linearity deviation far better than its gain.
         """

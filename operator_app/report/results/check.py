@@ -189,7 +189,7 @@ def _chain(chain: Chain) -> str:
     immobile = {c.joint for c in outlook.checks if c.kind is CheckKind.IMMOBILE}
     lines += [
         paragraph(f"! not identifiable: {d}", indent=2)
-        for d in outlook.blind
+        for d in outlook.unidentifiable
         if immobile.isdisjoint(d.immobile_joints)
     ]
     lines += _other_home(chain)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from operator_app.config.dwells import LEAST_SAMPLES, find_dwells, quietest_rad
+from operator_app.config.dwells import LEAST_SAMPLES, find_dwells, smallest_spread_rad
 from tests.oracles.panda import panda_readings
 from tests.oracles.recordings import recorded_arm
 
@@ -67,5 +67,5 @@ def test_a_lost_minute_is_not_a_minute_at_rest():
 
 def test_how_quiet_a_noisy_recording_is():
     time_s, q = stretches((1, 20), (2, 0.1), (1, 20))
-    assert np.rad2deg(quietest_rad(time_s, q, 1.0)) == pytest.approx(0.1, rel=0.02)
-    assert quietest_rad(time_s, q, 5.0) == np.inf
+    assert np.rad2deg(smallest_spread_rad(time_s, q, 1.0)) == pytest.approx(0.1, rel=0.02)
+    assert smallest_spread_rad(time_s, q, 5.0) == np.inf

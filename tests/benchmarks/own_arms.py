@@ -153,11 +153,13 @@ def with_hinge(arm: Arm, fixture: Path) -> tuple[np.ndarray, np.ndarray]:
     axis, across = axis / np.linalg.norm(axis), np.linalg.svd(up[None])[2][1:]
     near = arm.home
     while len(theta) < POSES:
-        off = 1e-3 * arm.size * give.get("position_mm", 0.0) * rng.normal(size=3)
+        off = 1e-3 * arm.size * give["position_mm"] * rng.normal(size=3)
+        tilt = 1e-3 * arm.size * give["orientation_mrad"] * rng.normal(size=2)
 
-        def error(t: np.ndarray, off: np.ndarray = off) -> np.ndarray:
+        def error(t: np.ndarray, off: np.ndarray = off, tilt: np.ndarray = tilt) -> np.ndarray:
             T = arm.tool(t, arm.rows)
-            return np.append((T @ [*point, 1.0])[:3] - ground - off, across @ T[:3, :3] @ axis)
+            miss = (T @ [*point, 1.0])[:3] - ground
+            return np.append(miss - off, across @ T[:3, :3] @ axis - tilt)
 
         found = arm.close(error, near + 0.35 * rng.normal(size=len(near)))
         if found is not None and (arm.tool(found, arm.rows)[:3, :3] @ axis) @ up > 0.0:

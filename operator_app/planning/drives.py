@@ -25,9 +25,9 @@ from solver.design.paths import PathGraph
 from solver.loops.closure import ClosureModel
 
 REGION_POSES = 700
-"""Poses of the region, enough to distinguish pairs of joints."""
+"""Number of poses sampled over the reachable region; enough to rank pairs of joints."""
 TRIED_SETS = 4
-"""Number of sets for a trial."""
+"""Number of drive sets tried on the arm."""
 MOST_SETS = 3
 """Largest number of drive sets of a plan."""
 INEXACT_RAD = float(np.deg2rad(0.5))
@@ -65,7 +65,7 @@ class DriveChoice:
     sets
         All drive sets that a plan may use: `drives` first, then those that reach other poses.
     prediction, trial
-        The rankings; () without a trial.
+        Rankings by the model and by trials on the arm; `trial` is () without trials.
     """
 
     drives: tuple[int, ...]
@@ -86,7 +86,7 @@ def predict_drives(
 ) -> DrivePrediction:
     """Rank all drive sets at `q_rad` (n,) and over the region around it, for parameters `x` (P,).
 
-    Raises `SessionError` if the loop does not close near `q_rad`.
+    Raises `SessionError` if the loop does not close near `q_rad`, or the arm can hardly move from there.
     """
     try:
         manifold = candidate_poses(
@@ -124,7 +124,7 @@ def predict_drives(
 def sets_to_try(
     prediction: DrivePrediction, unsensed_joints: tuple[int, ...] = ()
 ) -> tuple[tuple[int, ...], ...]:
-    """Return the usable sets to try, the best first."""
+    """Return the usable drive sets to try on the arm, the best first."""
     return tuple(r.drives for r in _usable(prediction, unsensed_joints)[:TRIED_SETS])
 
 
@@ -134,12 +134,12 @@ def choose_drives(
     unsensed_joints: tuple[int, ...] = (),
     trials: Sequence[TrialWiggles] = (),
 ) -> DriveChoice:
-    """Return the best usable set.
+    """Return the best usable drive set, with reasons.
 
     Without trials, it is the set that reaches most of the region among those usable at the current pose; with trials,
     the best of the tried sets by prediction and measurement.
 
-    Raises `SessionError` if no set is usable.
+    Raises `SessionError` if no set is usable, or none of the tried sets moves the arm.
     """
     usable = _usable(prediction, unsensed_joints)
     if not usable:
@@ -174,7 +174,7 @@ def choose_drives(
 
 
 def named_drives(prediction: DrivePrediction, drives: tuple[int, ...], kind: str) -> DriveChoice:
-    """Return the drive joints that the procedure lists for a fixture of this kind, with their ranking."""
+    """Return the choice of the drive joints that the procedure lists; raises `GuardError` if their number is wrong."""
     motion = prediction.manifold.motion
     problem = modes_problem(
         drives, joint_count=motion.joint_count, mobility=motion.degrees, kind=kind
@@ -192,7 +192,7 @@ def named_drives(prediction: DrivePrediction, drives: tuple[int, ...], kind: str
 
 
 def _joint_out_of_range(arm: ArmModel, manifold: Manifold) -> str:
-    """Return which joint is outside its range at the closed pose, as text; "" for none."""
+    """Return the reason why the arm can hardly move, as the end of a sentence: which joint is outside its range."""
     over = np.maximum(arm.lower_rad - manifold.q[0], manifold.q[0] - arm.upper_rad)
     joint = int(np.argmax(over))
     if over[joint] <= 0.0:
@@ -204,7 +204,7 @@ def _joint_out_of_range(arm: ArmModel, manifold: Manifold) -> str:
 
 
 def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> list[RankedDrives]:
-    """Sets usable at the current pose and over the region, the best over the region first."""
+    """Return the sets usable at the current pose and over the region, the best first; exact sensors are preferred."""
     usable_now = {r.drives for r in prediction.here if r.usable}
     usable = [
         r
@@ -215,7 +215,7 @@ def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> li
 
 
 def _against_here(prediction: DrivePrediction, best: RankedDrives) -> tuple[str, ...]:
-    """Return why the set that is best at the current pose was not chosen."""
+    """Compare the chosen set with the best one at the current pose, as a reason."""
     first = prediction.here[0]
     if first.drives == best.drives:
         return ("also best at the present pose",)
@@ -232,7 +232,7 @@ def _against_here(prediction: DrivePrediction, best: RankedDrives) -> tuple[str,
 def _with_complementary_sets(
     manifold: Manifold, drives: tuple[int, ...], usable: list[tuple[int, ...]]
 ) -> tuple[tuple[int, ...], ...]:
-    """Add the sets that reach poses which the sets before them cannot."""
+    """Return `drives`, followed by the sets that reach further poses."""
     chosen = [drives]
     reachable = float(PathGraph(manifold, chosen, LIMITS).reachable(0).mean())
     # A set that reaches little alone adds little: the first six are enough.

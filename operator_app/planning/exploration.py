@@ -30,7 +30,7 @@ BATCH = 8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Box:
-    """The box: the ranges of the drive joints' angles within which poses are explored.
+    """Ranges of the drive joints' angles within which poses are explored.
 
     `joints`: drive joints (1-based). `centre_rad`, `lower_rad`, `upper_rad` (d,): sensor coordinates, inside the
     ranges of the joints.
@@ -86,9 +86,9 @@ def box_of(
 
 @lru_cache(maxsize=4)
 def waypoints(box: Box, *, poses: int, seed: int) -> tuple[Mapping[int, float], ...]:
-    """Targets of the position-mode joints, in visiting order.
+    """Return the targets (joint number: rad) of the drive joints, in visiting order.
 
-    Three for each of `poses`, so that unreachable ones can be skipped. A resumed session gets the same plan. Cached,
+    Three per requested pose, so that unreachable ones can be skipped. A resumed session gets the same plan. Cached,
     because each visit needs all waypoints.
     """
     low, high = np.array(box.lower_rad), np.array(box.upper_rad)
@@ -111,7 +111,7 @@ def waypoints(box: Box, *, poses: int, seed: int) -> tuple[Mapping[int, float], 
 
 
 def additive_recurrence(count: int, dimensions: int, seed: int) -> FloatArray:
-    """Low-discrepancy points (count, dimensions) in the unit cube: R-sequence of the generalised golden ratio."""
+    """Return low-discrepancy points (count, dimensions) in the unit cube: R-sequence, generalised golden ratio."""
     root = 2.0
     for _ in range(64):
         root = (1.0 + root) ** (1.0 / (dimensions + 1))
@@ -121,7 +121,7 @@ def additive_recurrence(count: int, dimensions: int, seed: int) -> FloatArray:
 
 
 def overload(arm: ArmModel, snapshot: ArmSnapshot) -> str:
-    """Return which joint is near its largest torque, as text; "" for none."""
+    """Return text that names a joint near its largest torque; "" for none."""
     for joint, limits in zip(snapshot.joints, arm.joints, strict=True):
         if abs(joint.torque_nm) > 0.8 * limits.max_torque_nm:
             return f"joint {joint.joint} needed {abs(joint.torque_nm):.0f} N m"
@@ -131,8 +131,8 @@ def overload(arm: ArmModel, snapshot: ArmSnapshot) -> str:
 def range_watch(arm: ArmModel, braking_s: float) -> Watch:
     """Return a watch that ends a move before a joint leaves its range, or if one is too fast or overloaded.
 
-    Free joints may be faster than the drives, so the limit applies to where a joint would come to rest, which is ahead
-    by its speed times `braking_s` (`hardware.control.trajectory.coming_to_rest_s`; 0 for planned paths).
+    Free joints may be faster than the drives, so the limit applies to the position where a joint would come to rest:
+    its position plus its speed times `braking_s` (`hardware.control.trajectory.coming_to_rest_s`; 0 for planned paths).
     """
     lower = arm.lower_rad + RANGE_END_MARGIN_RAD
     upper = arm.upper_rad - RANGE_END_MARGIN_RAD

@@ -1,4 +1,4 @@
-"""Inspects files for `sarcal check`: which arm is in which fixture, and whether a calibration can succeed."""
+"""Combines the files of `sarcal check` into arms in fixtures, and predicts whether they can be calibrated."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Chain:
     home
         Proposed home (n,), rad, and its outlook, if the arm's own home is unsuitable; None without a proposal.
     poses
-        Poses files of this arm, and their identifiability.
+        Poses files of this arm, and the identifiability from their poses.
     unfit
         Poses files that do not fit this fixture, and why.
     """

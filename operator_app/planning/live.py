@@ -1,6 +1,6 @@
-"""Quality of the poses so far, from the paper's estimator (fast, not for export), and prediction of a plan.
+"""Quality of the captured poses, by the paper's estimator (fast, not for export), and prediction of planned poses.
 
-As long as the geometry is nominal, its errors are also errors of the prediction.
+A prediction from nominal geometry has the errors of that geometry.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from solver.loops.closure import ClosureModel, poses_needed
 from solver.loops.open_arm import MeasuredClosure
 
 EACH_UP_TO = 100
-"""Number of poses up to which each one is followed by an estimate."""
+"""Up to this number of poses, an estimate follows each pose."""
 GROWTH = 1.02
 """Beyond that number, an estimate follows when the number of poses has grown by this factor."""
 
@@ -41,7 +41,7 @@ class LiveQuality:
     needed
         Smallest number of poses from which parameters can be estimated.
     x
-        Parameters: the estimate so far, nominal values before there is one.
+        Latest estimate of the parameters (P,), rad or m; nominal values before the first estimate.
     scaled_condition_number, weakest
         Scaled condition number and weakest direction of the captured poses; inf and () with too few.
     history
@@ -49,8 +49,7 @@ class LiveQuality:
     coverage
         Per joint: lowest and highest captured angle, rad; empty without poses.
     predicted_m
-        By pose number: distance, m, by which the loop failed to close at that pose with the estimate from the poses
-        before it.
+        By pose number: position closure error, m, of that pose with the estimate from the poses before it.
     """
 
     needed: int
@@ -72,7 +71,7 @@ def live_quality(
     *,
     earlier: LiveQuality | None = None,
 ) -> LiveQuality:
-    """Return the quality of poses `q_rad` (m, n), which have these numbers; reuses `earlier` results."""
+    """Return the quality of the poses `q_rad` (m, n) with these pose `numbers`; reuses `earlier` results."""
     if earlier is not None and earlier.numbers == numbers[: len(earlier.numbers)]:
         quality = earlier
     else:
@@ -83,7 +82,7 @@ def live_quality(
         )
     shared = len(quality.numbers)
     for count in range(shared + 1, len(numbers) + 1):
-        # If many poses come at once, as after a resume, only the last estimate is shown.
+        # If many poses are added at once, as after a resume, an estimate follows the last one.
         last_of_many = count == len(numbers) > shared + 1
         quality = _with_one_more(
             arm, model, q_rad[:count], numbers[:count], quality, at_once=last_of_many
@@ -129,7 +128,7 @@ def _with_one_more(
 
 
 LEGS = 24
-"""Number of steps to each waypoint, so that no loop jumps to another branch."""
+"""Number of steps to each waypoint; with small steps, no loop jumps to another branch."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,7 +142,7 @@ class Forecast:
     reachable
         (w,) bool: the loop closes there and every joint is inside its range.
     scaled_condition_number
-        Scaled condition number of the plan's first wanted poses; inf if they do not determine all parameters.
+        Of the first reachable poses, as many as are requested; inf if they do not determine all parameters.
     """
 
     q_rad: FloatArray
@@ -156,9 +155,9 @@ class Forecast:
         return not bool(self.reachable.any())
 
     def span_rad(self, joint: int, poses: int) -> tuple[float, float]:
-        """Lowest and highest angle of a joint (1-based) over the first reachable `poses`.
+        """Return the lowest and highest angle of a joint (1-based) over the first reachable `poses`.
 
-        ValueError where it `reaches_nothing`.
+        Raises `ValueError` if no pose can be reached.
         """
         column = self.q_rad[self.reachable][:poses, joint - 1]
         return float(column.min()), float(column.max())
@@ -173,7 +172,7 @@ def predict(
     plan: Sequence[Mapping[int, float]],
     poses: int,
 ) -> Forecast:
-    """Follow the closed chain from `start_rad` (n,) to every waypoint of `plan`."""
+    """Predict the poses at the waypoints of `plan` (drive angles, rad) by following the chain from `start_rad` (n,)."""
     joints = tuple(plan[0])
     columns = [j - 1 for j in joints]
     goal = np.array([[point[j] for j in joints] for point in plan])
@@ -197,7 +196,7 @@ def predict(
 def _followed(
     model: ClosureModel, x: FloatArray, start_rad: FloatArray, columns: list[int], goal: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
-    """Return the poses (w, n) on the way of the drive joints (`columns`) to `goal`, and which of them close (w,)."""
+    """Return the poses (w, n) with the drive joints (`columns`) at `goal` (w, d), and which of them close (w,)."""
     start = close_loops(model, x, np.asarray(start_rad)[None, :])
     weight = np.ones(model.joint_count)
     # The drive joints are given; the other joints follow.
@@ -220,7 +219,10 @@ def most_informative(
     forecast: Forecast,
     open_waypoints: Sequence[int],
 ) -> int | None:
-    """Return the waypoint whose pose adds most information to the captured poses (m, n), by a plan's criterion."""
+    """Return the index of the waypoint that adds most information to the captured poses `taken_rad` (m, n).
+
+    None without captured poses or without a reachable open waypoint.
+    """
     candidates = [k for k in open_waypoints if forecast.reachable[k]]
     if not candidates or not len(taken_rad):
         return None
@@ -237,7 +239,7 @@ def is_path_clear(
     here_rad: FloatArray,
     targets_rad: Mapping[int, float],
 ) -> bool:
-    """Whether a straight move of the drives to `targets_rad` avoids folds and the ends of the ranges.
+    """Whether a straight move of the drives to `targets_rad` avoids singularities and the ends of the ranges.
 
     `model`, `x`: a closed loop and its calibrated parameters (P,). `here_rad`: current angles of all joints (n,).
     """

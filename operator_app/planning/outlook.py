@@ -1,4 +1,4 @@
-"""Outlook for calibrating an arm in a fixture, from nominal geometry: drive joints, identifiability."""
+"""Predicts, from nominal geometry, the drive joints and the identifiability of an arm in a fixture."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ from solver.errors import UnidentifiableDirection
 from solver.loops.closure import ClosureModel
 
 SPREAD = 60
-"""Number of poses, evenly over the reachable region, for the best possible identifiability."""
+"""Number of poses, spread over the reachable region, that give the best possible identifiability."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outlook:
-    """Outlook of an arm in a fixture.
+    """Whether an arm can be calibrated in a fixture, and with which drive joints.
 
     Attributes
     ----------
     parameters
         Unknowns of the calibration, without those that the fixture's placement hides.
     from_home_rad
-        Distance (n,) of the nearest closed pose from home; None for an open arm, or if no pose closes.
+        Nearest closed pose minus home (n,); None for an open arm, or if no pose closes.
     mobility
         Degrees of freedom of the chain, which is the number of drive joints; None if no pose closes.
     choice
@@ -44,7 +44,7 @@ class Outlook:
     refusal
         Why no joints can drive; None if they can.
     seen
-        Identifiability by poses over the whole region; None without a region.
+        Identifiability from poses over the whole reachable region; None if there is no such region.
     """
 
     parameters: tuple[Parameter, ...]
@@ -77,7 +77,7 @@ def outlook(
     position_joints: tuple[int, ...] | None = None,
     unsensed_joints: tuple[int, ...] = (),
 ) -> Outlook:
-    """Return the outlook of `arm` in `fixture`; `position_joints` are the drive joints that a procedure lists."""
+    """Predict whether `arm` can be calibrated in `fixture`; `position_joints`: drive joints that a procedure lists."""
     unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
     model = without_hidden(arm, fixture, fixture.model(arm, unsensed_joints=unsensed))
     parameters, checks = model.parameters, setup_checks(fixture, arm, arm.home_rad)
@@ -117,7 +117,7 @@ def seen_by(
     *,
     unsensed_joints: tuple[int, ...] = (),
 ) -> Identifiability:
-    """Return the identifiability by captured poses.
+    """Return the identifiability of the parameters from captured poses.
 
     Raises `SolverError` if the poses do not fit the fixture.
     """
@@ -132,7 +132,7 @@ def _identifiability_at(model: ClosureModel, q_rad: FloatArray) -> Identifiabili
 
 
 def from_home_rad(arm: ArmModel, fixture: EndpointConstraint) -> FloatArray | None:
-    """Return the distance (n,) of the closed pose nearest to the arm's home; None if none closes."""
+    """Return the closed pose nearest to the arm's home, minus home (n,); None if no pose closes."""
     model = fixture.model(arm)
     home = close_loops(model, nominal_vector(model.parameters), arm.home_rad[None])
     return home.q[0] - arm.home_rad if home.closed[0] else None

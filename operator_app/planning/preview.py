@@ -31,8 +31,8 @@ from solver.diagnostics.identifiability import Identifiability, identifiability
 class PlannedPose:
     """One pose of a plan.
 
-    `q_rad`: predicted readings (n,) of all joints. `drives`: drive joints (1-based). `route`: path from the pose
-    before; None if no safe one was found.
+    `q_rad`: predicted readings (n,) of all joints. `drives`: drive joints (1-based). `route`: path from the previous
+    pose; None if no safe path was found.
     """
 
     q_rad: FloatArray
@@ -42,7 +42,7 @@ class PlannedPose:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Preview:
-    """A plan and its basis.
+    """A plan and the data on which it is based.
 
     Attributes
     ----------
@@ -57,11 +57,11 @@ class Preview:
     checks
         Checks of the fixture at the start position.
     seen
-        Identifiability by captured and planned poses together.
+        Identifiability from the captured and planned poses together.
     choice
         Drive joints, with their ranking.
     plan
-        Poses, their information, the predicted sigmas.
+        Poses, their information and the predicted standard deviations.
     poses
         The planned poses, in visiting order.
     """
@@ -89,7 +89,7 @@ def preview(
     seed: int = 0,
     known_rad: FloatArray | None = None,
 ) -> Preview:
-    """Plan `poses` poses that start at home or, given the poses `known_rad` (m, n) of a session, at the last of these.
+    """Plan `poses` poses, starting at home or at the last of the captured poses `known_rad` (m, n).
 
     Raises `SessionError` if no plan can be made, `SolverError` if the captured poses are too few for an estimate.
     """

@@ -30,22 +30,21 @@ MIDDLE = 0.6
 CLEAR = 0.1
 """Least distance of a home from either end of a range, as a share of the range."""
 AS_GOOD = 0.6
-"""A pose nearer to the middle of the ranges is preferred if its score is this share of the best."""
+"""A pose nearer to the middle of the ranges is preferred if its score is at least this share of the best score."""
 HOME_DISTANCE_RAD = float(np.deg2rad(30.0))
-"""Largest distance of a home from a closed pose. Errors in measuring the fixture cause a smaller one."""
+"""Largest allowed distance of home from a closed pose; errors in measuring the fixture cause a smaller distance."""
 CONDITION_LIMIT = 100.0
-"""Limit of the paper for the scaled condition number from a home."""
+"""The paper's limit of the scaled condition number, applied to proposed homes."""
 BEST = 2
-"""Number of closed poses for which a calibration is predicted."""
+"""Number of closed poses whose identifiability is predicted."""
 AXES = frozen(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 1.0], [1.0, -1.0, 1.0]]))
-"""Directions of a hinge axis in the tool that are tried while the fixture is not known; none is along the last
-joint."""
+"""Hinge axis directions in the tool frame, tried while the fixture is unknown; none is along the last joint."""
 
 
 def bent_home(arm: ArmModel) -> FloatArray | None:
     """Return a pose (n,), in whole degrees, in which a hinge lets all joints move.
 
-    None if home is as good, or none was found.
+    None if the arm's home is good enough, or no such pose was found.
     """
     q = np.concatenate((arm.home_rad[None], _drawn(arm)))
     score = np.mean([_least_motion(_in_a_hinge(arm, q, axis)) for axis in AXES], axis=0)
@@ -95,7 +94,7 @@ def _closed(arm: ArmModel, model: ClosureModel, x: FloatArray) -> Iterator[Float
     q = closed.q[inside]
     error = model.at_poses(np.flatnonzero(inside)).loop(x, q, closed.u[inside])
     columns = np.concatenate((error.jac_q, error.jac_u), axis=-1)
-    # The last three rows are lengths; without rotations there are only those.
+    # The last three rows are positions, in m; a loop without rotation equations has only these.
     columns[:, -3:] /= _size_m(arm)
     score = _least_motion(columns, joints=arm.joint_count)
     good = q[(score > 0.0) & (score >= AS_GOOD * score.max())]
@@ -150,7 +149,7 @@ def _whole_degrees(q: FloatArray) -> FloatArray:
 
 
 def ball_between(arm: ArmModel, hand_m: FloatArray, base_m: FloatArray | None) -> Ball:
-    """Return the ball with its centre at `hand_m` (3,) in the tool frame and its socket at `base_m` (3,)."""
+    """Return the ball with centre `hand_m` (3,), tool frame, and socket `base_m` (3,); None: as at the home pose."""
     if base_m is None:
         R, p = _hand_at_home(arm)
         base_m = p + R @ hand_m
@@ -162,7 +161,8 @@ def ball_between(arm: ArmModel, hand_m: FloatArray, base_m: FloatArray | None) -
 def hinge_between(arm: ArmModel, hand: Line, base: Line | None) -> Hinge:
     """Return the hinge in which a line of the tool frame and a line of the base, and their points, coincide.
 
-    Of the two directions along the base's line, the one is used with which the loop closes nearer to the arm's home.
+    Of the two directions of the base's line, the one whose loop closes nearer to the arm's home is used. If `base` is
+    None, it is the tool's line at the home pose.
     """
     if base is None:
         return Hinge.between(arm, hand.seen(*_hand_at_home(arm)), hand)

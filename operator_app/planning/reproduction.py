@@ -1,7 +1,7 @@
 """Reproduction of the paper's experiment (Giugovaz and Hollerbach, sections 3 and 4) on a simulated specimen.
 
-The original readings are not available: the specimen has the three suspected sources of error, with sizes that give the
-reported residuals. The results are similar in size to the published ones, but not those of the same arm.
+The original readings are not available: the specimen has the three suspected sources of error, with magnitudes that
+give the reported residuals. The results are similar to the published ones, but not from the same arm.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ SIGMA_POS_M, SIGMA_ORI_RAD, PUBLISHED_CONDITION = 2.7e-3, 6.6e-3, 28.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """Remaining closure error with a single source of error: rms of eqs. 14 and 15 in m and rad."""
+    """Closure error with a single source of error: rms of eqs. 14 and 15 in m and rad."""
 
     source: str
     position_m: float
@@ -174,7 +174,7 @@ AT_REST = 40
 
 
 def capture_specimen(procedure: Procedure, chosen: Scenario, *, poses: int) -> PoseSet:
-    """Capture `poses` poses of the scenario `chosen` at the waypoints of `procedure`, without a bus."""
+    """Capture `poses` poses of the scenario `chosen` at the waypoints of `procedure`, without a CAN bus."""
     arm, plan = procedure.arm, procedure.capture
     plant = chosen.build(arm)
     resolution = np.array(

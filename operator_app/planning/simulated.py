@@ -1,4 +1,4 @@
-"""Simulates poses of an arm in a fixture: true values drawn at random, closed loops, sensor errors as stated.
+"""Simulates poses of an arm in a fixture: random true values, closed loops, sensor errors from the arm file.
 
 Errors: lengths and twists within tolerance, sensor resolution and noise, linearity deviation of RVDTs. Not included:
 encoder scales, backlash, sag and fixture compliance, which the virtual controller simulates.
@@ -25,7 +25,7 @@ from solver.design.manifold import Manifold, candidate_poses
 from solver.loops.closure import ClosureModel
 
 PLANTED_OFFSET_RAD = float(np.deg2rad(2.0))
-"""Standard deviation of the offsets if the arm file states none."""
+"""Standard deviation of the joint offsets if the arm file has no tolerance for them."""
 OF_TOLERANCE = 0.5
 """Largest error of the placement, as a share of the fixture's tolerance."""
 SIMULATION_TRIES = 40
@@ -35,7 +35,7 @@ ROOM = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedPoses:
-    """Readings, and the true values behind them.
+    """Simulated readings, and the true parameter values.
 
     `parameters`, `x`: unknown parameters, with lengths and twists within tolerance, and their true values (P,), rad and
     m.
@@ -49,7 +49,7 @@ class SimulatedPoses:
 def simulated_poses(
     arm: ArmModel, fixture: FixtureSpec, *, poses: int, samples: int = 32, seed: int = 0
 ) -> SimulatedPoses:
-    """Draw an arm and a placement, and measure `poses` closed poses; reproducible by `seed`.
+    """Draw an arm and a placement at random, and simulate readings at `poses` closed poses; reproducible by `seed`.
 
     Raises `SessionError` if the fixture leaves the chain open, or no placement within tolerance allows that many poses.
     """
@@ -87,7 +87,7 @@ def _moving(
     rng: np.random.Generator,
     poses: int,
 ) -> tuple[FloatArray, Manifold]:
-    """Draw placements until one allows that many poses."""
+    """Return the true values (P,) and the poses of the first drawn placement that allows `poses` poses."""
     ranges = ranges_of(arm).within(margin_rad(arm))
     for _ in range(SIMULATION_TRIES):
         x = _drawn(fixture, model, spread, arm.offset_tolerance_rad or PLANTED_OFFSET_RAD, rng)
@@ -111,7 +111,7 @@ def _drawn(
     offset_rad: float,
     rng: np.random.Generator,
 ) -> FloatArray:
-    """True values (P,) of all parameters."""
+    """Draw true values (P,) of all parameters."""
     mounted = {*model.ground_side, *model.hand_side}
     errors = []
     for p in model.parameters:

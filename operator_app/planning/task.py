@@ -38,7 +38,7 @@ CANDIDATES = 3000
 CURVE_SHARE = 0.5
 """Share of a sensor's specified linearity deviation that interim estimates treat as noise."""
 UNSENSED_SIGMA_RAD = 1.0
-"""Noise of a reading that is not used: it carries no information about an offset."""
+"""Standard deviation of a reading that is not used: so large that it carries no information."""
 
 
 def ranges_of(arm: ArmModel) -> Ranges:
@@ -52,7 +52,7 @@ def margin_rad(arm: ArmModel) -> FloatArray:
 
 
 def require_closed_chain(fixture: EndpointConstraint) -> None:
-    """Raise SessionError for an open chain."""
+    """Raise `SessionError` for an open chain."""
     if isinstance(fixture, Measured):
         raise SessionError(
             "planned poses need a closed chain, which an instrument does not provide",
@@ -82,7 +82,7 @@ def planning_task(
     """Return the task of planning poses of `arm` in `fixture`.
 
     `drive_sets`: sets of drive joints, the current one first; None: rank all sets. `unsensed_joints`: joints whose
-    readings are not used. `samples`: readings averaged into one pose.
+    readings are not used. `samples`: readings averaged into one pose. Raises `SessionError` for an open chain.
     """
     require_closed_chain(fixture)
     model = without_hidden(arm, fixture, fixture.model(arm))
@@ -144,7 +144,7 @@ def _errors_at(
     unsensed_joints: tuple[int, ...],
     samples: int,
 ) -> Callable[[FloatArray], ErrorModel]:
-    """Return the stated errors of poses of `samples` readings each, as a function of the readings (m, n)."""
+    """Return a function that gives the error model of poses (m, n), each the mean of `samples` readings."""
 
     def at_readings(q_rad: FloatArray) -> ErrorModel:
         m = len(q_rad)

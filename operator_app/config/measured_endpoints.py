@@ -210,7 +210,9 @@ def _number(name: str, value: Any) -> float:
     except OverflowError:
         value_read = math.inf
     if not math.isfinite(value_read):
-        raise BadLine(f"has {name} {str(value)[:40]!r}, which is not a finite number")
+        shown = str(value)
+        shown = shown if len(shown) <= 40 else f"{shown[:12]}... ({len(shown)} characters)"
+        raise BadLine(f"has {name} {shown!r}, which is not a finite number")
     doubt = length_doubt(value_read) if name in POSITION_COLUMNS else ""
     doubt = doubt or (angle_doubt(value_read) if name.endswith("_deg") else "")
     if doubt:

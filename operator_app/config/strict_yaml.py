@@ -63,10 +63,10 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
         # PyYAML passes on the errors of chr() and int() for absurd escapes and directives.
         raise only(file, "cannot be read as YAML", "check the file") from error
     if node is None:
-        raise only(file, "is empty", "start from a built-in file")
+        raise only(file, "is empty", "write `key: value` lines, or restore the file")
     if not isinstance(node, MappingNode):
         what, mark = "is not a list of `key: value` lines", node.start_mark
-        remedy = "start from a built-in file"
+        remedy = "write one key per line, or restore the file"
         raise only(file, what, remedy, line=mark.line + 1, column=mark.column + 1)
     builder = _Builder()
     bare = YamlDocument(

@@ -88,7 +88,7 @@ class FaultModels:
     def _along(
         self, cause: Cause, j: int, shapes: FloatArray, size: float = ANGLE_RAD
     ) -> Candidate:
-        """Candidate: an error of joint j's reading with these shapes (m, c), each of this expected size."""
+        """Return the candidate for an error of joint j's reading with these shapes (m, c) and expected size."""
         columns = self.joint(j) * shapes[:, None, :]
         natural = np.full(shapes.shape[1], size)
         return Candidate(cause=cause, subject=str(j), columns=columns, natural=natural)

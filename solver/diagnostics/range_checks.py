@@ -220,7 +220,7 @@ def _outside(arm: ArmModel, q: FloatArray) -> FloatArray:
 
 
 def _whole_turns(arm: ArmModel, q: FloatArray, joint: int) -> bool:
-    """Whether an encoder that counts from another turn explains the excess."""
+    """Whether a wrong turn count of the encoder explains the excess."""
     if isinstance(arm.joints[joint - 1].sensor, Rvdt):
         return False
     middle = arm.joints[joint - 1].middle_rad

@@ -87,7 +87,7 @@ class ArmLoop(ClosureModel):
 
     @property
     def joint_count(self) -> int:
-        """Joints of the arm."""
+        """Number n of joints of the arm."""
         return self.table.links - 1 + self.FIRST_LINK
 
     def arm_rows(self) -> FloatArray:

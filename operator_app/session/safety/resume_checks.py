@@ -60,12 +60,7 @@ def zero_position(arm: ArmModel, reading_rad: FloatArray, joints: Sequence[int])
 
 
 def check_counters(arm: ArmModel, reading_rad: FloatArray) -> None:
-    """Refuse joints whose reading is outside their range and closer to zero than to the range.
-
-    Raises
-    ------
-    ConnectAgainError
-    """
+    """Raise ConnectAgainError for a reading near zero, outside the joint's range and nearer to zero than to the range."""
     fresh = []
     for number, times in sorted(counters_near_zero(arm, reading_rad).items()):
         joint, q = arm.joints[number - 1], float(reading_rad[number - 1])
@@ -130,12 +125,7 @@ class ClosureResult:
 
 
 def check_identity(state: SessionState, identity: ArmIdentity) -> None:
-    """Refuse an arm without nodes, and an arm or nodes other than the session's.
-
-    Raises
-    ------
-    GuardError
-    """
+    """Raise GuardError for an arm without nodes, or if the arm or its nodes are not those of the session."""
     if not identity.nodes:
         raise GuardError(
             f"arm {identity.serial_number} has no nodes: it cannot be moved or read",

@@ -30,10 +30,7 @@ the calibration detects smaller ones."""
 def check_repeat(state: SessionState, procedure: Procedure) -> str:
     """Compare the last repeated pose with its first reading; return a message, or "" if they agree.
 
-    Raises
-    ------
-    GuardError
-        A joint, the fixture, the target or the tracker has shifted in between.
+    Raises GuardError if a joint, the fixture, the target or the tracker has shifted in between.
     """
     state = state.here
     if not procedure.fixture.fixture.holds_hand:

@@ -41,7 +41,7 @@ class SensorFaults:
 
     @contextmanager
     def recorded(self) -> Iterator[None]:
-        """Context that records a sensor fault raised inside it, excludes the affected poses, and re-raises the fault."""
+        """Context that records a sensor fault raised in it, excludes the affected poses, and re-raises the fault."""
         try:
             yield
         except SensorFault as fault:
@@ -99,12 +99,7 @@ class SensorFaults:
 
 
 def require_no_stuck_sensor(state: SessionState, procedure: Procedure, reading: Reading) -> None:
-    """Refuse a reading in which a joint has the same count as at the last pose, although the joint must have turned.
-
-    Raises
-    ------
-    SensorFault
-    """
+    """Raise SensorFault if a joint has the same count as at the last pose, although it must have turned."""
     if not state.poses_here or not procedure.fixture.fixture.holds_hand:
         # On an open arm every joint is driven, and its drive detects a stuck sensor.
         return

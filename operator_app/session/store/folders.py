@@ -66,10 +66,7 @@ def _order_in(path: Path) -> int:
 
 
 def find_session(root: Path, reference: str) -> Path:
-    """Return the folder of a session given by its path, its name below `root`, or ``latest``.
-
-    Raises `SessionError` if there is no such session.
-    """
+    """Return the folder of a session given by path, name below `root`, or ``latest``; SessionError if there is none."""
     if reference == "latest":
         # Sessions that only verify another one are left out. Sessions with poses are preferred.
         sessions = [

@@ -108,10 +108,7 @@ class Journal:
 
     @classmethod
     def resume(cls, folder: Path) -> Journal:
-        """Open the journal in `folder`; an incomplete last line is moved to a file beside it.
-
-        Raises `JournalError` if the journal cannot be used.
-        """
+        """Open the journal in `folder`; an incomplete last line is moved to a file beside it. Raises `JournalError`."""
         path = folder / JOURNAL_NAME
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_NONBLOCK | os.O_CLOEXEC)

@@ -253,10 +253,7 @@ class SessionState:
         )
 
     def required_poses(self, capture: CapturePlan) -> int:
-        """Return the number of used poses, over all placements, that the procedure requires.
-
-        Planned poses are required in addition to explored ones.
-        """
+        """Return the required number of used poses, over all placements; planned poses add to explored ones."""
         used = self.used_poses
         if capture.strategy != "planned":
             return capture.poses + len(used) - len(self.poses_here)

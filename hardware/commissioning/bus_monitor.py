@@ -12,11 +12,11 @@ from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.cia402 import CONTROLWORD_QUICK_STOP, state_of
 from hardware.canopen.cyclic import frames_of, unpack_emergency
 from hardware.canopen.objects import NmtState, emergency_text, node_of
-from hardware.monitors.node_monitor import NMT_NAMES
+from hardware.monitors.node_monitor import NMT_NAMES, initiated_transfer
 
 SILENT_S: Final = 1.5
 """Time without heartbeat after which a node is reported as silent."""
-_ABORT, _INITIATE_DOWNLOAD = 0x80, 1
+_ABORT, _BLOCK_DOWNLOAD = 0x80, 6
 
 
 class BusMonitor:
@@ -49,6 +49,7 @@ class BusMonitor:
         self._silent: set[int] = set()
         self._modes: dict[int, int] = {}
         self._stopped: set[int] = set()
+        self._in_block: set[int] = set()
 
     def take_in(self, identifier: int, data: bytes, now_s: float) -> Iterator[str]:
         """Take in a frame; yield one sentence for each change that it shows."""
@@ -137,11 +138,23 @@ class BusMonitor:
             return
         place = f"{int.from_bytes(data[1:3], 'little'):04X}h sub {data[3]}"
         if node := node_of(identifier, objects.COB_SDO_TO_SERVER):
-            if data[0] >> 5 == _INITIATE_DOWNLOAD:
-                yield f"{self._node_name(node)}: {place} was written"
+            yield from self._sdo_request(node, data, place)
         elif (node := node_of(identifier, objects.COB_SDO_FROM_SERVER)) and data[0] == _ABORT:
+            self._in_block.discard(node)
             code = int.from_bytes(data[4:8], "little")
             yield f"{self._node_name(node)}: refuses {place} ({code:08X}h)"
+
+    def _sdo_request(self, node: int, data: bytes, place: str) -> Iterator[str]:
+        if node in self._in_block:
+            # The first byte of a block's segment is its number, and may look like any request.
+            if data[0] == _ABORT or data[0] & 0xE1 == _BLOCK_DOWNLOAD << 5 | 1:
+                self._in_block.discard(node)
+            return
+        writes, _ = initiated_transfer(data) or (False, 0)
+        if writes:
+            yield f"{self._node_name(node)}: {place} was written"
+            if data[0] >> 5 == _BLOCK_DOWNLOAD:
+                self._in_block.add(node)
 
 
 def _state(state: int) -> str:

@@ -114,7 +114,7 @@ def _with_one_more(
     if len(q) < before.needed or not (due or at_once):
         return quality
     model = model.at_poses(np.arange(len(q)))
-    # From the nominal values, not from the last estimate: an early one may be far off.
+    # From the nominal values, not from the last estimate: an early estimate may be inaccurate.
     estimate = estimate_paper(model, q)
     identified = identifiability(model, estimate.x, q, sigma_rad=arm.sigma_rad())
     return replace(
@@ -219,10 +219,7 @@ def most_informative(
     forecast: Forecast,
     open_waypoints: Sequence[int],
 ) -> int | None:
-    """Return the index of the waypoint that adds most information to the captured poses `taken_rad` (m, n).
-
-    None without captured poses or without a reachable open waypoint.
-    """
+    """Return the open waypoint (index) that adds most information to the poses `taken_rad` (m, n); None for none."""
     candidates = [k for k in open_waypoints if forecast.reachable[k]]
     if not candidates or not len(taken_rad):
         return None

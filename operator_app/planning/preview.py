@@ -46,8 +46,6 @@ class Preview:
 
     Attributes
     ----------
-    arm
-        The arm, for names and ranges.
     parameters
         Unknowns of the calibration.
     mobility
@@ -62,8 +60,6 @@ class Preview:
         Drive joints, with their ranking.
     plan
         Poses, their information and the predicted standard deviations.
-    poses
-        The planned poses, in visiting order.
     """
 
     arm: ArmModel

@@ -1,1 +1,1 @@
-"""The workflow, independent of any screen: states, guards, journal, resume. It prints nothing."""
+"""Workflow of a session, independent of the user interface: states, guards, journal, resume. It prints nothing."""

@@ -1,11 +1,11 @@
 """Closure gate: whether the loop can close at the current reading within the tolerances of the files, before any pose.
 
-With S and Q the covariances of the unknowns phi and of the readings q, the most probable way to close is
+With S and Q the covariances of the unknowns phi and of the readings q, the most probable closure is
 
     min (phi - phi_0)' S^-1 (phi - phi_0) + (q - reading)' Q^-1 (q - reading),   c(phi, q, u) = 0,
 
-found by Newton's iteration on the reduced equations (`solver.closing`). The minimum is chi2 with as many degrees of
-freedom as a pose has equations.
+computed by Newton's iteration on the reduced equations (`solver.closing`). The minimum is chi2-distributed, with as
+many degrees of freedom as a pose has equations.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from solver.closing import reduced_equations, unsensed_step
 from solver.loops.closure import ClosureModel
 
 GATE_ROUNDS, LONGEST_STEP, CLOSURE_TOLERANCE = 40, 0.5, 1e-6
-"""Largest number of steps, longest step (rad, m), and closure error (rad, m) below which a loop is closed."""
+"""Largest number of iterations, longest step (rad, m), and closure error (rad, m) below which a loop is closed."""
 
 LEAST_READING_RAD = float(np.deg2rad(0.1))
 """Smallest standard deviation assumed for a reading, because this model contains no deflections."""
@@ -36,10 +36,10 @@ UNKNOWN_RAD = math.pi
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClosureFit:
-    """The most probable way to close the loop at one reading.
+    """The most probable closure of the loop at one reading.
 
-    `chi2`: chi2 of the necessary changes; infinite if the loop does not close at all. `dof`: equations of the pose
-    minus ignored readings. `q_rad`: joint angles (n,) at which the loop closes.
+    `chi2`: chi2 of the necessary changes; infinite if the loop cannot close. `dof`: number of equations of the pose
+    minus number of ignored readings. `q_rad`: joint angles (n,) at which the loop closes.
     """
 
     chi2: float
@@ -68,7 +68,7 @@ class LoopAtReading:
         )
 
     def fit(self, *ignored_joints: int) -> ClosureFit:
-        """Close the loop without the readings of `ignored_joints` (1-based)."""
+        """Return the most probable closure without the readings of `ignored_joints` (1-based)."""
         model, x0, q0 = self.model, self.prior.mean, self.reading_rad
         S, Q = self.prior.covariance, self.reading_sd_rad**2
         unknown = [j - 1 for j in ignored_joints]
@@ -110,7 +110,7 @@ def loop_at_reading(
     unsensed_joints: tuple[int, ...] = (),
     known: KnownArm | None = None,
 ) -> LoopAtReading:
-    """Return the loop at a reading (n,), with the prior from its files and from `known`, what is known of the arm."""
+    """Return the loop at a reading (n,), with the prior from its files and from earlier placements (`known`)."""
     model, stated = free_within_tolerance(fixture.model(arm, unsensed_joints=unsensed_joints), arm)
     errors = np.stack(
         [

@@ -1,6 +1,6 @@
-"""Messages and journal entries for times in which this computer was too busy to read the bus.
+"""Messages and journal entries about host latency: times when this computer was too busy to read the bus.
 
-Host latency is distinguished from silence of the arm, because the remedy differs.
+It is distinguished from an arm that does not answer, because the remedy differs.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ MIN_INTERVAL_S = 30.0
 
 
 def lateness_text(times: int, longest_s: float) -> str:
-    """Return the message about a number (`times`) of delays, of at most `longest_s`."""
+    """Return the message about `times` delays, the longest of `longest_s`."""
     how = f"was late by {longest_s:.1f} s" if times == 1 else f"was late {times} times"
     most = "" if times == 1 else f", by {longest_s:.1f} s at most"
     return (
@@ -23,7 +23,7 @@ def lateness_text(times: int, longest_s: float) -> str:
 
 
 class LatenessReporter:
-    """Reports new delays of one connection."""
+    """Makes the messages about new delays of one connection."""
 
     def __init__(self) -> None:
         self._reported = NO_LATENCY

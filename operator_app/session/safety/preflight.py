@@ -1,8 +1,8 @@
 """Checks of the joint readings before the drives are enabled; the result goes into the journal. Moves nothing.
 
-The checks, in order: a counter near zero outside its joint's range; closure as predicted by the poses so far or, with
+The checks, in order: a counter near zero outside its joint's range; closure as predicted by the captured poses or, with
 too few poses, closure within the tolerances of the files. With readings that do not close the loop (counter reset,
-wrong direction, wrong joint order), the drives would move the arm to unintended places.
+wrong direction, wrong joint order), the drives would move the arm to unintended positions.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from solver.chain.arm_model import ArmModel
 def require_plausible_readings(
     session: Logbook, reading: Reading, endpoint: Callable[[], FloatArray | None]
 ) -> tuple[int, ...]:
-    """Refuse joint readings that cannot be true; record the result in the journal.
+    """Refuse joint readings that cannot be correct; record the result in the journal.
 
-    `endpoint`: function that measures the tool with the instrument; called if there are poses to compare it with.
+    `endpoint`: function that measures the tool with the instrument; called if this placement has poses.
 
     Returns
     -------
-    Joints (1-based) whose shift since the last pose, if any, would not show at the current pose.
+    Joints (1-based) whose shift since the last pose could not be detected at the current pose.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def _closure_results(
 
 
 def _arm_from_earlier_placements(state: SessionState, procedure: Procedure) -> KnownArm | None:
-    """Return what earlier placements determine of the arm; None in the first placement."""
+    """Return the information on the arm from earlier placements; None if there is none."""
     earlier = tuple(p for p in state.used_poses if p.placement != state.placement)
     if not earlier or not procedure.fixture.fixture.holds_hand:
         return None
@@ -93,19 +93,19 @@ def _arm_from_earlier_placements(state: SessionState, procedure: Procedure) -> K
 
 
 LOOP_FALSE_REFUSAL_PROBABILITY = 1e-12
-"""Probability of refusing an arm within its stated tolerances (taken as three standard deviations).
+"""Probability of refusing an arm within the tolerances of its files, which are taken as three standard deviations.
 
-It is this small because files can be far off: offsets by 25 deg, hinges by 40 mm and 15 deg.
+It is this small because the files can be inaccurate: offsets by 25 deg, hinges by 40 mm and 15 deg.
 """
 
 FALSE_REFUSAL_PROBABILITY_KNOWN_ARM = 1e-5
-"""Probability of refusing, once earlier placements have determined the offsets and the hinge's placement error."""
+"""The same probability once earlier placements have determined the offsets and the hinge's placement error."""
 
 RESET_PROBABILITY = 1e-2
 """A counter at zero was reset if using its reading raises chi2 by an amount less probable than this.
 
-A joint is at zero by chance in one of 30,000 positions. Within ten times that distance chance is ten times as
-likely, and the limit is ten times lower.
+A joint is at zero by chance in one of 30,000 positions. Within ten times that distance, a joint is by chance in ten
+times as many positions, and the limit is ten times lower.
 """
 
 HOME_AT_ZERO_RAD = float(np.deg2rad(5.0))
@@ -128,7 +128,7 @@ def check_closure_without_poses(
     Parameters
     ----------
     known
-        What earlier placements of the fixture determine of the arm.
+        Information on the arm from earlier placements of the fixture.
 
     Returns
     -------
@@ -163,7 +163,7 @@ def check_closure_without_poses(
         LOOP_FALSE_REFUSAL_PROBABILITY if known is None else FALSE_REFUSAL_PROBABILITY_KNOWN_ARM
     ):
         return probability
-    # Joints of which each alone explains the closure error, the most likely first.
+    # Joints that each explain the closure error alone, the most likely first.
     fits = _fits_without(loop, loop.joints)
     explaining = {j: f for j, f in fits.items() if _probability(f) >= EXPLAINED_PROBABILITY}
     raise ClosureRefusedError(
@@ -172,7 +172,7 @@ def check_closure_without_poses(
 
 
 def _reset_counters(arm: ArmModel, loop: LoopAtReading, closure: ClosureFit) -> dict[int, float]:
-    """Joints whose counters were reset, with their estimated angles (rad); empty for none.
+    """Return the joints whose counters were reset, with their estimated angles (rad); empty for none.
 
     The joint nearest to zero is tested first, then the two nearest together, and so on.
     """
@@ -187,11 +187,9 @@ def _reset_counters(arm: ArmModel, loop: LoopAtReading, closure: ClosureFit) -> 
 def _reset_among(
     arm: ArmModel, loop: LoopAtReading, closure: ClosureFit, zeros: tuple[int, ...], at_most: float
 ) -> dict[int, float]:
-    """Return, by joint of `zeros` whose counter was reset, the angle (rad) that closes the loop.
+    """Return the joints of `zeros` whose counters were reset, with the angles (rad) that close the loop; {} for none.
 
-    Empty if none was reset.
-
-    A reset is found if these readings raise chi2 by an amount that without a reset is less probable than `at_most`.
+    A counter was reset if these readings raise chi2 by an amount that is less probable than `at_most` without a reset.
     Other errors in the files raise chi2 both with and without these readings.
     """
     from scipy.special import chdtrc
@@ -256,7 +254,7 @@ def _not_closing_remedy(explaining: dict[int, ClosureFit]) -> str:
 
 
 def _fits_without(loop: LoopAtReading, joints: tuple[int, ...]) -> dict[int, ClosureFit]:
-    """Close the loop without the reading of each of these joints in turn; the best fit first."""
+    """Return the closures without the reading of each of these joints in turn, by joint, the best fit first."""
     fits = {j: loop.fit(j) for j in joints}
     return dict(sorted(fits.items(), key=lambda item: item[1].chi2))
 

@@ -1,7 +1,7 @@
-"""Resume checks before the drives are enabled: same nodes, no counter reset, loop closed as the poses so far predict.
+"""Resume checks before the drives are enabled: same nodes, no counter reset, closure as predicted by captured poses.
 
-Moves nothing; `return_check` follows once the arm may move. A reset sets a counter to zero at the current position, but
-as hydraulic valves leak, the arm may sag, and the counter change, until the next connection.
+Moves nothing; `return_check` follows once the arm may move. A reset sets a counter to zero at the current position.
+Until the next connection, the arm may sag, because hydraulic valves leak, and the counter then is not exactly zero.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ from solver.errors import SolverError
 from solver.estimators.implicit import estimate_implicit
 
 AT_ZERO_COUNTS = 2.5
-"""Largest reading of a counter that was just reset: the noise of its last bit."""
+"""Largest reading, in counts, of a counter that was just reset: the noise of its last bit."""
 
 MAX_SAG_RAD = float(np.deg2rad(5.0))
 """Largest sag since the reset; a joint is rarely this close to zero by chance."""
 
 
 def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, float]:
-    """Joints (1-based) whose counter is within `MAX_SAG_RAD` of zero, the nearest first.
+    """Return the joints (1-based) whose counter is within `MAX_SAG_RAD` of zero, the nearest first.
 
-    The value of each is its distance in units of `AT_ZERO_COUNTS`, at least 1; the probability of being that close by
-    chance is proportional to it.
+    The value of each is its distance from zero in units of `AT_ZERO_COUNTS`, at least 1. The probability that a joint
+    is that close by chance is proportional to it.
     """
     times = {
         j: max(1.0, abs(float(q)) / (AT_ZERO_COUNTS * joint.sensor.resolution_rad))
@@ -54,18 +54,13 @@ def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, floa
 
 
 def zero_position(arm: ArmModel, reading_rad: FloatArray, joints: Sequence[int]) -> str:
-    """Return ``at zero``, or ``near zero`` if one of these joints is not exactly there."""
+    """Return ``at zero``, or ``near zero`` if one of these joints is farther than `AT_ZERO_COUNTS` from zero."""
     times = counters_near_zero(arm, reading_rad)
     return "at zero" if all(times.get(j, np.inf) <= 1.0 for j in joints) else "near zero"
 
 
 def check_counters(arm: ArmModel, reading_rad: FloatArray) -> None:
-    """Refuse joints whose reading is outside their range and closer to zero than to the range.
-
-    Raises
-    ------
-    ConnectAgainError
-    """
+    """Raise ConnectAgainError for a reading near zero, outside the joint's range and nearer to zero than to the range."""
     fresh = []
     for number, times in sorted(counters_near_zero(arm, reading_rad).items()):
         joint, q = arm.joints[number - 1], float(reading_rad[number - 1])
@@ -88,7 +83,7 @@ FALSE_REFUSAL_PROBABILITY = 1e-4
 """Probability of refusing an unchanged arm and fixture."""
 
 INNOVATION_PROBABILITY = 1e-6
-"""Probability of refusal by the innovation check: none of 105 arms three times worse than stated is refused."""
+"""Probability of refusal by the innovation check; none of 105 arms with three times the specified errors is refused."""
 
 CHI2_RATIO_TO_WORST_POSE = 4.0
 """Limit of chi2, relative to the largest one of the session's poses: a wrong model raises both."""
@@ -97,12 +92,12 @@ SHIFT_RAD = float(np.deg2rad(2.0))
 """Shift of a joint that has to be detectable before the arm moves far."""
 
 CHI2_RATIO_TO_LIMIT = 2.0
-"""A shift counts as detectable where its expected chi2 is this many times the limit."""
+"""A shift is detectable if its expected chi2 is this many times the limit."""
 
 NEAR_ZERO_RATIO = 100.0
 """Distance from zero, in units of `AT_ZERO_COUNTS`, within which a joint may be named for a closure error.
 
-By chance a joint is that close in one of 300 positions.
+A joint is that close by chance in one of 300 positions.
 """
 
 REMAINDER_PROBABILITY = 1e-3
@@ -121,7 +116,7 @@ class ClosureResult:
     """Result of a closure check at the current pose.
 
     `message` is for the operator; `probability` is that of a larger chi2, None with too few poses. A shift of
-    `SHIFT_RAD` of one of the `unresolved_joints` would not show at this pose.
+    `SHIFT_RAD` of one of the `unresolved_joints` could not be detected at this pose.
     """
 
     message: str
@@ -130,12 +125,7 @@ class ClosureResult:
 
 
 def check_identity(state: SessionState, identity: ArmIdentity) -> None:
-    """Refuse an arm without nodes, and an arm or nodes other than the session's.
-
-    Raises
-    ------
-    GuardError
-    """
+    """Raise GuardError for an arm without nodes, or if the arm or its nodes are not those of the session."""
     if not identity.nodes:
         raise GuardError(
             f"arm {identity.serial_number} has no nodes: it cannot be moved or read",
@@ -169,7 +159,7 @@ def check_closure_by_poses(
     reading: Reading,
     endpoint: FloatArray | None = None,
 ) -> ClosureResult:
-    """Check the closure at the current pose, as predicted by the poses so far; `endpoint` is measured at this pose.
+    """Check the closure at the current pose against the captured poses; `endpoint` is measured at this pose.
 
     Raises
     ------
@@ -254,7 +244,7 @@ def check_closure_by_poses(
 
 
 def _cause_text(near: Innovation | None) -> str:
-    """Return text that names the joint whose shift alone explains the closure error."""
+    """Return text that names the joint whose shift alone explains the closure error, or the general cause."""
     from scipy.special import chdtrc
 
     if near is not None and near.dof > 1:
@@ -270,7 +260,7 @@ def _cause_text(near: Innovation | None) -> str:
 
 
 def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConstraint:
-    """The fixture whose nominal placement `parameters_from_poses` refers to."""
+    """Return the fixture to whose nominal placement `parameters_from_poses` refers."""
     known = journal_calibration(state)
     fixture = procedure.fixture.fixture
     if isinstance(known, StoredCalibration):
@@ -279,9 +269,9 @@ def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConst
 
 
 def parameters_from_poses(state: SessionState, procedure: Procedure) -> Fixed | None:
-    """Return the parameters determined by the poses so far; None with too few poses.
+    """Return the parameters determined by the captured poses; None with too few poses.
 
-    They are those of the recorded calibration or, without one, of a quick fit, which is precise enough to find shifts
+    They are from the recorded calibration or, without one, from a quick fit, which is precise enough to detect shifts
     of degrees or millimetres.
     """
     known = journal_calibration(state)

@@ -1,4 +1,4 @@
-"""Compares a repeated pose with its first reading: states what has shifted in between, and by how much."""
+"""Compares a repeated pose with its first reading, and reports what has shifted in between, and by how much."""
 
 from __future__ import annotations
 
@@ -23,17 +23,14 @@ from solver.chain.rotations import rotation_matrix
 from solver.chain.sensors import NoSensor
 
 FIXTURE_MOVED_M, FIXTURE_TURNED_RAD = 4e-3, float(np.deg2rad(1.0))
-"""Larger changes of the fixture are refused: a slender fixture deflects less (paper, section 4). The verdict tests for
-smaller ones."""
+"""Larger changes of the fixture are refused: even a slender fixture deflects less (paper, section 4). The diagnosis of
+the calibration detects smaller ones."""
 
 
 def check_repeat(state: SessionState, procedure: Procedure) -> str:
     """Compare the last repeated pose with its first reading; return a message, or "" if they agree.
 
-    Raises
-    ------
-    GuardError
-        A joint, the fixture, the target or the tracker has shifted in between.
+    Raises GuardError if a joint, the fixture, the target or the tracker has shifted in between.
     """
     state = state.here
     if not procedure.fixture.fixture.holds_hand:
@@ -60,7 +57,7 @@ def check_repeat(state: SessionState, procedure: Procedure) -> str:
 def repeat_text(state: SessionState, procedure: Procedure) -> str:
     """Return the message about the last repeated pose of an uninterrupted capture; "" if its readings agree.
 
-    Nothing is refused, since all poses are captured and the diagnosis of the calibration uses both readings.
+    Nothing is refused, since the poses have been captured and the diagnosis of the calibration uses both readings.
     """
     state = state.here
     if not procedure.fixture.fixture.holds_hand:
@@ -92,7 +89,7 @@ def _fixture_moved_text(pose: int, repeat: Repeat) -> str:
 
 
 def _significant_repeat(state: SessionState, procedure: Procedure) -> Repeat | None:
-    """Return the last repeat if it differs by more than noise, backlash and the fixture's compliance explain."""
+    """Return the last repeat if it differs by more than noise, backlash and fixture compliance explain; else None."""
     from scipy.special import chdtri
 
     arm, fixture = procedure.arm, procedure.fixture.fixture
@@ -107,9 +104,9 @@ def _significant_repeat(state: SessionState, procedure: Procedure) -> Repeat | N
 
 
 def _check_target_again(state: SessionState, procedure: Procedure) -> str:
-    """Compare the measured target with the one predicted from the joints, at both readings.
+    """Compare the target's measured change between both readings with that predicted from the joints; return "".
 
-    Errors of the arm's parameters are the same in both and cancel.
+    Errors of the arm's parameters cancel. Raises `GuardError` if the target or the tracker has moved.
     """
     from scipy.special import chdtri
 
@@ -141,7 +138,7 @@ def _check_target_again(state: SessionState, procedure: Procedure) -> str:
 
 
 def _joint_variance(arm: ArmModel, samples: int) -> FloatArray:
-    """Variance (n,), rad^2, of the mean of `samples` readings, including backlash."""
+    """Return the variance (n,), rad^2, of the mean of `samples` readings, including backlash."""
     return np.array(
         [
             0.0

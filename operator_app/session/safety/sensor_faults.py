@@ -21,16 +21,17 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import NoSensor, Rvdt
 
 TURNED_RAD = float(np.deg2rad(2.0))
-"""Smallest turn, computed from the other joints, that shows a constant reading to be a stuck sensor."""
+"""Smallest turn, computed from the other joints, at which a constant reading means a stuck sensor."""
 
 
 class SensorFaults:
-    """Sensor faults of the arm of a session.
+    """Records the sensor faults of a session's arm and excludes the affected poses.
 
     Attributes
     ----------
     read_until
-        SYNC at the end of the last capture, -1 before the first one: a fault that began earlier affects that pose.
+        Number of the SYNC at the end of the last capture, -1 before the first one. A fault that began by then affects
+        that pose.
     """
 
     def __init__(self, logbook: Logbook, arm: ArmInterface) -> None:
@@ -40,7 +41,7 @@ class SensorFaults:
 
     @contextmanager
     def recorded(self) -> Iterator[None]:
-        """Context that records a sensor fault raised in it, excludes the affected poses, and raises the fault again."""
+        """Context that records a sensor fault raised in it, excludes the affected poses, and re-raises the fault."""
         try:
             yield
         except SensorFault as fault:
@@ -56,13 +57,13 @@ class SensorFaults:
             raise
 
     def record_stop_cause(self) -> None:
-        """Record and raise the fault for which the arm stopped by itself while idle."""
+        """Record and raise the fault because of which the arm stopped by itself while idle, if any."""
         if self._arm.snapshot().stopped_for:
             with self.recorded():
                 self._arm.capture(1)
 
     def require_no_stuck_sensor(self, reading: Reading) -> None:
-        """Refuse a reading with a stuck sensor."""
+        """Raise and record a `SensorFault` if a sensor is stuck in this reading."""
         with self.recorded():
             require_no_stuck_sensor(self._logbook.state, self._logbook.procedure, reading)
 
@@ -71,7 +72,7 @@ class SensorFaults:
             self._logbook.exclude(number, f"joint {joint} read wrong at that time")
 
     def _affected_poses(self, fault: SensorFault) -> tuple[int, ...]:
-        """Numbers of the poses affected by a sensor fault."""
+        """Return the numbers of the poses affected by a sensor fault."""
         state = self._logbook.state
         if fault.stuck:
             return poses_with_same_reading(state, self._logbook.model, fault.joint)
@@ -84,7 +85,7 @@ class SensorFaults:
         return tuple(pose.number for pose in state.poses[-1:])
 
     def _poses_with_present_reading(self, joint: int) -> tuple[int, ...]:
-        """Numbers of the last poses in which a joint that did not follow has the same reading as now.
+        """Return the numbers of the latest poses in which `joint`, which did not follow, has the same reading as now.
 
         Its sensor may have been stuck during these poses while the joint moved.
         """
@@ -98,12 +99,7 @@ class SensorFaults:
 
 
 def require_no_stuck_sensor(state: SessionState, procedure: Procedure, reading: Reading) -> None:
-    """Refuse a reading in which a joint has the same count as at the last pose although it must have turned.
-
-    Raises
-    ------
-    SensorFault
-    """
+    """Raise SensorFault if a joint has the same count as at the last pose, although it must have turned."""
     if not state.poses_here or not procedure.fixture.fixture.holds_hand:
         # On an open arm every joint is driven, and its drive detects a stuck sensor.
         return
@@ -127,7 +123,7 @@ def require_no_stuck_sensor(state: SessionState, procedure: Procedure, reading: 
 
 
 def poses_with_same_reading(state: SessionState, arm: ArmModel, joint: int) -> tuple[int, ...]:
-    """Numbers of the latest poses in which a joint has the same count as in the last one."""
+    """Return the numbers of the latest poses in which a joint has the same count as in the last pose."""
     near, poses = _resolution_rad(arm, joint), state.poses_here
     alike = takewhile(
         lambda pose: abs(pose.mean_rad[joint - 1] - poses[-1].mean_rad[joint - 1]) <= near,

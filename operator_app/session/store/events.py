@@ -1,7 +1,7 @@
 """Checks the data of journal events: keys, types and limits. Returns the first problem as text.
 
-A line with a valid checksum can still contain data that no session can use, written by another version of the program
-or by hand.
+A line with a valid checksum can still contain data that no session can use, if another version of the program or a
+person wrote it.
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ from hardware.virtual import SCENARIOS
 from operator_app.session.store.journal_format import JournalEvent
 
 Check = Callable[[Any, int | None], str]
-"""Function of a value and the number of joints (None: not known yet); returns what is wrong with the value ("":
-nothing)."""
+"""Function of a value and the number of joints (None: not known yet); returns the problem as text, "" for none."""
 
 MAX_INTEGER = 2**53
 """Larger integers have no exact double."""
@@ -28,9 +27,9 @@ UTC = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,9})?Z")
 
 
 def event_problem(event: JournalEvent, joints: int | None, captured: int = 0) -> tuple[str, str]:
-    """Return the first invalid key of an event, and what is wrong with its value; two empty strings for a valid event.
+    """Return the first invalid key of an event, and the problem with its value; two empty strings for a valid event.
 
-    `captured`: number of the last pose captured before the event.
+    `joints`: number of joints, None if not known yet. `captured`: number of the last pose captured before the event.
     """
     if not _is_time(event.utc):
         return "utc", f"{_quoted(event.utc)} is not a time such as 2026-01-31T12:00:00.000Z"
@@ -92,17 +91,17 @@ def number(least: float = -1e300, most: float = 1e300) -> Check:
 
 
 def text(value: Any, _: int | None) -> str:
-    """Accept text."""
+    """Check that a value is text; return the problem, "" for none."""
     return "" if isinstance(value, str) else f"must be text, not {_quoted(value)}"
 
 
 def boolean(value: Any, _: int | None) -> str:
-    """Accept true or false."""
+    """Check that a value is true or false; return the problem, "" for none."""
     return "" if isinstance(value, bool) else f"must be true or false, not {_quoted(value)}"
 
 
 def joint_number(value: Any, joints: int | None) -> str:
-    """Return what is wrong with the number of a joint (from 1); "" for a valid one."""
+    """Check the number of a joint (from 1); return the problem, "" for none."""
     most = joints or MOST_JOINTS_RECORDED
     problem = integer(1)(value, joints)
     return problem or (
@@ -111,7 +110,7 @@ def joint_number(value: Any, joints: int | None) -> str:
 
 
 def joint_key(value: Any, joints: int | None) -> str:
-    """Return what is wrong with a joint number written as text, as in keys of JSON; "" for a valid one."""
+    """Check a joint number written as text, as in JSON keys; return the problem, "" for none."""
     known = isinstance(value, str) and re.fullmatch(r"[1-9]\d{0,2}", value)
     return (
         joint_number(int(value), joints)
@@ -121,7 +120,7 @@ def joint_key(value: Any, joints: int | None) -> str:
 
 
 def one_of(*options: str) -> Check:
-    """Return a check that accepts one of these texts."""
+    """Return a check that accepts only these texts."""
 
     def check(value: Any, _: int | None) -> str:
         if isinstance(value, str) and value in options:
@@ -162,7 +161,7 @@ def per_joint(item: Check) -> Check:
 
 
 def endpoint(value: Any, joints: int | None) -> str:
-    """Accept a measured endpoint: position (3 items) or position and rotation vector (6)."""
+    """Check a measured endpoint: position (3 items), or position and rotation vector (6); return the problem or ""."""
     problem = list_of(AN_ANGLE)(value, joints)
     return problem or ("" if len(value) in (3, 6) else f"has {len(value)} items instead of 3 or 6")
 
@@ -194,7 +193,7 @@ def object_with(checks: Mapping[str, Check]) -> Check:
 
 
 def anything(_: Any, __: int | None) -> str:
-    """Accept any value, as the program does not read it."""
+    """Accept any value, because the program does not read it; return ""."""
     return ""
 
 
@@ -352,4 +351,4 @@ EVENTS: Mapping[str, Mapping[str, Check]] = {
     "repaired": {"lost": list_of(integer(1)), "original?": text},
     "closed": {"reason?": text},
 }
-"""Check of each key that the program reads from an event. "?": the key is optional. Other keys are ignored."""
+"""By event: check of each key that the program reads. "?": the key is optional. Other keys are ignored."""

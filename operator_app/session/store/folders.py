@@ -1,4 +1,4 @@
-"""Session folders: names, files, lists and order of sessions."""
+"""Session folders: their names and files; lists the sessions in the order of opening."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from operator_app.session.store.state import SessionState
 
 STAMP, STAMPED = "%Y%m%d-%H%M%S", re.compile(r"\d{8}-\d{6}-")
-"""Time of opening, the first part of a folder's name."""
+"""Format and pattern of the time of opening, the first part of a folder's name."""
 
 PARAMETERS_NAME = "parameters.yaml"
 POSES_NAME = "poses.csv"
@@ -31,7 +31,8 @@ POSES_NAME = "poses.csv"
 class SessionEntry:
     """One session folder.
 
-    `state` is None if the journal cannot be read; `problem` and `remedy` then state why, and what to do.
+    `state` is None if the journal cannot be read; `problem` and `remedy` then state why, and what to do. `torn` is
+    the message about an incomplete last line ("": none).
     """
 
     folder: Path
@@ -65,9 +66,9 @@ def _order_in(path: Path) -> int:
 
 
 def find_session(root: Path, reference: str) -> Path:
-    """Return the folder of a session given by path, by its name below `root`, or as ``latest``."""
+    """Return the folder of a session given by path, name below `root`, or ``latest``; SessionError if there is none."""
     if reference == "latest":
-        # Sessions that only verify another one do not count. Sessions with poses come first.
+        # Sessions that only verify another one are left out. Sessions with poses are preferred.
         sessions = [
             entry
             for entry in reversed(list_sessions(root))
@@ -120,7 +121,7 @@ def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
 def _begun(entries: Sequence[SessionEntry]) -> dict[str, tuple[str, int]]:
     """Return (time of opening, sequence number) by folder name, for journals without an `order`.
 
-    The sequence number counts sessions that were opened later but, because the clock was set back, at an earlier time.
+    The sequence number counts sessions that were opened later but have an earlier time, because the clock was set back.
     """
     states = {entry.folder.name: entry.state for entry in entries}
     begun: dict[str, tuple[str, int]] = {}

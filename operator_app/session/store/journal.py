@@ -1,7 +1,7 @@
 """The journal: an append-only file with one checksummed line for each event, on disk when `append` returns.
 
 All other files of a session can be made again from the journal. If another program deletes, moves, replaces or changes
-the file, everything is written to a new session folder beside it.
+the file, all events are written to a new session folder beside it.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ def utc_now() -> datetime:
 class Journal:
     """An open, locked journal.
 
-    `created_folders` are the folders that were created for it, the innermost first. `loss` is the error to raise for a
-    lost file, None as long as the file is in order.
+    `created_folders` are the folders that were created for it, the innermost first. `loss` is the error to raise once
+    the file is lost, None before.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class Journal:
 
     @classmethod
     def create_beside(cls, folder: Path) -> Journal:
-        """Create a journal in `folder` or, if that exists already, in the next free folder of that name."""
+        """Create a journal in `folder` or, if that has a journal, in the next folder (-2, -3, ...) without one."""
         for candidate in numbered_folders(folder):
             with suppress(JournalExistsError):
                 return cls.create(candidate)
@@ -85,7 +85,7 @@ class Journal:
 
     @classmethod
     def create(cls, folder: Path) -> Journal:
-        """Create a journal in a new or empty `folder`; JournalExistsError if there is one."""
+        """Create a journal in `folder`; raises `JournalExistsError` if it has one, `JournalError` if writing fails."""
         path = folder / JOURNAL_NAME
         created_folders = tuple(f for f in (folder, *folder.parents) if not f.exists())
         try:
@@ -108,7 +108,7 @@ class Journal:
 
     @classmethod
     def resume(cls, folder: Path) -> Journal:
-        """Open the journal in `folder`; an incomplete last line is moved to a file beside it."""
+        """Open the journal in `folder`; an incomplete last line is moved to a file beside it. Raises `JournalError`."""
         path = folder / JOURNAL_NAME
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -220,7 +220,7 @@ class Journal:
     # -- lost ------------------------------------------------------------------------------------
 
     def _file_problem(self) -> str:
-        """Return text on what another program did to the file; "" for nothing."""
+        """Return text that states what another program did to the file; "" for nothing."""
         try:
             on_disk, opened = self.path.stat(), os.fstat(self._descriptor)
         except (FileNotFoundError, NotADirectoryError):
@@ -231,13 +231,13 @@ class Journal:
             return "was replaced by another file"
         if opened.st_size < self._size:
             return f"was cut from {self._size} to {opened.st_size} bytes"
-        # With `_broken`, the excess bytes are part of our own failed line.
+        # If `_broken`, the excess bytes are part of this program's own failed line.
         if opened.st_size > self._size and not self._broken:
             return "was written to by another program"
         return ""
 
     def _changed_line(self) -> str:
-        """Return text on which line differs from what was read or written; "" for none."""
+        """Return text that names the first line that differs from the one read or written; "" for none."""
         position = 0
         for number, line in enumerate(self._lines, 1):
             try:
@@ -270,7 +270,7 @@ class Journal:
         raise self.loss
 
     def _write_rescue(self, line: bytes) -> tuple[Path | None, str]:
-        """Return the new session folder with all lines, or None and why it cannot be written."""
+        """Write all lines to a new session folder; return the folder, or None and the reason why that failed."""
         own, reason = self.path.parent, ""
         for root in (own.parent, Path(tempfile.gettempdir())):
             try:
@@ -294,7 +294,7 @@ class Journal:
         return self._descriptor < 0
 
     def close(self) -> None:
-        """Finish writing and unlock the journal. Safe to call twice."""
+        """Finish writing and unlock the journal; may be called again."""
         self._writer.shutdown()
         if self._descriptor >= 0:
             os.close(self._descriptor)
@@ -302,13 +302,13 @@ class Journal:
 
 
 def read_journal(folder: Path) -> JournalContents:
-    """Read a journal without locking or changing it."""
+    """Return the contents of the journal in `folder`, without locking it; raises `JournalError` if it is unreadable."""
     path = folder / JOURNAL_NAME
     return parse_journal(read_bytes(path), path)
 
 
 def lock(descriptor: int, path: Path) -> None:
-    """Lock a journal for this process; if another process has it, close the descriptor and raise JournalError."""
+    """Lock a journal for this process; if another process holds the lock, close the file and raise `JournalError`."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

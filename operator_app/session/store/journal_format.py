@@ -1,7 +1,7 @@
-"""Format of a journal on disk: JSON lines, each with a checksum over itself and all earlier lines; files beside it.
+"""Format of a journal on disk: JSON lines, each with a checksum over itself and all earlier lines.
 
 Distinguishes an incomplete last line (power cut), a damaged line (changed later), a file that is not a
-journal, and a journal of a newer version.
+journal, and a journal of a newer version. Also names and writes files beside the journal.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ class JournalEvent:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JournalContents:
-    """Events of a journal. `torn` is the message about an incomplete last line ("": none).
+    """Events of a journal.
 
-    `file` is the journal's name in messages, `chain` the last checksum, and `whole_bytes` the number of bytes in
-    complete lines.
+    `torn` is the message about an incomplete last line ("": none), `file` the journal's name in messages, `chain` the
+    last checksum, and `whole_bytes` the number of bytes in complete lines.
     """
 
     events: tuple[JournalEvent, ...]
@@ -90,7 +90,7 @@ def format_line(event: JournalEvent, chain: str) -> tuple[bytes, str]:
 
 
 def format_lines(events: Iterable[JournalEvent]) -> list[bytes]:
-    """Return the lines of a whole journal; ValueError as `format_line`."""
+    """Return the lines of a whole journal; raises ValueError like `format_line`."""
     chain, lines = "", list[bytes]()
     for event in events:
         line, chain = format_line(event, chain)
@@ -99,12 +99,12 @@ def format_lines(events: Iterable[JournalEvent]) -> list[bytes]:
 
 
 def utc_in_words(time: datetime) -> str:
-    """Return the time of an event as in a line."""
+    """Return a time (UTC) as text in the format of journal lines, with milliseconds."""
     return time.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def checksum(previous: str, body: bytes) -> str:
-    """Checksum of a line and, through `previous`, of all lines before it."""
+    """Return the checksum of a line and, through `previous`, of all lines before it."""
     return hashlib.sha256(previous.encode() + body).hexdigest()[:16]
 
 
@@ -117,7 +117,7 @@ def split_checksum(line: bytes) -> tuple[bytes, str] | None:
 
 
 def verified_line(line: bytes, number: int, chain: str) -> tuple[JournalEvent, str]:
-    """Verify and parse a line that follows one with checksum `chain`; return event and checksum.
+    """Verify and parse a line that follows one with checksum `chain`; return its event and its checksum.
 
     Raises
     ------
@@ -136,9 +136,9 @@ def verified_line(line: bytes, number: int, chain: str) -> tuple[JournalEvent, s
 
 
 def parse_line(line: bytes, number: int, *, any_number: bool = False) -> JournalEvent:
-    """Parse a line whose bytes have been verified; raises the same errors as `verified_line`.
+    """Parse a line whose checksum has been verified; raises the same errors as `verified_line`.
 
-    `any_number`: accept any sequence number, because lines before it may be lost.
+    `any_number`: accept any sequence number, because earlier lines may be lost.
     """
     try:
         record = json.loads(line, parse_constant=_reject_constant)
@@ -164,7 +164,7 @@ def parse_line(line: bytes, number: int, *, any_number: bool = False) -> Journal
 
 
 def parse_journal(raw: bytes, path: Path) -> JournalContents:
-    """Read the bytes of a journal.
+    """Return the contents of a journal from its bytes.
 
     Raises
     ------
@@ -197,7 +197,7 @@ def parse_journal(raw: bytes, path: Path) -> JournalContents:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Return the bytes of a journal; JournalError for anything but a regular file of at most `MAX_BYTES`."""
+    """Return the bytes of a journal; raises JournalError unless it is a regular file of at most `MAX_BYTES`."""
     try:
         with _open_regular(path) as file:
             if os.fstat(file.fileno()).st_size > MAX_BYTES:
@@ -235,7 +235,7 @@ def _open_regular(path: Path) -> BinaryIO:
 
 
 def require_regular(descriptor: int, path: Path) -> None:
-    """Refuse folders, pipes and devices."""
+    """Raise JournalForeignError for anything but a regular file."""
     mode = os.fstat(descriptor).st_mode
     if stat.S_ISREG(mode):
         return
@@ -267,7 +267,7 @@ def require_own_format(complete: list[bytes], rest: bytes, path: Path) -> None:
 
 
 def _require_version(first: bytes, path: Path) -> None:
-    """Raise an error if the first line has another version, unless the checksum shows that the version is damaged."""
+    """Raise JournalForeignError if line 1 has another version, unless its checksum shows that the text is damaged."""
     match = re.match(rb'\{"schema":"([^"\\]{0,60})"', first)
     split = split_checksum(first)
     if match is None or match[1].decode(errors="replace") == JOURNAL_SCHEMA:
@@ -310,14 +310,14 @@ def timestamped_path(path: Path, what: str) -> Path:
 
 
 def numbered_folders(folder: Path) -> Iterator[Path]:
-    """Return `folder`, then the same name with -2, -3, ..."""
+    """Yield `folder`, then the same name with -2, -3, ..."""
     yield folder
     for k in count(2):
         yield folder.with_name(f"{folder.name}-{k}")
 
 
 def write_new_file(path: Path, data: bytes) -> None:
-    """Write a new file to disk; OSError if it exists or cannot be written."""
+    """Write a new file to disk; raises OSError if it exists or cannot be written."""
     descriptor = create_file(path)
     try:
         written = 0
@@ -330,7 +330,7 @@ def write_new_file(path: Path, data: bytes) -> None:
 
 
 def write_session_folder(root: Path, stem: str, lines: list[bytes]) -> Path:
-    """Write a new session folder below `root` with a journal of these lines; OSError if that fails."""
+    """Write a new session folder below `root` with a journal of these lines and return it; raises OSError."""
     folder = next(f for f in numbered_folders(root / stem) if not os.path.lexists(f))
     folder.mkdir(parents=True)
     write_new_file(folder / JOURNAL_NAME, b"".join(lines))
@@ -339,12 +339,12 @@ def write_session_folder(root: Path, stem: str, lines: list[bytes]) -> Path:
 
 
 def create_file(path: Path) -> int:
-    """Create a file and open it for appending; OSError if it exists."""
+    """Create a file, open it for appending and return its descriptor; raises OSError if it exists."""
     return os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o644)
 
 
 def fsync_folder(folder: Path) -> None:
-    """Write the directory entries of a folder to disk."""
+    """Flush the directory entries of a folder to disk."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)

@@ -1,7 +1,7 @@
 """Repairs a damaged journal: keeps every line whose checksum matches, removes the others, keeps a copy.
 
-The checksum of a line covers its bytes and the checksum of the line before it. Lines after a damaged line can be
-verified if the checksum of the damaged line can be read. A single flipped bit is found by trying all bits.
+The checksum of a line covers its bytes and the checksum of the line before it. The line after a damaged line can be
+verified if the checksum of the damaged line can be read. A single flipped bit is located by trying all bits.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ POSE_NUMBER = re.compile(rb'"number":(\d{1,9})[,}]')
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RepairedLine:
-    """Result for one line: `event` is None if the line is lost; `words` state why, or what was restored."""
+    """Result for one line: `event` is None if the line is lost; `words` is the reason, or text on what was restored."""
 
     number: int
     event: JournalEvent | None
@@ -62,6 +62,7 @@ class RepairResult:
     """Result of a repair.
 
     `aside`: copy of the damaged journal, None if nothing was damaged. `torn`: whether the last line is incomplete.
+    `state`: the session's state after the repair.
     """
 
     folder: Path
@@ -152,9 +153,10 @@ def examine_lines(raw: bytes) -> tuple[tuple[RepairedLine, ...], bool]:
 
 
 def _recover(line: bytes, before: str, after: list[bytes]) -> tuple[bytes, str, str] | None:
-    """Return the original line, its checksum, and what was restored; None if no restored line matches a checksum.
+    """Return the original line, its checksum, and text on what was restored; None if no attempt matches a checksum.
 
-    `after` are the lines that follow; this list is corrected if a damaged newline has split or joined lines.
+    `before` is the checksum of the line before. `after` are the lines that follow; this list is corrected if a damaged
+    newline has split or joined lines.
     """
     chain = _checksum_if_stated(line, before)
     if chain is not None:
@@ -178,7 +180,7 @@ def _recover(line: bytes, before: str, after: list[bytes]) -> tuple[bytes, str, 
 
 
 def _checksum_if_stated(line: bytes, before: str) -> str | None:
-    """Return the checksum at the end of a line, if it can be read with at most one wrong byte."""
+    """Return the line's computed checksum if the end of the line agrees with it in all bytes but one; else None."""
     if len(line) < TAIL:
         return None
     expected = checksum(before, line[:-TAIL] + b"}")
@@ -209,7 +211,7 @@ def _with_bit_restored(line: bytes, before: str) -> bytes | None:
 
 
 def _event_hint(line: bytes) -> str:
-    """Return text on what can still be read of a lost line: event and pose number."""
+    """Return text with the event and the pose number that can still be read in a lost line; "" for none."""
     name, number = EVENT_NAME.search(line), POSE_NUMBER.search(line)
     if name is None:
         return ""
@@ -218,7 +220,7 @@ def _event_hint(line: bytes) -> str:
 
 
 def _without_invalid(lines: list[RepairedLine]) -> tuple[RepairedLine, ...]:
-    """Remove lines that have a valid checksum but data that no session can use."""
+    """Mark the lines as lost whose checksum is valid but whose data no session can use."""
     counted = Counter(
         joints
         for line in lines

@@ -47,7 +47,7 @@ class Logbook:
     procedure, model, fixture
         The procedure, its arm and its fixture.
     truths
-        True parameters of a simulated arm; None for a real one.
+        True parameters of a simulated arm; None for a real arm.
     """
 
     def __init__(self, *, journal: Journal, procedure: Procedure, clock: Clock) -> None:
@@ -66,13 +66,13 @@ class Logbook:
         self.state = apply(self.state, self.journal.append(name, data, clock=self._clock))
 
     def require_journal(self, *, unchanged: bool = False) -> None:
-        """Raise JournalLostError if the journal is lost or, with `unchanged`, if it differs from what was written."""
+        """Raise JournalLostError if the journal file is lost or, with `unchanged`, if one of its lines was changed."""
         self.journal.require_intact(unchanged=unchanged)
 
     # -- poses -----------------------------------------------------------------------------------
 
     def undo(self) -> CapturedPose:
-        """Remove the last pose of the current placement."""
+        """Remove and return the last pose of the current placement; raises `GuardError` if there is none."""
         poses = [p for p in self.state.poses if p.placement == self.state.placement]
         if not poses:
             raise GuardError("this placement has no pose to undo", "capture one first")
@@ -81,7 +81,7 @@ class Logbook:
         return last
 
     def restore(self, number: int) -> None:
-        """Restore an undone pose."""
+        """Restore an undone pose; raises `GuardError` if it was not undone."""
         if all(pose.number != number for pose in self.state.undone):
             raise GuardError(f"pose {number} was not undone", "capture a pose")
         self.record("pose_restored", {"number": number})
@@ -109,7 +109,7 @@ class Logbook:
     # -- calibration -----------------------------------------------------------------------------
 
     def recorded_calibration(self) -> StoredCalibration | None:
-        """Return the journal's calibration from the used poses, if it was made with the procedure's options."""
+        """Return the journal's calibration from the used poses; None unless it has the procedure's options."""
         own, then = self.procedure, self.state.solved
         options = (
             own.estimator,
@@ -120,7 +120,7 @@ class Logbook:
         if not then or tuple(then.get(k) for k in keys) != options:
             return None
         if then.get("rereads", 0) != len(self.state.rereads):
-            # A pose was measured again after it: the diagnosis may change.
+            # A pose was measured again after the calibration: the diagnosis may change.
             return None
         calibration = journal_calibration(self.state)
         return calibration if isinstance(calibration, StoredCalibration) else None
@@ -133,7 +133,7 @@ class Logbook:
         unsensed_joints: tuple[int, ...] | None = None,
         solver: Solver = solve_here,
     ) -> Solution:
-        """Calibrate from the used poses, by default with the procedure's options and in this process.
+        """Calibrate from the used poses, by default with the procedure's options, and record the solution.
 
         First writes poses.csv beside the journal, so that it exists even if the calibration fails.
         """

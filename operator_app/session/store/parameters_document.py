@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 
 def export_reason(solution: Solution, reason: str, *, say_it_by: str) -> str:
-    """Return the reason for exporting a calibration that was not accepted; empty if it was accepted.
+    """Return the reason for exporting a calibration that was not accepted; "" if it was accepted.
 
     `say_it_by` tells the operator how to state a reason, such as ``--force REASON``.
 
@@ -73,7 +73,7 @@ def parameters_document(
 ) -> ParametersDocument:
     """Return the parameters document of a session's calibration.
 
-    For a calibration that was not accepted, the first warning in the document says so and gives the reason `forced`.
+    If the calibration was not accepted, the first warning in the document states that, and the reason `forced`.
     """
     arm, fixture = procedure.arm, procedure.fixture
     estimate, turned = solution.estimate, solution.estimate.sigmas.orientation_rad
@@ -123,7 +123,7 @@ def parameters_document(
 
 
 def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mapping[str, float]]:
-    """Variance shares of the identified parameters, without lengths that are corrected within tolerance."""
+    """Return the variance shares of the identified parameters, without lengths that are corrected within tolerance."""
     if solution.components is None:
         return {}
     estimate = solution.estimate
@@ -136,14 +136,14 @@ def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mappi
 
 
 def _mounted(model: ClosureModel, state: SessionState) -> tuple[ClosureModel, IntArray]:
-    """Return the loop that the document describes (of several placements, the last) and its parameter columns."""
+    """Return the loop that the document describes (of several placements, one) and its parameter columns."""
     if isinstance(model, Placements):
         return model.of(_last(model, state))
     return model, np.arange(len(model.parameters))
 
 
 def _last(model: Placements, state: SessionState) -> int:
-    """Number of the current placement or, if it has no used poses, of the last one that has."""
+    """Return the number of the current placement or, if it has no used poses, of the last one with used poses."""
     has_current = state.placement in model.numbers and not state.imported
     return state.placement if has_current else model.numbers[-1]
 
@@ -159,7 +159,7 @@ def _several(model: ClosureModel, state: SessionState) -> tuple[DocumentWarning,
 
 
 def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
-    """Identified D-H rows 0..n; row 0 is zero if the fixture is not a D-H link.
+    """Return the identified D-H rows 0..n; row 0 is zero if the fixture is not a D-H link.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
 
 
 def _with_measured(table: DhTable, offsets_rad: Mapping[int, float]) -> DhTable:
-    """Return the table including the offsets (rad, by joint) that the loops measured for unsensed joints."""
+    """Return the table with the offsets (rad, by joint) of unsensed joints, measured by the loops."""
     theta_off = np.array(table.theta_off_rad)
     for joint, offset in offsets_rad.items():
         theta_off[joint] = offset
@@ -187,7 +187,7 @@ def _with_measured(table: DhTable, offsets_rad: Mapping[int, float]) -> DhTable:
 
 
 def rvdt_remedy(table: ReadingTable) -> RvdtRemedy:
-    """Return corrections as a parameters file states them."""
+    """Return the corrections of a joint in the units of a parameters file (deg)."""
     columns = (table.reading_rad, table.add_rad, table.sigma_rad)
     return RvdtRemedy(
         joint=table.joint,

@@ -1,4 +1,4 @@
-"""Session state from journal events: a pure fold."""
+"""Computes the session state from journal events alone, one event after the other."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from operator_app.session.store.state import (
 from solver.arrays import frozen
 
 MOST_ORDER = 2**53
-"""Larger order numbers are not credible."""
+"""Larger order numbers are ignored."""
 
 if TYPE_CHECKING:
     from operator_app.session.store.journal_format import JournalContents, JournalEvent
@@ -56,7 +56,7 @@ def apply(state: SessionState, event: JournalEvent) -> SessionState:
             return replace(
                 _with_skipped_open(state),
                 serial_number=data["serial_number"],
-                # The nodes that captured the poses stay the reference.
+                # The nodes that captured the poses remain the reference.
                 node_serials=state.node_serials if state.poses else serials,
                 resumed=state.resumed or bool(state.poses),
             )
@@ -77,7 +77,7 @@ def apply(state: SessionState, event: JournalEvent) -> SessionState:
             )
         case "pose":
             pose = CapturedPose(
-                # Poses from a file: the time of capture is not the time of the import.
+                # For poses from a file, the time of the event is that of the import.
                 **_measured(data, data.get("taken_utc", utc)),
                 waypoint=data["waypoint"],
                 note=data.get("note", ""),
@@ -184,7 +184,7 @@ def _apply_results(state: SessionState, event: JournalEvent) -> SessionState:
         case "return_missed":
             return replace(state, missed_repeat=data.get("reason", ""))
         case "repaired" if data["lost"]:
-            # The lost lines may hold poses or exclusions: results no longer count.
+            # The lost lines may contain poses or exclusions: results are no longer valid.
             return replace(_with_other_poses(state, state.poses), resumed=True)
         case "sensor_fault" if state.poses:
             return replace(state, sensor_jump=data["text"], resumed=True)
@@ -197,7 +197,7 @@ def _apply_results(state: SessionState, event: JournalEvent) -> SessionState:
 
 
 def _with_skipped_open(state: SessionState) -> SessionState:
-    """Return the state in which skipped waypoints will be tried again."""
+    """Return the state with skipped waypoints marked as not visited, so that they are tried again."""
     return replace(
         state, visited=state.visited - state.skipped_waypoints, skipped_waypoints=frozenset()
     )
@@ -220,7 +220,7 @@ def _elsewhere(state: SessionState, placement: int, *, mounted: bool) -> Session
 
 
 def _with_other_poses(state: SessionState, poses: tuple[CapturedPose, ...]) -> SessionState:
-    """Return the state with other poses, in which results from the earlier ones no longer count."""
+    """Return the state with these poses instead, without the results from the earlier poses."""
     campaign = replace(state.campaign, ended={})
     return replace(state, poses=poses, campaign=campaign, **UNSOLVED)
 
@@ -235,7 +235,7 @@ def session_state(contents: JournalContents, *, joint_count: int | None = None) 
     Parameters
     ----------
     joint_count
-        Number of the arm's joints; None: as in the first event that has a value for each joint.
+        Number of the arm's joints; None: taken from the first event that has a value for each joint.
 
     Raises
     ------

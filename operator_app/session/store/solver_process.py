@@ -1,7 +1,7 @@
-"""Runs a calibration in a separate process, so that bus and screen are not delayed and cancelling is immediate.
+"""Runs a calibration in a separate process, so that bus and screen are not delayed and it can be cancelled at once.
 
-The process has neither bus nor terminal, and ends with its parent, however that ends. This module contains both ends of
-the pipe between them.
+The process uses neither bus nor terminal, and ends whenever its parent ends. This module contains both ends of the
+pipe between them.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 PROCESS_POLL_S = 0.02
-"""Interval of the calls of `go_on`."""
+"""Interval between calls of `go_on`."""
 NICENESS = 5
-"""Added to the niceness of the process: screen and bus have priority."""
+"""Increment of the niceness of the process: screen and bus have priority."""
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class Solver(Protocol):
-    """Calls a function with these arguments, in this or another process; passes `progress` on if it is not None."""
+    """Calls a function with arguments, in this or another process; passes `progress` to it if that is not None."""
 
     def __call__(
         self,
@@ -49,14 +49,14 @@ class Solver(Protocol):
 def solve_here(
     function: Callable[..., T], *args: object, progress: Progress | None = None, **options: object
 ) -> T:
-    """Call the function in this process."""
+    """Return the result of the function, called in this process."""
     if progress is not None:
         options["progress"] = progress
     return function(*args, **options)
 
 
 class SolvingProcess:
-    """A `Solver` with a separate process, which the first call starts and the end of the ``with`` block ends.
+    """A `Solver` with a separate process, which starts at the first call and ends with the ``with`` block.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def _answer(
 
 
 def _end_with_parent() -> None:
-    """End this process when standard input ends: the parent never writes there, so the parent has ended."""
+    """End this process when standard input ends; the parent never writes there, and the input ends with the parent."""
     while os.read(0, 1):
         pass
     os._exit(1)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredPose:
-    """What is known of every measured pose.
+    """Data common to captured poses and check readings.
 
     `mean_rad` and `sd_rad` (n,) are in sensor coordinates. `placement` numbers the mountings of the fixture from 1;
     `endpoint` is the measurement of an instrument (m and rad), or empty.
@@ -40,7 +40,7 @@ class CapturedPose(MeasuredPose):
     """One captured pose.
 
     `number` counts captures from 1 and is never reused; `waypoint` is the pose's index in the plan, -1 for none;
-    `planned`: whether a plan chose the pose.
+    `excluded` is the reason why the pose is not used ("": it is used); `planned`: whether a plan chose the pose.
     """
 
     waypoint: int
@@ -50,7 +50,7 @@ class CapturedPose(MeasuredPose):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckReading(MeasuredPose):
-    """A pose measured to check the calibration, not part of it; `number` counts check readings from 1.
+    """A pose measured for a check, not used for the calibration.
 
     `kind` is ``verification``, or ``return`` if pose number `of` was measured again after `after` captures.
     """
@@ -113,7 +113,7 @@ class SessionState:
     serial_number
         Serial number of the arm; empty until connected.
     node_serials
-        Serial numbers (1018h) by node, of the nodes that captured the poses.
+        Serial numbers (1018h) of the nodes that captured the poses, by node.
     start_rad
         Joint angles (n,) when the drives were first enabled; None before.
     home_rad
@@ -135,12 +135,12 @@ class SessionState:
     placement
         Number of the current mounting of the fixture, from 1. Start, waypoints and modes belong to it.
     mounted
-        False from when the fixture is taken off until the operator confirms that it is mounted again.
+        False while the fixture is being remounted, until the operator confirms that it is mounted.
     missed_repeat
-        Why the last attempt to measure the first pose again failed; empty if none failed.
+        Why the last attempt to measure the first pose again failed; empty if it did not fail.
     sensor_jump
-        Text about a step of a sensor reading without motion, after which captures are refused until the first pose has
-        been measured again and agrees. Empty: none.
+        Text of the last sensor fault, after which captures are refused until the first pose has been measured again and
+        agrees. Empty: none.
     verifications
         Number of verifications with new poses.
     solved, exported
@@ -209,7 +209,7 @@ class SessionState:
 
     @property
     def unconfirmed_placement(self) -> bool:
-        """Whether this is a later placement that has no pose yet, so that no reading confirms its mounting."""
+        """Whether the current placement is not the first and has no used pose that confirms its mounting."""
         return self.placement > 1 and not self.poses_here
 
     @property
@@ -253,7 +253,7 @@ class SessionState:
         )
 
     def required_poses(self, capture: CapturePlan) -> int:
-        """Number of poses that the procedure requires; those of a plan come in addition to explored ones."""
+        """Return the required number of used poses, over all placements; planned poses add to explored ones."""
         used = self.used_poses
         if capture.strategy != "planned":
             return capture.poses + len(used) - len(self.poses_here)

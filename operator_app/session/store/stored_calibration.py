@@ -1,7 +1,7 @@
 """The calibration in the journal of a session.
 
-The poses are solved again only if the journal has no solution (earlier versions) or the caller asks for other options;
-`StoredCalibration.recalculated_because` then states why.
+The calibration is computed again only if the journal has no valid solution from the used poses, or the caller requests
+other options; `StoredCalibration.recalculated_because` then states why.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def solve(
 def with_checks(
     calibration: StoredCalibration, state: SessionState, procedure: Procedure
 ) -> StoredCalibration:
-    """Return a calibration with its cross-validation, which is computed if the calibration was solved again."""
+    """Return a calibration with its cross-validation, which is computed only if the calibration was computed again."""
     if not calibration.recalculated_because:
         return calibration
     fixture = procedure.fixture.fixture
@@ -129,7 +129,7 @@ def with_checks(
 def solution_data(
     solution: Solution, state: SessionState, *, length_tolerance_m: float | None
 ) -> dict[str, Any]:
-    """Return the data of the `solved` event."""
+    """Return the data of the `solved` event that records a solution."""
     estimate, condition = solution.estimate, solution.seen.scaled_condition_number
     return {
         "estimator": estimate.estimator,
@@ -138,7 +138,7 @@ def solution_data(
         "poses": [p.number for p in state.used_poses],
         "rereads": len(state.rereads),
         "parameters": estimate.values_by_name,
-        # Infinite where the poses do not determine a parameter known from the files; JSON has no such number.
+        # Infinite if the poses do not determine a parameter known from the files; JSON has no infinite numbers.
         **({"scaled_condition_number": condition} if math.isfinite(condition) else {}),
         "accepted": solution.accepted,
         "made_with": versions(),
@@ -147,7 +147,7 @@ def solution_data(
 
 
 def journal_calibration(state: SessionState) -> StoredCalibration | str:
-    """Return the journal's calibration from the used poses, or why there is none."""
+    """Return the journal's calibration from the used poses, or the reason why there is none."""
     if not state.solution:
         return "the journal contains poses but no calibration from them"
     try:
@@ -186,9 +186,9 @@ NO_WAY_BACK = "no way back to it is planned from here"
 
 
 def missing_repeat_notices(state: SessionState) -> tuple[Finding, ...]:
-    """Return a finding for each placement whose first pose was not measured again after its last."""
+    """Return a finding for each placement in which no pose was measured again after the last pose."""
     if state.imported:
-        # A file does not say which poses are repeats.
+        # A poses file does not mark repeats.
         return ()
     numbers = dict.fromkeys(p.placement for p in state.used_poses)
     return tuple(

@@ -17,13 +17,13 @@ from solver.diagnostics.statistics import intervals
 from solver.loops.point import TIP
 
 Truths = Callable[[int], Mapping[str, float]]
-"""Returns the true value, rad or m, of each unknown by name, for a placement of the fixture (from 1)."""
+"""Function of the number of a placement (from 1); returns the true value, rad or m, of each unknown by name."""
 
 
 def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int = 1) -> Solution:
-    """Return a calibration with its true errors; `first` is its first placement with poses.
+    """Return a calibration with its true errors; `first` is the number of its first placement with poses.
 
-    The tool position error does not include the fixture's place, as in `HandAccuracy`.
+    The tool position error does not include the placement error of the fixture, as in `HandAccuracy`.
     """
     estimate = solution.identified
     inside, of = 0, 0
@@ -32,7 +32,7 @@ def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int 
     ):
         name, _, number = parameter.name.partition("[")
         true = truths(int(number[:-1]) if number else first).get(name)
-        if true is None:  # the orientation of a target has no true value by that name
+        if true is None:  # the orientation of a target has no true value with that name
             continue
         error = true - x
         if parameter.is_angle:

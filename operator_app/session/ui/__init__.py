@@ -1,1 +1,1 @@
-"""What all user interfaces share: actions, guards, snapshot, runner."""
+"""Parts that all user interfaces share: actions, guards, snapshot, runner."""

@@ -1,4 +1,4 @@
-"""What the actions do: they submit tasks to the runner, after confirmation where it is needed."""
+"""Handlers of the actions: they submit tasks to the runner, after confirmation where one is needed."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ VERIFY_POSES = 5
 def task(
     kind: TaskKind, text: str, work: Callable[[Operations], None]
 ) -> Callable[[ActionContext], None]:
-    """Return a handler that submits `work` without a question."""
+    """Return a handler that submits `work` without asking."""
     return lambda context: context.submit(kind, text, work)
 
 
 def _ask(
     context: ActionContext, question: YesNo | Typed, then: Callable[[ActionContext], None]
 ) -> None:
-    """Ask a question and, once it is answered, call `then` whatever the text of the answer."""
+    """Ask a question and call `then` once it is answered; the text of the answer is not used."""
     context.ask(question, lambda again, _: then(again))
 
 
@@ -70,7 +70,7 @@ def apply_modes(context: ActionContext) -> None:
 
 
 def _modes_text(s: SessionSnapshot) -> str:
-    """Return text on which joints get position mode, with the warning about free joints."""
+    """Return text that names the joints in position mode, and warns about free joints."""
     free = len(s.wanted_joints) < s.procedure.arm.joint_count
     return _wanted(s, "in") + (" (they yield when pushed)" if free else "")
 
@@ -81,12 +81,12 @@ def _wanted(s: SessionSnapshot, word: str) -> str:
 
 
 def standing_alarms(s: SessionSnapshot) -> dict[int, str]:
-    """Return the alarms, the newest first."""
+    """Return the prompt to acknowledge each alarm, by alarm number, the newest first."""
     return {a.number: f"Acknowledge the alarm of {a.time}" for a in s.alarms[::-1]}
 
 
 def acknowledge(context: ActionContext) -> None:
-    """Acknowledge the shown alarm; show its whole text first if it does not fit."""
+    """Acknowledge the shown alarm; if its text is only partly visible, show the whole text first."""
     shown = context.interface.alarm(context.s)
     alarm = next((a for a in context.s.alarms if shown and a.number == shown.number), None)
     if shown is None or alarm is None:
@@ -99,7 +99,7 @@ def acknowledge(context: ActionContext) -> None:
 
 
 def automatic(context: ActionContext) -> None:
-    """Capture the missing poses; if this moves a real arm, only after the operator confirms."""
+    """Capture the missing poses; if a real arm moves, after confirmation."""
     begin = task(TaskKind.AUTOMATIC, "moving and capturing automatically", lambda o: o.automatic())
     if not guards.moves_real_arm(context.s):
         begin(context)
@@ -113,13 +113,13 @@ def automatic(context: ActionContext) -> None:
 
 
 def go(context: ActionContext, waypoint: int | None) -> None:
-    """Move to a waypoint."""
+    """Move to a waypoint (index from 0; None: the first)."""
     text = "moving" if waypoint is None else f"moving to waypoint {waypoint + 1}"
     context.submit(TaskKind.MOVE, text, lambda o: o.go(waypoint or 0))
 
 
 def home(context: ActionContext) -> None:
-    """Go home after the operator has agreed, since nobody has checked that the path outside the box is clear."""
+    """Go home after confirmation, since nobody has checked that the path outside the box is clear."""
     s = context.s
     ways = [
         (j, s.procedure.arm.home_rad[j - 1] - s.arm.joints[j - 1].position_rad)
@@ -136,7 +136,7 @@ def home(context: ActionContext) -> None:
 
 
 def capture(context: ActionContext) -> None:
-    """Capture a pose where the arm is."""
+    """Capture a pose at the arm's current position."""
     at = -1 if context.s.at_waypoint is None else context.s.at_waypoint
     context.submit(TaskKind.CAPTURE, "capturing", lambda o: o.capture(at))
 
@@ -205,7 +205,7 @@ def force(context: ActionContext) -> None:
 
 
 def verify(context: ActionContext) -> None:
-    """Ask for confirmation, since the arm moves by itself, then verify with new poses."""
+    """Verify with new poses, after confirmation, since the arm moves by itself."""
     joints = () if guards.in_modes(context.s) else context.s.wanted_joints
     text = f"The arm moves to {VERIFY_POSES} new poses by itself. Stand clear. Any key stops it."
     if joints:
@@ -260,7 +260,7 @@ def resume(context: ActionContext) -> None:
 
 
 def _in_a_line(entry: SessionEntry) -> str:
-    """Return text: number of poses and stage of a session, or why its journal cannot be read."""
+    """Return text with the number of poses and the stage of a session, or why its journal cannot be read."""
     if entry.state is None:
         return f"cannot be read: {entry.problem}"
     state = entry.state
@@ -286,7 +286,7 @@ def new_session(context: ActionContext) -> None:
 
 
 def remount(context: ActionContext) -> None:
-    """Release the arm and continue in the next placement, after confirmation of the operator's steps."""
+    """Release the arm and continue in the next placement, after a confirmation that lists the operator's steps."""
     interface = context.interface
     steps = " ".join(remounting_steps(context.s.procedure))
     text = (

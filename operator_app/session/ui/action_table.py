@@ -33,13 +33,13 @@ def stop_tested(context: ActionContext) -> None:
 
 
 def open_items(s: SessionSnapshot) -> dict[int, str]:
-    """Return the items of the check list that are not ticked."""
+    """Return the prompt for each item of the check list that is not ticked, by item (from 0)."""
     items = s.procedure.fixture.checklist
     return {k: f"Confirm: {text}" for k, text in enumerate(items) if k not in s.ticked}
 
 
 def tick(runner: Runner, s: SessionSnapshot, ticked: frozenset[int]) -> None:
-    """Tick these items of the check list; record the newly ticked ones."""
+    """Set the ticked items of the check list; record the newly ticked ones."""
     runner.publish(lambda now: replace(now, ticked=ticked))
     items = s.procedure.fixture.checklist
     for k in sorted(ticked - s.ticked):
@@ -84,12 +84,12 @@ def other_joints(context: ActionContext) -> None:
 
 
 def other_estimator(s: SessionSnapshot) -> str:
-    """Return the estimator that is not chosen at the moment."""
+    """Return the estimator that is not selected."""
     return "paper" if s.estimator == "implicit" else "implicit"
 
 
 def estimator(context: ActionContext) -> None:
-    """Choose the other estimator."""
+    """Select the other estimator."""
     context.runner.publish(lambda s: replace(s, estimator=other_estimator(s)))
 
 
@@ -104,7 +104,7 @@ def _next_unsensed(s: SessionSnapshot) -> tuple[int, ...]:
 
 
 def unsensed(context: ActionContext) -> None:
-    """Choose the next set of unsensed joints."""
+    """Select the next set of unsensed joints."""
     context.runner.publish(lambda s: replace(s, unsensed_joints=_next_unsensed(s)))
 
 
@@ -304,7 +304,7 @@ def by_name(name: str) -> Action | OnScreen:
 
 
 def for_key(key: str, step: Step) -> Action | OnScreen | None:
-    """Return the action that a key has at a step."""
+    """Return the action of a key at a step; None if it has none."""
     return next((a for a in ACTIONS if key in a.keys and step in a.steps), None)
 
 
@@ -318,7 +318,7 @@ def footer(step: Step, table: tuple[Action | OnScreen, ...] = ()) -> tuple[Actio
 
 
 def prompts(step: Step) -> tuple[list[Action], list[Action]]:
-    """Return what plain mode lists: the actions of one step, and those of all steps."""
+    """Return the actions that plain mode lists: those of this step only, and those of all steps."""
     of_step = [a for a in ACTIONS if isinstance(a, Action) and step in a.steps]
     common = [a for a in of_step if a.steps == EVERYWHERE]
     return [a for a in of_step if a not in common], common

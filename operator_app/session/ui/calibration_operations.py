@@ -24,7 +24,7 @@ from solver.chain.parameters import DhEntry
 
 
 class CalibrationOperations:
-    """The calibration of a session.
+    """Operations on the calibration of a session.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class CalibrationOperations:
     Attributes
     ----------
     solution
-        The calibration from these poses; None before there is one.
+        The calibration from the current poses; None before there is one.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class CalibrationOperations:
         self.solution: Solution | None = None
 
     def show_recorded_calibration(self) -> None:
-        """Show the recorded calibration of a resumed session."""
+        """Publish the recorded calibration of a resumed session, if there is one."""
         known = self._session.recorded_calibration()
         if self.solution is None and known is not None:
             self.solution = known.solution
@@ -78,7 +78,7 @@ class CalibrationOperations:
             progress, estimator=estimator, unsensed_joints=unsensed_joints, solver=solver
         )
         self.solution = solution
-        # In one step, so that no result of an earlier calibration is shown beside this one.
+        # In one step, so that no result of an earlier calibration is shown with this one.
         self._publisher.publish(
             lambda s: replace(
                 s, solution=solution, cross_checks=None, written=None, diff=(), receipt=None,
@@ -110,9 +110,9 @@ class CalibrationOperations:
         self._export(upload_too=False)
 
     def upload(self, forced: str = "") -> None:
-        """Hold the arm, write the files, upload, read back.
+        """Hold the arm if its drives are enabled, write the files, upload the parameters and read them back.
 
-        `forced` is the reason if the calibration is not accepted.
+        `forced` is the reason for uploading a calibration that was not accepted.
         """
         session = self._session
         if any(j.drive is DriveState.OPERATION_ENABLED for j in session.arm.snapshot().joints):
@@ -154,7 +154,7 @@ class CalibrationOperations:
 
 
 def diff_rows(new: ParametersDocument, active: ParametersDocument | None) -> tuple[DiffRow, ...]:
-    """Return the active value (None: none) and the new value of each calibrated entry, rad and m."""
+    """Return the active value (None if there is none) and the new value of each calibrated entry, rad and m."""
     now, before = new.table.stacked(), None if active is None else active.table.stacked()
     return tuple(
         DiffRow(

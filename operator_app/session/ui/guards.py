@@ -1,4 +1,4 @@
-"""Guards of steps and actions: pure functions that return what a snapshot lacks, () for nothing.
+"""Guards: pure functions that return why a step or an action is not allowed, as texts; () if it is allowed.
 
 Where harm is possible, the workflow repeats the check itself.
 """
@@ -27,7 +27,7 @@ Missing = tuple[str, ...]
 
 
 def missing_for(step: Step, s: SessionSnapshot) -> Missing:
-    """Return what is missing before a step can be opened."""
+    """Return the reasons why a step cannot be opened; () if it can."""
     return () if step is Step.CONNECT else _STEPS[step](s)
 
 
@@ -121,7 +121,7 @@ def idle(s: SessionSnapshot) -> Missing:
 
 
 def may_connect(s: SessionSnapshot) -> Missing:
-    """Connecting is possible if no arm is connected, if data are lost, or if an alarm asks for it."""
+    """Connecting is possible if no arm is connected, if data are lost, or if a new connection resolves an alarm."""
     offered = any(TaskKind.CONNECT in alarm.resolving_tasks for alarm in s.alarms)
     if s.connected and s.data is not DataState.LOST and not offered:
         return ("the arm is already connected",)
@@ -129,7 +129,7 @@ def may_connect(s: SessionSnapshot) -> Missing:
 
 
 def may_use_data(s: SessionSnapshot) -> Missing:
-    """Using data requires that they are fresh and STOP is not latched."""
+    """Using data requires a connected arm, fresh data, and that STOP is not latched."""
     if not s.connected:
         return ("no arm is connected: connect first (step 1)",)
     if s.stopped:
@@ -164,7 +164,7 @@ def may_suggest(s: SessionSnapshot) -> Missing:
 
 
 def may_apply_modes(s: SessionSnapshot) -> Missing:
-    """The number of selected joints must equal the degrees of freedom of the chain."""
+    """Applying modes needs step Modes, fresh data, and as many selected joints as degrees of freedom of the chain."""
     return idle(s) or modes_ready(s) or may_use_data(s) or modes_problem(s, s.wanted_joints)
 
 
@@ -215,7 +215,7 @@ def may_capture(s: SessionSnapshot) -> Missing:
 
 
 def may_run_automatically(s: SessionSnapshot) -> Missing:
-    """Automatic capture also requires that some poses have not been taken yet."""
+    """Automatic capture needs what moving needs, and poses that are still to be captured."""
     if missing := may_move(s):
         return missing
     if len(s.state.used_poses) >= s.required_poses:
@@ -229,7 +229,7 @@ def moves_real_arm(s: SessionSnapshot) -> bool:
 
 
 def may_remount(s: SessionSnapshot) -> Missing:
-    """Remounting needs a fixture and all poses of the current placement."""
+    """Remounting needs a fixture, an explored capture, and all poses of the current placement."""
     if missing := idle(s):
         return missing
     if not s.procedure.fixture.fixture.holds_hand:
@@ -307,12 +307,12 @@ def may_verify(s: SessionSnapshot) -> Missing:
 
 
 def in_modes(s: SessionSnapshot) -> bool:
-    """Whether the drives are enabled, with as many in position mode as the chain has degrees of freedom."""
+    """Whether the drives are enabled, and as many are in position mode as the chain has degrees of freedom."""
     return s.drives_ready and len(s.position_joints) == s.mobility
 
 
 def may_reset(s: SessionSnapshot) -> Missing:
-    """Reset needs a latched STOP or a drive fault."""
+    """Reset needs a latched STOP or a fault."""
     arm = s.arm
     tripped = arm is not None and any(j.drive is DriveState.FAULT for j in arm.joints)
     if s.stopped or tripped or (arm is not None and arm.faults):
@@ -326,7 +326,7 @@ def stops_on_any_key(task: RunningTask | None) -> bool:
 
 
 def _not_ready(s: SessionSnapshot) -> str:
-    """Return a text that names the drive that is not in its confirmed state."""
+    """Return text that names a drive that is not enabled or not in its confirmed mode."""
     if s.arm is None:
         return "there is no data from the drives"
     for joint, mode in zip(s.arm.joints, s.modes, strict=False):

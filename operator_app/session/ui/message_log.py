@@ -39,8 +39,8 @@ CONNECT_AGAIN: Final = (
 
 
 def resolving_tasks(error: Exception, kind: TaskKind) -> frozenset[TaskKind]:
-    """Return the tasks whose success resolves the alarm about an error of a task."""
-    # After a jump all later readings are in doubt; with a stuck sensor only the excluded poses are.
+    """Return the tasks whose success resolves the alarm about an error in a task of this kind."""
+    # After a jump, all later readings are doubtful; with a stuck sensor, only those of the excluded poses are.
     jumped = isinstance(error, SensorFault) and not (
         isinstance(error, DriveDiverged) or error.stuck
     )
@@ -67,7 +67,7 @@ def add_message(
 ) -> SessionSnapshot:
     """Add a message; an alarm replaces an existing alarm with the same text.
 
-    `resolving_tasks` resolve the alarm when they succeed; without any, only the operator can acknowledge it.
+    `resolving_tasks` resolve the alarm when they succeed; if there are none, it stays until acknowledged.
     """
     number = s.messages[-1].number + 1 if s.messages else 1
     message = Message(

@@ -1,4 +1,4 @@
-"""Pure functions that return the next action of each step, with the hint that proposes it."""
+"""Pure functions that return the next action of each step, with the hint shown to the operator."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class NextAction:
 
 
 def next_action(step: Step, s: SessionSnapshot) -> NextAction:
-    """Return the next action of a step."""
+    """Return the next action of a step, for the state in the snapshot."""
     if s.data is DataState.LOST and s.task is None:
         return _lost(step)
     if s.task is not None and not s.task.moves:

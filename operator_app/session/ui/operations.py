@@ -34,7 +34,7 @@ TEST_WIGGLE_RAD = float(np.deg2rad(2.0))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Edit:
-    """A pose as it was before an edit or its removal, and the number of captures at that time."""
+    """A pose as it was before it was edited or removed, and the number of captures at that time."""
 
     before: CapturedPose
     captured: int
@@ -72,10 +72,10 @@ class Operations:
             self._publisher.publish(lambda s: replace(s, identity=self._session.identity))
         self._publisher.publish(lambda s: replace(s, stop=None, at_waypoint=None))
         if identity.simulated:
-            # The nodes themselves report that they are simulated, on whatever bus.
+            # The nodes themselves report that they are simulated, whatever the bus.
             self._publisher.publish(lambda s: replace(s, simulated=True))
         if identity.by_hand:
-            # A person moves this arm: there is no hardware stop to test.
+            # A person moves this arm by hand: there is no hardware stop to test.
             self._publisher.publish(lambda s: replace(s, stop_tested=True))
         self._publisher.say(
             Level.INFO,
@@ -112,14 +112,14 @@ class Operations:
         )
         start = session.state.start_rad
         if start is not None and len(session.position_joints) == session.mobility:
-            # The plan of the session, not one that would start here.
+            # The session has a plan already, which starts at `start`.
             self._set_plan(waypoints_of(session), start)
         elif len(joints) == session.mobility:
             self._set_plan(waypoints_from(session, q_rad, joints), q_rad)
         self.refresh()
 
     def confirm(self, item: str, text: str) -> None:
-        """Record a confirmation of the operator."""
+        """Record that the operator has confirmed an item."""
         self._session.record("confirmed", {"item": item, "text": text})
 
     # -- 3 Modes -----------------------------------------------------------------------------------
@@ -167,7 +167,7 @@ class Operations:
     # -- 4 Capture ---------------------------------------------------------------------------------
 
     def go(self, waypoint: int) -> None:
-        """Move to a waypoint."""
+        """Move to a waypoint (index from 0)."""
         self._at(None)
         arrived = visit(self._session, waypoint)
         self._at(waypoint if arrived else None)
@@ -184,7 +184,7 @@ class Operations:
         self._session.capture(waypoint)
         self.captured(self._session.state.poses[-1])
         if suspect := outlier_warning(self._session):
-            # A new plan has no path back to the first pose.
+            # A planned capture has no path back to the first pose if it makes a new plan.
             if self._session.procedure.capture.strategy != "planned":
                 first = self._session.state.poses_here[0].number
                 suspect += (
@@ -256,14 +256,14 @@ class Operations:
         self.refresh()
 
     def note(self, number: int, text: str) -> None:
-        """Attach a note."""
+        """Attach a note to a pose."""
         self._undone.clear()
         self._save_before_edit(self._edits, number)
         self._session.note(number, text)
         self.refresh()
 
     def _save_before_edit(self, edits: list[_Edit], number: int) -> CapturedPose | None:
-        """Save a pose before an edit."""
+        """Append the pose to `edits`, before it is edited, and return it; None if there is no such pose."""
         state = self._session.state
         pose = next((p for p in state.poses if p.number == number), None)
         if pose is not None:
@@ -331,7 +331,7 @@ class Operations:
         )
 
     def _at(self, waypoint: int | None) -> None:
-        """Publish at which waypoint the arm is (None: at none)."""
+        """Publish the waypoint at which the arm is (None: at none)."""
         self._publisher.publish(lambda s: replace(s, at_waypoint=waypoint))
 
 

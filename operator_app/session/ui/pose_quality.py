@@ -26,7 +26,7 @@ from solver.loops.closure import ClosureModel, poses_needed
 
 
 class PoseQuality:
-    """Evaluates the poses of a session; reuses the last result.
+    """Evaluates the poses of a session; reuses earlier results.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class PoseQuality:
     next_waypoint
         First waypoint of the plan that was not visited; None after the last.
     best_waypoint
-        The most informative waypoint; None if it is not known.
+        The most informative unvisited waypoint; None if it is not known.
     """
 
     def __init__(self, session: Session) -> None:
@@ -49,7 +49,7 @@ class PoseQuality:
         self.best_waypoint: int | None = None
 
     def set_plan(self, plan: tuple[Mapping[int, float], ...], start_rad: FloatArray) -> None:
-        """Set the plan, which starts at `start_rad` (n,), and predict its poses."""
+        """Set the plan (waypoints), which starts at `start_rad` (n,), and predict its poses."""
         session, model = self._session, self._nominal_loop
         self.plan = plan
         self.forecast = predict(
@@ -70,7 +70,7 @@ class PoseQuality:
             )
 
     def evaluate(self, state: SessionState) -> None:
-        """Evaluate the poses of `state`."""
+        """Update the attributes for the poses of `state`."""
         session, used = self._session, state.used_poses
         if not used:
             self.live = self._placed = None
@@ -96,7 +96,7 @@ class PoseQuality:
         )
 
     def _loop_of(self, state: SessionState) -> ClosureModel:
-        """The loop of all poses; an instrument is registered once there are enough poses."""
+        """Return the loop of all poses; an instrument is registered once there are enough poses."""
         session, model = self._session, self._nominal_loop
         if session.fixture.holds_hand:
             return model

@@ -1,7 +1,7 @@
-"""Runs a session for a user interface: takes tasks and returns snapshots; no call blocks.
+"""Runs a session for a user interface: takes tasks and returns snapshots; no call blocks, except `Runner.close`.
 
 One worker thread makes all blocking calls. `stop` calls the arm directly from the calling thread. A second thread
-supervises the age of the data, whether or not a screen polls.
+supervises the arm, whether or not a screen polls.
 """
 
 from __future__ import annotations
@@ -65,11 +65,11 @@ class Runner:
     Parameters
     ----------
     session
-        The session; only the worker thread calls it, except for `Arm.stop` and `Arm.snapshot`.
+        The session; only the worker thread calls it, except for `ArmInterface.stop` and `ArmInterface.snapshot`.
     simulated, bus
         Whether no real arm can move; name of the bus in messages.
     recording_ended
-        Returns why a recording of the bus ended early, "" otherwise.
+        Function that returns why a recording of the bus ended early, "" otherwise.
     monotonic, clock
         Clocks for ages (s) and for the times of messages (UTC).
     """
@@ -89,7 +89,7 @@ class Runner:
         self.operations = Operations(session, self)
         self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
         self._waiting_jobs: deque[_Job] = deque()
-        # For `submit` from several threads; `stop` never takes it.
+        # Lock for `submit` from several threads; `stop` never acquires it.
         self._submitting = threading.Lock()
         self._current: _Job | None = None
         self._closing = threading.Event()
@@ -133,7 +133,7 @@ class Runner:
     def say(
         self, level: Level, text: str, resolving_tasks: frozenset[TaskKind] = frozenset()
     ) -> None:
-        """Add a message; if it is an alarm, `resolving_tasks` resolve it. May be called from any thread."""
+        """Add a message; `resolving_tasks` resolve it if it is an alarm. May be called from any thread."""
         time_utc = f"{self._clock().astimezone(UTC):%H:%M:%S}"
         self.publish(
             lambda s: add_message(s, level, text, time=time_utc, resolving_tasks=resolving_tasks)
@@ -161,7 +161,7 @@ class Runner:
             return replace(base, now_s=now)
         arm = self._arm_snapshot()
         if arm is None:
-            # The connection is lost: the same as silence.
+            # A lost connection is treated like an arm that does not answer.
             return replace(base, now_s=now, data=DataState.LOST, oldest_s=now - self._data_at_s)
         ages = [joint.age_s for joint in arm.joints]
         oldest = max(ages, default=0.0)
@@ -184,17 +184,17 @@ class Runner:
         try:
             return self.session.arm.snapshot()
         except HardwareError:
-            # The connection went down since the last call; the supervisor reports it once.
+            # The connection was lost since the last call; the supervisor reports that once.
             return None
 
     @property
     def connected(self) -> bool:
-        """Whether there is an arm to stop, connected or being connected."""
+        """Whether an arm is connected or being connected, so that it can be stopped."""
         return self.session.identity is not None or self.connecting
 
     @property
     def connecting(self) -> bool:
-        """Whether the arm is being connected to."""
+        """Whether the running task is connecting to the arm."""
         job = self._current
         return job is not None and job.kind is TaskKind.CONNECT
 
@@ -214,19 +214,19 @@ class Runner:
             if self._closing.is_set():
                 return
             self._waiting_jobs.append(job)
-            # Published before the worker gets it: afterwards it might have ended already.
+            # Published before the worker gets the task, which may end at once.
             if self._base.task is None:
                 self._show_task(job)
             self._jobs.put(job)
 
     def cancel(self) -> None:
-        """Cancel the running task and the queue; a moving arm comes to rest and holds."""
+        """Cancel the running task and all queued ones; a moving arm comes to rest and holds."""
         for job in tuple(self._waiting_jobs):
             if not job.uncancellable:
                 job.cancel.set()
 
     def stop(self) -> None:
-        """Software STOP in the calling thread: waits for no queue, lock or task."""
+        """Send the software STOP from the calling thread, without waiting for a task or the queue."""
         pressed_s = self._monotonic()
         problem = ""
         before = self._base.stop
@@ -247,16 +247,16 @@ class Runner:
             problem = f"STOP could not be sent: {problem}. Use the hardware stop"
             self.say(Level.ALARM, problem, ARM_RECOVERY)
         elif not again:
-            # Reported once, and not again after a stop by the arm itself.
+            # Reported only once, and not if a stop by the arm itself has been reported.
             message = "software STOP sent to all drives; it is latched (R resets)"
             self.say(Level.ALARM, message, frozenset({TaskKind.RESET}))
 
     def close(self, reason: str) -> None:
-        """Cancel the running task, leave the arm held and close the journal. Safe to call twice."""
+        """Cancel the running task, leave the arm held and close the journal; blocks. May be called twice."""
         with self._submitting:
             if self._closing.is_set():
                 return
-            # The last job; those before it are cancelled or uncancellable.
+            # None ends the worker; the jobs before it are cancelled or uncancellable.
             self._closing.set()
             self._jobs.put(None)
         self.cancel()
@@ -268,7 +268,7 @@ class Runner:
 
     @contextmanager
     def _supervised(self) -> Iterator[None]:
-        """Stop the arm if an unexpected exception ends the thread; the screen raises the exception."""
+        """Stop the arm if an unexpected exception ends the thread, and keep the exception as `defect`."""
         try:
             yield
         except BaseException as error:  # noqa: BLE001 - kept for the screen to raise
@@ -337,7 +337,7 @@ class Runner:
         return self._supervisor.recording_problem()
 
     def record_why_stopped(self) -> None:
-        """Record in the journal why the arm was stopped; this is not cancelled with other tasks."""
+        """Submit a task that records in the journal why the arm stopped; `cancel` does not cancel it."""
         self.submit(
             TaskKind.NOTE,
             "recording why the arm was stopped",
@@ -346,9 +346,9 @@ class Runner:
         )
 
     def stop_quietly(self) -> bool:
-        """Send a quick stop; return whether it was sent.
+        """Send a quick stop without a message; return whether it was sent.
 
-        All tasks end except connecting, which the operator may have requested at the same moment.
+        Cancels all tasks except connecting, which the operator may have requested at the same time.
         """
         for job in tuple(self._waiting_jobs):
             if not job.uncancellable and job.kind is not TaskKind.CONNECT:

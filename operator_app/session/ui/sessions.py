@@ -26,7 +26,7 @@ from operator_app.session.workflow.remounting import record_in
 
 
 class Sessions:
-    """Sessions of one folder.
+    """Opens and closes the sessions of one folder.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Sessions:
     choices
         Options of the command line.
     join
-        Function that opens the arm of an `Opening`.
+        Function that returns a context manager with the `Rig` (the arm) of an `Opening`.
     warning
         First message to the operator; "" for none.
 
@@ -48,9 +48,9 @@ class Sessions:
     exported
         Whether that session's parameters were written.
     lost
-        The error of that session's journal, if it was lost.
+        The error about that session's journal, if the journal was lost; else None.
     not_held
-        The error of an arm that did not confirm that it holds, if there is one.
+        The error about that session's arm, if it did not confirm that it holds; else None.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class Sessions:
         self.not_held: DrivesNotOffError | None = None
 
     def new(self, procedure: str | None = None) -> Runner:
-        """Start a session; if a procedure is named, it becomes the default."""
+        """Start a session and return its runner; a named procedure becomes the default."""
         named = procedure or self._procedure
         runner = self._open(
             begin(named, self._choices, root=self.root), "another session was started"
@@ -82,16 +82,16 @@ class Sessions:
         return runner
 
     def procedures(self) -> tuple[Procedure, ...]:
-        """The built-in procedures."""
+        """Return the built-in procedures."""
         return tuple(load_procedure(name) for name in builtin_names("procedure"))
 
     def resumed(self, reference: str) -> Runner:
-        """Resume the session in this folder."""
+        """Resume a session, given by folder, name or ``latest``, and return its runner."""
         opening = resume(reference, self._choices, root=self.root)
         return self._open(opening, "another session was resumed")
 
     def remounted(self) -> Runner:
-        """Close the open session and resume it in the next placement; raises an error unless the drives are off."""
+        """Close the open session and resume it in the next placement; raises DrivesNotOffError if a drive is on."""
         if self._runner is None:
             raise SessionError("no session is open", "start or resume one")
         session = self._runner.session
@@ -113,11 +113,11 @@ class Sessions:
         return self._runner is not None
 
     def sessions(self) -> tuple[SessionEntry, ...]:
-        """All sessions, newest first."""
+        """Return all sessions, newest first."""
         return list_sessions(self.root)[::-1]
 
     def close(self, reason: str) -> None:
-        """Close the open runner. Safe to call twice."""
+        """Close the open session. May be called twice."""
         runner, self._runner = self._runner, None
         if runner is not None:
             session = runner.session
@@ -135,7 +135,7 @@ class Sessions:
                 self._warning = runner.recording_problem()
 
     def _open(self, opening: Opening, farewell: str) -> Runner:
-        """Open a session; once that has succeeded, close the previous one."""
+        """Open a session and return its runner; once it is open, close the previous one with reason `farewell`."""
         with ExitStack() as stack:
             rig = stack.enter_context(self._join(opening))
             session = open_session(rig)

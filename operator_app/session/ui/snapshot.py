@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 STALE_S = 0.1
 """Older data are marked as stale and not used."""
 LOST_S = 1.0
-"""After a longer silence of the arm, an alarm is raised and the arm stopped."""
+"""If the arm sends no data for longer, an alarm is raised and the arm is stopped."""
 HUNG_S = 10.0
-"""Limit in place of `LOST_S` while the host is late."""
+"""Limit that replaces `LOST_S` while the host is late."""
 
 
 class DataState(Enum):
@@ -70,7 +70,7 @@ class TaskKind(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Message:
-    """A message. `time` is UTC, HH:MM:SS; `number` counts from 1; `resolving_tasks` are those that resolve an alarm."""
+    """A message. `time` is UTC, HH:MM:SS; `number` counts from 1; `resolving_tasks` resolve it if it is an alarm."""
 
     number: int
     time: str
@@ -93,8 +93,9 @@ class RunningTask:
 class StopReport:
     """A software STOP.
 
-    Time of the request (monotonic, s), time until no drive was in operation (None: not yet), number of drives out of
-    operation, and why STOP could not be sent ("" if it was).
+    `asked_s`: time of the request (monotonic). `acknowledged_after_s`: time from the request until no drive was in
+    state Operation enabled (None: not yet). `drives_stopped`: number of drives in another state. `problem`: why STOP
+    could not be sent ("" if it was).
     """
 
     asked_s: float
@@ -122,17 +123,18 @@ class SessionSnapshot:
     arm
         Latest snapshot of the arm; None before there is one.
     data, oldest_s, stale_joints
-        Age of the data: state, age of the oldest joint data (s), joints older than `STALE_S`.
+        Age of the data: state, age of the oldest joint data (s), joints with data older than `STALE_S`.
     motion
         Motion of the joints; None without fresh data.
     simulated, bus
         Whether no real arm can move; the bus, for messages.
     stop_tested, ticked
-        What the operator has confirmed in this run: test of the hardware stop; items of the check list.
+        Confirmations of the operator in this run: test of the hardware stop; items of the check list (from 0).
     wanted_joints
         Joints selected for position mode, ascending; the others become free.
     plan, forecast, next_waypoint, best_waypoint, at_waypoint
-        Waypoints and their prediction; the next waypoint, the most informative one, and the one where the arm is.
+        Waypoints and their prediction; index of the next waypoint, the most informative one, and the one where the arm
+        is.
     heading
         Current move of a planned capture; otherwise None.
     estimator, unsensed_joints
@@ -206,7 +208,7 @@ class SessionSnapshot:
 
     @property
     def required_poses(self) -> int:
-        """Number of poses that the procedure asks for."""
+        """Number of poses that the procedure requires."""
         return self.state.required_poses(self.procedure.capture)
 
     @property
@@ -233,17 +235,17 @@ class SessionSnapshot:
 
 
 Change = Callable[[SessionSnapshot], SessionSnapshot]
-"""A change of the snapshot: ``lambda s: replace(s, field=value)``."""
+"""Function that returns a changed snapshot: ``lambda s: replace(s, field=value)``."""
 
 
 class Publisher(Protocol):
-    """Receives the results of operations, and reports when they are cancelled."""
+    """Receives the results of operations, and reports whether the operator has cancelled."""
 
     def publish(self, change: Change) -> None:
         """Replace the snapshot by the changed one."""
 
     def say(self, level: Level, text: str) -> None:
-        """Add a message to the operator."""
+        """Add a message for the operator."""
 
     def cancelled(self) -> bool:
         """Whether the operator has cancelled the task."""

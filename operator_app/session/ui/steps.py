@@ -9,7 +9,7 @@ from enum import IntEnum
 
 
 class Step(IntEnum):
-    """The steps, in order."""
+    """Step of a calibration, in order."""
 
     CONNECT = 1
     FIXTURE = 2

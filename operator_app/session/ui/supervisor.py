@@ -40,11 +40,11 @@ class Motion:
     Attributes
     ----------
     speed_rad_per_s
-        (n,) slopes of lines fitted to the measured angles.
+        (n,) slopes of straight lines fitted to the measured angles over time.
     still
         Whether the spread of every joint is within the limit of the procedure's `SettleRule`.
     held_s, needed_s
-        Time at standstill so far, and the time that settling and measuring a pose take.
+        Time at standstill so far, and time that settling and measuring a pose take.
     worst_joint, spread_share
         Joint (1-based) with the largest spread relative to its limit, and that ratio.
     """
@@ -59,7 +59,7 @@ class Motion:
 
 
 class MotionMonitor:
-    """Computes `Motion` from snapshots, in one thread; `capture` contains the settle rule."""
+    """Computes `Motion` from snapshots; not thread-safe. `capture` contains the settle rule."""
 
     def __init__(self, arm: ArmModel, capture: CapturePlan) -> None:
         self._allowed = np.array(capture.settle.spread_rad(arm))
@@ -69,7 +69,7 @@ class MotionMonitor:
         self._still_since_s: float | None = None
 
     def reset(self) -> None:
-        """Start again, after a gap in the data."""
+        """Discard all samples, after a gap in the data."""
         self._samples.clear()
         self._still_since_s = None
 
@@ -81,7 +81,7 @@ class MotionMonitor:
             samples.popleft()
         elapsed = now_s - samples[0][0]
         rate = (arm.sync_count - samples[0][1]) / elapsed if elapsed > 0.0 else 0.0
-        # At least four samples: with a fast SYNC the settle window may hold only one, which has no spread.
+        # At least four samples: with a fast SYNC, the settle window may contain only one, which has no spread.
         late = [q for _, sync, q in samples if arm.sync_count - sync < self._window]
         recent = np.array(
             late if len(late) >= MIN_SAMPLES else [q for _, _, q in samples][-MIN_SAMPLES:]
@@ -113,11 +113,11 @@ class MotionMonitor:
 
 
 UNWATCHED_S = 1.5
-"""A motion is ended when no screen has polled for this long: no key could stop it."""
+"""A motion is ended if no screen has polled for this long, since no key could stop the motion."""
 
 
 class Supervisor:
-    """Checks one snapshot after the other.
+    """Checks successive snapshots.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ class Supervisor:
         self.reported_stop = ""
 
     def check(self, now: SessionSnapshot, *, unseen_s: float) -> None:
-        """Check a snapshot: stop the arm if data are lost; end a motion if no screen polled for long (`unseen_s`)."""
+        """Check a snapshot: stop the arm if data are lost; end a motion if no screen has polled for `unseen_s`."""
         self._end_unwatched_motion(now, unseen_s)
         self._report_stop(now)
         self._update_motion(now)
@@ -153,7 +153,7 @@ class Supervisor:
             self._count_stopped(now, now.stop)
         if now.identity is None:
             self._lost = False
-        # While connecting there are no data yet, and a STOP would end it.
+        # While connecting, there are no data yet, and a STOP would end the connecting.
         if now.data is DataState.LOST and not self._lost and not self._runner.connecting:
             self._lost = True
             sent = "quick stop sent" if self._runner.stop_quietly() else "quick stop NOT sent"
@@ -186,13 +186,13 @@ class Supervisor:
             self._runner.publish(lambda s: replace(s, motion=None))
 
     def recording_problem(self) -> str:
-        """Return why a recording of the bus ended early; "" if it did not, or was reported already."""
+        """Return why a recording of the bus ended early; "" if it did not, or if that was already reported."""
         problem, before = self._recording_ended(), self._recording_reported
         self._recording_reported = problem
         return "" if problem == before else problem[:1].upper() + problem[1:]
 
     def _end_unwatched_motion(self, now: SessionSnapshot, unseen_s: float) -> None:
-        """End a motion if no screen polls, since no key could stop it."""
+        """End a motion if no screen polls, since no key could stop the motion."""
         if (
             now.task is not None
             and now.task.moves
@@ -216,12 +216,12 @@ class Supervisor:
             drives_stopped=resting,
             acknowledged_after_s=self._monotonic() - report.asked_s if done else None,
         )
-        # A newer STOP or a reset may have replaced the report since.
+        # A newer STOP or a reset may have replaced the report in the meantime.
         self._runner.publish(lambda s: replace(s, stop=counted) if s.stop is report else s)
 
 
 def _all_data_fresh(s: SessionSnapshot) -> bool:
-    """Whether all joint data and all heartbeats are fresh, both of which a reset needs."""
+    """Whether all joint data and all heartbeats are fresh, as a reset requires."""
     return (
         s.data is DataState.FRESH
         and s.arm is not None

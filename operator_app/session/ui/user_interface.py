@@ -1,6 +1,6 @@
 """Actions, and the interface that the terminal app and plain mode implement for them.
 
-The guard of an action is checked when it is chosen, and again when its question is answered.
+The guard of an action is checked when the action is chosen, and again when its question is answered.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKin
 from operator_app.session.ui.steps import Step
 
 SNAPSHOTS_TRIED = 4
-"""Snapshots tried before an action is refused because of stale data: on a busy computer they may be stale for a
-moment."""
+"""Number of snapshots tried before an action is refused because of stale data, which are often fresh again soon."""
 
 # -- questions -------------------------------------------------------------------------------------
 
@@ -34,14 +33,14 @@ class Titled:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class YesNo(Titled):
-    """A question for a confirmation; `yes` is the label of the button."""
+    """A request for confirmation; `yes` is the label of the button."""
 
     yes: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Typed(Titled):
-    """A question for a line of text, initially `value`; with `expected`, only that text is accepted."""
+    """A request for a line of text, initially `value`; if `expected` is set, only that text is accepted."""
 
     expected: str = ""
     value: str = ""
@@ -49,7 +48,7 @@ class Typed(Titled):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OneOf(Titled):
-    """A question for a choice; each option has a name and a label."""
+    """A request to choose one of the `options`, each a name and a label."""
 
     options: tuple[tuple[str, str], ...]
 
@@ -73,14 +72,14 @@ class UserInterface(Protocol):
 
     @property
     def runner(self) -> Runner | None:
-        """The runner of the open session; None before."""
+        """The runner of the open session; None before a session is open."""
 
     @property
     def sessions(self) -> Sessions:
         """The object that opens and closes sessions."""
 
     def snapshot(self) -> SessionSnapshot | None:
-        """Return a fresh snapshot."""
+        """Return a new snapshot; None before a session is open."""
 
     def retry_soon(self, work: Callable[[], None]) -> None:
         """Call `work` a few SYNC periods later."""
@@ -92,28 +91,28 @@ class UserInterface(Protocol):
         """Ask a question, and call `then` with the answer if there is one."""
 
     def pose(self, s: SessionSnapshot) -> int | None:
-        """Number of the selected pose."""
+        """Return the number of the selected pose; None without one."""
 
     def item(self, s: SessionSnapshot) -> int | None:
-        """Selected open item of the check list, from 0."""
+        """Return the selected open item (from 0) of the check list; None without one."""
 
     def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
-        """The alarm that is shown."""
+        """Return the alarm that is shown; None without one."""
 
     def open(self, make: Callable[[], Runner]) -> None:
         """Open another session with `make`."""
 
     def write_report(self, runner: Runner) -> Path:
-        """Write the report page; called in the worker thread."""
+        """Write the report page and return its path; called in the worker thread."""
 
     def topics(self) -> Mapping[str, str]:
-        """Topics and summaries of the manual."""
+        """Return the topics of the manual, with their titles."""
 
     def show_page(self, topic: str) -> None:
         """Show a page of the manual."""
 
     def show_history(self, serial: str) -> None:
-        """Show the history of an arm."""
+        """Show the history of the arm with this serial number."""
 
 
 # -- actions ---------------------------------------------------------------------------------------
@@ -122,7 +121,7 @@ EVERYWHERE = frozenset(Step)
 
 
 def always(s: SessionSnapshot) -> Missing:
-    """Guard of an action that is always allowed."""
+    """Guard of an action that is always allowed; returns ()."""
     del s
     return ()
 
@@ -142,7 +141,7 @@ class Entry:
     steps, footer
         Steps where its keys work, and where the footer shows them.
     offered
-        Function that returns whether the action is shown; if its guard fails, it is shown with the reason.
+        Function that returns whether the action is shown; if its guard refuses, it is shown with the reason.
     """
 
     name: str
@@ -157,7 +156,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OnScreen(Entry):
-    """An action that only the terminal app has and carries out: selection, views, themes, steps."""
+    """An action of the terminal app only: selection, views, themes, steps."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,13 +166,13 @@ class Action(Entry):
     Attributes
     ----------
     guard
-        Function that returns what is missing; called again after every question.
+        Function that returns the reasons against the action, () for none; called again after every question.
     work
         Function that submits a task, changes a setting, or opens another session.
     prompt
         Text in plain mode; by default label and help.
     rows
-        Function that returns rows; plain mode lists the action once for each row.
+        Function that returns prompts by row number; plain mode lists the action once for each row.
     """
 
     work: Callable[[ActionContext], None]
@@ -182,7 +181,7 @@ class Action(Entry):
     rows: Callable[[SessionSnapshot], Mapping[int, str]] | None = None
 
     def words(self, s: SessionSnapshot) -> str:
-        """Text in plain mode."""
+        """Return the text in plain mode."""
         if callable(self.prompt):
             return self.prompt(s)
         return self.prompt or f"{self.label}: {self.help.rstrip('.')}"
@@ -190,7 +189,7 @@ class Action(Entry):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ActionContext:
-    """A chosen action whose guard holds, with its user interface, runner and snapshot."""
+    """A chosen action that its guard allows, with its user interface, runner and snapshot."""
 
     action: Action
     interface: UserInterface
@@ -202,7 +201,7 @@ class ActionContext:
         self.runner.submit(kind, text, lambda: work(self.runner.operations))
 
     def ask(self, question: Question, then: Callable[[ActionContext, str], None]) -> None:
-        """Ask a question; `then` is called only if the guard still holds."""
+        """Ask a question; `then` is called with the answer, if the guard still allows the action."""
         self.interface.ask(
             question,
             lambda answer: perform_action(
@@ -218,7 +217,7 @@ def perform_action(
     *,
     tries: int = SNAPSHOTS_TRIED,
 ) -> None:
-    """Do an action, or show what is missing; if only the data are stale, wait for up to `tries` further snapshots."""
+    """Do an action, or show why it is refused; if only stale data prevent it, try up to `tries` snapshots."""
     s, runner = interface.snapshot(), interface.runner
     if s is None or runner is None:
         return

@@ -16,9 +16,9 @@ from solver.design.actions import Action, Capture, ChangeDrives, Finished, GoTo
 from solver.design.campaign import Campaign
 
 SAME_POSITION_RAD = float(np.deg2rad(1.5))
-"""An arm this close to its last position in the journal has not been moved since."""
+"""An arm within this distance of its last position in the journal is regarded as not moved since."""
 SAME_TARGET_RAD = 1e-6
-"""Largest difference between targets of a replayed decision."""
+"""Largest difference between the recorded and the replayed target of a move."""
 
 
 class ReplayDivergedError(Exception):
@@ -26,7 +26,7 @@ class ReplayDivergedError(Exception):
 
 
 def campaign_from_log(arm: ArmModel, fixture: EndpointConstraint, state: SessionState) -> Campaign:
-    """Return the campaign as it was at its start."""
+    """Return the recorded campaign in its state at the start."""
     begun = state.campaign.begun
     known = {p.number: p for p in state.used_poses}
     captured = [known[number] for number in begun["captured"]]
@@ -50,7 +50,7 @@ def campaign_from_log(arm: ArmModel, fixture: EndpointConstraint, state: Session
 
 
 def log_is_current(state: SessionState, settings: Mapping[str, Any]) -> bool:
-    """Whether the used poses and the settings of the campaign are unchanged."""
+    """Whether the used poses are those of the recorded campaign, and its settings equal `settings`."""
     log = state.campaign
     started = set(log.begun["captured"]) | {
         data["number"] for name, data in log.steps if name == "pose"
@@ -62,7 +62,7 @@ def log_is_current(state: SessionState, settings: Mapping[str, Any]) -> bool:
 
 
 def replay_campaign(arm: ArmModel, fixture: EndpointConstraint, state: SessionState) -> Campaign:
-    """Return a campaign after all recorded steps.
+    """Return the recorded campaign in its state after all recorded steps.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def is_same_action(action: Action, name: str, data: Mapping[str, Any]) -> bool:
 
 
 def can_continue_from(action: Action, last: FloatArray, q_rad: FloatArray) -> bool:
-    """Whether an arm at `q_rad` can continue with `action`: if it is at its `last` position or on the action's path."""
+    """Whether an arm at `q_rad` can continue with `action`: it is at its `last` position, or on the action's path."""
     if float(np.abs(q_rad - last).max()) <= SAME_POSITION_RAD or isinstance(action, Finished):
         return True
     if not isinstance(action, GoTo):

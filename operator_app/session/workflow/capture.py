@@ -1,6 +1,6 @@
 """Workflow of a session for all user interfaces: connect, capture the missing poses, verify.
 
-The operator may cancel at any time and resume.
+The operator may cancel at any time and resume later.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from solver.chain.poses import PoseSet
 from solver.loops.placements import Placements
 
 CANDIDATES_PER_POSE = 4
-"""Candidate targets for each new pose if only those with a clear straight path can be used."""
+"""Number of candidate targets per new pose if only those with a clear straight path can be used."""
 
 
 def connect(session: Session, listener: Listener, *, measuring: bool = True) -> ArmIdentity:
@@ -60,9 +60,9 @@ def connect(session: Session, listener: Listener, *, measuring: bool = True) -> 
 
 
 def _clear_lost_heartbeat(session: Session) -> bool:
-    """Reset drives that tripped on a lost operator heartbeat, which stay disabled; return whether there were any.
+    """Reset drives that tripped on a lost operator heartbeat; return whether there were any. They stay disabled.
 
-    Resets nothing if any drive has another fault: the cause of that may be in the arm.
+    Resets nothing if any drive has another fault, since its cause may be in the arm.
     """
     faults = session.arm.snapshot().faults
     if not faults or any(f.code != EmergencyCode.HEARTBEAT_LOST for f in faults):
@@ -87,11 +87,11 @@ def take_poses(
     drives
         Joints to put into position mode first; None: keep the modes, unless a plan in progress drives other joints.
     homing
-        Whether the operator agrees that an arm outside its box goes home.
+        Whether the operator allows an arm outside its box to go home.
 
     Returns
     -------
-    The end of a planned capture; None for an explored one.
+    The end of a planned capture; None for an explored capture.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def take_poses(
     if session.state.resumed and session.state.poses_here and _poses_are_missing(session, planned):
         if planned is None:
             _check_unresolved_joints(session, listener)
-        if session.state.resumed:  # no pose was repeated yet
+        if session.state.resumed:  # no pose has been repeated yet
             _repeat_first_pose_and_come_back(session, listener, planned)
     end = None
     if planned is None:
@@ -127,7 +127,7 @@ def take_poses(
 
 
 def go_home_if_outside(session: Session, listener: Listener) -> None:
-    """Go home if a drive joint is outside its box; the operator has agreed."""
+    """Go home if a drive joint is outside its box; call it only if the operator has agreed."""
     away = joints_outside_box(session)
     if away:
         listener.report(f"Going home at 5 deg/s: {away}.")
@@ -136,7 +136,7 @@ def go_home_if_outside(session: Session, listener: Listener) -> None:
 
 
 def _check_unresolved_joints(session: Session, listener: Listener) -> None:
-    """If a joint's shift might not show at the current pose, repeat the nearest pose, moving at 5 deg/s.
+    """If a joint's shift could not be detected at the current pose, repeat the nearest pose, moving at 5 deg/s.
 
     Raises
     ------
@@ -161,17 +161,14 @@ def _check_unresolved_joints(session: Session, listener: Listener) -> None:
 
 
 def _poses_are_missing(session: Session, planned: PlannedCapture | None) -> bool:
-    """Whether poses are still missing; if not, a step change from now on does not affect the calibration."""
+    """Whether poses are still missing; if not, later shifts do not affect the calibration."""
     if planned is not None:
         return not planned.complete
     return len(session.state.poses_here) < session.procedure.capture.poses
 
 
 def outlier_warning(session: Session) -> str:
-    """Return a warning if the last pose does not fit those before it.
-
-    "" if it fits, or if no further pose is wanted.
-    """
+    """Return a warning if the last pose does not fit the earlier ones; "" if it fits or no more poses are required."""
     state, unsensed = session.state, session.procedure.unsensed_joints
     if len(state.used_poses) >= state.required_poses(session.procedure.capture):
         return ""
@@ -187,7 +184,7 @@ def outlier_warning(session: Session) -> str:
 
 
 def _check_last_pose(session: Session, listener: Listener, planned: PlannedCapture | None) -> None:
-    """If the last pose does not fit those before it, repeat the first pose at once.
+    """If the last pose does not fit the earlier ones, repeat the first pose at once.
 
     Raises
     ------
@@ -209,14 +206,14 @@ def _check_last_pose(session: Session, listener: Listener, planned: PlannedCaptu
 def _repeat_first_pose(
     session: Session, listener: Listener, planned: PlannedCapture | None, *, suspect: bool = False
 ) -> Sequence[Mapping[int, float]]:
-    """Repeat the first used pose, as the difference shows step changes independently of the model.
+    """Repeat the first used pose; the difference shows shifts independently of the model.
 
-    An explored capture moves there in a straight line within its box, a planned one along paths of its plan. If the
-    pose cannot be reached, this is recorded and the capture continues.
+    In an explored capture, the drives move there straight, within the box; in a planned one, along paths of the plan.
+    If the pose cannot be reached, this is recorded and the capture continues.
 
     Returns
     -------
-    The drives' angles at the start of each move of a planned capture, so that the arm can go back the same way.
+    The drives' angles (rad) at the start of each move of a planned capture, so that the arm can go back the same way.
 
     Raises
     ------
@@ -239,7 +236,10 @@ def _repeat_pose(
     suspect: bool = False,
     speed_rad_per_s: float | None = None,
 ) -> Sequence[Mapping[int, float]]:
-    """Move to a pose (the first one if there is a plan), measure it again and compare."""
+    """Move to a pose (with a plan, always the first one), measure it again and compare the readings.
+
+    Returns the same as `_repeat_first_pose`.
+    """
     listener.going(None)
     way: Sequence[Mapping[int, float]] = ()
     if planned is None:
@@ -270,7 +270,7 @@ def _repeat_pose(
 def _repeat_first_pose_and_come_back(
     session: Session, listener: Listener, planned: PlannedCapture | None, *, suspect: bool = False
 ) -> None:
-    """Repeat the first pose, then return to where the arm was."""
+    """Repeat the first pose, then return to the position before."""
     before = session.arm.snapshot().positions_rad
     way = _repeat_first_pose(session, listener, planned, suspect=suspect)
     if planned is not None:
@@ -288,9 +288,10 @@ def _repeat_first_pose_and_come_back(
 def verify(
     session: Session, solution: Solution, poses: int, listener: Listener
 ) -> tuple[VerificationResult, PoseSet]:
-    """Capture new poses at other positions and test a fixed calibration with them.
+    """Capture new poses at other positions and test a calibration, which is not changed, with them.
 
-    The modes must be set. Readings and verdict go into the journal; the poses do not become part of the calibration.
+    The modes must be set. Result and poses, which do not become part of the calibration, are recorded in the journal.
+    Raises `GuardError` if fewer than `poses` can be reached.
     """
     if not session.state.poses_here:
         raise GuardError(
@@ -324,8 +325,8 @@ def verify(
 def _new_targets(session: Session, solution: Solution, poses: int) -> Iterator[Mapping[int, float]]:
     """Yield targets for new poses, different from the session's poses.
 
-    If the procedure has no box for a drive, only targets to which the calibrated loop has a clear straight path are
-    yielded.
+    If the procedure does not limit a drive joint, only targets are yielded to which the calibrated loop has a clear
+    straight path.
     """
     known = {box.joint for box in session.procedure.capture.exploration}
     model, x = solution.model, solution.estimate.x

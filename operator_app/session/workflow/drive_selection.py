@@ -1,7 +1,7 @@
 """Selects the drive joints of a session, explores the box (their allowed angles), brings an arm outside the box home.
 
-Inside the box the drives may move without asking. An arm outside it moves only if the operator agrees, and then only
-once: straight home, slowly.
+Inside the box, the drives move without confirmation. An arm outside it moves only after confirmation, and only straight
+home, at low speed.
 """
 
 from __future__ import annotations
@@ -32,10 +32,7 @@ KEPT_CANDIDATES = 6
 
 
 def drives_of(session: Session, listener: Listener | None = None) -> tuple[int, ...]:
-    """Return the drive joints listed in the procedure or, if there are none, those chosen before.
-
-    If none were chosen, choose them now.
-    """
+    """Return the drive joints listed in the procedure or, if there are none, those chosen earlier or now."""
     named = session.procedure.position_joints
     if named is not None:
         return named
@@ -50,8 +47,8 @@ def drives_of(session: Session, listener: Listener | None = None) -> tuple[int, 
 def choose(session: Session, *, may_move: bool = True) -> DriveChoice:
     """Rank the sets of drive joints at the current pose and record the best usable one.
 
-    With `trial` in the procedure, the joints of the best sets are moved by 1.5 deg first, unless `may_move` is false.
-    For this the drives are enabled.
+    If the procedure has `trial`, the drives are enabled and the joints of the best sets moved by 1.5 deg first, unless
+    `may_move` is false.
     """
     arm, model = session.model, session.fixture.model(session.model)
     q_rad = session.arm.snapshot().positions_rad
@@ -94,7 +91,7 @@ def wiggle(session: Session, drives: tuple[int, ...]) -> TrialWiggles:
             session.go_to({joint: float(start[joint - 1])})
     measured = np.linalg.matrix_rank(np.array(commanded)) if commanded else 0
     if measured < len(drives):
-        # Too few moves were completed to measure anything.
+        # Too few moves were completed: report no motion.
         commanded = list(WIGGLE_RAD * np.eye(len(drives)))
         displacements = [np.zeros(len(start))] * len(drives)
     return TrialWiggles(
@@ -110,17 +107,17 @@ def _facts(ranked: RankedDrives) -> dict[str, Any]:
 
 
 BOX_MARGIN_RAD = float(np.deg2rad(5.0))
-"""Tolerance at the edge of the box: the loop may close a little beside the stated home."""
+"""Tolerance at the edge of the box, since the loop may close slightly off the home in the arm file."""
 
 RESET_COUNTER_RAD = float(np.deg2rad(0.25))
-"""Largest reading of a reset counter, including the motion of a joint when its drive is enabled."""
+"""Largest reading of a counter that was reset, including the motion of a joint when its drive is enabled."""
 
 HOMING_SPEED_RAD_PER_S = float(np.deg2rad(5.0))
 """Slow enough for a person beside the arm to react."""
 
 
 def joints_outside_box(session: Session) -> str:
-    """Return text on which drive joints are outside the box; "" for none."""
+    """Return text that names the drive joints outside the box; "" for none."""
     box, q_rad = drive_box(session), session.arm.snapshot().positions_rad
     beyond = box.beyond_rad(q_rad)
     return ", ".join(
@@ -132,13 +129,9 @@ def joints_outside_box(session: Session) -> str:
 
 
 def require_no_reset_counter(session: Session) -> None:
-    """Refuse to move a drive joint that reads zero outside its box: the counter may have been reset.
+    """Raise GuardError if a drive joint reads zero outside its box: the counter may have been reset.
 
-    The operator's agreement makes no difference: with a wrong reading the joint would not go home.
-
-    Raises
-    ------
-    GuardError
+    This applies even if the operator agrees: with a wrong reading, the joint would not go home.
     """
     box, q_rad = drive_box(session), session.arm.snapshot().positions_rad
     zeros = [
@@ -170,7 +163,7 @@ def require_in_box(session: Session) -> None:
 
 
 def go_home(session: Session) -> str:
-    """Move the drive joints straight home at 5 deg/s; return a message. A move that was stopped is not repeated."""
+    """Move the drive joints straight home at 5 deg/s; return a message. Raises GuardError if the move is stopped."""
     require_no_reset_counter(session)
     box = drive_box(session)
     targets = dict(zip(box.joints, box.centre_rad, strict=True))
@@ -191,7 +184,7 @@ def go_home(session: Session) -> str:
 
 
 def drive_box(session: Logbook) -> Box:
-    """Return the box of the joints in position mode."""
+    """Return the box of the joints in position mode; raises GuardError if the modes are not set."""
     state = session.state
     if state.start_rad is None or state.home_rad is None or not state.position_joints:
         raise GuardError("the joint modes are not set", "set the modes first (step 3)")
@@ -220,7 +213,7 @@ def waypoints_from(
 
 
 def verification_waypoints(session: Logbook, poses: int) -> tuple[Mapping[int, float], ...]:
-    """Return waypoints that differ from the session's, and are new for each verification."""
+    """Return waypoints that differ from those of the session and of earlier verifications."""
     seed = session.procedure.capture.seed + 1 + session.state.verifications
     return waypoints(drive_box(session), poses=poses, seed=seed)
 
@@ -233,7 +226,7 @@ STANDS_STILL_RAD = float(np.deg2rad(0.2))
 def reach(
     session: Session, targets_rad: Mapping[int, float], *, speed_rad_per_s: float | None = None
 ) -> MoveResult:
-    """Move to these angles; if the move is stopped, go back along the same path."""
+    """Move to these angles (rad), or back if stopped; raises GuardError if overload prevents the arm from starting."""
     before = session.arm.snapshot().positions_rad
     outcome = session.go_to(targets_rad, speed_rad_per_s=speed_rad_per_s)
     if not outcome.reached:
@@ -252,7 +245,7 @@ def reach(
 
 
 def visit(session: Session, index: int) -> bool:
-    """Move to a waypoint; record it as skipped and return False if it cannot be reached."""
+    """Move to a waypoint; if it cannot be reached, record it as skipped and return False."""
     require_in_box(session)
     outcome = reach(session, waypoints_of(session)[index])
     if not outcome.reached:
@@ -261,7 +254,7 @@ def visit(session: Session, index: int) -> bool:
 
 
 def explore(session: Session, listener: Listener, after_pose: Callable[[], None]) -> None:
-    """Capture poses at the waypoints until there are enough; calls `after_pose` after each."""
+    """Capture poses at the waypoints, calling `after_pose` after each; raises GuardError if too few can be reached."""
     plan, total = waypoints_of(session), session.procedure.capture.poses
     while (count := len(session.state.poses_here)) < total:
         waypoint = session.state.next_waypoint

@@ -23,7 +23,7 @@ from operator_app.session.workflow.session import Session
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exported:
-    """Result of an export: the files written, and the SHA-256 of the parameters.
+    """Result of an export: the written files, and the SHA-256 of the parameters file.
 
     `receipt` is None without an upload.
     """
@@ -38,9 +38,9 @@ class Exported:
 def export(
     session: Session, solution: Solution, *, upload_too: bool | None = None, forced: str = ""
 ) -> Exported:
-    """Write the session's files and, unless the procedure excludes it, upload the parameters.
+    """Write the session's files and, if `upload_too` (None: if the procedure requires it), upload the parameters.
 
-    A calibration that was not accepted needs a reason, `forced`, which is kept in the journal and in the file.
+    A calibration that was not accepted needs a reason, `forced`, which is written to the journal and the file.
 
     Raises
     ------
@@ -49,11 +49,13 @@ def export(
     JournalLostError
         The journal was changed; nothing was exported.
     JournalError
-        The journal cannot be written; the message says what was uploaded.
+        The journal cannot be written; the message states what was uploaded.
+    GuardError
+        The calibration was not accepted and there is no reason.
     """
     forced = export_reason(solution, forced, say_it_by="--force REASON")
     if to_dict(solution) != session.state.solution:
-        # Made with other options than the recorded one: record what is exported.
+        # Made with other options than the recorded solution: record the exported one.
         session.record_solution(solution)
     session.require_journal(unchanged=True)
     poses = session.state.pose_set()
@@ -89,7 +91,7 @@ def export(
 
 
 def _record_export(session: Session, exported: Mapping[str, Any], *, report: str) -> None:
-    """Record the export; if that fails, the error begins with `report`, which states how far the upload got."""
+    """Record the export; if that fails, the error begins with `report`, the result of the upload."""
     try:
         session.record("exported", exported)
     except JournalError as error:
@@ -101,12 +103,12 @@ def _record_export(session: Session, exported: Mapping[str, Any], *, report: str
 def _upload(
     arm: ArmInterface, document: bytes, expected_counts: tuple[int | None, ...]
 ) -> UploadReceipt:
-    """Upload a document and compare it, byte for byte, with what the controller then holds.
+    """Upload a document, read it back and compare it byte for byte, and the home offsets with `expected_counts`.
 
     Raises
     ------
     SessionError
-        The document read back differs.
+        The document or a home offset read back differs.
     UploadUnknown
         The document could not be read back.
     """

@@ -61,7 +61,7 @@ class ImportedSession:
     Parameters
     ----------
     file
-        Source of the poses, for messages.
+        Name of the source of the poses, for messages.
     name
         Name of the procedure and of the folder.
 
@@ -121,7 +121,7 @@ class ImportedSession:
         ).loop()
 
     def calibrate(self) -> tuple[Solution, Checks]:
-        """Calibrate and cross-validate; raises SolverError, FixtureError."""
+        """Calibrate, cross-validate and record both; raises SolverError, FixtureError."""
         own = self.procedure
         solution = solve(
             self.state, own, estimator=own.estimator, unsensed_joints=own.unsensed_joints
@@ -131,7 +131,7 @@ class ImportedSession:
         return solution, checks
 
     def add(self, solution: Solution, checks: Checks | None) -> None:
-        """Record a solution of these poses."""
+        """Record a solution from these poses, and its cross-validation."""
         tolerance = self.procedure.length_tolerance_m
         self._record("solved", solution_data(solution, self.state, length_tolerance_m=tolerance))
         if checks is not None:
@@ -216,7 +216,7 @@ def _pose(poses: PoseSet, k: int) -> dict[str, Any]:
 
 
 def _procedure_name(name: str) -> str:
-    """Return a procedure name made from a file name."""
+    """Return a valid procedure name made from a file name."""
     cleaned = re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-")[:48]
     return cleaned if re.match(r"[A-Za-z]", cleaned) else f"poses-{cleaned}".rstrip("-")
 
@@ -224,7 +224,7 @@ def _procedure_name(name: str) -> str:
 def _procedure(
     name: str, slowest_deg_per_s: float, poses: int, options: CalibrationOptions
 ) -> bytes:
-    """Return a procedure file for these poses."""
+    """Return the contents of a procedure file for these poses."""
     return dump_strict(
         {
             "schema": "sarcal/procedure/1",
@@ -273,7 +273,7 @@ def replace_session(
     Raises
     ------
     JournalError
-        The journal there could not be made again, is of other data, cannot be read, or is in use. Nothing was changed.
+        The journal in `folder` is not reproducible, has other data, cannot be read, or is in use. Nothing was changed.
     WriteError
         The disk cannot be written.
     """
@@ -295,7 +295,7 @@ def replace_session(
                 "name another folder, or replace it with save(folder, overwrite=True)",
             )
         for name in stale:
-            # First, so that no file of the old calibration is ever beside the new journal.
+            # Before the journal, so that no file of the old calibration is ever beside the new journal.
             (folder / name).unlink(missing_ok=True)
         write_atomically(path, b"".join(lines))
     finally:

@@ -1,4 +1,4 @@
-"""Progress callbacks of a session, of which a user interface overrides those that it shows."""
+"""Progress callbacks of a session; a user interface overrides those that it shows."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from solver.design.actions import GoTo
 
 
 class Listener:
-    """Base of listeners, whose methods are called in the thread of the session and do nothing by default."""
+    """Base class of listeners; the methods are called in the thread of the session and do nothing by default."""
 
     def connected(self, identity: ArmIdentity) -> None:
         """The arm is connected and identified."""
@@ -26,13 +26,13 @@ class Listener:
         """All drives have confirmed their modes."""
 
     def going(self, move: GoTo | None) -> None:
-        """The arm is about to move; `move` is the move if a plan made it."""
+        """The arm is about to move; `move` is a move of a planned capture, None for others."""
 
     def arrived(self, waypoint: int) -> None:
         """The arm is at a waypoint."""
 
     def pose_captured(self, state: SessionState, total: int) -> None:
-        """A pose was captured; `total` is the total number to be captured."""
+        """A pose was captured; `total` is the number of required poses."""
 
     def report(self, text: str) -> None:
         """A message for the operator."""

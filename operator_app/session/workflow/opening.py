@@ -1,6 +1,6 @@
 """Opens sessions: new ones from a procedure file and options, earlier ones from their journals.
 
-The journal holds the arm, fixture and procedure documents and the bus, so that resuming does not depend on files
+The journal contains the arm, fixture and procedure documents and the bus, so that resuming does not depend on files
 and environment.
 """
 
@@ -69,7 +69,7 @@ class Choices:
     placements: int | None = None
 
     def over(self, earlier: Choices) -> Choices:
-        """Return these choices; those that are None are replaced by those of `earlier`."""
+        """Return these choices, with those that are None taken from `earlier`."""
         own = {f.name: getattr(self, f.name) for f in fields(self)}
         return replace(earlier, **{name: value for name, value in own.items() if value is not None})
 
@@ -79,8 +79,8 @@ class Opening:
     """A session to be started or resumed; nothing is written yet.
 
     `imported`: file of its poses, empty if an arm captured them. `placement`: number of the current placement of the
-    fixture. `next_due`: whether this placement has all its poses and another one follows. `unconfirmed_placement`:
-    whether it is a later placement that has no pose yet.
+    fixture. `next_due`: whether this placement is complete and another one follows. `unconfirmed_placement`: whether it
+    is not the first placement and has no pose yet.
     """
 
     folder: Path
@@ -101,13 +101,13 @@ class Rig:
     Attributes
     ----------
     opening
-        The opening with the actual arm, completed from environment and defaults, as recorded in the journal.
+        The opening, completed from the arm, the environment and defaults, as recorded in the journal.
     simulated
         Whether no real arm can move.
     instrument
-        Instrument that measures the tool of an open arm.
+        Instrument that measures the tool of an open arm; otherwise None.
     truths
-        True parameters of a simulated arm of this process.
+        True parameters of an arm simulated in this process; otherwise None.
     recording_ended
         Function that returns why a recording of the bus ended early, "" if it did not; may be called from any thread.
     """
@@ -130,7 +130,7 @@ class Rig:
 
 
 def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
-    """Create or open the journal and return the session of a rig; raises JournalError."""
+    """Create or open the journal and return the session with the arm of a rig; raises JournalError."""
     from operator_app.session.workflow.session import Session
 
     opening, settings = rig.opening, asdict(rig.opening.choices)
@@ -164,14 +164,14 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
 
 
 def _record_beside(journal: Journal, rig: Rig) -> None:
-    """Record the bus into the session's folder, which is not the planned one if that was taken in the meantime."""
+    """Redirect a recording of the bus to the journal's folder, which differs if the planned one was taken meanwhile."""
     arm, folder = rig.arm, journal.path.parent
     if isinstance(arm, Recordable) and arm.record_to and arm.record_to.parent == rig.opening.folder:
         arm.record_to = folder / arm.record_to.name
 
 
 def remove_if_empty(session: Session) -> bool:
-    """Remove the folder of a closed session that never connected to an arm, and parent folders created for it."""
+    """Remove the folder of a session that never connected, and parents created for it; return whether it is gone."""
     journal = session.journal
     if journal.loss is not None:
         # The folder may belong to another program now.
@@ -209,12 +209,12 @@ def begin(reference: str, choices: Choices, *, root: Path, clock: Clock = utc_no
 
 
 def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
-    """Return the opening of an earlier session; new choices override the recorded ones."""
+    """Return the opening of an earlier session, where `choices` override the recorded ones; raises SessionError."""
     folder = find_session(root, reference)
     contents = read_journal(folder)
     state = session_state(contents)
     if state.settings.get("verifies"):
-        # An earlier version kept verification poses in a session of their own.
+        # An earlier version stored verification poses in a separate session.
         raise SessionError(
             f"{folder} contains poses that verify {state.settings['verifies']}",
             "name that session instead; its poses alone are its calibration",
@@ -300,13 +300,13 @@ def _planned_or_not(
 ) -> CapturePlan:
     """Return the capture plan, with the strategy changed if requested."""
     if plan == "planned" and capture.strategy == "explore":
-        # A plan needs fewer poses than an exploration.
+        # A planned capture needs fewer poses than an explored one.
         capture = replace(capture, poses=min(capture.poses, PLANNED_POSES))
     return replace(capture, strategy=plan or capture.strategy)
 
 
 def _require_solvable(procedure: Procedure) -> None:
-    """Refuse a procedure with which no capture can lead to a calibration."""
+    """Raise an error for a procedure with which no capture can lead to a calibration."""
     n = procedure.arm.joint_count
     wrong = [j for j in procedure.unsensed_joints if j > n]
     if wrong:

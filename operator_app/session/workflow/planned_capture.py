@@ -1,8 +1,8 @@
 """Planned capture: carries out the actions that a campaign proposes and reports the results to it.
 
 Each result is in the journal before the next proposal is made. The campaign is deterministic, so that a resumed session
-can replay the journal and continue the plan. If the arm was moved, poses were excluded or more poses are wanted, a new
-campaign starts with the used poses.
+can replay the journal and continue the plan. If the arm was moved, poses were excluded or more poses are requested, a
+new campaign starts with the used poses.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ from solver.design.actions import Capture, ChangeDrives, Finished, GoTo, Phase, 
 from solver.design.campaign import Campaign
 
 SAME_BRANCH_RAD = float(np.deg2rad(6.0))
-"""If a free joint is farther from its last position once the drives are back, the loop is on another branch."""
+"""A larger distance of a joint from its last position, once the drives are back, means another branch of the loop."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImpreciseParameter:
-    """A parameter less precise than requested: sigmas in rad or m, None for an undetermined one."""
+    """A parameter less precise than requested: sigmas in rad or m; `sigma` is None if it is undetermined."""
 
     name: str
     sigma: float | None
@@ -68,7 +68,7 @@ class PlannedCapture:
     drives
         Drive joints of a new campaign.
     listener
-        Informed of moves, poses and decisions.
+        Listener for moves, poses and decisions.
 
     Attributes
     ----------
@@ -121,23 +121,23 @@ class PlannedCapture:
 
     @property
     def complete(self) -> bool:
-        """After `ready`: whether the journal has all poses of the plan."""
+        """After `ready`: whether the recorded campaign is complete."""
         return self._ended is not None
 
     @property
     def continues_in_place(self) -> bool:
-        """After `ready`: whether the campaign can continue from where the arm is; also true if it has ended."""
+        """After `ready`: whether the campaign can continue at the arm's position; also true if it is complete."""
         return self._ended is not None or (self.campaign is not None and not self._moved)
 
     def run(self, after_pose: Callable[[], None] = lambda: None) -> CampaignEnd:
-        """Carry out the campaign, with the joints of `ready` in position mode.
+        """Carry out the campaign, with the joints from `ready` in position mode, and return its end.
 
         Calls `after_pose` after each pose and before the campaign may change its plan, while a path back is known.
 
         Raises
         ------
         GuardError
-            During exploration the arm was moved out of its box, or does not return to its last position.
+            During exploration, the arm was moved out of its box, or does not return to its last position.
         Cancelled
             The operator ended a move; `ready` and `run` continue later.
         """
@@ -181,11 +181,11 @@ class PlannedCapture:
                     self._move(campaign, action)
 
     def to_first(self) -> tuple[str, list[Mapping[int, float]]]:
-        """Move to the first captured pose along paths of the plan, without informing the campaign.
+        """Move to the first captured pose along paths of the plan, without reporting to the campaign.
 
         Returns
         -------
-        Why the pose was not reached ("" if it was), and the drives' angles (rad) at the start of each move.
+        Why the pose was not reached ("" if it was), and the drives' angles (rad, by joint) at the start of each move.
         """
         campaign = None if self._moved else self.campaign
         first = self._session.state.used_poses[0].mean_rad
@@ -207,7 +207,7 @@ class PlannedCapture:
         return "", stops
 
     def retrace(self, stops: Sequence[Mapping[int, float]]) -> None:
-        """Go back along the moves of `to_first`."""
+        """Go back along the moves of `to_first`; raises GuardError if that fails."""
         session = self._session
         for stop in reversed(stops):
             if session.position_joints != tuple(stop):
@@ -262,7 +262,7 @@ class PlannedCapture:
         self._moved = False
 
     def _report_plan(self, campaign: Campaign, before: Phase) -> None:
-        """Report a new plan, made after phase `before`."""
+        """Report a new plan to the operator; `before` is the phase before it was made."""
         if campaign.plan is None or campaign.estimate is None:
             return
         count = len(campaign.readings_rad)
@@ -294,7 +294,7 @@ class PlannedCapture:
     # -- beginning and replaying -----------------------------------------------------------------
 
     def _required_settings(self) -> dict[str, Any]:
-        """Settings of the campaign that the procedure asks for."""
+        """Return the settings that the procedure requires of a campaign."""
         own = self._session.procedure
         return {
             "poses": own.capture.poses,
@@ -306,7 +306,7 @@ class PlannedCapture:
         }
 
     def _new_campaign(self) -> Campaign:
-        """Record and return a new campaign with the used poses, which starts at the current position."""
+        """Record and return a new campaign, which has the used poses and starts at the current position."""
         session = self._session
         sets = session.state.drive_sets if session.procedure.position_joints is None else ()
         q_rad = session.read().mean_rad

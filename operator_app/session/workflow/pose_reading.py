@@ -35,14 +35,14 @@ from operator_app.units import SCATTER
 from solver.arrays import FloatArray
 
 PATIENCE_S = 60.0
-"""Timeout of one measurement: a person may have to turn the target towards the instrument."""
+"""Timeout of one measurement, during which a person may have to turn the target towards the instrument."""
 LINE_POLL_S = 0.1
 """Interval at which `cancelled` is called."""
 SOURCES = "tcp:HOST:PORT, file:PATH (a growing CSV file) or stdin"
 
 
 class TargetLostError(SessionError):
-    """The instrument does not see the target at this pose; `reason` is the instrument's."""
+    """The instrument does not see the target at this pose; `reason` is from the instrument."""
 
     def __init__(self, reason: str) -> None:
         super().__init__(
@@ -52,12 +52,12 @@ class TargetLostError(SessionError):
 
 
 class Instrument:
-    """Measures the endpoint.
+    """An instrument that measures the endpoint.
 
     Parameters
     ----------
     full_pose
-        Whether it must measure the orientation.
+        Whether it must also measure the orientation.
     patience_s
         Timeout of one measurement.
     """
@@ -68,7 +68,7 @@ class Instrument:
 
     @property
     def name(self) -> str:
-        """Name of its port."""
+        """Name of the port."""
         return self._port.name
 
     def open(self) -> None:
@@ -81,7 +81,7 @@ class Instrument:
                 raise InstrumentError(f"the heading of {self.name} {error}") from error
 
     def close(self) -> None:
-        """Close the port. Safe to call twice."""
+        """Close the port. May be called twice."""
         self._port.close()
 
     def measure(
@@ -112,7 +112,7 @@ class Instrument:
             endpoint = self._read(pose, text) if text.strip() else None
             if endpoint is None or endpoint.pose not in ("", pose):
                 other = other if endpoint is None else endpoint.pose
-                # Also for an instrument that sends only other poses.
+                # The timeout also ends the wait if the instrument sends only other poses.
                 if left_s <= 0.0:
                     raise self._silent(pose, other)
                 continue
@@ -141,7 +141,7 @@ class Instrument:
 
 
 def port_of(source: str) -> LinePort:
-    """Return the port named by `source`; SessionError if the name is not valid."""
+    """Return the port named by `source`; raises SessionError if the name is not valid."""
     kind, _, rest = source.partition(":")
     if source == "stdin":
         return StdinLines()
@@ -171,7 +171,7 @@ class PoseReader:
         self._rule = logbook.procedure.capture.settle
 
     def open_instrument(self) -> None:
-        """Open the instrument of an open arm."""
+        """Open the instrument of an open arm; raises SessionError if its port is not specified."""
         if self._logbook.fixture.holds_hand:
             return
         if self._instrument is None:
@@ -182,12 +182,12 @@ class PoseReader:
         self._instrument.open()
 
     def close_instrument(self) -> None:
-        """Close the instrument. Safe to call twice."""
+        """Close the instrument. May be called twice."""
         if self._instrument is not None:
             self._instrument.close()
 
     def settle(self) -> bool:
-        """Wait for standstill; False after the timeout."""
+        """Wait for standstill; return False after the timeout."""
         with self._sensor_faults.recorded():
             return self._arm.settle(
                 window=self._rule.window_syncs,
@@ -196,7 +196,7 @@ class PoseReader:
             )
 
     def _largest_spread_text(self) -> str:
-        """Return text on which joint exceeds its spread limit most; "" if none does any longer."""
+        """Return text that names the joint that exceeds its spread limit most; "" if none does any longer."""
         limits = np.asarray(self._rule.spread_rad(self._logbook.model))
         try:
             rows = [self._arm.capture(2).mean_rad for _ in range(self._rule.window_syncs)]
@@ -210,7 +210,7 @@ class PoseReader:
         return f": joint {j + 1} spreads by {spread_text} within {2 * len(rows)} samples (limit {limit})"
 
     def read(self) -> Reading:
-        """Wait for standstill and measure a pose; records nothing."""
+        """Wait for standstill and measure a pose; records nothing. Raises GuardError if the arm does not settle."""
         if not self.settle():
             raise GuardError(
                 f"the arm does not come to rest{self._largest_spread_text()}",
@@ -222,7 +222,7 @@ class PoseReader:
         return reading
 
     def keep(self, name: str, data: Mapping[str, Any], cancelled: Callable[[], bool]) -> None:
-        """Measure a pose and record it as an event of this name with these data."""
+        """Measure a pose and record it as an event with this name and these data."""
         logbook = self._logbook
         if name == "pose" and logbook.state.sensor_jump:
             raise GuardError(
@@ -253,7 +253,10 @@ class PoseReader:
     def endpoint(
         self, what: str, reading: Reading, cancelled: Callable[[], bool]
     ) -> FloatArray | None:
-        """Return the tool's position (and orientation) as measured at this reading; None without an instrument."""
+        """Return the endpoint (3,) or (6,), m and rad, measured at this reading; None without an instrument.
+
+        `what` is the name of the pose. Raises Cancelled, or GuardError if the arm moves meanwhile.
+        """
         if self._logbook.fixture.holds_hand or self._instrument is None:
             return None
         endpoint = self._instrument.measure(what, cancelled)

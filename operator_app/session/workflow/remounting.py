@@ -1,7 +1,7 @@
 """Several placements of one fixture: when the next one is due, and its events in the journal.
 
 Event `remounting`: the arm was released, and the fixture may be taken off. Event `remounted`: the operator has
-confirmed that the fixture is mounted. In between no program connects to the arm, because a person is working at it.
+confirmed that the fixture is mounted. In between, the session refuses to connect, since a person is working at the arm.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def next_due(state: SessionState, procedure: Procedure) -> bool:
 
 
 def require_mounted(state: SessionState) -> None:
-    """Refuse to connect while a person may be working at the fixture."""
+    """Raise GuardError if the fixture is not confirmed to be mounted, since a person may be working at it."""
     if not state.mounted:
         raise GuardError(
             f"the fixture was taken off, and its mounting for placement {state.placement} is not confirmed",
@@ -34,7 +34,7 @@ def require_mounted(state: SessionState) -> None:
 
 
 def record_in(folder: Path, event: Literal["remounting", "remounted"], placement: int) -> None:
-    """Record an event of this placement while no arm is connected."""
+    """Record an event of this placement in the journal of a closed session."""
     journal = Journal.resume(folder)
     try:
         journal.append(event, {"placement": placement})
@@ -43,7 +43,7 @@ def record_in(folder: Path, event: Literal["remounting", "remounted"], placement
 
 
 def require_mountable(procedure: Procedure, count: int) -> int:
-    """Return the number of placements `count`; raise SessionError if this fixture cannot have so many."""
+    """Return `count`, a number of placements; raise SessionError if the procedure does not allow it."""
     if not 1 <= count <= MOST_PLACEMENTS:
         raise SessionError(f"{count} placements were requested", f"request 1 to {MOST_PLACEMENTS}")
     if count > 1 and not procedure.fixture.fixture.holds_hand:

@@ -57,11 +57,11 @@ class Session(Logbook):
     Attributes
     ----------
     cancelled
-        Function called while the arm moves; True if the operator cancels the motion.
+        Function called while the arm moves; returns True if the operator cancels the motion.
     instruct
         Function called with instructions for the person who moves the arm by hand.
     unresolved_joints
-        Joints (1-based) whose shift since the last pose, if any, would not show at the current pose.
+        Joints (1-based) whose shift since the last pose could not be detected at the current pose.
     held
         Whether the arm confirmed, at the last `release_holding`, that no drive follows commands any longer.
     """
@@ -95,7 +95,7 @@ class Session(Logbook):
         self._powered: tuple[int, ...] = ()
 
     def record(self, name: str, data: Mapping[str, Any]) -> None:
-        """Write an event to the journal, then apply it to the state; if the journal is lost, hold the arm."""
+        """Write an event to the journal, then apply it to the state; if the journal is lost, hold the arm and raise."""
         try:
             super().record(name, data)
         except JournalLostError:
@@ -105,9 +105,9 @@ class Session(Logbook):
     # -- 1 Connect -------------------------------------------------------------------------------
 
     def connect(self, *, measuring: bool = True) -> ArmIdentity:
-        """Open the instrument of an open arm, then connect to the arm; a resumed session refuses another arm.
+        """Open the instrument of an open arm, then connect to the arm; raises GuardError for a wrong arm.
 
-        Without `measuring` the instrument stays closed, as for an upload.
+        If `measuring` is false, the instrument stays closed, as for an upload.
         """
         require_mounted(self.state)
         if measuring:
@@ -118,7 +118,7 @@ class Session(Logbook):
         try:
             check_identity(self.state, identity)
         except GuardError:
-            # This session must not stay connected to another arm.
+            # The session must not stay connected to the wrong arm.
             self.identity = None
             self.arm.close()
             raise
@@ -165,7 +165,7 @@ class Session(Logbook):
 
     @cached_property
     def mobility(self) -> int:
-        """Number of joints in position mode: all of an open arm, or the degrees of freedom of the closed chain."""
+        """Degrees of freedom, and so the number of joints in position mode; for an open arm, all joints."""
         if not self.fixture.holds_hand:
             return self.model.joint_count
         loop = self.fixture.model(self.model)
@@ -199,9 +199,9 @@ class Session(Logbook):
         self.record("modes", {"modes": [JointMode.POSITION.value] * self.model.joint_count})
 
     def take_control(self) -> None:
-        """Enable the drives in position mode; the first time records the start position.
+        """Enable the drives in position mode and record the start position.
 
-        The first call after connecting checks the readings before anything is enabled.
+        The first call after connecting checks the readings before it enables the drives.
         """
         self.require_journal()
         self._check_readings()
@@ -235,7 +235,7 @@ class Session(Logbook):
         *,
         speed_rad_per_s: float | None = None,
     ) -> MoveResult:
-        """Move the joints in position mode while watching all joints; the watch `also` may end the move as well.
+        """Move joints in position mode to `targets_rad` while watching all joints; the watch `also` may end the move.
 
         Raises
         ------
@@ -274,12 +274,12 @@ class Session(Logbook):
         return self.state.poses[-1]
 
     def take_check_reading(self, kind: str, *, of: int = 0) -> CheckReading:
-        """Like `capture`, for a pose that checks the calibration and is not part of it."""
+        """Like `capture`, for a pose that is measured for a check and not used for the calibration."""
         self._keep("reading", {"number": len(self.state.readings) + 1, "kind": kind, "of": of})
         return self.state.readings[-1]
 
     def record_stop_cause(self) -> None:
-        """Record and raise the fault for which the arm stopped by itself while idle."""
+        """Record and raise the fault because of which the arm stopped by itself while idle, if any."""
         self._sensor_faults.record_stop_cause()
 
     def reset_stop(self) -> None:
@@ -305,7 +305,7 @@ class Session(Logbook):
         return self._reader.read()
 
     def settle(self) -> bool:
-        """Wait for standstill; False after the timeout."""
+        """Wait for standstill; return False after the timeout."""
         return self._reader.settle()
 
     @property
@@ -316,12 +316,9 @@ class Session(Logbook):
     # -- end -------------------------------------------------------------------------------------
 
     def release_holding(self) -> bool:
-        """Release the arm, holding its position, so that it can be connected again.
+        """Release the arm, which holds its position and can be connected again; return whether it confirmed that.
 
-        False if the arm did not confirm that it holds.
-
-        Before that, the journal gets what only the arm object knows: why the arm was stopped and how late this computer
-        was.
+        First records data that only the arm object has: why the arm was stopped, and the host latency.
         """
         try:
             if not self.journal.closed and self.journal.loss is None:
@@ -336,12 +333,12 @@ class Session(Logbook):
         return self.held
 
     def close(self, reason: str) -> bool:
-        """Release the arm as `release_holding` does, and close the journal; False if the arm does not hold.
+        """Release the arm like `release_holding` and close the journal; return whether the arm holds.
 
-        Safe to call twice.
+        May be called twice.
         """
         try:
-            # If this entry cannot be written, neither can the last one, whose error is raised.
+            # If its entries cannot be written, neither can "closed", whose error is raised.
             with suppress(JournalError):
                 self.release_holding()
             return self.held
@@ -349,7 +346,7 @@ class Session(Logbook):
             self._reader.close_instrument()
             try:
                 if not self.journal.closed and self.journal.loss is None:
-                    # A loss found here is reported by the caller, from `journal.loss`.
+                    # The caller reports a loss detected here, from `journal.loss`.
                     with suppress(JournalLostError):
                         self.record("closed", {"reason": reason})
                         self.require_journal(unchanged=True)
@@ -358,16 +355,16 @@ class Session(Logbook):
 
     @property
     def not_held(self) -> DrivesNotOffError | None:
-        """The error to raise if the arm did not confirm after `release_holding` that it holds; None if it did."""
+        """The error to raise if the arm did not confirm in `release_holding` that it holds; None if it did."""
         return None if self.held else DrivesNotOffError(self._powered)
 
     def require_drives_off(self) -> None:
-        """Raise DrivesNotOffError unless all drives are known to be off; only then may the fixture be touched."""
+        """Raise DrivesNotOffError unless all drives are known to be off, so that the fixture may be touched."""
         if self._powered or not self.held:
             raise DrivesNotOffError(self._powered)
 
     def require_journal(self, *, unchanged: bool = False) -> None:
-        """Raise JournalLostError, and hold the arm, if the journal is lost."""
+        """Hold the arm and raise JournalLostError if the journal is lost or, with `unchanged`, was changed."""
         try:
             super().require_journal(unchanged=unchanged)
         except JournalLostError:

@@ -38,6 +38,20 @@ def test_emergencies_commands_and_writes_are_named(approve):
     assert said(monitor, 0x205, struct.pack("<Hib", 0x02, 7, 10)) == []
 
 
+def test_a_block_download_is_one_write():
+    """Its segment 33 looks like the request of another write (CiA 301: segments begin with their number)."""
+    monitor = BusMonitor(sarcos())
+    written = ["node 16: 2000h sub 0 was written"]
+    assert said(monitor, 0x610, bytes.fromhex("c2002000e7000000")) == written
+    for number in (*range(1, 33), 0x80 | 33):
+        assert said(monitor, 0x610, bytes([number, *b"segment"])) == []
+    assert said(monitor, 0x610, bytes.fromhex("c100000000000000")) == []
+    for ending in ((0x610, "8000200000000405"), (0x590, "8000200021000008")):
+        assert said(monitor, 0x610, bytes.fromhex("c2002000e7000000")) == written
+        said(monitor, ending[0], bytes.fromhex(ending[1]))
+        assert said(monitor, 0x610, bytes.fromhex("2100200064000000")) == written
+
+
 def test_drives_and_positions_are_summed_up():
     monitor = BusMonitor(sarcos())
     said(monitor, 0x080, b"")

@@ -192,7 +192,7 @@ def named_drives(prediction: DrivePrediction, drives: tuple[int, ...], kind: str
 
 
 def _joint_out_of_range(arm: ArmModel, manifold: Manifold) -> str:
-    """Return the reason why the arm can hardly move, as the end of a sentence: which joint is outside its range."""
+    """Return the reason why the arm can hardly move, as the end of a sentence."""
     over = np.maximum(arm.lower_rad - manifold.q[0], manifold.q[0] - arm.upper_rad)
     joint = int(np.argmax(over))
     if over[joint] <= 0.0:
@@ -215,7 +215,7 @@ def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> li
 
 
 def _against_here(prediction: DrivePrediction, best: RankedDrives) -> tuple[str, ...]:
-    """Compare the chosen set with the best one at the current pose, as a reason."""
+    """Return a text that compares the chosen set with the best set at the current pose."""
     first = prediction.here[0]
     if first.drives == best.drives:
         return ("also best at the present pose",)

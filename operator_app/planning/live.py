@@ -142,7 +142,7 @@ class Forecast:
     reachable
         (w,) bool: the loop closes there and every joint is inside its range.
     scaled_condition_number
-        Of the first reachable poses, as many as are requested; inf if they do not determine all parameters.
+        Scaled condition number of the first `poses` reachable ones; inf if they do not determine all parameters.
     """
 
     q_rad: FloatArray

@@ -60,7 +60,7 @@ def zero_position(arm: ArmModel, reading_rad: FloatArray, joints: Sequence[int])
 
 
 def check_counters(arm: ArmModel, reading_rad: FloatArray) -> None:
-    """Raise ConnectAgainError for a reading near zero, outside the joint's range and nearer to zero than to the range."""
+    """Raise ConnectAgainError for a reading near zero that is outside its joint's range by more than its own value."""
     fresh = []
     for number, times in sorted(counters_near_zero(arm, reading_rad).items()):
         joint, q = arm.joints[number - 1], float(reading_rad[number - 1])

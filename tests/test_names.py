@@ -36,7 +36,7 @@ NAMED_TWICE = {
 
 CONSTANTS_TWICE = {
     "CHUNK", "CENTRES", "GIVE_COLUMNS", "SAG_COLUMNS",  # sizes of the solver's own bases, each by one module
-    "FREE", "NEAR_RAD", "ROUNDS", "SEEN", "TIMES", "TINY",  # limits of its iterations
+    "FREE", "NEAR_RAD", "SEEN", "TIMES", "TINY",  # limits of its iterations
     "MAX_ITERATIONS", "RANK_TOLERANCE", "STEP_TOLERANCE",  # likewise
 }  # fmt: skip
 """Constants of two modules with two values, with the reason."""

@@ -229,7 +229,7 @@ MOST_OFF_M, MOST_OFF_SPREADS = 1e-3, 8.0
 """Limits of the distance of a pose's targets from the common triangle, in metres and relative to the median distance:
 beyond both, a target has moved or two were exchanged."""
 
-TRIANGLE_ROUNDS = 5
+TRIANGLE_ITERATIONS = 5
 """Iterations of aligning all triangles with their mean; the second one changes the mean only by the square of the
 noise."""
 
@@ -254,7 +254,7 @@ def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:
     measured = points - centroid[:, None, :]
     shape = measured[0]
     _require_a_triangle(shape)
-    for _ in range(TRIANGLE_ROUNDS):
+    for _ in range(TRIANGLE_ITERATIONS):
         shape = (measured @ _turns(shape, measured)).mean(axis=0)
     turns = _turns(shape, measured)
     _require_the_same(np.linalg.norm(measured @ turns - shape, axis=-1).max(axis=1), labels)

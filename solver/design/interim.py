@@ -15,7 +15,7 @@ from solver.loops.closure import ClosureModel
 
 UNEXPLAINED = 3.0
 """chi2 per degree of freedom above which sensor noise alone does not explain the closures."""
-GIVE_ROUNDS = 4
+COMPLIANCE_ITERATIONS = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,7 +49,7 @@ def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
         start = last[-1] if last else None
         used = explained[-1]
         estimate = estimate_implicit(model, q, used, x0=start)
-        for _ in range(GIVE_ROUNDS):
+        for _ in range(COMPLIANCE_ITERATIONS):
             scatter = estimate.chi2_per_dof or 0.0
             overstated = used.fixture_variance is not None and scatter < 1.0 / UNEXPLAINED
             if scatter <= UNEXPLAINED and not overstated:

@@ -296,7 +296,7 @@ def _trusted(
 
 FAR_RAD = 1e3
 """Replaces an infinite distance: large, but small enough that sums keep the digits of the others."""
-MOST_ROUNDS = 50
+MOST_SWEEPS = 50
 """Largest number of sweeps of 2-opt; more than ten are rare."""
 
 
@@ -315,7 +315,7 @@ def visiting_order(distances: FloatArray) -> tuple[int, ...]:
     while unvisited:
         tour.append(min(unvisited, key=lambda p: (float(finite[tour[-1], p]), p)))
         unvisited.remove(tour[-1])
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MOST_SWEEPS):
         improved = False
         for a in range(1, size - 1):
             for b in range(a + 1, size):

@@ -162,8 +162,8 @@ def _as_stated(j: int, scene: FaultModels, residuals: WhitenedResiduals) -> bool
     return measured is not None and curve.within_specification(measured.b, measured.covariance)
 
 
-ROUNDS = 100
-"""Approximate upper limit of the number of rounds in which poses are set aside."""
+OUTLIER_SEARCH_STEPS = 100
+"""Approximate upper limit of the number of steps in which poses are set aside."""
 
 ALIKE = 0.5
 """Poses set aside with the worst one exceed the threshold by at least this share of the worst one's excess."""
@@ -190,7 +190,7 @@ def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outlie
 
     m = len(residuals.U)
     most = int(np.ceil(OUTLIER_LARGEST_SHARE * m))
-    at_once = -(-most // ROUNDS)
+    at_once = -(-most // OUTLIER_SEARCH_STEPS)
     is_kept = np.ones(m, dtype=np.bool_)
     chi2_of: dict[int, float] = {}
     first: HypothesisTest | None = None

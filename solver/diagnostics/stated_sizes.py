@@ -20,7 +20,7 @@ from solver.estimators.scoring import scale_spread, with_priors
 MOTION_NOISE = (FIXTURE_NOISE, ("joint_play",))
 """Components of the noise of motion: that of the fixture and that of the joints."""
 
-ROUNDS = 6
+SCORING_STEPS = 6
 """Scoring steps after which variances of noise have converged to a few per cent."""
 
 
@@ -59,7 +59,7 @@ def sensor_noise_with_found_motion(fit: LinearFit) -> tuple[FloatArray, FloatArr
     least = design.floors.copy()
     moving = design.motion_components
     least[moving] = MOTION_NOISE_LEAST_SHARE**2 * design.stated_variances()[moving]
-    for _ in range(ROUNDS):
+    for _ in range(SCORING_STEPS):
         slope = LinearFit(design, fit.system, v).derivatives
         information = slope.information[np.ix_(noise, noise)]
         size = np.sqrt(np.maximum(np.diagonal(information), 1e-300))

@@ -2,7 +2,7 @@
 
 Each round linearises the loops where they close, solves the mixed-model equations for
 everything at once, moves the variances by one scoring step and relinearises, unless the change is too small for
-nonlinearity to matter. `solver.estimators.implicit` has the derivation: its rounds are the same, without effects.
+nonlinearity to matter. `solver.estimators.implicit` has the derivation: its iterations are the same, without effects.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from solver.estimators.linear_fit import LinearFit
 from solver.estimators.scoring import ScoringStep, VarianceSearch, scale_spread, step, with_priors
 from solver.loops.closure import ClosureModel, unsensed_at_readings
 
-MAX_ROUNDS = 40
+MIXED_ITERATIONS = 40
 SETTLED_SIGMA, SETTLED_BESIDE_VARIANCES_SIGMA = 1e-3, 2e-3
-"""Largest error of a parameter, in standard errors, that the last round may leave. The second applies where variances,
+"""Largest error of a parameter, in standard errors, that the last iteration may leave. The second applies where variances,
 which are far less certain, are estimated too."""
 
 STEADY_VARIANCE_SIGMA, CREEPING_VARIANCE_SIGMA = 1e-1, 2e-2
@@ -34,22 +34,22 @@ STEADY_VARIANCE_SIGMA, CREEPING_VARIANCE_SIGMA = 1e-1, 2e-2
 that converge slowly, where one step is a small part of what is left."""
 
 RELINEARISE_SIGMA = 1e-4
-"""Largest error of a linearisation, in standard errors of a parameter, with which the next round still uses it."""
+"""Largest error of a linearisation, in standard errors of a parameter, with which the next iteration still uses it."""
 
 LEAST_GAIN = 0.3
 """Slope of the log-likelihood along a step, about twice the gain left, below which the iteration ends."""
 
 COMPARABLE_SIGMA = 3.0
-"""Largest change of a parameter, in standard errors, between rounds whose slopes are compared."""
+"""Largest change of a parameter, in standard errors, between iterations whose slopes are compared."""
 
 SIGN_TEST_SIGMA, SIGN_TEST_VARIANCE_SIGMA, DOUBTFUL_SIGN_SHARE = 0.1, 0.5, 0.25
-"""The sign of gravity is tested once the changes of parameters and of variances (in standard errors) are below the
+"""The sign of gravity is tested at convergence, or once the changes of parameters and variances (in sigmas) are below the
 first two. The test decides once `gravity_share` differs from one half by the third, or by the last step of the
 variances."""
 
-FREE_ROUNDS = 20
+FREE_ITERATIONS = 20
 NEGLIGIBLE_GAIN = 0.1
-"""After so many rounds variances are fixed when their next step would gain less than this in log-likelihood."""
+"""After so many iterations variances are fixed when their next step would gain less than this in log-likelihood."""
 
 CHI2_LARGE_START = 4.0
 """chi2/dof from which the search starts at large variances."""
@@ -179,13 +179,18 @@ def _iterate(
     settled = SETTLED_BESIDE_VARIANCES_SIGMA if free else SETTLED_SIGMA
     state = _start(design, x0, v, near)
     sign_asked = free and bool(design.expected.any())
-    converged, rounds, ascent, newton_step = False, 0, VarianceSearch(), ScoringStep.none(len(v))
+    converged, iterations, ascent, newton_step = (
+        False,
+        0,
+        VarianceSearch(),
+        ScoringStep.none(len(v)),
+    )
     linearisation, remaining = Linearisation(design, state), 0.0
-    for rounds in range(1, MAX_ROUNDS + 1):
+    for iterations in range(1, MIXED_ITERATIONS + 1):
         if remaining > RELINEARISE_SIGMA:
             linearisation = Linearisation(design, state)
         fit = _solved(design, linearisation, v)
-        if rounds == 1 and free and fit.chi2 > CHI2_LARGE_START * fit.dof:
+        if iterations == 1 and free and fit.chi2 > CHI2_LARGE_START * fit.dof:
             # The stated errors do not explain these readings: start with large deflections.
             v = np.maximum(v, design.raise_limits)
             fixed_fit = _iterate(design, x0, v, progress)
@@ -196,14 +201,14 @@ def _iterate(
         if not np.isfinite(largest_step):
             raise PosesDoNotFitError
         if progress is not None:
-            progress(rounds, fit.chi2)
+            progress(iterations, fit.chi2)
         if free:
             derivatives = with_priors(fit)
             newton_step = step(fit, derivatives)
             v = ascent.next_variances(
                 fit, derivatives, newton_step, far=largest_step > COMPARABLE_SIGMA
             )
-            if rounds >= FREE_ROUNDS and newton_step.slope < NEGLIGIBLE_GAIN:
+            if iterations >= FREE_ITERATIONS and newton_step.slope < NEGLIGIBLE_GAIN:
                 # Not a reason to continue: the parameters converge with the present variances.
                 free, newton_step, v = False, ScoringStep.none(len(v)), fit.v
         steady_limit = STEADY_VARIANCE_SIGMA if ascent.fast else CREEPING_VARIANCE_SIGMA
@@ -211,10 +216,10 @@ def _iterate(
             newton_step.largest < steady_limit or newton_step.slope < LEAST_GAIN
         )
         nearly = remaining < SIGN_TEST_SIGMA and newton_step.largest < SIGN_TEST_VARIANCE_SIGMA
-        if sign_asked and (nearly or converged or rounds >= FREE_ROUNDS):
+        if sign_asked and (nearly or converged or iterations >= FREE_ITERATIONS):
             surplus = gravity_share(fit) - 0.5
             in_doubt = abs(surplus) < min(DOUBTFUL_SIGN_SHARE, newton_step.largest)
-            sign_asked = in_doubt and not converged and rounds < FREE_ROUNDS
+            sign_asked = in_doubt and not converged and iterations < FREE_ITERATIONS
             if surplus < 0.0 and not sign_asked:
                 # The expected sag is dropped from here on; likelihoods and steps before and after cannot be compared.
                 design, ascent, converged = (
@@ -231,7 +236,7 @@ def _iterate(
     shift, _ = design.effects_at(fit.b, design.q + state.e)
     return MixedFit(
         x=state.x, corrections=state.e, unsensed=state.u, shift=shift, fit=fit, found=derivatives,
-        iterations=rounds, converged=converged,
+        iterations=iterations, converged=converged,
     )  # fmt: skip
 
 

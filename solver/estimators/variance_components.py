@@ -59,7 +59,7 @@ class VarianceComponents:
     stated_chi2, stated_dof
         Misfit at the stated variances, none of them fitted, and its expectation.
     iterations, converged
-        Number of rounds of the iteration, and whether they converged.
+        Number of iterations, and whether they converged.
     variances
         Every estimated variance component, by its name in the error model.
     signed

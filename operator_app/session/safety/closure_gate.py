@@ -24,7 +24,7 @@ from solver.chain.sensors import NoSensor
 from solver.closing import reduced_equations, unsensed_step
 from solver.loops.closure import ClosureModel
 
-GATE_ROUNDS, LONGEST_STEP, CLOSURE_TOLERANCE = 40, 0.5, 1e-6
+GATE_ITERATIONS, LONGEST_STEP, CLOSURE_TOLERANCE = 40, 0.5, 1e-6
 """Largest number of iterations, longest step (rad, m), and closure error (rad, m) below which a loop is closed."""
 
 LEAST_READING_RAD = float(np.deg2rad(0.1))
@@ -76,7 +76,7 @@ class LoopAtReading:
         x, q = x0.copy(), q0.copy()
         u = model.initial_unsensed(x, q[None])
         dof, size, displacement, by_prior = 0, np.inf, np.inf, 0.0
-        for _ in range(GATE_ROUNDS):
+        for _ in range(GATE_ITERATIONS):
             error = model.loop(x, q[None], u)
             size = float(np.abs(error.residual).max())
             if size < CLOSURE_TOLERANCE and displacement < CLOSURE_TOLERANCE:

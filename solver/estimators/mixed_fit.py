@@ -26,8 +26,8 @@ from solver.loops.closure import ClosureModel, unsensed_at_readings
 
 MIXED_ITERATIONS = 40
 SETTLED_SIGMA, SETTLED_BESIDE_VARIANCES_SIGMA = 1e-3, 2e-3
-"""Largest error of a parameter, in standard errors, that the last iteration may leave. The second applies where variances,
-which are far less certain, are estimated too."""
+"""Largest error of a parameter, in standard errors, that the last iteration may leave. The second applies where
+variances, which are far less certain, are estimated too."""
 
 STEADY_VARIANCE_SIGMA, CREEPING_VARIANCE_SIGMA = 1e-1, 2e-2
 """Largest step of a variance, in standard errors, with which the iteration may end. The second applies to variances
@@ -43,8 +43,8 @@ COMPARABLE_SIGMA = 3.0
 """Largest change of a parameter, in standard errors, between iterations whose slopes are compared."""
 
 SIGN_TEST_SIGMA, SIGN_TEST_VARIANCE_SIGMA, DOUBTFUL_SIGN_SHARE = 0.1, 0.5, 0.25
-"""The sign of gravity is tested at convergence, or once the changes of parameters and variances (in sigmas) are below the
-first two. The test decides once `gravity_share` differs from one half by the third, or by the last step of the
+"""The sign of gravity is tested at convergence, or once the changes of parameters and variances (in sigmas) are below
+the first two. The test decides once `gravity_share` differs from one half by the third, or by the last step of the
 variances."""
 
 FREE_ITERATIONS = 20

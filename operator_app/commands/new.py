@@ -209,7 +209,7 @@ def _procedure(args: argparse.Namespace) -> int:
 def _copy(
     args: argparse.Namespace, parse: Callable[[bytes, str], object], *, refers: Sequence[str] = ()
 ) -> int:
-    """Copy a packaged file under another name; `refers` are options whose values replace references in it."""
+    """Copy a built-in file under another name; `refers` are options whose values replace references in it."""
     name = _named(args.name or f"my_{args.packaged}")
     instead = {k: _reference(args, name, v) for k in refers if (v := getattr(args, k))}
     content = copied(args.what, args.packaged, name=name, **instead)
@@ -223,7 +223,7 @@ def _typed(option: str) -> str:
 
 
 def _named(text: str) -> str:
-    """Check a name and return it."""
+    """Return a valid name made from `text`; UsageError if it does not begin with a letter."""
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", text).strip("_.-")[:64]
     if not re.match(r"[A-Za-z]", name):
         raise UsageError(f"--name: {name!r} does not begin with a letter; use another")
@@ -251,7 +251,7 @@ def _save(
 
 
 def _reference(args: argparse.Namespace, name: str, file: str) -> str:
-    """Return how a procedure file refers to another file: by name if packaged, otherwise by a path from its folder."""
+    """Return how a procedure file refers to another file: by name if built-in, otherwise by a path from its folder."""
     if file in (*builtin_names("arm"), *builtin_names("fixture")):
         return file
     path = expanded(file)
@@ -275,7 +275,7 @@ def _line(args: argparse.Namespace, side: str) -> Line:
 
 
 def _vector(args: argparse.Namespace, option: str) -> FloatArray:
-    """Read ``X,Y,Z``."""
+    """Parse the value ``X,Y,Z`` of an option into an array (3,)."""
     text = getattr(args, option)
     if not text:
         raise UsageError(

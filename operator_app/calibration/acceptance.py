@@ -67,7 +67,7 @@ class Adjudication:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Reasons why it is not accepted; empty when it is."""
+        """Sentences of the blocking causes; empty if the calibration is accepted."""
         return tuple(c.sentence for c in self.causes if c.blocking)
 
 
@@ -80,7 +80,7 @@ def causes_of(
     tolerances. `labels`: labels of the poses in the order in which they were taken.
     """
     if estimate.dof < limits.REFUSED_DOF:
-        # Too few poses alone refuse the calibration; all other findings from them may be chance.
+        # Too few poses already block acceptance; any other finding from them may be chance.
         return ()
     unnamed = tuple(_unnamed(diagnosis))
     if unnamed and _left(diagnosis) > limits.CHI2_PER_DOF_GROSS:
@@ -91,7 +91,7 @@ def causes_of(
     shift = diagnosis.parameter_shift[columns].copy()
     findings: list[Finding] = []
     for compared in diagnosis.rounds:
-        # Every probable cause counts, not only the most likely: each leads to other true values.
+        # Every possible cause counts, not only the most likely: each implies other true values.
         possible = [
             np.abs((shift + x.evidence.moved[columns]) / np.where(sd > 0.0, sd, 1.0)).max(
                 initial=0.0
@@ -106,7 +106,7 @@ def causes_of(
             blocking = _refuses(x.candidate, x.evidence, estimate, impact)
             findings.append(replace(_finding(x, diagnosis, labels), blocking=blocking))
     findings.extend(unnamed)
-    # Entries that may differ from their file, which is not certain enough to block.
+    # Entries that may be wrong in their file; the evidence is too weak to block acceptance.
     findings.extend(
         replace(_finding(x, diagnosis, labels), doubted=True) for x in diagnosis.suspected_entries
     )
@@ -134,7 +134,7 @@ def _refuses(cause: Candidate, evidence: Evidence, estimate: Estimate, impact: f
 
 
 def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
-    """Return the finding of a misfit without a known explanation."""
+    """Yield the finding that no known cause explains the misfit, if so."""
     if not diagnosis.fires:
         return
     ratio, probability = _left(diagnosis), 1.0
@@ -160,7 +160,7 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
 
 
 def _left(diagnosis: Diagnosis) -> float:
-    """Return chi2/dof that remains after the best explanation of the last round, if there is one."""
+    """Return the chi2/dof that remains after the last explanation, or the stated chi2/dof if there is none."""
     last = diagnosis.rounds[-1].best if diagnosis.rounds else None
     if last is None or _impossible_compliance(diagnosis):
         return diagnosis.stated_chi2_per_dof
@@ -184,7 +184,7 @@ def _impossible_compliance(diagnosis: Diagnosis) -> bool:
 def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return one finding for each code; it blocks if any finding of that code blocks.
 
-    A cause that is found again was only partly removed.
+    A cause recurs if the fit removed only a part of it.
     """
     by_code: dict[str, Finding] = {}
     for cause in causes:
@@ -195,7 +195,7 @@ def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
 
 
 def too_few_poses(estimate: Estimate) -> tuple[Finding, ...]:
-    """Return the finding that there are too few poses for a diagnosis, so that all other findings may be chance."""
+    """Return the finding that the poses are too few for a diagnosis; empty if they suffice."""
     if estimate.dof >= limits.FEW_DOF:
         return ()
     return (
@@ -251,7 +251,7 @@ def little_motion(
 
 
 def paper_test(paper: Estimate, implicit: Estimate) -> tuple[HypothesisTest, tuple[Finding, ...]]:
-    """Test the paper's estimate by its distance from the implicit one, in sigmas of the difference."""
+    """Test the distance of the paper's estimate from the implicit one, in sigmas; return the test and its finding."""
     z = distance_in_sigmas(paper, implicit)
     worst = int(np.argmax(z))
     test = HypothesisTest.of_sigmas("PAPER_DISTANCE", z)
@@ -292,7 +292,7 @@ READING_KINDS = {
 def return_tests(
     returned: tuple[tuple[RepeatedReading, Repeat], ...], estimate: Estimate
 ) -> tuple[tuple[HypothesisTest, ...], tuple[Finding, ...]]:
-    """Test every repeated pose against the stated errors; return the tests and what slipped."""
+    """Test every repeated pose against the stated errors; return the tests and a finding for each slip."""
     tests, causes = [], []
     for read, repeat in returned:
         test = HypothesisTest.of_chi2(
@@ -311,8 +311,7 @@ def proven_by_return(
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
     """Return the blocking causes that repeated poses prove, and the tests' other causes.
 
-    A proven slip blocks even if it is smaller than the sigmas from the poses alone, because the slip itself has widened
-    these.
+    A proven slip blocks even if it is smaller than the sigmas from the poses alone, because it has widened these.
     """
     proven: list[Finding] = []
     for returned in since:
@@ -341,7 +340,7 @@ def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> 
 
 
 def _slipped_since(read: RepeatedReading, repeat: Repeat, estimate: Estimate) -> Finding:
-    """Return what slipped between two readings of a pose."""
+    """Return the finding that the fixture or a joint's reading slipped between two readings of a pose."""
     from scipy.special import chdtri
 
     # A slip may be in any joint; a fixture can slip on two sides, and may deflect.

@@ -91,7 +91,7 @@ class PriorInformation:
 class _Case:
     """A fit with the results of its tests and its screening.
 
-    `stated`: the experiment as stated, poses in the order in which they were taken.
+    `stated`: the experiment with the files' values and the fitted poses in the order in which they were taken.
     """
 
     found: Calibrated
@@ -108,7 +108,7 @@ class _Case:
 
     @property
     def model(self) -> ClosureModel:
-        """The loops of the fit."""
+        """The closure model of the fit."""
         return self.found.linear.design.model
 
     @property
@@ -218,11 +218,11 @@ def _misfit_causes(
     elif scale > limits.CHI2_PER_DOF_REFUSED and case.suspects(
         Cause.GIVES, Cause.LENGTH, Cause.TWIST
     ):
-        # A fixture this compliant, or a length error this large, may also be a wrong file.
+        # So large a compliance or length error may also mean that a file is wrong.
         alternatives = case.alternatives(of_files=True)
         by_tests = alternatives or by_tests
     elif joint := case.suspects(Cause.READING):
-        # Its readings may be independently wrong in every pose, or from one pose on.
+        # The joint's readings may be wrong in every pose independently, or from one pose on.
         by_tests = step_alternative(case.stated, int(joint), scale) or by_tests
     elif not by_tests:
         by_tests = rvdt_causes(case.known.rvdt, case.stated.arm)
@@ -234,7 +234,7 @@ def _misfit_causes(
     if by_tests and explained and not _single_cause(diagnosis):
         by_tests = (*_exceeded_specifications(case.found.linear, diagnosis), *by_tests)
     if scale > limits.CHI2_PER_DOF_REFUSED and by_tests:
-        # The sigmas cover the effect of every cause, because the misfit has widened them.
+        # The misfit has widened the sigmas, so that no cause exceeds them: the first one has to block.
         by_tests = (replace(by_tests[0], blocking=True), *by_tests[1:])
     return by_tests, alternatives, nothing_fits
 
@@ -325,9 +325,9 @@ def _blocking_when_probable(causes: tuple[Finding, ...]) -> tuple[Finding, ...]:
 
 
 def _exceeded_specifications(fit: LinearFit, diagnosis: Diagnosis) -> tuple[Finding, ...]:
-    """Findings of sources estimated larger than stated when all are fitted at once; the sigmas include the excess.
+    """Return findings of error sources that exceed their specification; the sigmas already include the excess.
 
-    A linearity deviation is included only if a test found it beyond its specification.
+    A linearity deviation is included only if its own test fires.
     """
     by_source: dict[str, Finding] = {}
     fired = {test.code for test in diagnosis.tests if test.fires}
@@ -342,7 +342,7 @@ def _exceeded_specifications(fit: LinearFit, diagnosis: Diagnosis) -> tuple[Find
 
 
 def _screening_causes(experiment: Experiment, known: PriorInformation) -> tuple[Finding, ...]:
-    """Causes that need no test, since they follow from the files or the geometry."""
+    """Return the causes that need no test: left-out poses, readings out of range, a second solution."""
     arm, poses = experiment.arm, experiment.poses
     many = len(known.flipped) > limits.FLIPPED_SHARE_REFUSED * len(poses)
     left_out, out_of_range = left_out_poses(known.flipped, known.out_of_range, arm, poses)
@@ -354,7 +354,7 @@ def _screening_causes(experiment: Experiment, known: PriorInformation) -> tuple[
 
 
 def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
-    """Return the finding that the poses cannot decide between two solutions."""
+    """Return the finding that the poses cannot decide between several solutions; empty if they can."""
     if search is None or not search.alternatives:
         return ()
     solutions = {"solutions": 1 + len(search.alternatives)}
@@ -362,7 +362,7 @@ def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
 
 
 def _geometry_causes(checks: tuple[SetupCheck, ...]) -> tuple[Finding, ...]:
-    """Causes in the mounting: an axis so nearly parallel to a joint's that D-H entries are ambiguous (Hayati)."""
+    """Return findings of fixture axes so nearly parallel to a joint's that D-H entries are ambiguous (Hayati)."""
     return tuple(
         Finding(
             kind=FindingKind.PARALLEL_AXES,

@@ -1,7 +1,7 @@
 """One alternative model (another fixture, sensor or arm file): its closed loops and its chi2/dof.
 
 An alternative that cannot be solved has infinite cost. Alternative fixtures are a hinge or a ball, located from the
-poses, with the command that writes its file.
+poses; their findings contain the command that writes the fixture's file.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def without_reading(stated: Experiment, joint: int) -> Experiment:
 
 
 def start(alternative: Experiment) -> tuple[FloatArray, float]:
-    """Parameters to start from in an alternative's loop, and its mean square closure error."""
+    """Return start values (P,) for an alternative's loop, and its mean square closure error."""
     if alternative.unsensed:
         fit = without_readings(alternative)
         return fit.x, float((fit.corrections**2).mean())
@@ -78,7 +78,7 @@ def start(alternative: Experiment) -> tuple[FloatArray, float]:
 def without_readings(
     alternative: Experiment, *, max_iterations: int = MODEL_ITERATIONS
 ) -> ImplicitFit:
-    """Closed loops of an alternative without some readings."""
+    """Fit the closed loops of an alternative that ignores some readings."""
     model, noise = alternative.loop(), noise_model(alternative)
     floor = np.maximum(noise.joint_variance, LEAST_NOISE_RAD**2)
     return fit_implicit(
@@ -119,7 +119,7 @@ def cost_of(alternative: Experiment) -> float:
 
 
 def solved(alternative: Experiment) -> tuple[float, int]:
-    """chi2/dof of an alternative at stated variances, and its degrees of freedom."""
+    """Return chi2/dof of an alternative at stated variances, and its dof; (inf, 0) if it cannot be solved."""
     arm, poses = alternative.arm, alternative.poses
 
     def solve() -> tuple[float, int]:
@@ -151,7 +151,7 @@ BENDS = 3
 
 
 def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> tuple[int, float] | None:
-    """Return the pose from which on a joint's readings (m,) differ from its angles (m,), and by how much, rad.
+    """Return the index of the pose at which a joint's readings (m,) step away from its angles (m,), and the step, rad.
 
     Poses are in the order in which they were taken. None where a smooth curve explains the difference nearly as well.
     """
@@ -182,7 +182,7 @@ TURNS_RAD = 0.5e-3
 
 
 def other_fixtures(stated: Experiment) -> Iterator[Alternative]:
-    """Return fixtures with fewer constraints, in which loops may close that stay open in the stated fixture."""
+    """Yield alternatives whose fixture has fewer constraints than the stated one, so that more loops may close."""
     if isinstance(stated.fixture, Rigid):
         yield hinge_instead(stated)
     if isinstance(stated.fixture, Hinge | Rigid):
@@ -190,11 +190,11 @@ def other_fixtures(stated: Experiment) -> Iterator[Alternative]:
 
 
 def hinge_instead(stated: Experiment) -> Alternative:
-    """Return a hinge if the tool turns about a line that is fixed both in the tool and in the base."""
+    """Return the alternative with a hinge at the line, fixed in tool and base, about which the tool turns best."""
     arm, fixture = stated.arm, stated.fixture
     frames = _frames(arm, stated.poses)
     eye = np.broadcast_to(np.eye(3), frames[0].shape)
-    # R_k a = b: the two directions are the weakest ones of these rows.
+    # R_k a = b: the right singular vector of the least singular value contains both directions.
     both = np.linalg.svd(np.concatenate((frames[0], -eye), axis=-1).reshape(-1, 6))[2][-1]
     along = [d / np.linalg.norm(d) for d in (both[:3], both[3:])]
     tip, ground = _common_point(frames)
@@ -216,7 +216,7 @@ def hinge_instead(stated: Experiment) -> Alternative:
 
 
 def _ball_instead(stated: Experiment) -> Alternative:
-    """Return a ball at the nominal hinge, or at the tool point that moves least."""
+    """Return the alternative with a ball at the nominal hinge, or at the tool point that moves least."""
     fixture = stated.fixture
     R, p = frames = _frames(stated.arm, stated.poses)
     if isinstance(fixture, Hinge):

@@ -51,7 +51,7 @@ SOLVED_ALTERNATIVES = 3
 """Number of the most promising alternatives that are solved completely."""
 
 LONGEST_S = 4.0
-"""Limit of this thread's CPU time for an explanation, independent of other programs."""
+"""Limit of the search's CPU time in this thread, s; other programs do not count."""
 
 
 def find_alternatives(
@@ -68,7 +68,7 @@ def find_alternatives(
     Parameters
     ----------
     scale, dof
-        chi2/dof at stated variances if there is no mistake (infinite where nothing could be solved), and its dof.
+        chi2/dof of the stated model at stated variances (infinite if it could not be solved), and its dof.
     near
         Try only simple mistakes in the file that bring the solution near the nominal values, even if the fit is good
         without them.
@@ -96,7 +96,7 @@ def find_alternatives(
                 break
             ratio, dof_left = solved(alternative)
             if alternative.fixture is not stated.fixture and closes(alternative, far=as_it_is):
-                # So few equations never close by chance, even with accurate files.
+                # Loops never close this well by chance: a larger chi2/dof does not exclude the fixture.
                 ratio = min(ratio, 0.99 * limits.CHI2_PER_DOF_ALTERNATIVE)
             if ratio < limits.CHI2_PER_DOF_ALTERNATIVE and (
                 near or limits.ALTERNATIVE_CHI2_RATIO * ratio < scale
@@ -127,7 +127,7 @@ def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
 
 
 def step_alternative(stated: Experiment, joint: int, scale: float) -> tuple[Finding, ...]:
-    """Return the step that explains a wrong reading of a joint, if one does; `scale` as in `find_alternatives`."""
+    """Return the finding of a step that explains a joint's wrong readings; `scale` as in `find_alternatives`."""
     shifted = _shifted(without_reading(stated, joint), stated.unsensed)
     return _named(
         [
@@ -158,7 +158,7 @@ def _named(weighted: list[tuple[Finding, float]]) -> tuple[Finding, ...]:
 
 
 def _same_loop(stated: Experiment) -> Iterator[Alternative]:
-    """Alternatives in which a mistake in the poses file is corrected: a unit, a sign, two exchanged columns."""
+    """Yield alternatives with one mistake in the poses or arm file corrected: unit, sign, two exchanged values."""
     if stated.unsensed:
         return
     arm, poses = stated.arm, stated.poses
@@ -187,7 +187,7 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
 
 
 def _frozen(stated: Experiment) -> Iterator[Alternative]:
-    """Alternatives in which a sensor is stuck in a run of poses, and the loops close without that run."""
+    """Yield alternatives in which a sensor is stuck in a run of poses, without that run."""
     poses, sigma = stated.poses, stated.arm.sigma_rad()
     for j in range(1, poses.joint_count + 1):
         for first, last in constant_reading_runs(poses.q_rad, j, 3.0 * float(sigma[j - 1])):
@@ -200,22 +200,22 @@ def _frozen(stated: Experiment) -> Iterator[Alternative]:
 
 
 def _blind(stated: Experiment) -> Iterator[Alternative]:
-    """Alternatives with another fixture, or without a sensor whose readings are useless in all poses."""
+    """Yield alternatives with another fixture, or without one sensor's readings."""
     yield from other_fixtures(replace(stated, unsensed=()))
     yield from _without_each_reading(stated)
 
 
 def _without_each_reading(stated: Experiment) -> Iterator[Alternative]:
-    """Alternatives in which one sensor's readings are useless in all poses."""
+    """Yield alternatives in which one sensor's readings are useless in all poses."""
     for j in range(1, stated.poses.joint_count + 1):
         if j not in stated.unsensed:
             yield unrelated_reading(j, stated.arm), without_reading(stated, j)
 
 
 def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding, float, int]]:
-    """Return the step in the readings of the joint that `blind` ignores; empty if there is none.
+    """Return the finding of a step in the readings that `blind` ignores, with chi2/dof and dof once it is subtracted.
 
-    With it, chi2/dof and dof of the loops if the step is subtracted from the readings.
+    Empty if there is no step, or if `blind` does not ignore exactly one joint more than `unsensed`.
     """
     more = [j for j in blind.unsensed if j not in unsensed]
     if len(more) != 1:

@@ -114,8 +114,10 @@ def calibrate(
     ------
     ReadingsOutOfRangeError
         The readings are of another arm, or in another unit.
-    TooFewPosesError, UnidentifiableError, FixtureRefusedError, EndpointMissingError
-        The data do not determine the parameters; the text says what is missing.
+    TooFewPosesError, UnidentifiableError, FixtureRefusedError, EndpointMissingError, PosesDoNotFitError
+        The data do not determine the parameters, or do not fit the loops; the text states the cause.
+    ValueError
+        `estimator` is unknown, or the paper's estimator is requested with unsensed joints.
     """
     if estimator not in ESTIMATORS:
         raise ValueError(f"estimator must be one of {', '.join(ESTIMATORS)}")
@@ -174,7 +176,7 @@ class Screened:
     model, tolerance
         The loops, and the tolerances (rad, m) of the entries that are free within them, by name.
     errors
-        The error model of the `distinct` poses (indices of all poses); `which` maps every pose on the branch to one
+        The error model of the `distinct` poses (indices into all poses); `which` maps every pose on the branch to one
         of them.
     prior
         Names of the arm's entries with an uncertainty in the files.
@@ -206,7 +208,7 @@ class Fitted:
 
     @property
     def closes(self) -> bool:
-        """Whether the loops close well enough for a closer look at sensors and placements."""
+        """Whether the loops close well enough to test sensors and compare placements."""
         return gross_misfit(self.whole) < CHI2_PER_DOF_GROSS
 
 
@@ -247,13 +249,13 @@ def screen(prepared: Prepared) -> Screened:
     prior = stated_priors(hard, experiment.arm, experiment.fixture)
     by_arm = frozenset(prior) - {*hard.ground_side, *hard.hand_side}
     at_readings = None
-    # Before the fit: along an unidentifiable direction without a prior every estimate is meaningless.
+    # Before the fit, because along an unidentifiable direction without a prior no estimate is valid.
     if (paper := loops.paper) is not None and (
         task.by_paper or not well_conditioned_at_readings(paper, loops.q)
     ):
         at_readings = _identifiability(prepared, paper.x)
         _require_identifiable(prepared, at_readings, by_arm)
-    # The paper's estimate is compared with the implicit one, so that the implicit fit is always made.
+    # The implicit fit is always made, because the paper's estimate is compared with it.
     model, tolerance = free_within_tolerance(
         hard, experiment.arm, length_tolerance_m=task.length_tolerance_m, fixed=prepared.dropped
     )
@@ -426,7 +428,7 @@ def _identifiability(prepared: Prepared, x: FloatArray) -> Identifiability:
 def _require_identifiable(
     prepared: Prepared, identified: Identifiability, prior: frozenset[str]
 ) -> None:
-    """Refuse unidentifiable directions, with the fault that causes them if there is one.
+    """Raise an error that names the unidentifiable directions, or the fault that causes them.
 
     Directions with a parameter whose uncertainty the arm's file states (`prior`) are not refused.
     """
@@ -465,7 +467,7 @@ def _identifiability_of(fitted: Fitted, part: Calibrated) -> Identifiability:
 
 
 def _starts(screened: Screened) -> Iterator[FloatArray | None]:
-    """Starts of the fit: fixture fitted alone, first estimate, nominal values, best solution near nominal values."""
+    """Yield start values: fixture fitted alone, first estimate, nominal values, best solution near nominal values."""
     prepared, model = screened.before, screened.model
     loops, task, unsensed = prepared.loops, prepared.task, prepared.task.experiment.unsensed
     q, identifiable = loops.q, loops.identifiable
@@ -482,7 +484,7 @@ def _starts(screened: Screened) -> Iterator[FloatArray | None]:
 
 
 def _alternatives(screened: Screened) -> tuple[Finding, ...]:
-    """Alternative models that fit the poses where the stated one does not."""
+    """Return findings of alternative models that fit the poses, which the stated model does not."""
     prepared, distinct = screened.before, screened.distinct
     unknowns = len(prepared.loops.identifiable.parameters)
     stated = prepared.task.experiment.at_poses(distinct)
@@ -493,7 +495,7 @@ def _alternatives(screened: Screened) -> tuple[Finding, ...]:
 def _outliers(calibrated: Calibrated, of_each: IntArray) -> tuple[int, ...]:
     """Indices of poses whose readings the others do not predict, the worst first.
 
-    `of_each` are the indices of the poses from which `calibrated` was made.
+    `of_each`: indices, into all poses, of the poses from which `calibrated` was made.
     """
     from scipy.special import chdtrc
 

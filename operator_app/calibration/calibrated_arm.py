@@ -43,8 +43,8 @@ class CalibratedArm:
     flange
         Rows 1..n with the arm's own entries as calibrated, all others as in the arm's file.
     hand
-        The same rows, with the entries that state where the fixture is on the tool as calibrated: the last
-        frame carries the tip.
+        The same rows, with the entries that locate the fixture on the tool as calibrated: the last frame
+        carries the tip.
     tip_m
         The tip in that frame, (3,): the ball's centre, an instrument's target; zero for a hinge, whose
         axis is the z axis of that frame, and for a rigid attachment.
@@ -64,7 +64,7 @@ class CalibratedArm:
     corrections: Corrections | None = None
 
     def table(self, frame: Frame = "flange") -> DhTable:
-        """Links 1..n for use without corrections, up to frame n of the arm's own table, or up to the tip."""
+        """Return rows 1..n for use without corrections, up to frame n of the arm's own table, or up to the tip."""
         if self.best is None:
             return self.flange if frame == "flange" else self.hand
         if frame == "tip":
@@ -141,7 +141,7 @@ class CalibratedArm:
             own=tuple(name for name in names if name in TIP_NAMES),
         )
         order = [p.name for p in point.parameters]
-        # From a socket at the base's origin.
+        # With the socket at the base's origin, the residual is the tip's position.
         tip = point.loop(nominal_vector(point.parameters), q_rad, np.zeros((*q_rad.shape[:-1], 0)))
         return tip.residual, tip.jac_x[..., [order.index(name) for name in names]]
 
@@ -205,13 +205,16 @@ def hand_errors(calibrated: CalibratedArm, arm: ArmModel) -> HandErrors:
 
 
 def side_of(model: ClosureModel, name: str) -> Literal["arm", "ground", "hand"]:
-    """Side of an unknown of a loop: arm, ground or tool; only the arm's parameters stay valid in another mounting."""
+    """Return whether an unknown belongs to the arm, the table ("ground") or the tool ("hand").
+
+    Only the arm's parameters stay valid in another mounting.
+    """
     part, plain = model.parts()[0][0], name.partition("[")[0]
     return "ground" if plain in part.ground_side else "hand" if plain in part.hand_side else "arm"
 
 
 def _first_placement(solution: Solution) -> tuple[ClosureModel, dict[str, int]]:
-    """Loop of the first placement, and the column of each of its parameters in the estimate."""
+    """Return the loop of the first placement, and the column of each of its parameters in the estimate."""
     part, columns, _ = solution.model.parts()[0]
     index = np.arange(len(solution.estimate.x))[columns].tolist()
     return part, dict(zip([p.name for p in part.parameters], index, strict=True))
@@ -220,7 +223,7 @@ def _first_placement(solution: Solution) -> tuple[ClosureModel, dict[str, int]]:
 def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
     """Return the calibrated arm of a calibration."""
     estimate = solution.estimate
-    # A fixture that was remounted for every placement has a tool side in each: the first is used.
+    # A fixture remounted for every placement has different tool parameters in each: the first are used.
     part, column = _first_placement(solution)
     x = {name: float(estimate.x[k]) for name, k in column.items()}
     ground, hand = set(part.ground_side), set(part.hand_side)
@@ -283,7 +286,7 @@ def _hand_rows(part: ClosureModel, nominal: DhTable, flange: DhTable) -> DhTable
 
 
 def with_entries(table: DhTable, values: Mapping[str, float]) -> DhTable:
-    """Return the rows with some entries changed."""
+    """Return the D-H rows with the entries in `values` (by name, rad or m) replaced."""
     rows = table.stacked()
     for name, value in values.items():
         entry = DhEntry.parse(name)
@@ -324,7 +327,7 @@ def tool_accuracy(
     square, held, known = errors.after_m**2, list[HeldOffset](), arm.offset_tolerance_rad
     model, B = fit.design.model, fit.whole.B
     for j in offsets_not_sought(model, arm):
-        # The other parameters follow an error of the offset.
+        # An error of the offset shifts the other parameters.
         rates = fit.moved_by(B[..., [j - 1]])[:, 0].tolist()
         along = dict(zip([p.name for p in model.parameters], rates, strict=True))
         rate = calibrated.rate_m_per_rad(j, along, q)

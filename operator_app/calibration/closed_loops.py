@@ -1,4 +1,4 @@
-"""The closed loops of a pose set, the poses on the main branch, the parameters these identify, and what is refused."""
+"""Closed loops of a pose set: poses on the main branch, parameters that these identify, and refused placements."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from solver.search.global_start import GlobalStart, global_start
 
 
 class IdentifiableLoops(NamedTuple):
-    """The loops to be fitted, without unidentifiable parameters.
+    """The loops to be fitted, and the parameters that the poses identify.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ def pick_placements(poses: PoseSet, placements: tuple[int, ...]) -> PoseSet:
 
 
 def in_order(model: ClosureModel, other: ClosureModel, x: FloatArray) -> FloatArray:
-    """Parameters (P,) of `model`: from `x` those that `other` has as well, the rest nominal."""
+    """Return the parameters (P,) of `model`: from `x` those that `other` has too, the rest nominal."""
     known = {p.name: float(v) for p, v in zip(other.parameters, x, strict=True)}
     return np.array([known.get(p.name, p.nominal) for p in model.parameters])
 
@@ -155,7 +155,7 @@ class FixtureRefusedError(FixtureError):
 
 
 def refuse_placement(experiment: Experiment, model: ClosureModel) -> None:
-    """Refuse a nominal placement for which parameters have no unique values (Hayati)."""
+    """Raise `FixtureRefusedError` if parameters have no unique values in the nominal placement (Hayati)."""
     part, *_ = model.parts()[0]
     nominal = nominal_vector(part.parameters)
     checks = experiment.fixture.placement_checks(experiment.arm, part, nominal)

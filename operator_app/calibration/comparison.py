@@ -39,10 +39,10 @@ class IncomparableError(SessionError):
 
 
 class Side(Enum):
-    """Side of a parameter: arm, ground or tool.
+    """Part that a parameter describes: the arm, or the fixture on the table (`GROUND`) or on the tool (`HAND`).
 
-    Parameters of ground and tool change with every mounting of the fixture. These include the offsets of the first and
-    the last joint, which are measured from the fixture's axis.
+    Parameters of the fixture change with every mounting. They include the offsets of the first and the last joint,
+    which are measured from the fixture's axis.
     """
 
     ARM = "arm"
@@ -57,7 +57,7 @@ class ParameterChange:
     Attributes
     ----------
     before, after
-        Values in the first and the second; of equivalent values, `after` is the one nearest to `before`.
+        Values in the first and in the second calibration; of equivalent values, `after` is the one nearest to `before`.
     change
         after minus before; for angles the equivalent within half a turn.
     sigma
@@ -78,7 +78,7 @@ class ParameterChange:
 
     @property
     def sigmas(self) -> float:
-        """Size of the change in standard deviations; infinite where none is stated."""
+        """Magnitude of the change in standard deviations; infinite if the standard deviation is zero."""
         if self.sigma > 0.0:
             return abs(self.change) / self.sigma
         return 0.0 if self.change == 0.0 else math.inf
@@ -124,7 +124,7 @@ class CalibrationComparison:
 
 
 def significant_changes(changes: Iterable[ParameterChange]) -> tuple[ParameterChange, ...]:
-    """Return the significant ones of these changes, the largest (in sigmas) first."""
+    """Return the significant changes, the largest (in sigmas) first."""
     return tuple(sorted((d for d in changes if d.significant), key=lambda d: -d.sigmas))
 
 
@@ -137,9 +137,9 @@ def compare(
 ) -> CalibrationComparison:
     """Compare two calibrations.
 
-    `level`: probability of reporting a drift although nothing changed. `remounted`: the fixture was taken off in
-    between: only the arm's own parameters are compared. Raises `IncomparableError` if they are not of the same arm, or
-    have no parameter in common.
+    `level`: probability (0 to 1, otherwise `ValueError`) of reporting a drift although nothing changed. `remounted`:
+    the fixture was taken off in between, so that only the arm's own parameters are compared. Raises
+    `IncomparableError` if the calibrations are not of the same arm, or have no parameter in common.
     """
     if not 0.0 < level < 1.0:
         raise ValueError("a level lies between 0 and 1")
@@ -261,7 +261,7 @@ def nearest_values(a: ParametersDocument, b: ParametersDocument) -> dict[str, fl
 
 
 def sides_of(document: ParametersDocument) -> dict[str, Side]:
-    """Return the side of each calibrated entry."""
+    """Return which part each calibrated entry describes, by name."""
     loop = _loop(document)
     sides = {e.name: Side.ARM for e in loop.entries}
     sides |= dict.fromkeys(loop.ground_side, Side.GROUND)
@@ -269,7 +269,7 @@ def sides_of(document: ParametersDocument) -> dict[str, Side]:
 
 
 def _scale(document: ParametersDocument) -> float:
-    """Factor to apply to standard deviations because their noise model did not explain the residuals."""
+    """Return the factor, at least 1, by which the residuals exceed the noise model."""
     ratio = document.quality.chi2_per_dof
     return 1.0 if ratio is None else math.sqrt(max(1.0, ratio))
 
@@ -320,7 +320,7 @@ def notices(
 
 
 def _changed_constants(a: ParametersDocument, b: ParametersDocument) -> list[Finding]:
-    """Entries that were fixed in both, at different values."""
+    """Return findings of entries that were fixed in both calibrations, at different values."""
     identified = {e.entry for e in (*a.calibrated, *b.calibrated)}
     one, other = a.table.stacked(), b.table.stacked()
     findings = []

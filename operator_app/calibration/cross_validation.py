@@ -49,7 +49,7 @@ class Checks:
 
 
 def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> Checks:
-    """Check a solution with its own poses; the result is empty for the paper's estimator."""
+    """Check a solution with its own poses; the result is empty for the paper's estimator or too few poses."""
     if solution.estimate.corrections is None:
         return Checks()
     if len(poses) - len(solution.dropped_flipped) < 2 * FOLDS:
@@ -77,7 +77,7 @@ def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses:
             errors.at_poses(rest),
             x0=solution.estimate.x,
             group=stated.poses.placement[rest],
-            # Sizes of errors are not parameters: estimating them for every part would be most of the work.
+            # The variances stay fixed: estimating them for every part would take most of the time.
             variances=None if components is None else components.variances,
         )
 
@@ -90,7 +90,7 @@ def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses:
         try:
             return hold_out(estimated, model, q, noise, parts)
         except SolverError:
-            # The rest is too small to be estimated from.
+            # The remaining poses are too few for an estimate.
             return None
 
     return Checks(

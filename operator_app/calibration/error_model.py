@@ -43,7 +43,7 @@ def error_model(
     tolerance: Mapping[str, float] = NOTHING,
     prior: Mapping[str, float] = NOTHING,
 ) -> ErrorModel:
-    """Return the stated errors of the kept poses; `tolerance` is that of `free_within_tolerance`."""
+    """Return the stated errors of the `kept` poses; `tolerance`, `prior`: standard deviations (rad, m) by name."""
     arm, fixture, poses = experiment.arm, experiment.fixture, experiment.poses
     errors = stated_errors(
         arm,
@@ -130,7 +130,7 @@ def approach_of(arm: ArmModel, poses: PoseSet, kept: IntArray) -> FloatArray | N
         times = [datetime.fromisoformat(utc) for utc in poses.utc]
         order = sorted(range(len(poses)), key=lambda k: (times[k], tuple(poses.q_rad[k])))
     except (ValueError, TypeError):
-        # No times, or times with and without a zone: there is no order.
+        # Invalid times, or times with and without a zone, cannot be ordered.
         return None
     if any(
         times[a] == times[b] and not np.array_equal(poses.q_rad[a], poses.q_rad[b])
@@ -166,7 +166,7 @@ def _instrument_variance(fixture: EndpointConstraint) -> FloatArray | None:
 
 
 def distinct_poses(poses: PoseSet, kept: BoolArray) -> tuple[IntArray, IntArray]:
-    """Indices of the distinct poses among those kept, and for every kept pose its place among the distinct ones.
+    """Return the indices of distinct poses among the `kept` ones, and the position of each kept pose among these.
 
     Readings equal to the last digit are taken as one reading written twice, without further information.
     """

@@ -33,7 +33,7 @@ class Experiment:
         return replace(self, poses=self.poses.at_poses(poses))
 
     def loop(self) -> ClosureModel:
-        """Loops of all poses, bound to their placements and measurements.
+        """Return the closure model of all poses, bound to their placements and measurements.
 
         Raises `EndpointMissingError` if the instrument's columns are missing from the pose set.
         """

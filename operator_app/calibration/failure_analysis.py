@@ -32,7 +32,7 @@ def explain_unidentifiable(
     paper: Estimate | None,
     saturated: PosesDoNotFitError | None,
 ) -> SolverError:
-    """Return the error, completed by a stuck sensor or another cause of open loops, if there is one."""
+    """Return the error, naming a stuck sensor, or an error that states why the loops do not close."""
     stuck = explained(error, stated)
     if stuck is not error:
         return stuck
@@ -41,7 +41,7 @@ def explain_unidentifiable(
     if hinge := hinge_alternative(stated):
         return poses_do_not_fit(hinge)
     if paper is None or error.note or any(d.immobile_joints for d in error.directions):
-        # Too few poses, or an immobile joint: both can be seen without any parameter.
+        # Too few poses and an immobile joint follow from the readings alone.
         return error
     if _closes(paper):
         back = _undetermined_at_solution(stated, paper)
@@ -110,8 +110,8 @@ def turned_unread(
     """Return the joint that turned between two readings although it reads the same, and its angle (rad), or None.
 
     Closes the loop at the second reading, after subtracting the closure error of the first: once with all `still`
-    joints where they were, and once with each of them turned. The placement error is in both readings and cancels, and
-    no motion is linearised.
+    joints fixed, and once with each of them free. The placement error is in both readings and cancels, and no motion
+    is linearised.
 
     `x`: approximate parameters (P,). `before_rad`, `after_rad`: readings (n,). `still`: joints (1-based) whose readings
     did not change.

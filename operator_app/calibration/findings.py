@@ -67,8 +67,7 @@ def finding_of(
         case Cause.READING:
             return _reading_noise(int(subject), evidence, scene)
         case Cause.SCATTER:
-            # Coefficients are shrunk towards zero where the poses are not informative: divided by the informative
-            # share.
+            # The prior shrinks coefficients where the poses have little information: this corrects it.
             predicted = float(
                 (1.0 - evidence.covariance / (evidence.size * candidate.natural) ** 2).sum()
             )
@@ -162,7 +161,7 @@ def _between(first: int, labels: tuple[str, ...]) -> tuple[str, str]:
 
 
 def _reading_noise(joint: int, evidence: Evidence, scene: FaultModels) -> Finding:
-    """Scatter of a joint's readings (means of samples) from pose to pose."""
+    """Return the finding that a joint's readings (means of samples) scatter from pose to pose."""
     arm, sd = scene.arm, _rms(evidence.b)
     shares = [float(np.median(a.share)) for a in scene.design.errors.analogue if a.joint == joint]
     samples = round(1.0 / shares[0]) if shares else 1
@@ -188,7 +187,7 @@ def _entry(candidate: Candidate, evidence: Evidence, scene: FaultModels) -> Find
     return Finding(
         kind=FindingKind.TWIST_OFF if angle else FindingKind.LENGTH_OFF,
         names=(name,),
-        # Fitted columns act against the parameter: w + A dx is the residual.
+        # The residual is w + A dx, so that the coefficient has the opposite sign of the error.
         size=-float(evidence.b[0]),
         unit="rad" if angle else "m",
         figures={"limit": stated},
@@ -231,7 +230,7 @@ def _rms_along(joint: int, candidate: Candidate, evidence: Evidence, scene: Faul
 def rms_displacement(
     candidate: Candidate, evidence: Evidence, scene: FaultModels
 ) -> dict[str, float]:
-    """Displacement of the fixture (rms) over the poses concerned."""
+    """Return the fixture's rms rotation (`turn_rad`) and displacement (`shift_m`) over the poses concerned."""
     displacement = candidate.moves(evidence.b, len(scene.system.w))
     along_fixture = (scene.system.E @ displacement[..., None])[..., 0]
     concerned = np.abs(displacement).sum(-1) > 0.0
@@ -247,10 +246,10 @@ def _rms(values: FloatArray) -> float:
 
 
 def motion_causes(experiment: Experiment, labels: tuple[str, ...]) -> tuple[Finding, ...]:
-    """Return the joints whose readings spread within poses by more than their sensor's noise.
+    """Return a finding for each joint whose readings spread within a pose by more than its sensor's noise.
 
-    An RVDT whose readings spread in most poses is noisy: the RVDT's own verdict reports this. The mean over samples of
-    a moving arm does not close the loop, even if the fit does not show this.
+    An RVDT whose readings spread in most poses is noisy, which its own verdict reports. The mean over samples of a
+    moving arm does not close the loop, even if the fit does not show this.
     """
     arm, sd_rad = experiment.arm, experiment.poses.sd_rad
     if sd_rad is None:
@@ -277,9 +276,9 @@ def motion_causes(experiment: Experiment, labels: tuple[str, ...]) -> tuple[Find
 
 
 def moved_while_read(sensor: Encoder | Rvdt, spread_rad: FloatArray) -> BoolArray:
-    """Poses (m,) whose readings spread (m,), rad, by more than this sensor's noise.
+    """Return a mask (m,) of the poses whose readings spread (m,), rad, by more than this sensor's noise.
 
-    The noise is the stated one or, for an RVDT, whose noise may be larger, that of most poses.
+    An RVDT's noise may be larger than stated: if the median spread is larger, it is used instead.
     """
     noise = sensor.sigma_rad
     if isinstance(sensor, Rvdt):

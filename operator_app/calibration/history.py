@@ -58,7 +58,7 @@ class EntryHistory:
     Attributes
     ----------
     side
-        Side of the entries: arm, ground or tool.
+        Part that the entries describe: arm, table or tool.
     values, sigma, within
         (sessions, entries), rad and m, in equivalent parameters: values, standard uncertainty, and its type A part.
     chart
@@ -99,7 +99,7 @@ class ArmHistory:
 
     @property
     def shifted(self) -> bool:
-        """Whether anything has shifted."""
+        """Whether any entry has shifted."""
         return any(part.chart.changes for part in self.parts)
 
 

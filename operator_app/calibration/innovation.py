@@ -27,7 +27,7 @@ NEAREST = 60
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShiftOfReading:
-    """Shift of a joint seen in one reading: most likely size and sigma, rad, and its reduction of chi2."""
+    """Most likely shift of a joint in one reading, its sigma, rad, and the chi2 that it explains."""
 
     size_rad: float
     sigma_rad: float
@@ -71,7 +71,7 @@ def innovation(experiment: Experiment, reading: PoseSet) -> Innovation | None:
     errors = error_model(both, tolerance=tolerance)
     try:
         fitted = fit_as_stated(by.model, both.poses, errors, by.fit.x, old=count)
-        # Without the tested reading: a wrong one would change the linearisation.
+        # Fitted without the tested reading: a wrong one would change the linearisation.
         old = np.arange(count)
         own = fit_as_stated(by.model, before, errors.at_poses(old), by.fit.x, old=count).fit
         residuals = predicted_residuals(fitted.fit, np.arange(count + 1) == count)

@@ -47,7 +47,7 @@ def with_registered_instrument(
 
 
 def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> EndpointConstraint:
-    """Return base and target, refined with the arm's offsets free."""
+    """Return the fixture with base and target fitted together with the arm's offsets; unchanged if that fails."""
     model = Experiment(arm=arm, fixture=fixture, poses=poses).loop()
     if len(poses) < poses_needed(len(model.parameters), model.equations_per_pose):
         return fixture
@@ -56,7 +56,7 @@ def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> EndpointConstr
         return fixture
     own = model.own_values(estimate.x)[0]
     if np.abs(own[6:9] - fixture.tip_m).max() > fixture.tolerance.position_m:
-        # These poses do not determine it.
+        # These poses do not determine the target's place.
         return fixture
     return with_calibrated_places(
         fixture,
@@ -90,7 +90,8 @@ def placed_by_poses(
 ) -> Measured:
     """Return the instrument with the unknown placements of base and target from the measured poses.
 
-    `values` of the arm's entries, by name, replace those of its file.
+    `values` of the arm's entries (rad, m), by name, replace those of its file. Raises `EndpointMissingError` if the
+    poses have no endpoints.
     """
     if poses.endpoint is None:
         raise EndpointMissingError("these poses have no endpoint columns x_m,y_m,z_m")

@@ -241,6 +241,6 @@ def _limit(parameter: Parameter) -> float:
 
 
 def _described(estimate: Estimate, judged: tuple[str, ...]) -> Estimate:
-    """Return the identified parameters, without those of placements that the fixture's file does not describe."""
+    """Return the estimate of identified parameters, without placements that the fixture's file does not describe."""
     names = [p.name for p in estimate.parameters]
     return estimate.without([n for n in names if n not in judged or n.endswith("]")])

@@ -157,7 +157,7 @@ def _of_the_fit(solution: Solution, same: tuple[Finding, ...], *, sound: bool) -
     """
     compliance = None if solution.components is None else solution.components.compliance
     if sound and compliance is not None and compliance.gives and not solution.tolerated:
-        # An apparent compliance may be errors of link lengths.
+        # Errors of link lengths may appear as compliance.
         yield Finding(kind=K.LENGTHS_EXACT)
     yield from same
     yield from contradicted(solution.distances)

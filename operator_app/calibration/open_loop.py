@@ -36,7 +36,7 @@ class OpenLoopCheck:
     chi2
         chi2 of all differences together.
     left_out
-        Parameters that one of the two calibrations cannot separate from its mounting.
+        Offsets that one of the two calibrations cannot separate from its mounting.
     """
 
     solution: Solution

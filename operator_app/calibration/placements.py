@@ -1,7 +1,7 @@
 """Placements of a fixture: finds those that do not differ, and the distances between the sockets of a ball.
 
-All placements share the arm's parameters; each has its own parameters of the fixture. Where the fixture was not
-remounted between two placements, the latter agree within their covariance, and the two count as one.
+All placements share the arm's parameters; each has its own parameters of the fixture. If these agree within their
+covariance, the fixture was not remounted between the two placements, and they count as one.
 """
 
 from __future__ import annotations
@@ -34,9 +34,10 @@ SINGULAR_DISTANCE = 1e-10
 
 
 def indistinguishable_placements(model: ClosureModel, estimate: Estimate) -> tuple[Finding, ...]:
-    """Return placements between which the fixture was not remounted; `estimate` covers all unknowns of `model`.
+    """Return findings of placements between which the fixture was not remounted.
 
-    Each finding has the parameter with the largest difference in standard deviations, and that difference.
+    Each finding names the parameter with the largest difference in standard deviations, and states that difference.
+    `estimate` covers all unknowns of `model`.
     """
     if not isinstance(model, Placements):
         return ()
@@ -164,7 +165,7 @@ def compared(
 
 
 def contradicted(distances_found: Sequence[Distance]) -> tuple[Finding, ...]:
-    """Return which measured distances the poses contradict."""
+    """Return a finding for each measured distance that the poses contradict."""
     known = sum(d.measured is not None for d in distances_found)
     limit = sigmas_at(DISTANCE_NOTICE_PROBABILITY, known)
     return tuple(

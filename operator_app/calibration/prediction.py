@@ -1,4 +1,4 @@
-"""Predicts new poses from a calibration's own poses, with both in one error model with errors of stated size."""
+"""Prediction of new poses from a calibration's own poses, both in one error model."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ FIXTURE = "fixture"
 
 
 def shift_in_words(shift: CommonShift) -> str:
-    """Return the shift, its size, and the remedy, as text."""
+    """Return the text that states a common shift, its magnitude, and the remedy."""
     if shift.subject == FIXTURE or shift.size is None or shift.sigma is None:
         return (
             "in all these poses the fixture is not where the calibration found it: if it was moved or remounted since, "
@@ -83,9 +83,9 @@ def predict_new_poses(
 
     Returns
     -------
-    Whitened residuals of the new poses, in their order, with at least the stated errors; their test with the sizes of
-    errors estimated in the calibration; and the columns along which a shift would show, by what shifted. None if no
-    model fits both sets of poses.
+    Whitened residuals of the new poses, in their order, with at least the stated variances; their test with the
+    variances estimated in the calibration; and the columns (m, E, k) of each possible shift, by joint number or
+    `FIXTURE`. None if no model fits both sets of poses.
     """
     solution, old = made.solution, _used(made)
     both = replace(new, poses=concatenated_poses(old, new.poses))
@@ -181,7 +181,7 @@ def fit_as_stated(
     old: int,
     variances: Callable[[Layout], FloatArray] = Layout.stated_variances,
 ) -> MixedFit:
-    """Linearise old poses (first) and new ones together; gravity's sign is the one found from the old poses."""
+    """Fit the first `old` poses and new ones together; sag follows gravity only if the old poses show that."""
     fitted = fit_mixed(model, both.q_rad, errors, x0, variances=variances, group=both.placement)
     if (
         fitted.fit.design.expected.any()
@@ -196,7 +196,7 @@ def fit_as_stated(
 
 
 def _used(made: CalibrationWithPoses) -> PoseSet:
-    """The poses that the calibration used, each once."""
+    """Return the poses that the calibration used, each once, at most `MOST`."""
     is_first = np.ones(len(made.poses), dtype=np.bool_)
     is_first[list(made.solution.dropped_flipped)] = False
     distinct = distinct_poses(made.poses, is_first)[0]
@@ -209,7 +209,7 @@ def _used(made: CalibrationWithPoses) -> PoseSet:
 def _model(
     made: CalibrationWithPoses, old: PoseSet, both: Experiment, start: Mapping[str, float]
 ) -> tuple[ClosureModel, FloatArray, list[int | None]]:
-    """Loops of old and new poses, parameters, and the column of each in the estimate (None for those in `start`)."""
+    """Return the loops of all poses, parameter values, and their columns in the estimate (None if from `start`)."""
     estimate = made.solution.estimate
     known = {p.name: k for k, p in enumerate(estimate.parameters)}
     model = both.loop()

@@ -126,7 +126,7 @@ def stated_fit(experiment: Experiment) -> StatedFit | None:
 
 
 def known_arm(experiment: Experiment) -> KnownArm | None:
-    """Return the information from poses of earlier placements; None if there is none yet."""
+    """Return the information from poses of earlier placements; None if they cannot be fitted."""
     by = stated_fit(experiment)
     if by is None:
         return None

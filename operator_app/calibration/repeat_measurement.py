@@ -21,7 +21,7 @@ from solver.design.motion import chain_motion
 from solver.loops.closure import ClosureModel
 
 LEAST_GIVE_RAD, LEAST_GIVE_M = 1e-4, 1e-4
-"""Turn and shift by which a slip of a fixture stated to be rigid is scaled."""
+"""Rotation and displacement that scale a slip of a fixture whose stated compliance is zero."""
 
 SLIP_SIZES = np.geomspace(1.0, 1e4, 200)
 """Multiples of the stated compliance at which a slip of the fixture is tried."""
@@ -160,7 +160,7 @@ def repeats_of(
 ) -> tuple[tuple[RepeatedReading, Repeat], ...]:
     """Compare the two readings of every repeated pose among the `used` ones, which are those of `model`.
 
-    On an open arm the drives alone determine the repeated pose.
+    Empty for an open arm, where the drives alone determine the repeated pose.
     """
     if model.parts()[0][0].constrained_part is None:
         return ()

@@ -58,7 +58,7 @@ class Solution:
     rvdt
         Verdict on each RVDT, with its joint taken as unsensed.
     reasons
-        Reasons why it is not accepted; empty when it is.
+        Reasons why the calibration is not accepted; empty if it is accepted.
     adjudication
         All tests, and the causes that they support.
     assumed
@@ -78,7 +78,7 @@ class Solution:
     corrections
         Corrections that a controller may add to the readings; None in the same cases as `best`.
     scales
-        Estimated size of each family of errors, relative to the stated one.
+        Estimated standard deviation of each family of errors, relative to the stated one.
     shares
         Share of each parameter's information that comes from the poses, by name.
     distances
@@ -127,7 +127,7 @@ class Solution:
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict."""
+        """Verdict on the calibration, not accepted if there are `reasons`."""
         if not self.accepted:
             return Verdict.NOT_ACCEPTED
         return self.adjudication.verdict

@@ -180,7 +180,7 @@ def rvdt_causes(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> tuple[Findi
 
 
 def _kind_of(verdict: RvdtVerdict, arm: ArmModel) -> FindingKind:
-    """Kind of the finding, and thus its remedy, for an RVDT out of specification; the text states the noise."""
+    """Return the kind of finding for an RVDT out of specification, which determines the remedy."""
     deviation = measured_deviations((verdict,), arm).get(verdict.joint)
     sensor = arm.joints[verdict.joint - 1].sensor
     if (
@@ -250,7 +250,7 @@ def reading_tables(solution: Solution) -> tuple[ReadingTable, ...]:
         if figures is None or not figures.gain > 0.0:
             continue
         reading, add, sigma = figures.table_rad.T
-        # A sensor so bad that its readings run backwards has no table by reading there.
+        # Where readings decrease with rising angle, a correction by reading is not unique.
         rising = reading > np.maximum.accumulate(np.concatenate(([-np.inf], reading[:-1])))
         if rising.sum() < 2:
             continue

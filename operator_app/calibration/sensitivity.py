@@ -68,9 +68,9 @@ def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
 
 
 def exceeded_source(calibrated: Calibrated, name: str) -> str:
-    """Return the largest source of a parameter's sigma, if that exceeds its specification.
+    """Return the largest source of a parameter's sigma, if it exceeds its specification and is most of the variance.
 
-    Empty if it does not: with errors as stated, only more varied poses would help.
+    Otherwise empty, since only more varied poses would help.
     """
     budget, names = calibrated.components.budget, [p.name for p in calibrated.estimate.parameters]
     if not budget or name not in names:

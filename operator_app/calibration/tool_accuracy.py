@@ -88,7 +88,7 @@ class TrueErrors:
 
 
 def spread_of(distances_m: FloatArray) -> Spread:
-    """Summarise distances."""
+    """Summarise distances (m,), m."""
     return Spread(
         rms=float(np.sqrt(np.mean(distances_m**2))),
         most=float(np.quantile(distances_m, 0.95)),
@@ -98,7 +98,7 @@ def spread_of(distances_m: FloatArray) -> Spread:
 
 def spread_along(J: FloatArray, C: FloatArray) -> FloatArray:
     """Return ``trace(J C J')`` (m,): derivatives J (m, 3, P) with respect to parameters, covariance C (P, P)."""
-    # One product for all poses: many small ones cost more than all of its arithmetic.
+    # One product for all poses is faster than many small ones.
     rows = J.reshape(-1, len(C))
     return np.asarray(np.maximum(((rows @ C) * rows).reshape(len(J), -1).sum(-1), 0.0))
 

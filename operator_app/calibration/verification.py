@@ -106,7 +106,7 @@ class VerificationResult:
 
     @property
     def why(self) -> str:
-        """The shift as text; empty where none was found."""
+        """The common shift as text; empty if there is none."""
         return "" if self.shift is None else shift_in_words(self.shift)
 
     @property
@@ -120,7 +120,7 @@ class VerificationResult:
 
     @property
     def verdict(self) -> str:
-        """Whether it holds, as text, with the shift if one was found."""
+        """Whether the calibration holds, as text, with the common shift if there is one."""
         if self.holds:
             return "as expected"
         return "worse than expected" + (f" ({self.why})" if self.why else "")
@@ -158,7 +158,7 @@ def _rvdt_sd(components: Sequence[Component]) -> dict[int, float]:
 
 
 def predict(new: Experiment, fixed: Fixed) -> HeldOutPoses:
-    """Test new poses with parameters alone: linearity deviation, sag and compliance are independent in each pose."""
+    """Test new poses with the fixed parameters alone: linearity deviation, sag and compliance vary between poses."""
     model = freed(new.loop(), fixed.values)
     x, covariance = _in_order(model, fixed)
     return verify(model, x, covariance, new.poses.q_rad, stated_noise(new, fixed))
@@ -174,10 +174,10 @@ def verify_poses(
 ) -> VerificationResult:
     """Test new poses of the same arm in the same fixture, of one calibrated placement or of all of them.
 
-    Linearity deviation, sag and compliance are known from the calibration's own poses. One common shift is searched
-    for. `elsewhere`: the new poses may be of other placements, where the place of the fixture is found from them; all
-    other parameters are fixed. Raises `ValueError` if the parameters are not those of this loop (another fixture, or
-    another number of placements).
+    Linearity deviation, sag and compliance are known from the calibration's own poses, and the test searches for one
+    common shift. `elsewhere`: the new poses may be of other placements; the fixture's place is then estimated from
+    them, with all other parameters fixed. Raises `ValueError` if the parameters are not those of this loop (another
+    fixture, or another number of placements).
     """
     fixture, calibrated = (
         with_calibrated_places(fixture, made.solution.model),
@@ -186,7 +186,7 @@ def verify_poses(
     same = len(poses.placements) == 1 and not elsewhere
     fixed = fixed_calibration(made.solution, poses.placements[0] if same else None)
     new = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=fixed.unsensed_joints)
-    # A calibration that corrected lengths and twists within their tolerance has those as well.
+    # Lengths and twists that the calibration corrected within tolerances are parameters too.
     model = freed(new.loop(), fixed.values)
     unknown: tuple[str, ...] = ()
     if elsewhere:
@@ -196,7 +196,7 @@ def verify_poses(
         x, covariance = _with_placement_found(model, x, covariance, poses.q_rad, unknown)
     tested = verify(model, x, covariance, poses.q_rad, stated_noise(new, fixed))
     if unknown:
-        # The place of the fixture takes as many equations as it has unknowns.
+        # Estimating the fixture's place uses as many equations as it has unknowns.
         chi2 = tested.chi2
         dof = chi2.dof - len(unknown)
         tested = replace(tested, chi2=chi2_test(chi2.per_dof * chi2.dof, dof))
@@ -212,7 +212,7 @@ def verify_poses(
     if not tested.closed.all():
         return result
     if same and len(calibrated) == 1:
-        # The number of the only calibrated placement, whatever their file states.
+        # The new poses get the number of the only calibrated placement, whatever their file states.
         only = np.full(len(poses), calibrated[0])
         new = replace(new, poses=replace(poses, placement=only))
     start = {p.name: float(x[k]) for k, p in enumerate(model.parameters) if p.name in unknown}
@@ -272,7 +272,7 @@ def stated_noise(experiment: Experiment, fixed: Fixed | None = None) -> NoiseMod
     variance = np.array(stated.joint_variance)
     variance += arm.backlash_rad**2 + arm.sag_rad**2 + 2.0 * arm.accuracy_rad**2
     for j, (linearity, gain) in enumerate(zip(arm.linearity_rad(), arm.gain_rad(), strict=True)):
-        # At a new reading the curve is a further unknown error.
+        # At a new reading the linearity deviation is a further unknown error.
         total = variance[:, j] + (SD_OF_PEAK * linearity) ** 2
         least = np.maximum(variance[:, j], estimated.get(j + 1, np.inf) ** 2)
         variance[:, j] = np.minimum(total, least) + gain**2
@@ -322,7 +322,7 @@ def _with_placement_found(
     q: FloatArray,
     unknown: tuple[str, ...],
 ) -> tuple[FloatArray, FloatArray]:
-    """Find the placement of the fixture from the poses themselves, without a prior."""
+    """Return values and covariance with the fixture's placement estimated from the poses, without a prior."""
     columns = [k for k, p in enumerate(model.parameters) if p.name in unknown]
     x, covariance = x.copy(), covariance.copy()
     for _ in range(NEWTON_STEPS):
@@ -334,7 +334,7 @@ def _with_placement_found(
 
 
 def _in_order(model: ClosureModel, fixed: Fixed) -> tuple[FloatArray, FloatArray]:
-    """Values and covariance in the order of the model; fixed parameters have their nominal values."""
+    """Return values and covariance in the model's order; parameters not in `fixed` are nominal, without variance."""
     known = list(fixed.values)
     names = [p.name for p in model.parameters]
     strange = sorted(set(known) - set(names))
@@ -401,11 +401,9 @@ def may_be_elsewhere(fixture: EndpointConstraint) -> bool:
 
 
 def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -> None:
-    """Refuse a set that contains poses of the calibration itself, which it fits in any case.
+    """Raise `NoTestError` if the new set contains poses of the calibration itself, which it fits in any case.
 
     With an instrument, a pose measured again at the same joint readings counts as new.
-
-    Raises `NoTestError`, whose text states how many there are and which.
     """
     if new.joint_count != made_from.joint_count:
         return

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Run until the operator quits."""
+    """Run until the operator quits; return the exit code."""
     if args.tracker == "stdin":
         raise UsageError(
             "--tracker stdin: standard input is the keyboard here; use tcp:HOST:PORT or file:PATH"
@@ -78,7 +78,7 @@ _ARM: Mapping[bool | None, str] = {
     False: "the arm did not answer: keep clear, its state is unknown. ",
     None: "",
 }
-"""Words on the arm, by whether it confirmed that it is held; None: no arm was connected."""
+"""Final state of the arm as text, by whether it confirmed that it is held; None: no arm was connected."""
 
 
 def farewell(sessions: Sessions, folder: Path, reason: str, *, plain: bool = False) -> str:
@@ -121,7 +121,7 @@ def _plain(args: argparse.Namespace, source: Sessions) -> str:
         raise _Ended(signal.Signals(number).name)
 
     before = {n: signal.signal(n, end) for n in (signal.SIGTERM, signal.SIGHUP)}
-    before[signal.SIGINT] = signal.signal(signal.SIGINT, signal.default_int_handler)  # each is STOP
+    before[signal.SIGINT] = signal.signal(signal.SIGINT, signal.default_int_handler)  # means STOP
     reason = "failed"
     try:
         reason = Plain(source, StandardTerminal(), resume=args.resume, manual=manual()).run()

@@ -42,7 +42,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _asked(args: argparse.Namespace) -> list[tuple[AnyKind | None, str]]:
-    """Return every name with its kind, which is None for a file."""
+    """Return every file or name with its kind, which is None for a file given without an option."""
     named: list[tuple[AnyKind | None, str]] = [
         ("arm", args.arm),
         ("fixture", args.fixture),

@@ -1,4 +1,4 @@
-"""What the shared options choose: the bus, the session, its recording."""
+"""Reads the options that several commands share: bus, session, recording."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def bus_of_others(args: argparse.Namespace) -> BusSettings:
-    """Return the bus of ``-i -c -b``; raises UsageError for a bus that no other process can use."""
+    """Return the bus settings of ``-i -c -b``; UsageError for a bus that no other process can use."""
     from hardware.buses.python_can import bus_settings
 
     settings = bus_settings(
@@ -35,7 +35,7 @@ def bus_of_others(args: argparse.Namespace) -> BusSettings:
 
 def opening_from(args: argparse.Namespace) -> Opening:
     """Return the `Opening` for the arm of a session, or for the arm given by the options."""
-    # Such a command writes no journal: it does not need the user settings.
+    # These commands write no journal, so that they do not need the operator's name.
     choices = choices_from(args, journal=False)
     if args.session is not None:
         return resume(args.session, choices, root=args.sessions)
@@ -46,7 +46,7 @@ def opening_from(args: argparse.Namespace) -> Opening:
 
 
 def recording(args: argparse.Namespace, opening: Opening) -> Path | None:
-    """Return the file of ``--record`` in a session folder."""
+    """Return the file of ``--record`` in a session folder; None without that option."""
     return opening.folder / "bus.blf" if args.record else None
 
 

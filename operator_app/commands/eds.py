@@ -11,7 +11,7 @@ from operator_app.safe_output import say
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Write the files; a different file of the same name is never overwritten."""
+    """Write the files; an existing file with other contents is never overwritten."""
     sheets = {args.output / sheet.name: sheet.read_bytes() for sheet in EDS_FILES.values()}
     for target, data in sheets.items():
         if target.exists() and (not target.is_file() or target.read_bytes() != data):

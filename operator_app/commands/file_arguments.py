@@ -14,7 +14,7 @@ from operator_app.commands.options import (
 )
 
 PLANNED_POSES = 12
-"""Number of poses of a planned capture if the procedure file describes an explored one."""
+"""Number of poses to plan if the procedure's own capture is not planned."""
 TRIES = 24
 OF_WHAT = {
     "arm": ("urdf", "base", "tip"),

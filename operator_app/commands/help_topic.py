@@ -1,4 +1,4 @@
-"""`sarcal help`: the manual in the terminal; also the hooks with which mkdocs makes a site of it."""
+"""`sarcal help`: the manual in the terminal; also hooks for mkdocs, which builds a website from it."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ same as this page; what a command returns is on the page of [exit codes](exit-co
 def commands_page(
     commands: Mapping[str, str], parser_of: Callable[[str], argparse.ArgumentParser]
 ) -> str:
-    """Return the page; `commands` maps each name to its summary, ``app`` is `sarcal` itself."""
+    """Return the page of all commands; `commands` maps names to summaries, ``app`` stands for `sarcal` itself."""
     shared: dict[str, list[tuple[str, str]]] = {}
     blocks = [INTRODUCTION]
     for name, summary in commands.items():
@@ -123,10 +123,10 @@ def command_section(
     """Return summary and options of one command; shared options are collected in `shared` if that is given."""
     blocks = [f"## {parser.prog}", f"{_capital(summary)}."]
     also = []
-    for group in parser._action_groups:  # noqa: SLF001 - it has no other list
+    for group in parser._action_groups:  # noqa: SLF001 - argparse has no public list
         rows = [
             (_form(action), _meaning(action, parser.prog))
-            for action in group._group_actions  # noqa: SLF001 - nor this
+            for action in group._group_actions  # noqa: SLF001 - as above
             if action.dest != "help" and action.help is not argparse.SUPPRESS
         ]
         title = group.title or ""
@@ -172,14 +172,14 @@ def _capital(text: str) -> str:
 
 
 def on_config(config: Any) -> Any:
-    """Set the navigation from the table of topics."""
+    """Set the website's navigation from the table of topics (mkdocs hook)."""
     sections = [{name: [f"{topic}.md" for topic in topics]} for name, topics in SECTIONS.items()]
     config.nav = [{"Start": "index.md"}, *sections]
     return config
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the generated pages."""
+    """Add the generated pages (mkdocs hook)."""
     from mkdocs.structure.files import File  # type: ignore[import-not-found,import-untyped,unused-ignore]
 
     pages = manual()

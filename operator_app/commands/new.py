@@ -223,7 +223,7 @@ def _typed(option: str) -> str:
 
 
 def _named(text: str) -> str:
-    """Check a name and return it."""
+    """Return a valid name made from `text`; UsageError if it does not begin with a letter."""
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", text).strip("_.-")[:64]
     if not re.match(r"[A-Za-z]", name):
         raise UsageError(f"--name: {name!r} does not begin with a letter; use another")
@@ -275,7 +275,7 @@ def _line(args: argparse.Namespace, side: str) -> Line:
 
 
 def _vector(args: argparse.Namespace, option: str) -> FloatArray:
-    """Read ``X,Y,Z``."""
+    """Parse the value ``X,Y,Z`` of an option into an array (3,)."""
     text = getattr(args, option)
     if not text:
         raise UsageError(

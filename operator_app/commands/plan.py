@@ -74,7 +74,7 @@ def _code(shown: Preview) -> ExitCode:
 
 
 def _of_files(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, str]:
-    """Return the procedure with the arm and fixture of the options, no captured poses, and what the plan is based on.
+    """Return the procedure with the options' arm and fixture, None for captured poses, and the plan's basis as text.
 
     The drive joints of the procedure apply to its own arm; for another arm, or another kind of fixture in the default
     procedure, they are left open, for the planner to choose.
@@ -103,7 +103,7 @@ def _of_files(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, s
 
 
 def _of_session(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, str]:
-    """Return the session's procedure and captured poses."""
+    """Return the session's procedure, its captured poses (m, n), rad, and the plan's basis as text."""
     if args.procedure or args.arm or args.fixture:
         raise UsageError(
             "--session: a session states procedure, arm and fixture; leave those options out"

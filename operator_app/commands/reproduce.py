@@ -13,7 +13,7 @@ FEWEST_POSES, LARGEST_POSES = 8, 120
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Reproduce and print."""
+    """Repeat the paper's experiment and print the results."""
     if not FEWEST_POSES <= args.poses <= LARGEST_POSES:
         raise UsageError(f"--poses: between {FEWEST_POSES} and {LARGEST_POSES}")
     say("Capturing six sets of poses and calibrating ten times: about 30 s.", err=True)

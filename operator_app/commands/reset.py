@@ -29,7 +29,7 @@ def execute(args: argparse.Namespace) -> int:
         written = [f"Set up as the bus profile requires: {line}" for line in identity.configured]
         unwatching = unwatching_words(identity)
         for line in (*written, *([unwatching] if unwatching else [])):
-            say(line, err=args.json)  # beside the JSON
+            say(line, err=args.json)  # stdout is for JSON only
         before = rig.arm.snapshot()
         known = {fault.joint: f"{fault.text} ({fault.code:04X}h)" for fault in before.faults}
         stopped = {DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE, *POWERED_STATES}

@@ -63,7 +63,7 @@ def execute(args: argparse.Namespace) -> int:
             if result is None:
                 session.require_drives_off()
                 drives_off = True
-                folder = session.journal.path.parent  # another program may have been faster
+                folder = session.journal.path.parent  # another program may have taken the name
                 opening = replace(opening, folder=folder, next_due=True)
     except UnidentifiableError as error:
         _report_unidentifiable(args, session, error)

@@ -124,7 +124,7 @@ def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: Po
 
 
 def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[str, tuple[ReadingTable, ...]]:
-    """Return the digest of the poses used for ``--rvdt-table``, and its corrections; "" and () without that option."""
+    """Return the digest of the poses that gave ``--rvdt-table``, and its corrections; "" and () without that option."""
     if not args.rvdt_table:
         return "", ()
     document, option = load_parameters(args.rvdt_table), f"--rvdt-table {args.rvdt_table}"

@@ -35,7 +35,7 @@ COMMANDS = {
 }
 
 APP = "app"
-"""Without a command: the terminal app, whose options belong to `sarcal` itself."""
+"""Name for `sarcal` without a command, which opens the terminal app."""
 
 
 ON_A_BUS = ("arm-check", "controller", "export", "monitor", "probe", "reset", "run", "verify", APP)
@@ -79,7 +79,7 @@ def words_to_complete() -> list[str] | None:
     try:
         return shlex.split(line)[1:]
     except ValueError:
-        # An open quote.
+        # A quotation mark is still open.
         return line.split()[1:]
 
 
@@ -89,7 +89,7 @@ def complete(parser: argparse.ArgumentParser, command: argparse.ArgumentParser |
         import argcomplete  # type: ignore[import-not-found,import-untyped,unused-ignore]
     except ImportError:
         return
-    for action in () if command is None else command._actions:  # noqa: SLF001 - it has no other list
+    for action in () if command is None else command._actions:  # noqa: SLF001 - not listed elsewhere
         if action.dest == "topic":
             action.completer = _topics  # type: ignore[attr-defined]
         elif action.dest in (*BY_DEST, *SESSION_ARGUMENTS, COPIED):
@@ -109,13 +109,13 @@ def _names(dest: str) -> Any:
 
         kind: Any
         if dest == COPIED:
-            # Names of the kind in `new arm --from`, which is not parsed yet.
+            # The kind, as in `new arm --from`, is not parsed yet: take it from the typed words.
             typed = words_to_complete() or []
             return [
                 name for kind in BY_DEST.values() if kind in typed for name in builtin_names(kind)
             ]
         if dest in BY_DEST:
-            # A path is valid as well, and only a path begins like one.
+            # A path is valid too, and is completed only if the prefix begins like a path.
             kind = BY_DEST[dest]
             return [*builtin_names(kind), *_paths(prefix)]
         root = getattr(parsed_args, "sessions", None) or Path("sessions")

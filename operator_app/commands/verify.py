@@ -149,7 +149,7 @@ def _open_arm(
         session.arm.hold()
         poses = session.state.pose_set()
     listener.close()
-    folder = session.journal.path.parent  # another program may have been faster
+    folder = session.journal.path.parent  # another program may have taken the name
     say(f"Captured {len(poses)} poses of the open arm, kept in {folder}", err=True)
     return instrument, poses
 
@@ -157,7 +157,7 @@ def _open_arm(
 def _on_the_arm(
     opening: Opening, solution: Solution, count: int, *, homing: bool, record_to: Path | None
 ) -> tuple[VerificationResult, PoseSet]:
-    """Capture `count` poses in the session, at other positions."""
+    """Capture `count` new poses in the session, at other positions, and verify the calibration with them."""
     if count < 1:
         raise UsageError("--poses: must be at least 1")
     with unattended(opening, record_to=record_to) as session:

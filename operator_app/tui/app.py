@@ -86,7 +86,7 @@ class AsciiScrollBar(ScrollBarRender):
 
 
 class SarcalApp(App[str]):
-    """The full-screen app with its seven steps. It runs until `leave` and returns why it ended."""
+    """The terminal app with its seven steps; it runs until `leave` and returns the reason for leaving."""
 
     CSS_PATH = "sarcal.tcss"
     TITLE = "sarcal"
@@ -128,14 +128,14 @@ class SarcalApp(App[str]):
         self.main: MainScreen
         self.interface: ScreenInterface
 
-    # -- life --------------------------------------------------------------------------------------
+    # -- start and end -----------------------------------------------------------------------------
 
     def get_default_screen(self) -> Screen[None]:
         """Return the screen that is shown while the rest loads."""
         return StartScreen()
 
     async def on_mount(self) -> None:
-        """Listen for signals; load the rest."""
+        """Install signal handlers; start loading the main screen."""
         loop = asyncio.get_running_loop()
         if threading.current_thread() is threading.main_thread():
             # Textual does not unmount on a signal: leave in order instead.
@@ -171,7 +171,7 @@ class SarcalApp(App[str]):
     def _watch_terminal(self, loop: asyncio.AbstractEventLoop) -> None:
         """Leave when the terminal is gone: SIGHUP is sent only if this was the controlling terminal."""
         terminal = select.poll()
-        terminal.register(sys.__stdin__ or 0, 0)  # a hang-up is reported unasked
+        terminal.register(sys.__stdin__ or 0, 0)  # a hang-up is always reported
         terminal.poll()
         self._asked_to_end(signal.SIGHUP.name, loop)
 
@@ -292,7 +292,7 @@ class SarcalApp(App[str]):
         return False
 
     def on_clicked(self, event: Clicked) -> None:
-        """Do the action of a key, or of a step, that was clicked."""
+        """Perform the action of the clicked key or step."""
         self.main.refuse("")
         self.interface.do_named(event.action)
 
@@ -334,8 +334,8 @@ def run(
     resume: str | None = None,
     manual: Manual | None = None,
 ) -> str:
-    """Run the app until the operator leaves; the arm is held and the journal closed in any case."""
-    # Garbage collection while loading finds nothing and takes a third of a second.
+    """Run the app, hold the arm and close the journal in any case; return the reason for leaving."""
+    # While loading, garbage collection frees nothing and takes a third of a second.
     gc.disable()
     app = SarcalApp(make_source, theme=theme, ascii_only=ascii_only, resume=resume, manual=manual)
     app.owns_process = True

@@ -1,4 +1,4 @@
-"""Questions over the main screen. They never cover the safety strip, and the focus is on Cancel."""
+"""Dialogs over the main screen. They never cover the safety strip; where there is Cancel, it has the focus."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Confirm(Dialog[YesNo]):
     ]
 
     def body(self) -> ComposeResult:
-        """Two buttons, Cancel first."""
+        """Yield two buttons, Cancel first."""
         with Horizontal(id="buttons"):
             yield Button(self._plain("Cancel  Esc"), id="cancel", compact=True)
             yield Button(self._plain(f"{self._question.yes}  y"), id="yes", compact=True)
@@ -94,10 +94,10 @@ class Confirm(Dialog[YesNo]):
 
 
 class Ask(Dialog[Typed]):
-    """One line of text; if one is expected, only that is accepted."""
+    """A dialog with an input line; if the question expects a certain text, only that is accepted."""
 
     def body(self) -> ComposeResult:
-        """An input line and its error message."""
+        """Yield an input line and the line for instructions or a refusal."""
         yield Input(value=sanitized(self._question.value), id="answer", compact=True)
         yield Static(self._plain("Enter accepts, Esc cancels"), id="said")
 
@@ -116,10 +116,10 @@ class Ask(Dialog[Typed]):
 
 
 class Choose(Dialog[OneOf]):
-    """A choice of one of several."""
+    """A dialog with a list of options."""
 
     def body(self) -> ComposeResult:
-        """A list whose first entry changes nothing."""
+        """Yield the list of options, Cancel first."""
         cancel = Option(self._plain("Cancel"), id="")
         rows = [Option(self._plain(text), id=key) for key, text in self._question.options]
         yield OptionList(cancel, *rows, id="options", compact=True)
@@ -136,7 +136,7 @@ class Choose(Dialog[OneOf]):
 
 
 class Read(Dialog[Titled]):
-    """A text to read; Esc, q, Enter and ? close it."""
+    """A dialog with a text to read; Esc, q, Enter and ? close it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("q,enter,question_mark,f1", "dismiss_none", show=False)
@@ -146,7 +146,7 @@ class Read(Dialog[Titled]):
         super().__init__(Titled(title=title, text=text))
 
     def compose(self) -> ComposeResult:
-        """Scrolling text."""
+        """Compose the scrollable text."""
         with VerticalScroll(id="box", classes="tall") as box:
             box.border_title = self._plain(self._question.title)
             box.border_subtitle = self._plain("Esc closes")

@@ -19,7 +19,7 @@ Pressed = events.Key | events.MouseDown
 
 
 def watched(driver: type[Driver], stop_on_input: Callable[[Pressed], None]) -> type[Driver]:
-    """Return a driver class that reports each key before the event loop does, and never fails to write."""
+    """Return a driver class that reports keys and mouse presses before the event loop, and ignores write errors."""
 
     class WatchedDriver(driver):  # type: ignore[misc, valid-type]
         """See `watched`."""

@@ -1,6 +1,6 @@
 """A widget that shows lines of plain spans and repaints only those that changed.
 
-Text contains no markup: the brackets in `[deg]` are just brackets. A span is text with the name of its role.
+Text contains no markup: the brackets in `[deg]` are plain text. A span is text with the name of its role.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Clicked(Message):
-    """The operator clicked an action by name."""
+    """The operator clicked the action named `action`."""
 
     def __init__(self, action: str) -> None:
         super().__init__()
@@ -33,7 +33,7 @@ class Clicked(Message):
 
 
 class Lines(Widget, can_focus=True):
-    """Lines of spans.
+    """A widget with lines of spans.
 
     Subclasses override `build`, which turns a snapshot into lines for the current size, and set `HELP`, the text that
     `?` shows while the panel is focused.
@@ -56,7 +56,7 @@ class Lines(Widget, can_focus=True):
         self._strips: dict[int, Strip] = {}
         self._base: Style | None = None
         self._titled = ""
-        # Looking it up every time takes longer than building most lines.
+        # Size of the content; looking it up every time takes longer than building most lines.
         self._room: Size | None = None
         # Rows with frame and background, as last painted: Textual asks for all rows of all panels
         # between the first and the last that changed anywhere.
@@ -70,7 +70,7 @@ class Lines(Widget, can_focus=True):
         """Set the title without reading markup in it."""
         app: Any = self.app
         new = app.look.text(text)
-        # The frame returns markup, in which brackets are escaped.
+        # `border_title` cannot be compared: it returns markup, in which brackets are escaped.
         if new != self._titled:
             self._titled = new
             self.border_title = Content(new) if new else ""
@@ -87,7 +87,7 @@ class Lines(Widget, can_focus=True):
             self.show_lines(self.build(s, self._room.width, self._room.height))
 
     def show_lines(self, lines: Sequence[Line]) -> None:
-        """Show lines as they are."""
+        """Show lines; only rows that have changed are painted."""
         new = tuple(tuple(row) for row in lines)
         old = self.shown
         changed = [
@@ -127,7 +127,7 @@ class Lines(Widget, can_focus=True):
         return super().refresh(*regions, repaint=repaint, layout=layout, recompose=recompose)
 
     def notify_style_update(self) -> None:
-        """Repaint with other colours or another frame."""
+        """Discard the painted rows after a change of colours or frame."""
         self._painted.clear()
         super().notify_style_update()
 

@@ -124,7 +124,7 @@ class StepRow(StepRail, can_focus=False):
         return [tuple(row)]
 
     def _action_at(self, x: int, y: int) -> str:
-        """A click on a number goes to that step, a click elsewhere to the next view; neither ends a motion."""
+        """Return the action of a click: a step's number shows that step, the view's number shows the next view."""
         if self._view_at is not None and x >= self._view_at:
             return "view"
         end = 0
@@ -136,7 +136,7 @@ class StepRow(StepRail, can_focus=False):
 
 
 SELDOM = 4
-"""The frame around a step is shown again once in this many snapshots, or at once if something important has changed."""
+"""The panels around a step are updated once in this many snapshots, or at once if something important has changed."""
 HINT_ROWS, MOST_HINT_ROWS = 2, 4
 """Rows for the next action, and the most rows for a long refusal; the log shows the rest."""
 VIEWS = (ConnectView, FixtureView, ModesView, CaptureView, CalibrateView, ResultsView, ExportView)
@@ -149,7 +149,7 @@ class Hint(Lines, can_focus=False):
     refusal = ""
 
     def rows_for(self, s: SessionSnapshot, width: int) -> int:
-        """Return the rows that the sentence needs."""
+        """Return the number of rows that the sentence needs, at most `MOST_HINT_ROWS`."""
         return min(len(self._rows(s, width)), MOST_HINT_ROWS)
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
@@ -168,7 +168,7 @@ class Hint(Lines, can_focus=False):
 
 
 class Footer(Lines, can_focus=False):
-    """At most six keys."""
+    """The keys of the step, at most six."""
 
     step = Step.CONNECT
 
@@ -178,7 +178,7 @@ class Footer(Lines, can_focus=False):
         row: list[Span] = [(" ", "text")]
         at = 1
         if self.app.screen is not self.screen:
-            # The keys of this step have no meaning there.
+            # In a dialog the keys of the step do not apply.
             return [line((" F8", "key"), " STOP  ", ("Esc", "key"), " cancels")]
         if stops_on_any_key(s.task):
             return [
@@ -207,7 +207,7 @@ class Footer(Lines, can_focus=False):
 
 
 class TooSmall(Lines, can_focus=False):
-    """Shown in a terminal that is too small; states the size that is needed."""
+    """Message in a terminal that is too small, with the required size."""
 
     FIXED = True
 

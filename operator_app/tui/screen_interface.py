@@ -75,7 +75,7 @@ SOON_S = 0.1
 
 
 class ScreenInterface:
-    """A `UserInterface` on a screen, with the focus and the selection there."""
+    """The `UserInterface` of the terminal app, with its focus and its marked rows."""
 
     def __init__(self, app: SarcalApp) -> None:
         self.app = app
@@ -144,7 +144,7 @@ class ScreenInterface:
         self.app.main.refuse(reason)
 
     def ask(self, question: Question, then: Callable[[str], None]) -> None:
-        """Ask in a dialog."""
+        """Ask in a dialog; call `then` with the answer unless the dialog is cancelled."""
 
         def answered(answer: str | None) -> None:
             if answer is not None:
@@ -153,21 +153,21 @@ class ScreenInterface:
         self.app.push_screen(dialog(question), answered)
 
     def pose(self, s: SessionSnapshot) -> int | None:
-        """The marked pose."""
+        """Number of the marked pose; None without poses."""
         return self.app.main.query_one(CaptureView).marked_pose(s)
 
     def item(self, s: SessionSnapshot) -> int | None:
-        """The marked item of the check list or, if none is marked, the next open one."""
+        """Index of the marked item of the check list or, if that is ticked, of the next open one; None without any."""
         open_items = action_table.open_items(s)
         marked = self.marked_item()
         return marked if marked in open_items else next(iter(open_items), None)
 
     def marked_item(self) -> int:
-        """The marked item of the check list."""
+        """Index of the marked item of the check list."""
         return self.app.main.query_one(FixtureView).cursor
 
     def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
-        """The alarm on the screen; a newer one may exist that has not been shown."""
+        """The alarm on the screen, if it still stands; a newer one may not have been shown yet."""
         shown = self.app.main.log_lines.alarm
         standing = {alarm.number for alarm in s.alarms}
         return shown if shown is not None and shown.number in standing else None
@@ -191,7 +191,7 @@ class ScreenInterface:
             self.runner.cancel()
 
     def write_report(self, runner: Runner) -> Path:
-        """Write the report page."""
+        """Write the report page; return its path."""
         from operator_app.report.html.page import write_report
 
         return write_report(runner.session)
@@ -199,7 +199,7 @@ class ScreenInterface:
     # -- manual ------------------------------------------------------------------------------------
 
     def topics(self) -> Mapping[str, str]:
-        """Pages of the manual."""
+        """Summaries of the manual's pages, by topic."""
         return {topic: self.app.manual.summary(topic) for topic in self.app.manual.topics}
 
     def show_page(self, topic: str) -> None:
@@ -296,19 +296,19 @@ class ScreenInterface:
     # -- moving about ------------------------------------------------------------------------------
 
     def follow(self, s: SessionSnapshot) -> None:
-        """Follow the progress: when a calibration is done, show step Results."""
+        """Change from step Calibrate to step Results when a calibration is done."""
         if s.solution is not None and s.solution is not self._seen_solution:
             self._seen_solution = s.solution
             if self.app.step is Step.CALIBRATE:
                 self.go(Step.RESULTS)
 
     def go(self, step: Step) -> bool:
-        """Show a step if it is open; otherwise show what is missing."""
+        """Show a step if it is open and return true; otherwise show what is missing."""
         s = self.snapshot()
         if s is None:
             return False
         missing = guards.missing_for(step, s)
-        # Going back has no condition.
+        # Going back is always allowed.
         if missing and step > self.app.step:
             self.refuse(f"{step.title} is closed: {missing[0]}")
             return False
@@ -335,7 +335,7 @@ class ScreenInterface:
     # -- everything else ---------------------------------------------------------------------------
 
     def stop(self) -> None:
-        """Software STOP, from this thread, at once."""
+        """Send the software STOP from this thread at once."""
         runner = self.app.runner
         if runner is not None and runner.connected:
             runner.stop()
@@ -375,4 +375,4 @@ ON_SCREEN: Mapping[str, Callable[[ScreenInterface], object]] = {
     "quit": ScreenInterface.leave,
     **{f"step_{int(step)}": partial(ScreenInterface.go, step=step) for step in Step},
 }
-"""Work of the actions that only a screen has, by name."""
+"""Functions of the actions that exist only in the terminal app, by name."""

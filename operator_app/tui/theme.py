@@ -1,6 +1,6 @@
 """Colours and glyphs: three themes, one table of roles; plain ASCII on request.
 
-What is normal is grey; colour marks what is not, always together with a glyph and a word.
+Normal states are grey; colour marks all others, always together with a glyph and a word.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ ASCII = str.maketrans(
 )  # fmt: skip
 """ASCII replacements of one character each, so that nothing moves. Braille is replaced where it is drawn."""
 PLUS_MINUS = "±", "+-"
-"""The only replacement of two characters: it precedes a figure, and nothing after it is aligned."""
+"""The only replacement by two characters: nothing after it is aligned."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,7 +78,7 @@ class Look:
 
 
 STOP_WIDTH = 16
-"""Columns at the left end of the strip in which a click is STOP."""
+"""Number of columns at the left end of the strip in which a click means STOP."""
 SMALLEST_TERMINAL = (80, 24)
 LARGE = (110, 32)
 

@@ -151,7 +151,7 @@ def _time_left(s: SessionSnapshot) -> str:
     if s.task is None or s.task.kind is not TaskKind.AUTOMATIC:
         return " " * 12
     if s.procedure.capture.strategy == "planned" and not s.state.campaign.begun:
-        return "exploring   "  # until the exploration is far enough, their number is unknown
+        return "exploring   "  # the number of exploration poses is not known in advance
     from datetime import datetime
 
     times = [datetime.fromisoformat(p.utc) for p in used[-8:]]
@@ -247,7 +247,7 @@ def _coverage(number: int, joint: Joint, span: tuple[float, float] | None, width
 
 
 class CaptureView(StepView):
-    """Joints, target, poses; drawing, quality."""
+    """View of step 4: joints, target, poses, drawing, quality."""
 
     STEP = Step.CAPTURE
     PANELS = (
@@ -267,6 +267,6 @@ class CaptureView(StepView):
     )
 
     def marked_pose(self, s: SessionSnapshot) -> int | None:
-        """Number of the marked pose."""
+        """Number of the marked pose; None without poses."""
         poses, cursor = s.state.poses, self.query_one("#poses", PosesPanel).cursor
         return poses[-1 - min(cursor, len(poses) - 1)].number if poses else None

@@ -103,7 +103,7 @@ class RecordPanel(Lines):
         where = "r writes report.html" if s.report is None else f"✓ {s.report}"
         rows.append(entry("Report", where))
         rows.append(entry("Session", f"{s.folder}"))
-        # The session is named last: its folder is that of the file as well.
+        # The session is last, where it may be cut off: the file's path contains its folder too.
         return [clip(row, width) for row in rows[:height]]
 
 
@@ -139,5 +139,5 @@ def difference_table(solution: Solution, rows: tuple[DiffRow, ...]) -> FactTable
 
 
 def changed(table: FactTable) -> int:
-    """Return the number of entries that differ, with the digits shown, from the active ones."""
+    """Return the number of entries whose new value, at the digits shown, differs from the active one."""
     return sum(shown(active) != shown(new) for _, _, active, new, _ in table.rows)

@@ -135,13 +135,13 @@ class ChecklistPanel(ListPanel):
         return len(s.procedure.fixture.checklist)
 
     def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
-        """One item, one or two lines."""
+        """Return the lines of one item."""
         is_marked, mark = k == self.cursor, "x" if k in s.ticked else " "
         text = f"{'▌' if is_marked else ' '}[{mark}] {s.procedure.fixture.checklist[k]}"
         return wrapped(text, width, "cursor text" if is_marked else "text", "     ")
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return the list, with the mark moved to the next open item after one was ticked."""
+        """Return the list; after an item was ticked, the next open one is marked."""
         if s.ticked != self._ticked:
             self._ticked = s.ticked
             self.cursor = min(set(range(self.count(s))) - s.ticked, default=self.cursor)

@@ -17,7 +17,7 @@ from operator_app.units import others_free
 
 
 class PlanPanel(Lines):
-    """The change that will be applied, and the reasons for these joints."""
+    """The pending change of modes, and the ranking of drive joints."""
 
     TITLE = "Plan"
     HELP = (
@@ -67,7 +67,7 @@ class PlanPanel(Lines):
 
 
 def _whole(pairs: Sequence[Sequence[Line]], room: int) -> list[Line]:
-    """Return as many pairs as fit, and how many were left out."""
+    """Return the lines of as many pairs as fit into `room` rows, and the number of the others."""
     rows = [row for pair in pairs for row in pair]
     if len(rows) <= room:
         return rows

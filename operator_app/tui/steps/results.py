@@ -36,7 +36,7 @@ VERDICT_GLYPHS = {
 
 
 class VerdictPanel(Lines):
-    """Accepted or not, and why."""
+    """The verdict with its reasons."""
 
     TITLE = "Verdict"
     HELP = (
@@ -48,13 +48,13 @@ class VerdictPanel(Lines):
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Verdict, headlines, reasons, warnings."""
+        """Return verdict, headlines, reasons and warnings."""
         facts = facts_on(s)
         if facts is None or s.solution is None:
             return wrapped(f" {no_facts(s)}", width, "dim", " ")
         verdict, count = s.solution.verdict, len(facts.notices)
         glyph, role = VERDICT_GLYPHS[verdict]
-        # Called notes, because ACCEPTED, WITH WARNINGS is another verdict.
+        # Notices are called notes here, because ACCEPTED, WITH WARNINGS is another verdict.
         noted = verdict is Verdict.ACCEPTED and count
         tail = f" · {plural(count, 'note')}" if noted else ""
         sigmas = [h for h in facts.headlines if h.closure]
@@ -79,7 +79,7 @@ class VerdictPanel(Lines):
 
 
 def _hand(solution: Solution, width: int) -> list[Line]:
-    """Tool accuracy over the joints' ranges, without the explanation if that does not fit."""
+    """Return the line with the tool accuracy over the joints' ranges, explained if there is room."""
     if solution.accuracy is None:
         return []
     before, after = (
@@ -97,7 +97,7 @@ def _hand(solution: Solution, width: int) -> list[Line]:
 
 
 class ParametersPanel(TablePanel):
-    """Nominal, identified, change, sigma, and the paper estimator's value."""
+    """Table of parameters: nominal, identified, change, sigma, and the paper estimator's value."""
 
     TITLE = "Parameters"
     HELP = (
@@ -124,12 +124,12 @@ class ResultsPlot(Lines):
     page = 0
     count = 1
     words_from = 1
-    """First page of words and tables, which need the whole width."""
+    """First page of text and tables, which need the whole width."""
     framed = True
     """Whether the frame shows the title; without a frame the title is the first line."""
 
     def count_pages(self, s: SessionSnapshot) -> None:
-        """Return the number of pages: plots, text, the table of joints and other tables."""
+        """Update the number of pages: plots, text, the table of joints and other tables."""
         facts = facts_on(s)
         if s.solution is not None and facts is not None:
             self.words_from = 1 + len(s.solution.rvdt)
@@ -195,7 +195,7 @@ def _in_full(solution: Solution, width: int) -> list[Line]:
 
 
 class ResultsView(StepView):
-    """Verdict on top, parameters and plots below."""
+    """View of step 6: verdict on top, parameters and plots below."""
 
     STEP = Step.RESULTS
     PANELS = ({"parameters": ParametersPanel}, {"results-plot": ResultsPlot})
@@ -227,7 +227,7 @@ class ResultsView(StepView):
         plots.page = (plots.page + 1) % plots.count
         if self.compact and plots.page == 0:
             super().next_view()
-        # Words and tables need the whole width.
+        # Text and tables need the whole width.
         self.query_one(".left").display = not (plots.page >= plots.words_from or self.compact) or (
             self.compact and self.view == 0
         )

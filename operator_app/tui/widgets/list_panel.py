@@ -16,7 +16,7 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 
 
 class ListPanel(Lines):
-    """Subclasses override `head`, `count` and `row`.
+    """A list with a header; subclasses override `head`, `count` and `row`.
 
     With `MARKS`, `cursor` is the marked row and stays visible; otherwise it is the first visible row.
     """
@@ -45,7 +45,7 @@ class ListPanel(Lines):
         self.cursor = max(0, min(self._last, self.cursor + by))
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Header, and the rows that fit."""
+        """Return the header and the rows that fit."""
         head, count = self.head(s, width), self.count(s)
         room = max(1, height - len(head))
         if self.MARKS:
@@ -66,11 +66,11 @@ class TablePanel(ListPanel):
     MARKS = False
 
     def table(self, s: SessionSnapshot) -> FactTable | None:
-        """Return the table to show; None: nothing."""
+        """Return the table to show, or None."""
         return None
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Head, and the rows that fit."""
+        """Return the column titles and the rows that fit."""
         table = self.table(s)
         self._head, self._rows = ([], []) if table is None else table_spans(table)
         return super().build(s, width, height)
@@ -100,7 +100,7 @@ _DRIVES = {
 
 
 class JointTable(ListPanel):
-    """One row for each joint. `show_wanted`: whether the row has a mark, the sensor and the requested mode."""
+    """One row for each joint; with `show_wanted`, rows have a mark, the sensor and the requested mode."""
 
     TITLE = "Joints"
     HELP = (

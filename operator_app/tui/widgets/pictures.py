@@ -22,7 +22,7 @@ from solver.loops.closure import ClosureModel
 LABEL = 9
 """Width in cells of the vertical axis and its numbers."""
 SERIES_ROLES = {"a": "text", "b": "accent", "c": "warn", "d": "dim"}
-"""Roles of the classes of lines and marks."""
+"""Colour roles of lines and marks, by class."""
 
 
 def plot(of: Picture, width: int, height: int, *, ascii_only: bool) -> list[Line]:
@@ -148,7 +148,7 @@ class ArmView(Lines):
         self._turn = False
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return the drawing, made again only if a joint moved visibly or something else that it shows changed."""
+        """Return the drawing; it is made again only if a joint moved visibly or other contents changed."""
         if s.arm is None:
             self.set_title("Arm")
             return [(), line((" no arm connected", "dim"))]
@@ -161,7 +161,7 @@ class ArmView(Lines):
         things = (s.procedure, x, s.forecast, s.heading)
         news = figures != self._figures or any(map(is_not, things, self._things))
         self._turn = not self._turn
-        # Ten times a second is enough: this panel takes the most time.
+        # Motion is redrawn at most ten times a second, because this panel takes the most time.
         if news or (self._turn and np.abs(q - self._at).max() > VISIBLE_RAD):
             self._drawn = self._draw(s, q, x, width, height, redraw=news)
             self._figures, self._things, self._at = figures, things, q
@@ -223,7 +223,7 @@ def _points(model: ClosureModel, x: FloatArray, q: FloatArray) -> FloatArray:
 
 
 def _box(model: ClosureModel, x: FloatArray, q: FloatArray, s: SessionSnapshot) -> FloatArray:
-    """Lowest and highest screen coordinates (2, 2) over the poses that are planned."""
+    """Return the lowest and highest screen coordinates (2, 2), m, of the arm over the planned poses."""
     poses = [q] if s.forecast is None else [q, *s.forecast.q_rad[s.forecast.reachable][:40]]
     points = np.concatenate([_points(model, x, pose) for pose in poses]) @ _view().T
     low, high = points.min(axis=0), points.max(axis=0)

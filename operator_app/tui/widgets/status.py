@@ -36,7 +36,7 @@ class SafetyStrip(Lines, can_focus=False):
         cells += [_modes(s, short=short), _drives(s, short=short)]
         row = _joined(cells, short=short)
         if length(row) > width:
-            # The step shows the modes as well; the state of the drives is shown only here.
+            # Omit the modes, which the step shows too; the state of the drives is shown only here.
             row = _joined([*cells[:-2], cells[-1]], short=short)
         return [clip(row, width)]
 
@@ -177,7 +177,7 @@ class Log(Lines, can_focus=False):
     alarm: ShownAlarm | None = None
 
     def rows_for(self, s: SessionSnapshot, width: int, most: int) -> int:
-        """Rows that an alarm needs: `LOG_ROWS` to `most`."""
+        """Return the number of rows that an alarm needs: `LOG_ROWS` to `most`."""
         return min(max(len(_alarm_rows(s, width)), LOG_ROWS), most)
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
@@ -189,7 +189,7 @@ class Log(Lines, can_focus=False):
         self.alarm = (
             ShownAlarm(number=s.alarms[-1].number, all_visible=all_visible) if rows else None
         )
-        # During a motion every key ends it: none is offered.
+        # Every key ends a motion, so that no key is offered during one.
         more = " …" if stops_on_any_key(s.task) else SHOWS_ALL.format(key="l")
         others = [m for m in s.messages[::-1] if m.number not in standing]
         for k, message in enumerate(others):

@@ -162,7 +162,7 @@ NOTEWORTHY_SHARE = 0.9
 whole sigma."""
 
 RANGE_SAMPLES = 300
-"""Number of poses over the joints' ranges: enough to know an rms to some 4 %."""
+"""Number of poses over the joints' ranges; the rms over them is accurate to about 4 %."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

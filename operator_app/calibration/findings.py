@@ -1,4 +1,4 @@
-"""Makes findings (joint, size, poses) from fitted explanations, left-out poses, and motion during sampling."""
+"""Findings from fitted explanations, left-out poses, and motion during sampling."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ class PastVerification:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EntryHistory:
-    """Calibrations with one fixture and estimator, oldest first, and their entries of one side.
+    """Calibrations with one fixture and estimator, oldest first, and their entries of one part (`side`).
 
     Attributes
     ----------
@@ -147,7 +147,7 @@ def history_of(
 def _part(group: Sequence[PastCalibration], side: Side) -> EntryHistory:
     """Align the entries of one side that all calibrations have; for the arm only its offsets.
 
-    Estimates of its lengths and twists mostly repeat the maker's values.
+    Estimates of the arm's lengths and twists mostly repeat the maker's values.
     """
     first = group[0].document
     sides = sides_of(first)

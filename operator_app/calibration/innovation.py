@@ -54,7 +54,7 @@ class Innovation:
     shifts: Mapping[int, ShiftOfReading]
 
     def unseen(self, shift_rad: float, chi2: float) -> tuple[int, ...]:
-        """Joints for which a shift of this size would have less than this chi2 on average."""
+        """Return the joints in which a shift of `shift_rad` would explain less than `chi2` on average."""
         return tuple(j for j, s in self.shifts.items() if (shift_rad / s.sigma_rad) ** 2 < chi2)
 
 

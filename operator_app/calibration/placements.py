@@ -78,7 +78,7 @@ def _pairs(model: Placements, estimate: Estimate) -> Iterator[Finding]:
 
 
 def _in_sigmas(difference: FloatArray, covariance: FloatArray) -> tuple[FloatArray, float]:
-    """Size of each difference (k,) in units of its standard deviation, and chi2 of all of them together."""
+    """Return the magnitude of each difference (k,) in standard deviations, and chi2 of all of them together."""
     sd = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     known = sd > 0.0
     if np.any(difference[~known] != 0.0):

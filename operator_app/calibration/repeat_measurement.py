@@ -56,12 +56,12 @@ class Repeat:
     joint
         Joint (1-based) of which a slip alone would explain most of that part.
     size_rad, sigma_rad
-        Size of that slip and its standard uncertainty.
+        Most likely value of that slip, and its standard uncertainty.
     chi2_left
         chi2 that remains after subtracting that slip, with one degree of freedom less: large if the fixture slipped and
         not a joint.
     joint_odds
-        Likelihood ratio between a slip of that joint and one of the fixture, each at its most likely size.
+        Likelihood ratio between a slip of that joint and one of the fixture, each at its most likely magnitude.
     turned_rad, shifted_m
         Rotation and displacement of the fixture, if the fixture slipped.
     """

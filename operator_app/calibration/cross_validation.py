@@ -59,7 +59,9 @@ def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses:
     experiment = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=model.unsensed_joints)
     stated = experiment.at_poses(used)
     q, hard = stated.poses.q_rad, model.without(solution.tolerated)
-    tolerance = free_within_tolerance(hard, arm)[1]
+    tolerance = free_within_tolerance(
+        hard, arm, length_tolerance_m=solution.length_tolerance_m, fixed=solution.held
+    )[1]
     errors = error_model(
         experiment,
         used,

@@ -1,5 +1,6 @@
 """Checks of a calibration by its own poses: of exact readings they are as exact as the calibration."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.cross_validation import check
 from operator_app.config.poses_file import load_poses
 from solver.estimators import mixed_fit
-from tests.oracles.as_shipped import ARM, HINGE, fit_of
+from tests.oracles.as_shipped import ARM, HINGE, fit_of, poses_of
 from tests.oracles.shop_floor import Sizes, session
 
 EXACT = Path(__file__).parents[2] / "data" / "hinge" / "hinge_exact.csv"
@@ -21,6 +22,16 @@ def test_parts_are_fitted_with_the_sign_of_gravity_that_the_whole_found():
     for part in (found.held_out, found.far_block):
         assert part.sigmas.position_m.rms < 1e-6
     assert np.rad2deg(found.jackknife_sd[0]) < 1e-4
+
+
+def test_lengths_have_the_tolerance_that_the_calibration_had():
+    """Not that of the arm's file, with which they would be exact here, or free without any prior."""
+    exact = replace(ARM, tolerances=tuple(replace(t, length_m=0.0) for t in ARM.tolerances))
+    poses, checked = poses_of(session(0, Sizes.everything())), []
+    for arm, tolerance_m in ((ARM, None), (exact, float(ARM.length_tolerance_m.max()))):
+        solution = calibrate(arm, HINGE, poses, length_tolerance_m=tolerance_m)
+        checked.append(check(solution, arm, HINGE, poses).jackknife_sd)
+    np.testing.assert_allclose(*checked, rtol=1e-3)
 
 
 def test_the_sign_of_gravity_is_tested_by_the_time_the_fit_converges(monkeypatch):

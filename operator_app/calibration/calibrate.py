@@ -125,6 +125,7 @@ def calibrate(
     if estimator == "paper" and unsensed:
         raise ValueError("the paper's estimator needs every joint sensed (eqs. 10-13)")
     fixture = with_registered_instrument(arm, fixture, poses)
+    arm = arm.with_length_tolerance(length_tolerance_m)
     task = Task(
         experiment=Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=unsensed),
         by_paper=estimator == "paper",
@@ -256,9 +257,7 @@ def screen(prepared: Prepared) -> Screened:
         at_readings = _identifiability(prepared, paper.x)
         _require_identifiable(prepared, at_readings, by_arm)
     # The implicit fit is always made, because the paper's estimate is compared with it.
-    model, tolerance = free_within_tolerance(
-        hard, experiment.arm, length_tolerance_m=task.length_tolerance_m, fixed=prepared.dropped
-    )
+    model, tolerance = free_within_tolerance(hard, experiment.arm, fixed=prepared.dropped)
     distinct, which = distinct_poses(experiment.poses, loops.kept)
     return Screened(
         before=prepared,
@@ -337,7 +336,6 @@ def diagnose(fitted: Fitted) -> Diagnosed:
             used,
             part,
             fixed=prepared.dropped,
-            length_tolerance_m=task.length_tolerance_m,
         )
         if fitted.closes
         else (),

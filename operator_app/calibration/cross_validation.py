@@ -55,13 +55,12 @@ def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses:
     if len(poses) - len(solution.dropped_flipped) < 2 * FOLDS:
         return Checks()
     fixture, model = with_calibrated_places(fixture, solution.model), solution.model
+    arm = arm.with_length_tolerance(solution.length_tolerance_m)
     used = np.setdiff1d(np.arange(len(poses)), solution.dropped_flipped)
     experiment = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=model.unsensed_joints)
     stated = experiment.at_poses(used)
     q, hard = stated.poses.q_rad, model.without(solution.tolerated)
-    tolerance = free_within_tolerance(
-        hard, arm, length_tolerance_m=solution.length_tolerance_m, fixed=solution.held
-    )[1]
+    tolerance = free_within_tolerance(hard, arm, fixed=solution.held)[1]
     errors = error_model(
         experiment,
         used,

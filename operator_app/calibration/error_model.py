@@ -187,15 +187,13 @@ def free_within_tolerance(
     model: ClosureModel,
     arm: ArmModel,
     *,
-    length_tolerance_m: float | None = None,
     fixed: Collection[str] = (),
 ) -> tuple[ClosureModel, dict[str, float]]:
     """Free the arm's lengths and twists within their tolerances, since the maker's table is not exact.
 
     The same is done with offsets that the poses do not determine, if the arm's file states their uncertainty.
 
-    `length_tolerance_m`: standard deviation of all lengths, instead of that in the arm's file. `fixed`: entries to be
-    fixed at their nominal values.
+    `fixed`: entries to be fixed at their nominal values.
 
     Returns
     -------
@@ -204,12 +202,9 @@ def free_within_tolerance(
     """
     part = model.parts()[0][0]
     n = arm.joint_count
-    length = (
-        arm.length_tolerance_m if length_tolerance_m is None else np.full(n, length_tolerance_m)
-    )
     tolerances: dict[DhEntry, float] = {}
     for kind in (DhKind.A, DhKind.S, DhKind.ALPHA, DhKind.BETA):
-        sizes = arm.twist_tolerance_rad if kind.is_angle else length
+        sizes = arm.twist_tolerance_rad if kind.is_angle else arm.length_tolerance_m
         entries = (DhEntry(kind, row) for row in range(1, n + 1))
         tolerances |= {e: float(sizes[e.row - 1]) for e in entries if e in arm.maker_entries(e.row)}
     if arm.offset_tolerance_rad is not None:

@@ -137,11 +137,10 @@ def _errors(
     """Stated errors of old and new poses, with the tolerances and priors that the calibration used."""
     tolerated = {p.name for p in model.parameters} & set(solution.tolerated)
     sought = model.without(tuple(tolerated))
-    stated = free_within_tolerance(
-        sought, both.arm, length_tolerance_m=solution.length_tolerance_m, fixed=solution.held
-    )[1]
+    arm = both.arm.with_length_tolerance(solution.length_tolerance_m)
+    stated = free_within_tolerance(sought, arm, fixed=solution.held)[1]
     by_paper = solution.estimate.estimator == "paper"
-    prior = {} if by_paper else stated_priors(sought, both.arm, both.fixture)
+    prior = {} if by_paper else stated_priors(sought, arm, both.fixture)
     return error_model(
         both,
         tolerance={name: sd for name, sd in stated.items() if name in tolerated},

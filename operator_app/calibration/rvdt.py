@@ -46,7 +46,6 @@ def check_rvdts(
     calibrated: Calibrated,
     *,
     fixed: tuple[str, ...],
-    length_tolerance_m: float | None,
 ) -> tuple[RvdtVerdict, ...]:
     """Test the noise of every RVDT, and its readings against the loops of one placement.
 
@@ -80,9 +79,7 @@ def check_rvdts(
         return none_decided(
             f"{without}, these poses do not determine {blurred}: test it in the hinge"
         )
-    model, tolerance = free_within_tolerance(
-        model, arm, length_tolerance_m=length_tolerance_m, fixed=fixed
-    )
+    model, tolerance = free_within_tolerance(model, arm, fixed=fixed)
     # The loads are the same whether a joint's reading is used or not.
     errors = calibrated.linear.design.errors
     prior = {p.name: errors.prior[p.name] for p in model.parameters if p.name in errors.prior}

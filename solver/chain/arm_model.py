@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -128,6 +128,13 @@ class ArmModel:
         return tuple(
             j for j, joint in enumerate(self.joints, 1) if isinstance(joint.sensor, NoSensor)
         )
+
+    def with_length_tolerance(self, length_m: float | None) -> ArmModel:
+        """Return the arm with this standard deviation of all lengths, m; unchanged for None."""
+        if length_m is None:
+            return self
+        rows = self.tolerances or (RowTolerance(),) * self.joint_count
+        return replace(self, tolerances=tuple(replace(row, length_m=length_m) for row in rows))
 
     def maker_entries(self, row: int) -> tuple[DhEntry, ...]:
         """Entries for length and twist in a row of the maker's table: a, s, alpha; in a Hayati row a, alpha, beta."""

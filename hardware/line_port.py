@@ -282,8 +282,8 @@ class GrowingFile(LinePort):
             heading = file.readline(LONGEST)
         if not heading.endswith(b"\n"):
             raise InstrumentError(
-                f"{self._path} has no heading yet. The first line must name the columns: x_m,y_m,z_m and the "
-                "target's orientation"
+                f"{self._path} has no header line yet. The first line must name the columns: x_m,y_m,z_m and, for the "
+                "orientation, for example rx_deg,ry_deg,rz_deg"
             )
         return heading.decode(errors="replace").strip("\r\n\ufeff")
 
@@ -338,7 +338,7 @@ class GrowingFile(LinePort):
             reason = error.strerror if isinstance(error, OSError) else str(error)
             raise InstrumentError(
                 f"{self._path} cannot be read ({reason}). Let the tracker's program write "
-                "the heading line first:  x_m,y_m,z_m and the target's orientation"
+                "the header line first: x_m,y_m,z_m and, for the orientation, for example rx_deg,ry_deg,rz_deg"
             ) from error
 
     def _no_file(self) -> InstrumentError:

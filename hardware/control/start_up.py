@@ -86,7 +86,7 @@ def _read_all(access: ObjectAccess, needed: Sequence[_Object]) -> dict[_Object, 
 
 
 def _stated_timeout_s(access: ObjectAccess, nodes: Iterable[int]) -> float:
-    """Longest operator time-out that these drives, or this supervisor, state; 0 if none does."""
+    """Longest operator time-out that these nodes state, times `MARGIN`; 0 if none states one."""
     timeout_s = 0.0
     for node in nodes:
         try:

@@ -144,7 +144,7 @@ def reading_step(
 
 
 def range_finding(out_of_range: RangeFinding, poses: PoseSet, *, notice: bool = False) -> Finding:
-    """Return the finding of a joint's readings outside its range; a saturated sensor, as a cause, blocks acceptance."""
+    """Return the finding of a joint's readings outside its range; saturation blocks acceptance unless `notice`."""
     return Finding(
         kind=RANGE_KINDS[out_of_range.fault][notice],
         joint=out_of_range.joint,

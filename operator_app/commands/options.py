@@ -92,7 +92,7 @@ def option(parser: argparse._ActionsContainer, usage: str, description: str, **m
 
 
 def options(parser: argparse.ArgumentParser, usages: str) -> None:
-    """Declare options that several commands have, by their usages in `SHARED`, separated by commas."""
+    """Declare shared options; `usages` are keys of `SHARED`, separated by commas."""
     for usage in usages.split(", "):
         option(parser, usage, SHARED[usage], **ARGUMENTS.get(usage, {}))
 

@@ -254,7 +254,7 @@ def _angles(body: list[Row], where: tuple[int, ...], file: str, *, radians: bool
             break
     if doubted:
         # A wrong unit is one mistake, however many cells show it.
-        more = f", as in {plural(len(doubted) - 1, 'other cell')}" if doubted[1:] else ""
+        more = f", like {plural(len(doubted) - 1, 'other cell')}" if doubted[1:] else ""
         remedy = "leave out --rad if the log is in degrees" if radians else "give degrees"
         problems.append(replace(doubted[0], text=f"{doubted[0].text}{more}", remedy=remedy))
     if problems:

@@ -127,7 +127,10 @@ def _to_tip(before: FloatArray, tip: AxisLine, sine: float) -> tuple[float, ...]
 
 
 def _normal_to(line: AxisLine, apart: FloatArray, z: FloatArray) -> tuple[FloatArray, float]:
-    """Return the unit normal to a line at `apart` (3,), m, turned towards the line's x, and the distance along it."""
+    """Return the unit normal along the offset `apart` (3,), m, on the side of `line`'s x, and the distance along it.
+
+    If the lines meet, the normal is perpendicular to `z` and the distance 0.
+    """
     a = float(np.linalg.norm(apart))
     if a <= MEET_M:
         return _across(z, line.x, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])), 0.0

@@ -78,7 +78,7 @@ def load_settings() -> UserSettings:
 def valid_settings() -> tuple[UserSettings, str]:
     """Return the user's settings and an empty text; if the file is invalid, default settings and a warning.
 
-    A bus is not taken from these: `usual_bus` refuses an invalid file.
+    Do not take the bus from the result: use `usual_bus`, which raises for an invalid file.
     """
     try:
         return load_settings(), ""

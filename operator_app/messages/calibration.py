@@ -54,7 +54,7 @@ SOURCE_REMEDIES = {
     "fixture_give": "mount a fixture twice as stiff, or load it less, and state its compliance (give)",
     "instrument": "measure twice as accurately, or four times as many poses, and state the instrument's sigma",
     "joint_play": "halve the joints' play and state the new value",
-    "sag": "state the links' masses, or a smaller sag if the joints sag less",
+    "sag": "state the links' masses, or a smaller sag_deg if the joints really sag less than the arm file states",
     "distances": "measure the distances of the sockets twice as accurately and state their sigma_mm",
     "discrepancy": "find the deflection that depends on the pose and that no file states",
     "counts": "fit encoders with more counts: averaging does not help an encoder at rest",

@@ -44,8 +44,8 @@ _TOGETHER = (
 _DISTANCE = "measure the distance again and correct it in the file; it scales the arm's lengths"
 _DISTURBED = "take more poses, look for a pose that was disturbed, or leave out the joint that the warnings name"
 _NOT_REPEATED = (
-    "pose {first}{placement} was not measured again after pose {last} ({reported}): only the poses themselves show "
-    "whether a joint or the fixture slipped since pose {since}, and a slip in the last poses is hard to detect"
+    "pose {first}{placement} was not measured again after pose {last} ({reported}): a slip of a joint or the "
+    "fixture after pose {since} shows only in the poses themselves, and one in the last poses hardly"
 )
 
 

@@ -82,7 +82,7 @@ class FactTable:
 
     @property
     def brief(self) -> FactTable:
-        """The table without columns that only the page shows."""
+        """The table without columns that only the HTML page has."""
         return self._of([k for k, column in enumerate(self.columns) if not column.detail])
 
     @property

@@ -114,7 +114,7 @@ ROLES = {"found": "bold"}
 
 
 def table_spans(table: FactTable) -> tuple[list[Line], list[Line]]:
-    """Return the header and body of a table as spans, without columns that only the page shows."""
+    """Return the header and body of a table as spans, without the columns that only the HTML page has."""
     table = table.brief
     heads, rows = placed(table, " ")
     body = [

@@ -40,7 +40,7 @@ def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
     """Interim calibration by the implicit estimator, from nominal values or the last good estimate.
 
     When the closure errors are far larger than the joint sensors' noise, the excess is attributed to the fixture's
-    compliance and the poses are fitted again: otherwise few poses in a compliant fixture would look too certain.
+    compliance and the poses are fitted again: otherwise the covariance would be too small.
     """
     last: list[FloatArray] = []
     explained = [noise]

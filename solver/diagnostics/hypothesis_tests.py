@@ -93,7 +93,7 @@ def pull_tests(
 
 
 def scale_tests(scene: FaultModels, residuals: WhitenedResiduals) -> list[HypothesisTest]:
-    """Test the scale of every encoder: the loops show an error of 1 %, and no other test covers it."""
+    """Test the scale of every encoder: loops reveal an error of 1 %, and no other test covers it."""
     z = []
     for candidate in scene.scales():
         s, C = residuals.score(candidate.columns)

@@ -333,7 +333,7 @@ def inverse_root(H: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _triangular_root(H: FloatArray) -> FloatArray | None:
-    """Upper triangular K with ``H^-1 = K K'``, computed by halves: products are far faster than triangular inverses.
+    """Upper triangular K with ``H^-1 = K K'``, by recursion on half the size: products are far faster.
 
     With ``H = R'R``, K is the inverse of R; None where H is not positive definite.
     """

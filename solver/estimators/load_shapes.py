@@ -43,7 +43,7 @@ CONSTANT, LINEAR = 0.5, 0.5
 class PoseBasis:
     """Smooth functions of the pose, as columns.
 
-    `phi`: values (m, k). `missed`: variance (m,) at each pose that so few columns leave out.
+    `phi`: values (m, k). `missed`: variance (m,) at each pose that these k columns leave out.
     """
 
     phi: FloatArray
@@ -52,10 +52,10 @@ class PoseBasis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PoseProcess:
-    """The process as a low-rank approximation, before the few columns are chosen.
+    """Low-rank approximation of a random process over the poses; `leading` selects columns from it.
 
-    `values` (m, c): one column for each centre. `turn` (c, c): takes `values` to orthogonal columns, the largest first.
-    `variance` (m,): variance of the process itself.
+    `values` (m, c): one column for each centre. `turn` (c, c): rotates `values` to orthogonal columns in order of
+    decreasing size. `variance` (m,): variance of the process itself.
     """
 
     values: FloatArray

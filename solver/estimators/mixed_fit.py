@@ -251,7 +251,7 @@ def _solved(design: LinearModel, linearisation: Linearisation, v: FloatArray) ->
 def _at_mean_scales(
     design: LinearModel, fit: LinearFit, derivatives: Derivatives, state: State
 ) -> tuple[LinearFit, State]:
-    """Solve again where the loops close, with estimated sizes at their posterior means; no change without these."""
+    """Solve once more at the closed loops, with estimated sizes at their posterior means, if there are any."""
     v = expected_scales(fit, derivatives)
     if np.array_equal(v, fit.v):
         return fit, state
@@ -357,7 +357,7 @@ def expected_fit(
     *,
     group: IntArray | None = None,
 ) -> LinearFit:
-    """Return the fit expected from readings of poses near `q` (m, n), rad, at parameters `x` (P,) and stated errors.
+    """Predict the fit of a calibration from poses near `q` (m, n), rad, at parameters `x` (P,) and stated errors.
 
     Its covariance predicts that of a calibration from such poses; its misfit has no meaning. No readings are used:
     loops are closed at `x` as near to `q` as possible.

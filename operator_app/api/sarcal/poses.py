@@ -129,7 +129,11 @@ def poses_of(
         raise ValueError("give the readings in one unit only: q_rad=... or q_deg=...")
     name = "q_deg" if q_rad is None else "q_rad"
     angles = numbers("q_rad", q_rad) if q_deg is None else np.deg2rad(numbers("q_deg", q_deg))
-    if angles.ndim != 2 or 0 in angles.shape:
+    if angles.ndim == 2 and not angles.size:
+        raise ValueError(
+            f"{name} has shape {angles.shape}: it contains no reading; give a row for each pose"
+        )
+    if angles.ndim != 2:
         raise ValueError(
             f"{name} has shape {angles.shape}: it must have one row per pose and one column per joint"
         )

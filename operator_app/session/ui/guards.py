@@ -58,7 +58,7 @@ def modes_ready(s: SessionSnapshot) -> Missing:
 
 
 def capture_ready(s: SessionSnapshot) -> Missing:
-    """Step Capture needs drives that are enabled in their confirmed modes."""
+    """Return what step Capture lacks: drives that are enabled in their confirmed modes."""
     if before := modes_ready(s):
         return before
     if s.stopped:

@@ -74,7 +74,7 @@ def test_a_pdo_that_nobody_uses_on_an_identifier_of_the_arm_is_refused(bus, reco
         make(bus).connect()
     assert refused.value.differences == (
         f"node 4, {record + number - 1:04X}h sub 1: expected another identifier, or none, "  # noqa: ISC004
-        f"found {cob_id:03X}h, which frames of this arm use",
+        f"found {cob_id:03X}h, the identifier of other frames of this arm",
     )
 
 

@@ -162,7 +162,7 @@ class ArmSnapshot:
     late_s
         Host latency contained in the age of the oldest joint state.
     lateness
-        Host latency of the whole connection.
+        Host latencies since the connection began.
     """
 
     sync_count: int
@@ -283,7 +283,7 @@ class ArmInterface(Protocol):
 
 @runtime_checkable
 class PowerReporting(Protocol):
-    """An arm that reports after closing which of its drives did not switch off."""
+    """An arm that reports, after `close`, which of its drives did not switch off."""
 
     @property
     def left_powered(self) -> tuple[int, ...]:

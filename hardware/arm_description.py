@@ -1,4 +1,4 @@
-"""The arm that the operator expects on the bus, in terms of its drives, and the scale of its joints' counts."""
+"""Description of the arm that is expected on the bus: joints, limits, sensors, and the scale of their counts."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ class JointScale:
         return abs(self.counts_per_rad)
 
     def counts_of(self, angle_rad: float) -> float:
-        """Count that corresponds to an angle, not rounded."""
+        """Return the count that corresponds to an angle, not rounded."""
         return angle_rad * self.counts_per_rad + self.zero_counts
 
     def to_counts(self, angle_rad: float) -> int:
-        """Count nearest to an angle; ValueError or OverflowError if the angle is not finite."""
+        """Return the count nearest to an angle; `ValueError` or `OverflowError` if the angle is not finite."""
         return round(self.counts_of(angle_rad))
 
     def to_rad(self, counts: float) -> float:
-        """Angle that corresponds to a count, or to a mean of counts."""
+        """Return the angle (rad) that corresponds to a count, or to a mean of counts."""
         return (counts - self.zero_counts) / self.counts_per_rad
 
 
@@ -57,7 +57,7 @@ class EncoderDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RvdtDescription:
-    """RVDT read by a converter of `bits` over `full_scale_rad`."""
+    """RVDT with a converter of `bits` bits over `full_scale_rad`."""
 
     bits: int
     full_scale_rad: float
@@ -75,7 +75,7 @@ class RvdtDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointDescription:
-    """One joint.
+    """One joint of the arm file.
 
     Attributes
     ----------

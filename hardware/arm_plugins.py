@@ -70,12 +70,12 @@ class ArmOffer:
 
 
 def offered_names() -> tuple[str, ...]:
-    """Names of the arms of installed packages."""
+    """Return the names of the arms that installed packages offer."""
     return tuple(sorted({point.name for point in entry_points(group=GROUP)}))
 
 
 def offer(name: str) -> ArmOffer | None:
-    """The offer of this name; None if there is none. `BusError` if two packages offer it, or it cannot be loaded."""
+    """Return the offer with this name, or None; `BusError` if two packages offer it or it cannot be loaded."""
     if name in can.VALID_INTERFACES:
         return None
     points = {(_package(p), p.value): p for p in entry_points(group=GROUP, name=name)}

@@ -1,6 +1,6 @@
-"""Limits of commands as pure functions, used before sending and by every virtual drive on receipt.
+"""Limits of commands and their checks, used before sending and by every virtual drive on receipt.
 
-All positions are counts in sensor coordinates.
+Positions in counts are in sensor coordinates.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def joint_limits(
     upper_rad: float,
     max_speed_rad_per_s: float,
 ) -> JointLimits:
-    """Limits of a joint in counts, from limits in radians; the range is rounded inwards.
+    """Convert limits of a joint from radians to counts; the range is rounded inwards.
 
     The largest step includes one count for rounding, so that a move at exactly the largest speed passes.
     """
@@ -67,7 +67,7 @@ def joint_limits(
 def refuse_command(
     joint: int, *, in_control: bool, drive: DriveState, mode: JointMode | None
 ) -> str:
-    """Why a joint in this state gets no target at all; `mode` is its 6061h. Empty if targets are allowed."""
+    """Return why a joint in this state may not get a target, empty if it may; `mode` is its 6061h."""
     if not in_control:
         return f"joint {joint}: the program that sent this target does not control the arm"
     if drive is not DriveState.OPERATION_ENABLED:
@@ -79,9 +79,9 @@ def refuse_command(
 
 
 def refuse_target(limits: JointLimits, target_counts: float, previous_counts: float) -> str:
-    """Why a target is refused one control period after the previous one; empty if it is allowed.
+    """Return why a target is refused one control period after the previous one; empty if it is allowed.
 
-    Outside its range a joint may only move towards it.
+    A joint outside its range may only move towards it.
     """
     if not (math.isfinite(target_counts) and math.isfinite(previous_counts)):
         return f"joint {limits.joint}: the target is not a finite number"
@@ -95,7 +95,7 @@ def refuse_target(limits: JointLimits, target_counts: float, previous_counts: fl
 
 
 def refuse_move(limits: JointLimits, target_counts: float, speed_rad_per_s: float) -> str:
-    """Why a whole move to a target at a speed is refused; empty if it is allowed. The target must be in range."""
+    """Return why a whole move is refused, empty if it is allowed; its target must be in range."""
     if not math.isfinite(target_counts):
         return f"joint {limits.joint}: the target is not a finite number"
     if not math.isfinite(speed_rad_per_s):

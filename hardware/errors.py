@@ -1,4 +1,4 @@
-"""Errors of the arm and the bus, with their facts as attributes."""
+"""Errors of the arm and the bus, with details as attributes."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ from hardware.errors import InstrumentError
 END_S = 3.0
 """Time-out for the reader to end."""
 LONGEST = 64 * 1024
-"""Largest length of a line, characters."""
+"""Maximum length of a line, bytes."""
 CHUNK_BYTES = 64 * 1024
 """Bytes read at once."""
 KEPT_BYTES = 1024 * 1024
@@ -57,7 +57,7 @@ class LineStream:
             self._drop()
 
     def line(self, wait_s: float, name: str) -> str | None:
-        """Return the next whole line; None on time-out; EOFError(last line) at the end."""
+        """Return the next whole line; None on time-out; `EOFError` with the last line at the end."""
         with self._news:
             self._news.wait_for(
                 lambda: self._ended or self._unended >= LONGEST or b"\n" in self._came, wait_s
@@ -249,7 +249,7 @@ class StdinLines(LinePort):
         return LineStream(self._descriptor)
 
     def open(self) -> str:
-        """Start reading, from now on."""
+        """Start reading; discard earlier lines."""
         self._stream.forget()
         return ""
 
@@ -288,7 +288,7 @@ class GrowingFile(LinePort):
         return heading.decode(errors="replace").strip("\r\n\ufeff")
 
     def ask(self, question: str) -> None:
-        """Start from the current end of the file; a half-written row is skipped."""
+        """Start from the current end of the file; skip an incomplete row."""
         self._at = self._size()
         self._skip_next = False
         if self._at:

@@ -1,4 +1,4 @@
-"""Time of the cyclic traffic: pace, time-outs, the host's own latency, real-time scheduling of the process.
+"""Timing of the cyclic traffic: pace, time-outs, host latency, real-time scheduling of the process.
 
 `REAL_TIME`: a SYNC every control period. `FAST_FORWARD`: SYNCs only while steps run, each as soon as all joints
 have answered the one before; a run on a seeded virtual arm is then reproducible.
@@ -66,11 +66,11 @@ class Timing:
 
     @property
     def tick_s(self) -> float:
-        """Wall-clock time between SYNCs."""
+        """Wall-clock time between SYNCs, s."""
         return CONTROL_PERIOD_S / self.speed
 
     def misses(self, pace: Pace) -> int:
-        """Consecutive SYNCs that a joint may miss before it is lost."""
+        """Return the number of consecutive SYNCs that a joint may miss before it is lost."""
         return max(self.min_misses, round(self.lost_after_s / self.answer_timeouts_s[pace]))
 
 
@@ -120,9 +120,9 @@ def normal_priority() -> None:
 
 
 MAX_POLL_GAP_S = 0.1
-"""Time between two polls of the bus that still counts as listening: the loop's longest wait plus scheduling."""
+"""Longest time between two polls of the bus that is not host latency: the loop's longest wait plus scheduling."""
 REPORTED_S = 0.3
-"""Latency reported to the operator; drives trip after 0.5 s without our heartbeat."""
+"""Smallest latency that is reported; drives trip after 0.5 s without the operator's heartbeat."""
 
 
 class LatencyMonitor:

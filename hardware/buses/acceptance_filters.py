@@ -32,16 +32,18 @@ def set_hardware_filters(bus: can.BusABC, filters: list[CanFilter]) -> None:
     if isinstance(bus, VirtualBus):
         bus.set_filters(filters)
         return
-    nothing = can.BusABC._apply_filters  # noqa: SLF001 - the hook for adapters that can
+    nothing = can.BusABC._apply_filters  # noqa: SLF001 - overridden by adapters with filters
     if getattr(type(bus), "_apply_filters", nothing) is nothing:
         return
     bus.set_filters(filters)
-    if not getattr(bus, "_is_filtered", True):  # those without the flag, as ETAS's, have room
+    if not getattr(
+        bus, "_is_filtered", True
+    ):  # adapters without the flag, such as ETAS's, have room
         bus.set_filters(None)
 
 
 def operator_filters(profile: BusProfile) -> list[CanFilter]:
-    """Filters of the operator's end: frames of the arm, and commands of other masters."""
+    """Return the filters of the operator's end: frames of the arm, and commands of other masters."""
     return [
         _covering(pdo.cob_id for joint in profile.joints for pdo in joint.answers),
         _single(objects.COB_SYNC),
@@ -57,7 +59,7 @@ def operator_filters(profile: BusProfile) -> list[CanFilter]:
 
 
 def controller_filters(joints: int) -> list[CanFilter]:
-    """Filters of the arm's end: commands, and the heartbeat of every node that may hold the token."""
+    """Return the filters of the arm's end: commands, and heartbeats of all nodes that may hold the token."""
     return [
         _single(objects.COB_SYNC),
         *(
@@ -77,7 +79,7 @@ def _nodes_of(profile: BusProfile, base: int) -> Iterator[CanFilter]:
 
 
 def _covering(identifiers: Iterable[int]) -> CanFilter:
-    """One mask that passes all of these identifiers, and some between them."""
+    """Return one filter that passes all of these identifiers, and possibly others."""
     first, *others = identifiers
     differing = functools.reduce(lambda bits, other: bits | (first ^ other), others, 0)
     mask = _ALL_BITS & ~((1 << differing.bit_length()) - 1)

@@ -27,7 +27,7 @@ MULTICAST_PORT = 43_117
 HOST = "127.0.0.1"
 RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
 
-# Linux socket options the socket module does not name (asm-generic/socket.h, linux/in.h).
+# Linux socket options that the socket module does not name (asm-generic/socket.h, linux/in.h).
 _SO_ATTACH_FILTER = 26
 _SO_DETACH_FILTER = 27
 _SO_RCVBUFFORCE = 33
@@ -61,7 +61,7 @@ def channel_group(channel: str) -> str:
 
 
 def encode_frame(message: can.Message, tag: bytes) -> bytes:
-    """Datagram of a frame on the channel with this tag."""
+    """Return the datagram of a frame on the channel with this tag."""
     flags = (
         _EXTENDED * message.is_extended_id
         | _REMOTE * message.is_remote_frame
@@ -72,7 +72,7 @@ def encode_frame(message: can.Message, tag: bytes) -> bytes:
 
 
 def decode_frame(datagram: bytes, tag: bytes) -> can.Message | None:
-    """Frame in a datagram; None if it is no valid frame of this channel."""
+    """Return the frame in a datagram; None if it is no valid frame of this channel."""
     if len(datagram) < _HEADER.size:
         return None
     magic, its_tag, flags, length, arbitration_id = _HEADER.unpack_from(datagram)
@@ -96,7 +96,7 @@ def decode_frame(datagram: bytes, tag: bytes) -> can.Message | None:
 
 
 def filter_program(filters: CanFilters) -> bytes:
-    """Classic BPF program (struct sock_filter, Linux) that passes datagrams whose frame a filter matches.
+    """Return a classic BPF program (struct sock_filter, Linux) that passes datagrams whose frame a filter matches.
 
     python-can's rule: ``identifier & mask == id & mask``, and the identifier length (11 or 29 bits) if the filter
     states it.
@@ -190,7 +190,7 @@ class LoopbackBus(can.BusABC):
             ) from error
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        """One frame; None after `timeout` s, or for a datagram that is not delivered."""
+        """Receive a frame; None after `timeout` s, or for a datagram that is not delivered."""
         self._check_open()
         try:
             try:
@@ -262,7 +262,7 @@ def _arrival_s(ancillary: list[tuple[int, int, bytes]]) -> float:
 
 
 def _sending_socket() -> socket.socket:
-    """Socket whose own port marks the frames of one bus object."""
+    """Open a socket whose port identifies the frames of one bus object."""
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         made.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(HOST))
@@ -285,7 +285,7 @@ def enlarge_receive_buffer(receiver: socket.socket) -> None:
 
 
 def _receiving_socket(group: str | None) -> socket.socket:
-    """Socket that receives `group` on the loopback interface only; receives nothing if `group` is None."""
+    """Open a socket that receives `group` on the loopback interface only; nothing if `group` is None."""
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         made.setblocking(False)

@@ -84,7 +84,7 @@ def bus_settings(
     *,
     otherwise: BusSettings | None = None,
 ) -> BusSettings:
-    """Settings from options, the environment and ``can.conf``; `otherwise` if none names an interface.
+    """Return settings from options, the environment and ``can.conf``; `otherwise` if none names an interface.
 
     Raises `BusSettingsError` for an unknown interface, an invalid bitrate or a missing channel.
     """
@@ -167,7 +167,7 @@ def open_sender(settings: BusSettings) -> can.BusABC:
 
 
 def stamping_clock(settings: BusSettings) -> Callable[[], float] | None:
-    """Clock of this computer with which frames are stamped on arrival; None if the interface has no such stamps.
+    """Return the clock of this computer that stamps frames on arrival; None if the interface has no such stamps.
 
     In an hour, the clock of an adapter (kvaser, pcan, vector, gs_usb) drifts by more than the age limit of a sample.
     Frames of a serial adapter are stamped only when they are read.
@@ -203,14 +203,14 @@ def _open(settings: BusSettings, extra: dict[str, Any]) -> can.BusABC:
 
 
 def _named_in(settings: BusSettings) -> str:
-    """Sentence that names the file where the interface comes from; empty if it was given as an option."""
+    """Return a sentence that names the file that sets the interface; empty if no file does."""
     if not settings.named_in:
         return ""
     return f" The interface {settings.interface} is named in {settings.named_in}."
 
 
 def describe_failure(settings: BusSettings, error: Exception) -> str:
-    """Cause and remedy of a failure to open the bus."""
+    """Return cause and remedy of a failure to open the bus, as text."""
     code = getattr(error, "errno", None) or getattr(error, "error_code", None)
     channel = settings.channel
     if settings.interface == "socketcan":
@@ -280,7 +280,7 @@ class BusOpeners:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmOnBus:
-    """The expected arm, its bus and how to open it, its nodes' set-up, SYNC pace and time-outs."""
+    """The expected arm and what a connection to it needs: bus, profile, SYNC pace, time-outs, bus openers."""
 
     description: ArmDescription
     settings: BusSettings

@@ -242,7 +242,7 @@ class SharedBus:
             self._recording.note(message)
 
     def receive(self, timeout_s: float) -> can.Message | None:
-        """Next data frame with a standard identifier; None after `timeout_s`, or after 200 frames of other kinds.
+        """Return the next data frame with a standard identifier; None after `timeout_s` or 200 frames of other kinds.
 
         Raises `BusError` if the bus cannot be read.
         """

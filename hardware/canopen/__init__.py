@@ -1,1 +1,1 @@
-"""CANopen and its drive profile: objects, PDO, SDO, identification, parameter upload."""
+"""CANopen and its drive profile: objects, PDO, SDO, identification, configuration."""

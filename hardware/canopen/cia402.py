@@ -67,7 +67,7 @@ _DECODED: Final = MappingProxyType({bits: state for state, bits in STATE_BITS.it
 
 
 class Command(Enum):
-    """Command in a controlword's level bits."""
+    """Command coded in bits 0 to 3 of a controlword."""
 
     SHUTDOWN = "shutdown"
     SWITCH_ON = "switch on"
@@ -119,14 +119,14 @@ _TRANSITIONS: Final = MappingProxyType(
     }
 )
 POWERED_STATES: Final = frozenset({_S.OPERATION_ENABLED, _S.QUICK_STOP_ACTIVE})
-"""States in which the drive closes a loop."""
+"""States in which the drive controls its joint."""
 CLOSED_LOOP_STATES: Final = POWERED_STATES | {_S.FAULT_REACTION_ACTIVE}
 """`POWERED_STATES` and the state in which the drive brakes after a fault."""
 _IN_FAULT: Final = frozenset({_S.FAULT_REACTION_ACTIVE, _S.FAULT})
 
 
 def command_of(controlword: int) -> Command:
-    """Decode the level bits; bits from 7 on are ignored."""
+    """Return the command in bits 0 to 3; other bits are ignored."""
     if not controlword & ControlBit.ENABLE_VOLTAGE:
         return Command.DISABLE_VOLTAGE
     if not controlword & ControlBit.NO_QUICK_STOP:
@@ -139,7 +139,7 @@ def command_of(controlword: int) -> Command:
 
 
 def after_controlword(state: DriveState, controlword: int, previous: int) -> DriveState:
-    """State after a controlword; `previous` is the controlword before, for the edge of bit 7 (fault reset only)."""
+    """Return the state after a controlword; `previous` is the one before, for the edge of bit 7 (fault reset)."""
     if controlword & ControlBit.FAULT_RESET:
         edge = not previous & ControlBit.FAULT_RESET
         return _S.SWITCH_ON_DISABLED if state is _S.FAULT and edge else state
@@ -153,7 +153,7 @@ def raises_power(before: DriveState, after: DriveState) -> bool:
 
 
 def after_event(state: DriveState, event: DriveEvent) -> DriveState:
-    """State after an event inside the drive."""
+    """Return the state after an event inside the drive."""
     match event:
         case DriveEvent.INITIALISED:  # 0 and 1
             return _S.SWITCH_ON_DISABLED if state is _S.NOT_READY_TO_SWITCH_ON else state
@@ -166,12 +166,12 @@ def after_event(state: DriveState, event: DriveEvent) -> DriveState:
 
 
 def statusword(state: DriveState, flags: int = 0) -> int:
-    """6041h of a drive in `state`, with further bits `flags` (`StatusBit`)."""
+    """Return 6041h of a drive in `state`, with further bits `flags` (`StatusBit`)."""
     return STATE_BITS[state] | flags
 
 
 def drive_state(status: int) -> DriveState:
-    """State in a statusword; `ValueError` if the bits code no CiA 402 state."""
+    """Return the state in a statusword; `ValueError` if the bits code no CiA 402 state."""
     state = _decoded(status)
     if state is None:
         raise ValueError(f"statusword {status:04X}h shows no CiA 402 state")
@@ -201,7 +201,7 @@ def reached(state: DriveState, target: TargetState) -> bool:
 
 
 def next_controlword(status: int, target: TargetState, *, previous: int = 0) -> int:
-    """Controlword for the next step towards the target state, or for staying in it.
+    """Return the controlword for the next step towards the target state, or for staying in it.
 
     `status` is the drive's statusword; `previous` the controlword sent last: a fault reset needs a rising
     edge of bit 7. `ValueError` if the statusword shows no CiA 402 state.
@@ -225,5 +225,5 @@ def next_controlword(status: int, target: TargetState, *, previous: int = 0) -> 
 
 
 def state_of(statusword: int) -> DriveState:
-    """State in a statusword; *not ready to switch on* for undefined bits."""
+    """Return the state in a statusword; *not ready to switch on* if the bits code no state."""
     return _decoded(statusword) or DriveState.NOT_READY_TO_SWITCH_ON

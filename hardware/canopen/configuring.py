@@ -1,9 +1,9 @@
 """Writes a bus profile's PDOs into the drives, and 0 into torques and offsets that drives would add to commands.
 
 PDOs are written by the procedure of CiA 301 in pre-operational: PDO invalid, map count 0, entries, count, PDO valid.
-PDOs that are already right are left alone. Nothing is stored (1010h), so a communication reset restores the drive's own
+PDOs that already agree are not written. Nothing is stored (1010h), so a communication reset restores the drive's own
 PDOs. `hardware.canopen.maps` compares afterwards. Torques and offsets are read before anything is enabled: in free mode
-a joint obeys target torque and torque offset, and our RPDOs need not carry them.
+a joint obeys target torque and torque offset, which the RPDOs need not carry.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ _ADDED_OBJECTS: Final = (TARGET_TORQUE, TORQUE_OFFSET, POSITION_OFFSET)
 
 
 ObjectWrite = tuple[int, int, int, int, str]
-"""Index, sub-index, value, size in bytes, and the requirement, with which the message ends if the drive refuses."""
+"""Index, sub-index, value, size in bytes, and the requirement, which ends the message if the drive refuses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +143,7 @@ def _nonzero_objects(
 
 
 def plan_changes(access: ObjectAccess, profile: BusProfile) -> tuple[PdoChange, ...]:
-    """Changes that `configure` would write; this function only reads. `PdoSetupFailed` if a drive has no such PDO."""
+    """Return the changes that `configure` would write; only reads. `PdoSetupFailed` if a drive lacks a PDO."""
     changes, missing = list[PdoChange](), list[str]()
     for joint in profile.joints:
         for number, index, value in conflicting_pdos(access, joint.node, profile, joint):
@@ -164,7 +164,7 @@ def plan_changes(access: ObjectAccess, profile: BusProfile) -> tuple[PdoChange, 
 def _change(
     access: ObjectAccess, profile: BusProfile, node: int, records: PdoRecords
 ) -> PdoChange | str | None:
-    """Change that makes a drive's PDO that of the profile; None if equal, a sentence if the drive lacks it."""
+    """Return the change that makes a PDO that of the profile; None if equal, a sentence if the drive lacks it."""
     pdo, communication, mapping, types = records
     cob_id, entries = read_number(access, node, communication, 1), read_map(access, node, mapping)
     if cob_id is None or entries is None:

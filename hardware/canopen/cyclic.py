@@ -64,7 +64,7 @@ class Sample:
 
 
 class PdoFields:
-    """The objects `indices` in a PDO of a joint, in order; all others are padding."""
+    """Encodes and decodes the objects `indices` in a PDO of a joint; all other objects are sent as 0."""
 
     def __init__(self, pdo: Pdo, indices: tuple[int, ...]) -> None:
         self.cob_id = pdo.cob_id
@@ -106,7 +106,7 @@ class JointFrames:
         self._modes = {theirs: ours for ours, theirs in self._codes.items()}
 
     def pack(self, setpoint: Setpoint) -> tuple[tuple[int, bytes], ...]:
-        """Identifiers and data of the frames that carry a setpoint, in the order to be sent."""
+        """Return identifier and data of the frames that carry a setpoint, in the order to be sent."""
         values = {
             CONTROLWORD: setpoint.controlword,
             TARGET_POSITION: setpoint.target_counts,
@@ -115,7 +115,7 @@ class JointFrames:
         return tuple((command.cob_id, command.pack(values)) for command in self._commands)
 
     def pack_controlword(self, setpoint: Setpoint) -> tuple[tuple[int, bytes], ...]:
-        """Those frames of `pack` that carry the controlword: all that STOP needs."""
+        """Return those frames of `pack` that carry the controlword: all that STOP needs."""
         return tuple(frame for frame in self.pack(setpoint) if frame[0] in self._controlling)
 
     def decode_command(self, identifier: int, data: bytes) -> dict[int, int]:
@@ -130,12 +130,12 @@ class JointFrames:
 
 
 def frames_of(profile: BusProfile) -> tuple[JointFrames, ...]:
-    """Frames of joints 1..n."""
+    """Return the frames of joints 1..n."""
     return tuple(JointFrames(profile, joint) for joint in profile.joints)
 
 
 def unpack_emergency(data: bytes | bytearray) -> int | None:
-    """Error code of an emergency message; None for data of the wrong length."""
+    """Return the error code of an emergency message; None for data of the wrong length."""
     return int(EMCY.unpack(data)[0]) if len(data) == EMCY.size else None
 
 

@@ -74,7 +74,7 @@ def read_pdos(access: ObjectAccess, node: int) -> tuple[DrivePdo, ...]:
 
 
 def read_widths(access: ObjectAccess, node: int) -> dict[int, int]:
-    """Widths, in bits, of the objects of a drive that PDOs must carry."""
+    """Read the widths (bits), by index, of a drive's objects that PDOs must carry."""
     widths = {}
     for index in (*COMMAND_OBJECTS, *FEEDBACK_OBJECTS):
         with suppress(SdoRefused):
@@ -146,7 +146,7 @@ def _unsupported_modes(
 
 
 def operator_timeout_s(access: ObjectAccess, node: int) -> float | None:
-    """Silence of node 127 after which a drive stops by itself (1016h); None if the drive does not monitor that node."""
+    """Read the silence of node 127 after which a drive stops by itself (1016h), s; None if it does not monitor it."""
     for entry in _heartbeat_consumers(access, node) or ():
         if entry >> 16 & 0x7F == objects.OPERATOR_NODE and entry & 0xFFFF:
             return (entry & 0xFFFF) * 1e-3
@@ -165,7 +165,7 @@ def _heartbeat_consumers(access: ObjectAccess, node: int) -> tuple[int, ...] | N
 
 
 def heartbeat_timeout_s(access: ObjectAccess, profile: BusProfile, min_s: float) -> float:
-    """Silence after which a node counts as lost: 2.5 periods (1017h) of the slowest node, but at least `min_s`.
+    """Return the silence after which a node is lost, s: 2.5 periods (1017h) of the slowest node, at least `min_s`.
 
     Raises `MappingMismatch` for nodes without a heartbeat, or with too long a period.
     """
@@ -201,7 +201,7 @@ def check_operator_monitoring(access: ObjectAccess, profile: BusProfile) -> tupl
 def operator_monitoring_differences(
     access: ObjectAccess, node: int
 ) -> tuple[ObjectMismatch, ...] | None:
-    """What keeps a drive's 1016h from monitoring the operator's heartbeat; None without 1016h."""
+    """Return what keeps a drive from monitoring the operator's heartbeat (1016h); None if it has no 1016h."""
     watched = _heartbeat_consumers(access, node)
     if watched is None:
         return None
@@ -223,7 +223,7 @@ def operator_monitoring_differences(
 def following_windows_counts(
     access: ObjectAccess, profile: BusProfile, scales: Sequence[JointScale]
 ) -> tuple[float, ...]:
-    """Limit of each joint's distance from its target: a third of 6065h, but at least 10 counts and at most 1 deg."""
+    """Return each joint's largest distance from its target, counts: a third of 6065h, at least 10, at most 1 deg."""
     windows = []
     for node, scale in zip(profile.drives, scales, strict=True):
         drive_window = read_number(access, node, objects.FOLLOWING_WINDOW, 0)

@@ -93,7 +93,7 @@ def check_arm(
 
 
 def scale_of(joint: JointDescription, drive: JointProfile) -> JointScale:
-    """Scale of a joint's counts: that of its sensor, unless the profile states another."""
+    """Return the scale of a joint's counts: that of its sensor, unless the profile gives another."""
     per_rad = joint.sensor.counts_per_rad
     if drive.counts_per_rev is not None:
         per_rad = drive.counts_per_rev / math.tau
@@ -101,7 +101,7 @@ def scale_of(joint: JointDescription, drive: JointProfile) -> JointScale:
 
 
 def limits_of(description: ArmDescription, profile: BusProfile) -> tuple[JointLimits, ...]:
-    """Command limits of every joint, in counts of its drive."""
+    """Return the command limits of every joint, in counts of its drive."""
     return tuple(
         joint_limits(
             number,
@@ -117,7 +117,7 @@ def limits_of(description: ArmDescription, profile: BusProfile) -> tuple[JointLi
 
 
 def read_rated_torques_nm(access: ObjectAccess, profile: BusProfile) -> tuple[float, ...]:
-    """Torque at 1000 per mille in 6077h for every joint, from the profile or 6076h; `WrongArm` if neither states it."""
+    """Return every joint's torque (N m) at 1000 per mille in 6077h: profile or 6076h; `WrongArm` if neither has it."""
     torques = []
     for number, joint in enumerate(profile.joints, 1):
         if joint.rated_torque_nm is not None:

@@ -110,7 +110,7 @@ PdoRecords = tuple[Pdo, int, int, tuple[int, ...]]
 
 
 def pdo_records(joint: JointProfile) -> Iterator[PdoRecords]:
-    """The PDOs of a joint, RPDOs first."""
+    """Yield the PDOs of a joint, RPDOs first."""
     for communication, mapping, types, pdos in (
         (objects.RPDO1_COMMUNICATION, objects.RPDO1_MAP, ON_RECEIPT, joint.commands),
         (objects.TPDO1_COMMUNICATION, objects.TPDO1_MAP, EVERY_SYNC, joint.answers),
@@ -149,7 +149,7 @@ def pdo_differences(
 
 
 def read_records(access: ObjectAccess, node: int, communication: int) -> Iterator[tuple[int, int]]:
-    """Number and COB-ID (sub 1, with its flag bits) of every RPDO or TPDO of a drive."""
+    """Yield number and COB-ID (with flag bits) of every RPDO or TPDO; `communication` is 1400h or 1800h."""
     for axis in range(0, MAX_PDOS, PDOS_PER_AXIS):
         absent = 0 if axis == 0 else MAX_ABSENT_PDOS - 1
         for at in range(axis, axis + PDOS_PER_AXIS):
@@ -164,10 +164,10 @@ def read_records(access: ObjectAccess, node: int, communication: int) -> Iterato
 def conflicting_pdos(
     access: ObjectAccess, node: int, profile: BusProfile, joint: JointProfile
 ) -> Iterator[tuple[int, int, int]]:
-    """Find PDOs that the profile does not use and whose identifiers are those of the arm's frames.
+    """Yield each valid PDO that the profile does not use and whose identifier other frames of the arm have.
 
-    A drive with such a PDO would obey another drive's commands. Yields number, index of the communication record,
-    COB-ID.
+    A drive with such a PDO could obey another drive's commands. Yields its number, the index of its communication
+    record, and its COB-ID.
     """
     in_use = _RESERVED | {
         pdo.cob_id for each in profile.joints for pdo in (*each.commands, *each.answers)
@@ -183,7 +183,7 @@ def conflicting_pdos(
 
 
 def _on_every_sync(access: ObjectAccess, node: int, index: int) -> Iterator[ObjectMismatch]:
-    """Settings, other than the transmission type, that keep a TPDO from being sent at every SYNC."""
+    """Yield settings, other than the transmission type, that keep a TPDO from being sent at every SYNC."""
     inhibit = inhibit_s(access, node, index)
     if inhibit >= MAX_INHIBIT_S:
         limit = f"an inhibit time below {1e3 * MAX_INHIBIT_S:g} ms"
@@ -196,12 +196,12 @@ def _on_every_sync(access: ObjectAccess, node: int, index: int) -> Iterator[Obje
 
 
 def inhibit_s(access: ObjectAccess, node: int, index: int) -> float:
-    """Inhibit time of a TPDO, s."""
+    """Read the inhibit time of a TPDO, s; `index` is that of its communication record."""
     return INHIBIT_S * (read_number(access, node, index, INHIBIT) or 0)
 
 
 def read_map(access: ObjectAccess, node: int, index: int) -> tuple[Entry, ...] | None:
-    """Map of a PDO in the drive; None if the object is absent."""
+    """Read a PDO map from the drive; None if the object is absent."""
     count = read_number(access, node, index, 0)
     if count is None:
         return None

@@ -1,4 +1,4 @@
-"""Names of nodes, COB-IDs, object indices and codes of CiA 301 and CiA 402; 2000h and up are our own.
+"""Names of nodes, COB-IDs, object indices and codes of CiA 301 and CiA 402; 2000h to 2FFFh are this project's.
 
 Type, access, range and default of the objects are in the EDS files of `hardware.eds`; a test compares both.
 
@@ -140,14 +140,14 @@ CONTROL_PERIOD: Final = 0x60C2
 """Sub 1 times ten to the power of sub 2, seconds."""
 SUPPORTED_MODES: Final = 0x6502
 
-# ---- our own objects, joints -------------------------------------------------------------------
+# ---- manufacturer-specific objects, joints -----------------------------------------------------
 SENSOR: Final = 0x2100
 """Sub 1 kind (`SensorKind`), sub 2 full scale in millionths of a degree, sub 3 converter bits."""
 SENSOR_KIND: Final = 1
 SENSOR_FULL_SCALE: Final = 2
 SENSOR_BITS: Final = 3
 
-# ---- our own objects, supervisor ---------------------------------------------------------------
+# ---- manufacturer-specific objects, supervisor -------------------------------------------------
 DOCUMENT: Final = 0x2000
 """DOMAIN. Reads the document written last until it is committed, dropped or refused, then the active one;
 without either, reading aborts with 08000024h (no data)."""
@@ -214,9 +214,9 @@ class SensorKind(IntEnum):
 CYCLIC_POSITION: Final = 8
 CYCLIC_TORQUE: Final = 10
 MODE_CODE: Final = {JointMode.POSITION: CYCLIC_POSITION, JointMode.FREE: CYCLIC_TORQUE}
-"""6060h/6061h of a joint mode."""
+"""Code in 6060h/6061h by joint mode."""
 JOINT_MODE: Final = {code: mode for mode, code in MODE_CODE.items()}
-"""Joint mode of 6060h/6061h; other codes are neither position nor free."""
+"""Joint mode by code in 6060h/6061h; other codes are neither position nor free."""
 
 
 # ---- errors ------------------------------------------------------------------------------------

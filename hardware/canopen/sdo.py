@@ -68,7 +68,7 @@ class ObjectAccess:
         self._locks: dict[int, threading.Lock] = {}
         self._pause = threading.Event()
         for node in nodes:
-            # canopen's annotations stop here.
+            # SdoClient has no type annotations.
             client: Any = SdoClient(  # type: ignore[no-untyped-call]
                 COB_SDO_TO_SERVER + node,
                 COB_SDO_FROM_SERVER + node,
@@ -87,7 +87,7 @@ class ObjectAccess:
             client.on_response(identifier, data, 0.0)
 
     def duplicate_nodes(self) -> tuple[int, ...]:
-        """Nodes with more than 1.5 answers per request."""
+        """Return the nodes with more than 1.5 answers per request."""
         requests = self._network.asked
         return tuple(node for node, n in sorted(self._answered.items()) if n > 1.5 * requests[node])
 
@@ -130,7 +130,7 @@ class ObjectAccess:
                 except BusError:
                     self._unanswered[node] += 1
                     self._require_answers()
-            # A late answer would be taken for the next one.
+            # A late answer would be taken for that of the next request.
             self._pause.wait(_IN_TRANSIT_S)
         return self.read_once(node, index, subindex)
 
@@ -187,7 +187,9 @@ class ObjectAccess:
 
     def _exclusive(self, node: int, index: int, subindex: int, access: Callable[[Any], Any]) -> Any:
         """Run one access at a time per node and translate its errors."""
-        outer = sys.exception()  # an exception that the caller handles is no part of this access
+        outer = (
+            sys.exception()
+        )  # an exception that the caller is handling does not belong to this access
         with self._locks[node]:
             try:
                 return access(self._clients[node])

@@ -1,1 +1,1 @@
-"""First contact with an arm: probe, profile draft, bench check, bus monitor."""
+"""Commissioning of an arm: probe, profile draft, bench check, bus monitor."""

@@ -1,7 +1,7 @@
 """Acceptance check of an arm on the bench in a safe order; asks before anything moves.
 
-Requirements are in `clauses` and `checks`. A failure ends the check: at
-once while drives are on, otherwise after the last read-only check.
+Requirements are in `clauses` and `checks`. A failure ends the check: at once while drives are on, otherwise after the
+last read-only check.
 """
 
 from __future__ import annotations
@@ -73,11 +73,11 @@ class Bench:
 
     @property
     def moving(self) -> Bounds:
-        """Limits of comparisons for motions of `step_rad`."""
+        """Limits for motions of `step_rad`: half a step from the target."""
         return replace(self.bounds, near_rad=0.5 * self.step_rad)
 
     def step_target(self, joint: int) -> float:
-        """Target one step away, in the direction with more range."""
+        """Return a joint's target (rad) one step away, in the direction in which more of its range is left."""
         position_rad = self.arm.snapshot().joints[joint - 1].position_rad
         ends = self.description.joints[joint - 1]
         up = ends.upper_rad - position_rad >= position_rad - ends.lower_rad
@@ -85,7 +85,7 @@ class Bench:
 
 
 def check(bench: Bench, *, last: Stage) -> Iterator[CheckFinding]:
-    """Check an arm up to and including a stage; the caller must close the arm in any case."""
+    """Check an arm up to and including stage `last`, and yield the findings; the caller must always close the arm."""
     identities: list[ArmIdentity] = []
 
     def look() -> Iterator[Clause]:

@@ -1,4 +1,4 @@
-"""Describes the traffic on a bus in sentences, from its frames alone; sends nothing."""
+"""Describes the traffic on a bus in sentences; sends nothing."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class BusMonitor:
                 yield f"{self._node_name(node)}: no heartbeat for {now_s - heard:.1f} s"
 
     def summary(self) -> dict[str, object]:
-        """Summary as JSON data."""
+        """Return a summary as JSON data."""
         return {
             "frames": sum(self.frames.values()),
             "syncs": self.frames[objects.COB_SYNC],

@@ -59,7 +59,7 @@ class MidwayWatch:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Turn:
-    """Motion of one joint, with limits; `part_rad` is the travel after which a watch acts."""
+    """Motion of one joint, with limits; `part_rad` is the angle after which a watch acts."""
 
     arm: ArmInterface
     joint: int
@@ -80,14 +80,14 @@ class Turn:
         return MidwayWatch(joint=self.joint, after_rad=self.part_rad, act=act, start_rad=start)
 
     def overtravel(self, watch: MidwayWatch) -> str:
-        """Text on how far the joint still moved after the watch acted."""
+        """Return a clause that says how far the joint moved after the watch acted."""
         position_rad = float(self.arm.capture(1).mean_rad[self.joint - 1])
         at = watch.start_rad if watch.at_rad is None else watch.at_rad
         return f"the joint came to rest after a further {deg(abs(position_rad - at))}"
 
 
 def goes(turn: Turn) -> Iterator[Clause]:
-    """A joint reaches its target and comes to rest."""
+    """Check that a joint reaches its target and comes to rest."""
     arm, joint, bounds = turn.arm, turn.joint, turn.bounds
     start = arm.capture(bounds.samples).mean_rad
     way = turn.target_rad - float(start[joint - 1])
@@ -107,7 +107,7 @@ def goes(turn: Turn) -> Iterator[Clause]:
 
 
 def halts(turn: Turn) -> Iterator[Clause]:
-    """A watch ends the move with its reason."""
+    """Check that a watch ends the move with its reason."""
     watch = turn.midway_watch(lambda: ENOUGH)
     outcome = turn.go(watch)
     halted = not outcome.reached and outcome.reason == ENOUGH
@@ -122,14 +122,14 @@ def halts(turn: Turn) -> Iterator[Clause]:
 
 
 def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause]:
-    """Ctrl-C in a move leaves the arm holding with its drives on."""
+    """Check that Ctrl-C during a move leaves the arm holding with its drives on."""
     watch = turn.midway_watch(interrupt)
     interrupted = False
     try:
         turn.go(watch)
         threading.Event().wait(_IN_FLIGHT_S)
     except KeyboardInterrupt:
-        if watch.at_rad is None:  # the user's own
+        if watch.at_rad is None:  # pressed by the user
             raise
         interrupted = True
     snapshot = turn.arm.snapshot()
@@ -144,7 +144,7 @@ def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause
 
 
 def is_stopped(turn: Turn) -> Iterator[Clause]:
-    """STOP from another thread ends a move and latches; its reset causes no motion and leaves the drives off."""
+    """Check that STOP from another thread ends a move and latches; its reset causes no motion, and drives stay off."""
     arm, joint, bounds = turn.arm, turn.joint, turn.bounds
 
     def press() -> None:
@@ -178,7 +178,7 @@ def is_stopped(turn: Turn) -> Iterator[Clause]:
 
 
 def moved_alone(before: np.ndarray, after: np.ndarray, joint: int, bounds: Bounds) -> Clause:
-    """No other joint moved."""
+    """Check that no other joint moved."""
     others = np.delete(np.abs(after - before), joint - 1)
     most = float(others.max(initial=0.0))
     return Clause(
@@ -190,13 +190,13 @@ def moved_alone(before: np.ndarray, after: np.ndarray, joint: int, bounds: Bound
 
 
 HOLDS_AFTER_STOP: Final = 5
-"""From this value of 605Ah on, the drive stays in *quick stop active*; below it, the drive releases the joint."""
+"""From this value of 605Ah on, the drive stays in *quick stop active*; below it, the joint is released."""
 PERIOD_TOLERANCE: Final = 0.2
 """Relative tolerance of the mean SYNC period."""
 
 
 def drive_settings(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
-    """Modes, quick stop option and operator time-out of the drives."""
+    """Check the drives' modes, quick stop option and operator time-out."""
     for drive in facts:
         lacking, option = drive.unsupported_modes, drive.quick_stop_option
         yield Clause(
@@ -222,7 +222,7 @@ def drive_settings(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
 
 
 def _guard(drive: DriveFacts) -> Clause:
-    """Result for a drive's operator time-out: failed if `sarcal run` would refuse it, undecided if it is long."""
+    """Check a drive's operator time-out: failed if `sarcal run` would refuse it, undecided above the advised limit."""
     guard = drive.operator_timeout_s
     passed: bool | None = None
     if guard is None:
@@ -257,7 +257,7 @@ def keeps_time(arm: CanopenArm, bounds: Bounds) -> Iterator[Clause]:
 
 
 def excludes_others(arm: CanopenArm) -> Clause:
-    """A second program is refused before it sends anything, and the first one goes on."""
+    """Check that a second program is refused before it sends anything, and that the first one goes on."""
     other = arm.another()
     try:
         other.connect()
@@ -279,7 +279,7 @@ def excludes_others(arm: CanopenArm) -> Clause:
 
 
 def stops_alone(arm: CanopenArm, ask: Ask, bounds: Bounds) -> Iterator[Clause]:
-    """Without the operator's heartbeat the drives stop and hold."""
+    """Check that the drives stop and hold without the operator's heartbeat."""
     guards = [drive.operator_timeout_s for drive in arm.drive_facts()]
     longest = max((guard for guard in guards if guard is not None), default=0.0)
     if longest == 0.0 or None in guards:

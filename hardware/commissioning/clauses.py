@@ -29,7 +29,7 @@ _POLL_S: Final = 0.005
 
 
 def identifies_itself(identity: ArmIdentity, model: str, joints: int) -> Iterator[Clause]:
-    """The arm reports the model of the arm file, a serial number, and one node or part for each joint in order."""
+    """Check that the arm reports the arm file's model, a serial number, and its joints in order."""
     yield Clause(
         name="name",
         passed=identity.model == model,
@@ -49,7 +49,7 @@ def identifies_itself(identity: ArmIdentity, model: str, joints: int) -> Iterato
 
 
 def has_valid_snapshot(arm: ArmInterface, joints: int) -> Iterator[Clause]:
-    """The snapshot has all joints in order, with finite and recent positions in radians; STOP is not latched."""
+    """Check that the snapshot has all joints in order, with finite, recent positions in rad, and no latched STOP."""
     snapshot = arm.snapshot()
     wrong = []
     if [joint.joint for joint in snapshot.joints] != list(range(1, joints + 1)):
@@ -74,7 +74,7 @@ def has_valid_snapshot(arm: ArmInterface, joints: int) -> Iterator[Clause]:
 
 
 def goes_on(arm: ArmInterface) -> Iterator[Clause]:
-    """The sample counter advances."""
+    """Check that the sample counter advances."""
     before = arm.snapshot().sync_count
     arm.capture(2)
     more = arm.snapshot().sync_count - before
@@ -82,7 +82,7 @@ def goes_on(arm: ArmInterface) -> Iterator[Clause]:
 
 
 def reads(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
-    """A reading has the requested samples, finite values for every joint, and agrees with the snapshot."""
+    """Check that a reading has the requested samples and finite values, and agrees with the snapshot."""
     reading = arm.capture(bounds.samples)
     wrong = []
     if reading.samples != bounds.samples:
@@ -105,7 +105,7 @@ def reads(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
 
 
 def settles(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
-    """`settle` reports an arm at rest as settled, but not for a negative spread."""
+    """Check that `settle` reports an arm at rest as settled, but not for a negative spread."""
     wide = [bounds.single_sample_rad] * joints
     rests = arm.settle(window=_WINDOW, spread_rad=wide, timeout_syncs=_LONG_SYNCS)
     never = arm.settle(window=_WINDOW, spread_rad=[-1.0] * joints, timeout_syncs=_SHORT_SYNCS)
@@ -118,7 +118,7 @@ def settles(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
 
 
 def is_enabled_unmoved(arm: ArmInterface, bounds: Bounds) -> Iterator[Clause]:
-    """Taking control enables every drive in position mode without motion."""
+    """Check that taking control enables every drive without motion."""
     before = arm.capture(bounds.samples).mean_rad
     arm.take_control()
     joints = arm.snapshot().joints
@@ -134,7 +134,7 @@ def is_enabled_unmoved(arm: ArmInterface, bounds: Bounds) -> Iterator[Clause]:
 
 
 def reads_modes_back(arm: ArmInterface, modes: Sequence[JointMode]) -> Iterator[Clause]:
-    """Every joint reports the requested mode, then position mode after `hold`."""
+    """Check that every joint reports the requested mode, then position mode after `hold`."""
     arm.set_modes(modes)
     other_mode = [
         j.joint for j, m in zip(arm.snapshot().joints, modes, strict=True) if j.mode is not m
@@ -158,7 +158,7 @@ def is_refused(
     kind: type[HardwareError] = CommandRefused,
     joint: int | None = None,
 ) -> Clause:
-    """The action, which must do no harm if it is carried out, is refused with a reason."""
+    """Check that an action is refused with an error of type `kind`; it must do no harm if it is carried out."""
     try:
         act()
     except kind as error:
@@ -169,7 +169,7 @@ def is_refused(
 def keeps_within_limits(
     arm: ArmInterface, joint: int, ranged: JointDescription, speed_rad_per_s: float
 ) -> Iterator[Clause]:
-    """Targets beyond the range and speeds above the limit are refused.
+    """Check that targets beyond the range and speeds above the limit are refused.
 
     If a command is not refused, the test ends the move at its first sample.
     """
@@ -187,7 +187,7 @@ def keeps_within_limits(
 
 
 def refuses_to_move_free(arm: ArmInterface, joint: int, speed_rad_per_s: float) -> Clause:
-    """A move of a joint in free mode to its current position is refused."""
+    """Check that a move of a joint in free mode to its current position is refused."""
     position_rad = arm.snapshot().joints[joint - 1].position_rad
     return is_refused(
         "free stays free",
@@ -198,7 +198,7 @@ def refuses_to_move_free(arm: ArmInterface, joint: int, speed_rad_per_s: float) 
 
 
 def keeps_its_document(arm: ArmInterface) -> Iterator[Clause]:
-    """An invalid parameter document is refused, and the stored one is kept."""
+    """Check that an invalid parameter document is refused and the stored one is unchanged."""
     before = arm.active_parameters()
     yield is_refused(
         "document",
@@ -221,7 +221,7 @@ def keeps_its_document(arm: ArmInterface) -> Iterator[Clause]:
 
 
 def stays_stopped(arm: ArmInterface, joint: int, speed_rad_per_s: float) -> Iterator[Clause]:
-    """STOP is latched: moves and enabling are refused."""
+    """Check that STOP is latched, and that moves and enabling are refused."""
     position_rad = arm.snapshot().joints[joint - 1].position_rad
     yield Clause(
         name="STOP latches",
@@ -240,7 +240,7 @@ def stays_stopped(arm: ArmInterface, joint: int, speed_rad_per_s: float) -> Iter
 
 
 def resets_unmoved(arm: ArmInterface, before: FloatArray, bounds: Bounds) -> Iterator[Clause]:
-    """After the reset of STOP the drives are off and the joints still at `before`, apart from settling."""
+    """Check that after the reset of STOP the drives are off and the joints still at `before`, apart from settling."""
     arm.reset_stop()
     snapshot = arm.snapshot()
     on = [j.joint for j in snapshot.joints if j.drive is DriveState.OPERATION_ENABLED]
@@ -257,7 +257,7 @@ def resets_unmoved(arm: ArmInterface, before: FloatArray, bounds: Bounds) -> Ite
 
 
 def leaves_and_returns(arm: ArmInterface, identity: ArmIdentity) -> Iterator[Clause]:
-    """After `close`, once or twice, the arm refuses a snapshot; it connects again as the same arm with drives off."""
+    """Check that an arm, closed twice, refuses a snapshot, and connects again as the same arm with drives off."""
     results = [arm.close(), arm.close()]
     yield Clause(
         name="closes",
@@ -280,14 +280,14 @@ def leaves_and_returns(arm: ArmInterface, identity: ArmIdentity) -> Iterator[Cla
 
 
 def drives_off(arm: ArmInterface) -> Clause:
-    """No drive is enabled."""
+    """Check that no drive is enabled."""
     on = [j.joint for j in arm.snapshot().joints if j.drive is DriveState.OPERATION_ENABLED]
     text = f"{joints_words(on)} is enabled" if on else "no drive is enabled"
     return Clause(name="drives off", passed=not on, text=text)
 
 
 def is_still(name: str, before: FloatArray, after: FloatArray, bounds: Bounds) -> Iterator[Clause]:
-    """No joint moved between two readings."""
+    """Check that no joint moved between two readings (n,), rad."""
     gone = np.abs(after - before)
     most = float(gone.max(initial=0.0))
     yield Clause(
@@ -298,7 +298,7 @@ def is_still(name: str, before: FloatArray, after: FloatArray, bounds: Bounds) -
 
 
 def seconds_to_stop(arm: ArmInterface, begun_s: float) -> float | None:
-    """Seconds until no drive is enabled; None if longer than `STOPS_WITHIN_S`."""
+    """Return the time from `begun_s` until no drive is enabled, s; None if longer than `STOPS_WITHIN_S`."""
     while (seconds := time.monotonic() - begun_s) < STOPS_WITHIN_S:
         joints = arm.snapshot().joints
         if all(joint.drive is not DriveState.OPERATION_ENABLED for joint in joints):

@@ -34,7 +34,7 @@ class DraftRefused(Exception):
 
 
 def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> BusProfile:
-    """Profile of the drives found, joints in order of node numbers; `DraftRefused` if it is not possible.
+    """Return a profile of the drives among `nodes`, in order of node numbers; `DraftRefused` if none is possible.
 
     The profile uses the drives' current PDOs or, with `configure`, the fewest PDOs that carry the objects needed, with
     CiA 301's identifiers, to be written at every connection.
@@ -63,7 +63,7 @@ def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> 
 
 
 def _current(node: FoundNode, *, sent: bool) -> tuple[Pdo, ...]:
-    """The fewest usable PDOs of a drive that carry the needed objects, or as many of these as possible."""
+    """Choose usable PDOs, few if possible, that carry the needed objects, or as many of these as possible."""
     usable = [pdo for pdo in node.pdos if pdo.valid and pdo.sent is sent and not _unusable(pdo)]
     missing, chosen = set(_NEEDED[sent]), list[DrivePdo]()
     while missing:
@@ -83,7 +83,7 @@ def _carried(pdo: DrivePdo | Pdo) -> set[int]:
 
 
 def _unusable(pdo: DrivePdo) -> str:
-    """Why a PDO cannot be used; empty if it can."""
+    """Return why a PDO cannot be used; empty if it can."""
     if pdo.sent and pdo.transmission not in EVERY_SYNC:
         return f"is of transmission type {pdo.transmission}, not 1 (on every SYNC)"
     if not pdo.sent and pdo.transmission not in ON_RECEIPT:
@@ -102,7 +102,7 @@ def _unusable(pdo: DrivePdo) -> str:
 
 
 def _obstacles(node: FoundNode) -> Iterator[str]:
-    """Why a drive cannot be commanded with its current PDOs."""
+    """Yield the reasons why a drive cannot be commanded with its current PDOs."""
     if not any(pdo.valid for pdo in node.pdos):
         yield _read_problem(node)
         return
@@ -122,13 +122,13 @@ def _obstacles(node: FoundNode) -> Iterator[str]:
 
 
 def _read_problem(node: FoundNode) -> str:
-    """Why a drive's PDOs could not be read."""
+    """Return why a drive's PDOs could not be read."""
     text = node.unread or next(iter(node.problems), "its PDOs could not be read")
     return text if text.lower().startswith(f"node {node.node}") else f"node {node.node}: {text}"
 
 
 def _frames(node: FoundNode, *, sent: bool) -> list[tuple[Entry, ...]]:
-    """PDO maps that carry the needed objects in frames of at most 8 bytes."""
+    """Return PDO maps that carry the needed objects in frames of at most 8 bytes."""
     frames, free_bits = list[tuple[Entry, ...]](), 0
     for index in _NEEDED[sent]:
         entry = (index, 0, node.widths.get(index, 0))
@@ -153,7 +153,7 @@ def _set_up(node: FoundNode, *, sent: bool) -> tuple[Pdo, ...]:
 
 
 def _configuration_obstacles(node: FoundNode) -> Iterator[str]:
-    """Why a drive's PDOs cannot be set up."""
+    """Yield the reasons why a drive's PDOs cannot be set up."""
     if not node.widths:
         yield _read_problem(node)
         return

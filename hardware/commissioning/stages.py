@@ -47,12 +47,12 @@ class CheckFinding(Clause):
 
 
 SCATTER_RAD: Final = math.radians(0.5)
-"""Limit of the scatter of single samples, mostly RVDT noise."""
+"""Limit of the standard deviation of single samples, mostly RVDT noise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:
-    """Limits of comparisons: samples per reading, change of a joint at rest, distance from a target."""
+    """Samples per reading, and largest change of a joint at rest and distance from a target."""
 
     samples: int
     still_rad: float
@@ -69,7 +69,7 @@ BENCH: Final = Bounds(samples=100, still_rad=math.radians(0.1), near_rad=math.ra
 
 
 def declined(joint: int | None = None) -> Clause:
-    """Result of a check that the operator declined."""
+    """Return the result of a check that the operator declined."""
     return Clause(name="agreed", passed=None, text="not tried: declined", joint=joint)
 
 
@@ -79,5 +79,5 @@ def deg(angle_rad: float, *, sign: bool = False) -> str:
 
 
 def joints_words(joints: list[int]) -> str:
-    """Name joints: ``joint 1, 3``."""
+    """Format joint numbers: ``joint 1, 3``."""
     return f"joint {', '.join(map(str, joints))}"

@@ -1,4 +1,4 @@
-"""Object dictionaries of our devices, read from their EDS files.
+"""Object dictionaries of this project's devices, read from their EDS files.
 
 `hardware.canopen.objects` names the indices used in code; a test compares the two.
 """
@@ -26,14 +26,14 @@ EDS_FILES: Final[Mapping[int, Path]] = {
 
 
 def node_dictionary(node: int) -> ObjectDictionary:
-    """Dictionary of a node of the arm: the supervisor's, or a joint's."""
+    """Return the object dictionary of a node of the arm: the supervisor's or a joint's."""
     return product_dictionary(
         SUPERVISOR_PRODUCT if node == SUPERVISOR_NODE else JOINT_PRODUCT, node
     )
 
 
 def product_dictionary(product: int, node: int) -> ObjectDictionary:
-    """Dictionary of one device type at a node number; a copy that the caller may change."""
+    """Return a copy of a device type's object dictionary for a node number; the caller may change it."""
     dictionary = copy.deepcopy(_parsed(product))
     dictionary.node_id = node
     for variable in variables(dictionary).values():
@@ -43,7 +43,7 @@ def product_dictionary(product: int, node: int) -> ObjectDictionary:
 
 
 def variables(dictionary: ObjectDictionary) -> dict[tuple[int, int], ODVariable]:
-    """All entries by index and sub-index; a plain variable has sub-index 0."""
+    """Return all entries by index and sub-index; a plain variable has sub-index 0."""
     by_index: dict[tuple[int, int], ODVariable] = {}
     for index, item in dictionary.indices.items():
         subs = {0: item} if isinstance(item, ODVariable) else item.subindices
@@ -52,7 +52,7 @@ def variables(dictionary: ObjectDictionary) -> dict[tuple[int, int], ODVariable]
 
 
 def pdo_struct(product: int, index: int) -> struct.Struct:
-    """Layout of a PDO of a device type, as defined by the mapping record at `index`."""
+    """Return the layout of a device type's PDO, as defined by the mapping record at `index`."""
     entries = variables(_parsed(product))
     form = "<"
     for sub in range(1, int(entries[index, 0].default or 0) + 1):
@@ -64,5 +64,5 @@ def pdo_struct(product: int, index: int) -> struct.Struct:
 
 @cache
 def _parsed(product: int) -> ObjectDictionary:
-    # Parsing takes some 10 ms and an arm has eight nodes of two kinds: once each, at node 0.
+    # Parsing takes about 10 ms, so each of the two device types is parsed once, at node 0.
     return canopen.import_od(str(EDS_FILES[product]), node_id=0)

@@ -25,8 +25,8 @@ def admit(
 ) -> None:
     """Check the commands of one SYNC against the limits.
 
-    A joint that enters position mode must get its measured position as target; afterwards each new
-    target counts as a motion.
+    The first target of a joint that enters position mode must be its measured position; every later change of target
+    is checked as a motion.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def admit_move(
 
 
 def not_enabled(sample: Sample) -> CommandRefused | None:
-    """Error for the first drive that is not enabled, in position or free mode; None if all are."""
+    """Return the error for the first drive that is not in *operation enabled*; None if all are."""
     for joint, status in enumerate(sample.statuswords, 1):
         state = state_of(status)
         if state is not DriveState.OPERATION_ENABLED:

@@ -48,14 +48,14 @@ class Dropout:
 
     @property
     def controlword(self) -> int:
-        """Controlword that does not enable the drive again: quick stop if the drive may be holding, otherwise off."""
+        """Controlword that does not enable the drive: quick stop if it may be holding, otherwise disable voltage."""
         holds = self.not_following or self.state is DriveState.QUICK_STOP_ACTIVE
         return CONTROLWORD_QUICK_STOP if holds else CONTROLWORD_DISABLE_VOLTAGE
 
 
 @dataclass(slots=True)
 class _Joint:
-    """Numbers of SYNCs since the command to enable at which the drive was enabled, disabled, following or not."""
+    """Numbers of SYNCs since the command to enable, by what the drive reported."""
 
     enabled_syncs: int = 0
     disabled_syncs: int = 0

@@ -43,8 +43,8 @@ class FollowingMonitor:
         self._windows = tuple(windows_counts)
         self._outside_syncs = [0] * len(self._windows)
         self._followed = [False] * len(self._windows)
-        # Range of each joint's targets in this and the previous stretch of SYNCs: a late answer gives an
-        # earlier position.
+        # Range of each joint's targets in this and the previous interval of MAX_LATE_SYNCS: a late answer
+        # gives an earlier position.
         self._targets = [_EMPTY_RANGE] * len(self._windows)
         self._earlier_targets = list(self._targets)
         self._stretch_syncs = 0
@@ -83,16 +83,16 @@ class FollowingMonitor:
 
 
 MIN_BRAKING_SYNCS: Final = 30
-"""0.3 s: time that every stopped joint has to come to rest."""
+"""0.3 s: time allowed for every stopped joint to come to rest."""
 MAX_BRAKING_SYNCS: Final = 200
-"""2 s: limit while it keeps slowing down; the deceleration (6085h) is the drive maker's choice."""
+"""2 s: time allowed while it keeps slowing down; the deceleration (6085h) is the drive maker's choice."""
 STRETCH_SYNCS: Final = 10
-"""Travel is compared between consecutive stretches of this length; a constant creep is not braking."""
+"""Length of the intervals whose displacements are compared: a joint brakes while they decrease."""
 
 
 @dataclass(slots=True)
 class _Joint:
-    """A joint after a stop: SYNCs since the stop, rest position, SYNCs away from it; until rest, the last travel."""
+    """State of a joint after a stop; `last_travel_counts` is its displacement in the last interval before rest."""
 
     stopped_syncs: int = 0
     rest_counts: int = 0

@@ -1,4 +1,4 @@
-"""All monitors of the samples, count loss among them, and the alarms that end a command, in order of priority.
+"""Monitors of the samples, including one for count loss, and the alarms that end a command, by priority.
 
 Position is smooth from SYNC to SYNC: the increment of one period follows from the two before and the two
 after it. A single outlying increment in one joint alone, with no other outlier nearby, is neither noise
@@ -59,7 +59,7 @@ class CountJump:
 
 
 class ContinuityMonitor:
-    """Tests every sample; `allowed_counts` is each joint's threshold at rest."""
+    """Detects count jumps; `allowed_counts` is each joint's threshold at rest."""
 
     def __init__(self, allowed_counts: Sequence[float]) -> None:
         self._allowed = tuple(allowed_counts)
@@ -126,7 +126,9 @@ class ContinuityMonitor:
         for at, allowed in enumerate(self._allowed):
             c0, c1, c2, c3, c4, c5 = (counts[at] for counts in self._recent)
             d0, d1, d2, d3, d4 = c1 - c0, c2 - c1, c3 - c2, c4 - c3, c5 - c4
-            step = d2 - (4 * (d1 + d3) - d0 - d4) / 6.0  # against a cubic through the four others
+            step = (
+                d2 - (4 * (d1 + d3) - d0 - d4) / 6.0
+            )  # minus the value of a cubic through the four others
             relative.append(abs(step) / allowed)
             if abs(step) > allowed:
                 self._outlier_syncs[at].append(sync_count)
@@ -227,7 +229,7 @@ class JointMonitor:
         self._continuity.expect_jerk()
 
     def reset(self) -> None:
-        """Clear what was found so far."""
+        """Clear all findings."""
         self.jump = self.divergence = None
         self.dropout.reset()
         self.switched_off = frozenset()
@@ -255,7 +257,7 @@ def alarms(
     now_s: float,
     heartbeat_timeout_s: float,
 ) -> Iterator[HardwareError]:
-    """All alarms, highest priority first.
+    """Yield all alarms, highest priority first.
 
     `lost_joints`, `duplicate_joints`: joints without answers to SYNC, and joints with two answers to each.
     """

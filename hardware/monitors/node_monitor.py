@@ -179,7 +179,7 @@ class NodeMonitor:
             return self._wait_for(lambda: self.other_operator_at_s is not None, timeout_s)
 
     def silent(self, now_s: float, limit_s: float) -> tuple[int, ...]:
-        """Nodes heard before, but not within the last `limit_s`."""
+        """Return the nodes that were heard before, but not within the last `limit_s`."""
         return tuple(
             node
             for node in self.nodes
@@ -187,7 +187,7 @@ class NodeMonitor:
         )
 
     def not_operational(self) -> tuple[int, ...]:
-        """Nodes whose last heartbeat reports another NMT state, for example after a restart."""
+        """Return the nodes whose last heartbeat reports another NMT state than *operational*."""
         return tuple(
             node
             for node in self.nodes
@@ -255,7 +255,7 @@ class NodeMonitor:
         self.faults = (*self.faults, fault)
 
     def _is_command(self, identifier: int, data: bytes) -> bool:
-        """Whether a frame is a command to this arm; a quick stop is none: it may be our own, by another handle."""
+        """Whether a frame is a command to this arm; not a quick stop, which STOP's handle may have sent."""
         if identifier == objects.COB_SYNC:
             return len(data) <= 1  # with a counter or without
         if frames := self._commanded.get(identifier):

@@ -126,9 +126,7 @@ class ContinuityMonitor:
         for at, allowed in enumerate(self._allowed):
             c0, c1, c2, c3, c4, c5 = (counts[at] for counts in self._recent)
             d0, d1, d2, d3, d4 = c1 - c0, c2 - c1, c3 - c2, c4 - c3, c5 - c4
-            step = (
-                d2 - (4 * (d1 + d3) - d0 - d4) / 6.0
-            )  # minus the value of a cubic through the four others
+            step = d2 - (4 * (d1 + d3) - d0 - d4) / 6.0  # minus a cubic through the four others
             relative.append(abs(step) / allowed)
             if abs(step) > allowed:
                 self._outlier_syncs[at].append(sync_count)

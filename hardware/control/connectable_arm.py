@@ -213,12 +213,12 @@ def _wait_until_off(loop: ControlLoop) -> Generator[Setpoints | None, Sample, Sa
 
 
 def _following(sample: Sample) -> tuple[int, ...]:
-    """Joints whose drives may follow a command."""
+    """Return the joints whose drives may follow a command."""
     states = enumerate(map(state_of, sample.statuswords), 1)
     return tuple(joint for joint, state in states if not reached(state, TargetState.STOPPED))
 
 
 def _powered(sample: Sample) -> tuple[int, ...]:
-    """Joints whose drives are powered."""
+    """Return the joints whose drives are powered."""
     states = enumerate(map(state_of, sample.statuswords), 1)
     return tuple(joint for joint, state in states if state in CLOSED_LOOP_STATES)

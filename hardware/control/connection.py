@@ -234,9 +234,9 @@ class Connection:
         self.token, self.in_control, self.took_control = OPERATOR_NODE, True, True
 
     def may_repeat(self, error: HardwareError) -> bool:
-        """Whether to repeat a step after this error: whether the arm is heard and control has not lapsed for good.
+        """Whether to repeat a step after this error: not if the arm is silent, or control has lapsed.
 
-        If control lapsed because of host latency, it is requested again.
+        Control that lapsed because of host latency is requested again, and the step may be repeated.
         """
         if self.is_lost():
             return False

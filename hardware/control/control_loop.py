@@ -162,7 +162,7 @@ class ControlLoop:
         return self._sampler.view.sample
 
     def alarm(self) -> HardwareError | None:
-        """The alarm for which the current steps should end, if any; they bring the arm to rest first."""
+        """Return the alarm for which the current steps should bring the arm to rest and end; None if there is none."""
         task = self._tasks.first
         every = alarms(
             self.nodes,

@@ -193,7 +193,7 @@ class JointMonitor:
         return "" if self.divergence is None else str(divergence_error(self.divergence))
 
     def stop_cause(self) -> HardwareError:
-        """Error that states why STOP is latched: uncommanded motion, or the operator pressed STOP."""
+        """Return the error that says why STOP is latched: uncommanded motion, or the operator pressed STOP."""
         divergence = self.divergence
         return stop_latched_error() if divergence is None else divergence_error(divergence)
 
@@ -234,12 +234,12 @@ class JointMonitor:
 
 
 def stop_latched_error() -> StopLatched:
-    """Error for a latched STOP."""
+    """Return the error for a latched STOP."""
     return StopLatched("STOP is latched: reset it before anything moves again")
 
 
 def divergence_error(divergence: Divergence) -> DriveDiverged:
-    """Error for the divergence for which the control loop latched STOP itself."""
+    """Return the error for uncommanded motion, for which the control loop latched STOP."""
     return DriveDiverged(
         divergence.joint, divergence.counts, divergence.sync_count, stopped=divergence.stopped
     )

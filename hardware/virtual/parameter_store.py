@@ -167,7 +167,7 @@ Validate = Callable[[bytes], ValidatedParameters]
 
 
 def refuse_documents(_document: bytes) -> ValidatedParameters:
-    """A `Validate` that refuses every document, for a controller without schema."""
+    """Refuse every document: the `Validate` of a controller without schema."""
     raise ValueError("this controller was started without a parameter schema and takes no document")
 
 

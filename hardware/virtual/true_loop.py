@@ -150,7 +150,7 @@ class OpenTruth(Truth):
         return np.asarray(reading_rad) + self.offsets_rad, 0.0
 
     def target(self, theta_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the target's position (3,), m, and orientation (3, 3) in the instrument's frame at theta' (n,), rad."""
+        """Return the target's position (3,) m and orientation (3, 3) in the instrument's frame at theta' (n,) rad."""
         q = (np.asarray(theta_rad) - self.offsets_rad)[None]
         position, rotation = self.loop().predicted(np.zeros(0), q)
         return position[0], rotation[0]

@@ -36,9 +36,7 @@ def set_hardware_filters(bus: can.BusABC, filters: list[CanFilter]) -> None:
     if getattr(type(bus), "_apply_filters", nothing) is nothing:
         return
     bus.set_filters(filters)
-    if not getattr(
-        bus, "_is_filtered", True
-    ):  # adapters without the flag, such as ETAS's, have room
+    if not getattr(bus, "_is_filtered", True):  # adapters without the flag have room
         bus.set_filters(None)
 
 

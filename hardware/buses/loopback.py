@@ -50,12 +50,12 @@ _UDP_HEADER_BYTES = 8
 
 
 def channel_tag(channel: str) -> bytes:
-    """Eight bytes that identify a channel."""
+    """Return eight bytes that identify a channel."""
     return hashlib.sha256(channel.encode()).digest()[:8]
 
 
 def channel_group(channel: str) -> str:
-    """Multicast group of a channel, in the administratively scoped block 239.255.0.0/16."""
+    """Return the multicast group of a channel, in the administratively scoped block 239.255.0.0/16."""
     tag = channel_tag(channel)
     return f"239.255.{tag[0]}.{tag[1]}"
 

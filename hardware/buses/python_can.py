@@ -73,7 +73,7 @@ class BusSettings:
 
 
 def known_interfaces() -> tuple[str, ...]:
-    """Valid interface names: python-can's, this project's, and arms of installed packages."""
+    """Return the valid interface names: python-can's, this project's, and arms of installed packages."""
     return tuple(sorted({*can.VALID_INTERFACES, *_OWN_CHANNEL, *offered_names()}))
 
 

@@ -130,11 +130,11 @@ class BusProfile:
         return device_type & self.device_type_mask == self.device_type & self.device_type_mask
 
     def mode_of(self, code: int) -> JointMode | None:
-        """Joint mode of a 6061h value; None for neither position nor free."""
+        """Return the joint mode of a 6061h value; None for neither position nor free."""
         return next((mode for mode, known in self.mode_codes.items() if known == code), None)
 
     def who(self, node: int) -> str:
-        """Name of a node in messages."""
+        """Return the name of a node for messages: joint and node number."""
         joint = self.joint_of.get(node)
         return f"node {node}" if joint is None else f"joint {joint} (node {node})"
 

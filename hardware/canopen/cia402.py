@@ -147,7 +147,7 @@ def after_controlword(state: DriveState, controlword: int, previous: int) -> Dri
 
 
 def raises_power(before: DriveState, after: DriveState) -> bool:
-    """Whether a transition is a step towards motion; only those need the control token."""
+    """Whether a transition is a step towards *operation enabled*; only those need the control token."""
     ladder = (_S.SWITCH_ON_DISABLED, _S.READY_TO_SWITCH_ON, _S.SWITCHED_ON, _S.OPERATION_ENABLED)
     return before in ladder and after in ladder and ladder.index(after) > ladder.index(before)
 

@@ -154,7 +154,7 @@ def operator_timeout_s(access: ObjectAccess, node: int) -> float | None:
 
 
 def _heartbeat_consumers(access: ObjectAccess, node: int) -> tuple[int, ...] | None:
-    """Entries of 1016h; None if the object is absent."""
+    """Read the entries of 1016h; None if the object is absent."""
     count = read_number(access, node, objects.HEARTBEAT_CONSUMER, 0)
     if count is None:
         return None

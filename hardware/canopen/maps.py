@@ -120,7 +120,7 @@ def pdo_records(joint: JointProfile) -> Iterator[PdoRecords]:
 
 
 def pdo_name(communication: int, number: int) -> str:
-    """Name of a PDO, e.g. ``TPDO1``; `communication` is the index of its communication record."""
+    """Return the name of a PDO, e.g. ``TPDO1``; `communication` is the index of its communication record."""
     return f"{'T' if communication >= objects.TPDO1_COMMUNICATION else 'R'}PDO{number}"
 
 

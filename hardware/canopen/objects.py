@@ -22,7 +22,7 @@ OPERATOR_NODE: Final = 127
 
 
 def joint_node(joint: int) -> int:
-    """Node number of a joint (1-based)."""
+    """Return the node number of a joint (1-based); `ValueError` if there is no such joint."""
     if not 1 <= joint <= MAX_JOINTS:
         raise ValueError(f"joint {joint} is not one of 1..{MAX_JOINTS}")
     return joint
@@ -43,7 +43,7 @@ COB_NEXT_PDO: Final = 0x100
 
 
 def node_of(identifier: int, base: int) -> int:
-    """Node of a frame whose identifier is `base` plus a node number; 0 for other frames."""
+    """Return the node of a frame whose identifier is `base` plus a node number; 0 for other frames."""
     node = identifier - base
     return node if 0 < node <= OPERATOR_NODE else 0
 
@@ -260,7 +260,7 @@ EMERGENCY_TEXT: Final = {
 
 
 def emergency_text(code: int) -> str:
-    """Text of an EMCY error code, known or not."""
+    """Return a text for an EMCY error code, known or not."""
     try:
         return EMERGENCY_TEXT[EmergencyCode(code)]
     except ValueError:

@@ -187,9 +187,7 @@ class ObjectAccess:
 
     def _exclusive(self, node: int, index: int, subindex: int, access: Callable[[Any], Any]) -> Any:
         """Run one access at a time per node and translate its errors."""
-        outer = (
-            sys.exception()
-        )  # an exception that the caller is handling does not belong to this access
+        outer = sys.exception()  # handled by the caller, not part of this access
         with self._locks[node]:
             try:
                 return access(self._clients[node])

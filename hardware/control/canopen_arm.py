@@ -84,7 +84,7 @@ class CanopenArm(ConnectableArm):
         self._n = len(description.joints)
 
     def snapshot(self) -> ArmSnapshot:
-        """The latest state; never blocks, and may be called from any thread."""
+        """Return the latest state; never blocks, and may be called from any thread."""
         return self._link.snapshot()
 
     def take_control(self) -> None:
@@ -209,7 +209,7 @@ class CanopenArm(ConnectableArm):
         self._raise_for_drives(link, not_reached, "reset")
 
     def drive_facts(self) -> tuple[DriveFacts, ...]:
-        """The drives' modes, quick stop option and operator time-out."""
+        """Read the drives' modes, quick stop option and operator time-out."""
         return read_drive_facts(self._link.access, self._link.profile)
 
     def another(self) -> CanopenArm:
@@ -241,7 +241,7 @@ class CanopenArm(ConnectableArm):
         return uploading.upload(link, document)
 
     def active_parameters(self) -> bytes:
-        """The controller's active parameter document; empty if there is none."""
+        """Read the controller's active parameter document; empty if there is none."""
         link = self._link
         return uploading.read_document(link.access, link.profile)
 

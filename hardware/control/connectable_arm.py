@@ -1,4 +1,4 @@
-"""Opens one connection to an arm at a time, and releases the arm: holding, drives off, state verified.
+"""Opens one connection to an arm at a time, and releases the arm: holds it, switches drives off, verifies that.
 
 STOP reaches the arm at any moment, also while connecting and closing. A release relies only on what the drives
 report: a drive may ignore a command.
@@ -44,7 +44,7 @@ _IGNORED_ALARMS: tuple[type[HardwareError], ...] = (
 
 
 class ConnectableArm:
-    """An arm on a CAN bus that is connected, stopped and released; `record_to` is a file to record the bus to.
+    """An arm on a CAN bus that can be connected, stopped and released.
 
     Attributes
     ----------
@@ -150,7 +150,7 @@ class ConnectableArm:
         self._end(link)
 
     def read_states_unconnected(self) -> tuple[DriveState, ...]:
-        """Drive states of joints 1..n by SDO (6041h) alone, without a connection; nothing is commanded."""
+        """Read the drive states of joints 1..n by SDO (6041h) alone, without a connection; nothing is commanded."""
         if self._connection is not None:
             raise ValueError("this arm is connected: its snapshot has the states")
         link = self._unopened(None)
@@ -213,12 +213,12 @@ def _wait_until_off(loop: ControlLoop) -> Generator[Setpoints | None, Sample, Sa
 
 
 def _following(sample: Sample) -> tuple[int, ...]:
-    """Joints whose drives may follow a command."""
+    """Return the joints whose drives may follow a command."""
     states = enumerate(map(state_of, sample.statuswords), 1)
     return tuple(joint for joint, state in states if not reached(state, TargetState.STOPPED))
 
 
 def _powered(sample: Sample) -> tuple[int, ...]:
-    """Joints whose drives are powered."""
+    """Return the joints whose drives are powered."""
     states = enumerate(map(state_of, sample.statuswords), 1)
     return tuple(joint for joint, state in states if state in CLOSED_LOOP_STATES)

@@ -139,7 +139,7 @@ class Connection:
             raise
 
     def read_states(self) -> tuple[DriveState, ...]:
-        """State of every drive (6041h) by SDO, without `open`."""
+        """Read the state of every drive (6041h) by SDO, without `open`."""
         self.loop.start()
         statuswords = (self.access.read_unsigned(node, STATUSWORD) for node in self.profile.drives)
         return tuple(map(state_of, statuswords))
@@ -157,7 +157,7 @@ class Connection:
 
     @property
     def left_enabled(self) -> bool:
-        """Whether drives were last seen powered, and this program may have enabled them."""
+        """Whether drives last reported power, and this program may have enabled them."""
         return self.took_control and any(
             state_of(word) in POWERED_STATES for word in self.loop.view.sample.statuswords
         )
@@ -234,9 +234,9 @@ class Connection:
         self.token, self.in_control, self.took_control = OPERATOR_NODE, True, True
 
     def may_repeat(self, error: HardwareError) -> bool:
-        """Whether to try again after this error: whether the arm is heard and control is held or was taken again.
+        """Whether to repeat a step after this error: not if the arm is silent, or control has lapsed.
 
-        Control is taken again only if it lapsed because of this host's latency.
+        Control that lapsed because of host latency is requested again, and the step may be repeated.
         """
         if self.is_lost():
             return False
@@ -273,7 +273,7 @@ class Connection:
         self.stop_line.send(self.loop.commands, self.loop.view.sample.counts)
 
     def snapshot(self) -> ArmSnapshot:
-        """The latest state; never blocks."""
+        """Return the latest state; never blocks."""
         return build_snapshot(self, self._clock)
 
     def _allow(self, sample: Sample, before: Setpoints | None, commands: Setpoints) -> None:

@@ -62,13 +62,13 @@ class ControlLoop:
     Attributes
     ----------
     latency
-        Monitor of the host's latency, which is excluded from the nodes' receive timeout.
+        Monitor of the host's latency, which the nodes' time-outs exclude.
     commands
         Commands sent last; None before control was taken.
     moving
         Whether steps are moving the arm.
     failure
-        Why the thread ended.
+        Error that ended the thread; None if there is none.
     heartbeat_timeout_s
         Silence after which a node is lost; set before `begin_sync`.
     """
@@ -162,7 +162,7 @@ class ControlLoop:
         return self._sampler.view.sample
 
     def alarm(self) -> HardwareError | None:
-        """The alarm for which the current steps should end, if any; they bring the arm to rest first."""
+        """Return the alarm for which the current steps should bring the arm to rest and end; None if there is none."""
         task = self._tasks.first
         every = alarms(
             self.nodes,
@@ -193,7 +193,7 @@ class ControlLoop:
             self._tasks.finish_all(self._closed_error())
 
     def _work(self) -> None:
-        """One step of the task, one SYNC or one frame; then the heartbeat if due."""
+        """Run one step of the task, one SYNC or one frame; then send the heartbeat if due."""
         task = self._tasks.first
         if task is not None and not self._must_resample():
             self._idle_poll_s = self._timing.idle_poll_s
@@ -248,7 +248,7 @@ class ControlLoop:
         self._cycle()
 
     def _cycle(self) -> None:
-        """One SYNC: commands out, SYNC, wait for the answers."""
+        """Send commands and SYNC, wait for the answers, and check the sample."""
         if self._pace is Pace.REAL_TIME:
             self._wait_for_tick()
         self._drain()  # late and duplicate answers

@@ -40,9 +40,9 @@ if TYPE_CHECKING:
     from hardware.control.connection import Connection
 
 INCOMPLETE_SYNCS = 200
-"""Consecutive incomplete samples after which a move ends."""
+"""Consecutive incomplete samples after which the steps end."""
 TRANSITION_SYNCS = 50
-"""Time for a drive to pass through its whole state machine."""
+"""SYNCs allowed for a drive to pass through its whole state machine."""
 MODE_SYNCS = 5
 
 
@@ -52,7 +52,7 @@ def follows_command(statusword: int) -> bool:
 
 
 def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
-    """First joint in position mode whose enabled drive does not report that it follows its target; None if all do."""
+    """Return the first joint in position mode whose enabled drive does not report that it follows; None if all do."""
     for joint, (status, mode) in enumerate(zip(sample.statuswords, modes, strict=True), 1):
         enabled = state_of(status) is DriveState.OPERATION_ENABLED
         if mode is JointMode.POSITION and enabled and not follows_command(status):
@@ -215,7 +215,7 @@ def move(
 
 
 def incomplete_samples(sample: Sample) -> BusError:
-    """Error for too many incomplete samples in a row."""
+    """Return the error for too many incomplete samples in a row."""
     named = ", ".join(map(str, sample.missing)) or "varying joints"
     return BusError(
         "Hardly any SYNC is answered exactly once by every joint; missing in the last one: joint "
@@ -248,7 +248,7 @@ def _last_commands(loop: ControlLoop) -> Setpoints:
 
 
 def _higher_priority(alarm: HardwareError | None, ending: Exception | None) -> Exception | None:
-    """The error with which to end a move: the first one, unless `alarm` requires more than coming to rest."""
+    """Return the error with which to end a move: the first one, unless `alarm` requires more than coming to rest."""
     if ending is None or isinstance(alarm, Stopped):
         return alarm
     # A trip, or a node cut off, often shows first as a drive (or its neighbours) that is not enabled.
@@ -297,7 +297,7 @@ def settle(
 
 
 def capture(link: Connection, samples: int) -> Generator[Setpoints | None, Sample, Reading]:
-    """Average complete samples, each with all joints latched on the same SYNC."""
+    """Average complete samples, each with all joints latched on one SYNC; `BusError` if too few are complete."""
     scales = link.scales
     rows: list[tuple[int, ...]] = []
     first = 0

@@ -1,4 +1,4 @@
-"""The exchange at each SYNC: commands or quick stop out; answers in, as a sample and the arm's snapshot."""
+"""Traffic of each SYNC: sends commands or quick stop, collects answers in a sample, builds the arm's snapshot."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ class Sampler:
         self.answered_late = False
 
     def open(self) -> None:
-        """Begin a sample: a SYNC is about to go out."""
+        """Begin a sample, just before its SYNC is sent."""
         self.answered_late = any(
             received != closed
             for received, closed in zip(self._received, self._closed, strict=True)
@@ -222,11 +222,11 @@ class Sampler:
         self.view = CyclicView(sample, earlier, tuple(self._answered_at_s), tuple(self._late_at_s))
 
     def duplicates(self) -> tuple[int, ...]:
-        """Joints that repeatedly answer a SYNC more than once."""
+        """Return the joints that repeatedly answer a SYNC more than once."""
         return tuple(j for j, times in enumerate(self._surplus, 1) if times >= DUPLICATE_SYNCS)
 
     def lost(self) -> tuple[int, ...]:
-        """Joints that are no longer waited for."""
+        """Return the joints that are no longer waited for."""
         return tuple(j for j, missed in enumerate(self._missed, 1) if missed >= self._max_misses)
 
     def _columns(self) -> dict[str, tuple[int, ...]]:
@@ -235,9 +235,9 @@ class Sampler:
 
 
 def build_snapshot(link: Connection, clock: Callable[[], float]) -> ArmSnapshot:
-    """Snapshot of a connection; speeds are means over `SPEED_SYNCS` control periods."""
+    """Build the snapshot of a connection; speeds are means over `SPEED_SYNCS` control periods."""
     loop, nodes, view = link.loop, link.loop.nodes, link.loop.view
-    # Read after the view: answers in it would else be younger than "now".
+    # Read after the view, so that no answer in it is later than now_s.
     now_s = clock()
     listened_s = loop.latency.listened_s
     sample, earlier = view.sample, view.earlier
@@ -276,7 +276,7 @@ def build_snapshot(link: Connection, clock: Callable[[], float]) -> ArmSnapshot:
 
 
 def _fault(nodes: NodeMonitor, dropout: Dropout) -> Fault:
-    """Fault to report for a drive that sent no emergency."""
+    """Return the fault to report for a drive that sent no emergency."""
     return Fault(
         node=nodes.profile.drives[dropout.joint - 1],
         joint=dropout.joint,

@@ -57,7 +57,7 @@ _Object = tuple[int, int]
 
 
 def _powered(values: Mapping[_Object, int]) -> dict[int, DriveState]:
-    """Drives with power on their motors, and their states."""
+    """Return the states of the powered drives, by node."""
     states = {
         node: state_of(word)
         for (node, index), word in values.items()
@@ -67,7 +67,7 @@ def _powered(values: Mapping[_Object, int]) -> dict[int, DriveState]:
 
 
 def _token_holder(values: Mapping[_Object, int]) -> int:
-    """Node in control; 0 if none."""
+    """Return the node in control; 0 if none."""
     return next((holder for (_, index), holder in values.items() if index == objects.TOKEN), 0)
 
 
@@ -97,7 +97,7 @@ def _stated_timeout_s(access: ObjectAccess, nodes: Iterable[int]) -> float:
 
 
 class StartUp:
-    """One start-up of the nodes of an arm, over a connection that has been made and is not yet used."""
+    """One start-up of the nodes of an arm over an unused connection."""
 
     def __init__(self, link: Connection) -> None:
         self._link, self._loop, self._access = link, link.loop, link.access

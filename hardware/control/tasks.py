@@ -12,7 +12,7 @@ from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.errors import HardwareError
 
 Steps = Generator[Setpoints | None, Sample, Any]
-"""Yields commands for the next SYNC (None: unchanged), is sent its sample, returns a result."""
+"""Generator that yields commands for the next SYNC (None: unchanged), receives its sample, and returns a result."""
 
 _ALIVE_POLL_S = 0.2
 """How often a waiting caller checks that the loop's thread is alive."""
@@ -84,7 +84,7 @@ class TaskQueue:
 
     @property
     def first(self) -> LoopTask | None:
-        """The task to work on."""
+        """The task to work on; None if there is none."""
         return self._tasks[0] if self._tasks else None
 
     def finish_first(self, *, result: Any = None, error: BaseException | None = None) -> None:

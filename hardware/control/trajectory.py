@@ -1,7 +1,7 @@
 """Synchronised straight move of several joints with bounded jerk, which can brake at any time.
 
-The distance along the straight line in joint space is the travel of the joint that moves farthest. This distance
-follows a trapezoidal speed profile. A moving average over `SMOOTHING_PERIODS` positions bounds the jerk; the joints
+Distance along the straight line in joint space is that of the joint that moves farthest, and follows a trapezoidal
+speed profile. A moving average over `SMOOTHING_PERIODS` positions bounds the jerk; the joints
 stay on the line and come to rest exactly at its end.
 """
 
@@ -22,7 +22,7 @@ SMOOTHING_PERIODS = 10
 
 
 def coming_to_rest_s(speed_rad_per_s: float) -> float:
-    """Braking distance of a joint divided by its current speed, s, in a move of this speed.
+    """Return the braking distance of a joint divided by its speed, s, in a move at `speed_rad_per_s`.
 
     The sum of half the deceleration time (the mean speed is half), half the length of the moving average, and two
     control periods of delay. Valid for a free joint too, as long as its motion is proportional to that of the drives.
@@ -32,14 +32,14 @@ def coming_to_rest_s(speed_rad_per_s: float) -> float:
 
 
 class Trapezoid:
-    """Distance along a line: speed up, cruise, slow down. Starts and ends at rest.
+    """Trapezoidal speed profile along a line, from rest to rest.
 
     Parameters
     ----------
     length
         Distance to go, rad, not negative.
     speed
-        Bound, rad/s, positive.
+        Maximum speed, rad/s, positive.
     """
 
     def __init__(self, *, length: float, speed: float) -> None:
@@ -52,7 +52,7 @@ class Trapezoid:
         self.end_s = 2.0 * self._ramp_s + self._cruise_s
 
     def at(self, time_s: float) -> tuple[float, float]:
-        """Distance (rad) and speed (rad/s) at a time (s) after the start."""
+        """Return distance (rad) and speed (rad/s) at a time (s) after the start."""
         if time_s <= self._brake_from_s:
             return self._planned(time_s)
         distance, speed = self._planned(self._brake_from_s)
@@ -127,7 +127,7 @@ class StraightMove:
         return self._braking
 
     def next(self) -> FloatArray:
-        """Target of the next period, shape (n,), rad; the final one after the end."""
+        """Return the target of the next period, shape (n,), rad; after the end, the final one."""
         if self.finished:
             return self._place(self._window[-1])
         self._step += 1
@@ -141,7 +141,7 @@ class StraightMove:
         return self._place(math.fsum(self._window) / len(self._window))
 
     def brake(self) -> None:
-        """Come to rest within the limits; `next` returns the remaining targets."""
+        """Brake to rest; `next` returns the remaining targets."""
         if not self._braking:
             self._braking = True
             self._line.brake(self._step * CONTROL_PERIOD_S)

@@ -31,7 +31,7 @@ MAX_UPLOADS = 6
 
 
 def read_document(access: ObjectAccess, profile: BusProfile) -> bytes:
-    """Active document of the controller; empty if there is none, or no supervisor."""
+    """Read the controller's active document; empty if there is none, or no supervisor."""
     if profile.supervisor is None:
         return b""
     try:
@@ -96,7 +96,7 @@ def upload(link: Connection, document: bytes) -> UploadReceipt:
 
 
 class _Attempt:
-    """Upload of one document; `commit_sent`: whether a commit was sent whose outcome is not known."""
+    """Upload of one document; `commit_sent`: whether a commit was sent that may have been carried out."""
 
     def __init__(self, access: ObjectAccess, supervisor: int, document: bytes) -> None:
         self._access, self._supervisor, self._document = access, supervisor, document
@@ -185,7 +185,7 @@ class _Attempt:
 
 
 def refusal(access: ObjectAccess, supervisor: int) -> str:
-    """The supervisor's reason for its last refusal (2004h); empty if there is none."""
+    """Read the supervisor's reason for its last refusal (2004h); empty if there is none."""
     try:
         return access.read_text(supervisor, objects.REFUSAL)
     except SdoRefused:

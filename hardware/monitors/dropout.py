@@ -138,7 +138,7 @@ class DropoutMonitor:
 
 
 def _priority(dropout: Dropout) -> int:
-    """Order by likely cause: a drive in fault stops its neighbours, so a stopped drive may just be such a neighbour."""
+    """Return the rank as a cause, 0 first: a drive in fault stops its neighbours, so a stopped drive ranks last."""
     if dropout.state in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE):
         return 0
     return 2 if dropout.state is DriveState.QUICK_STOP_ACTIVE else 1

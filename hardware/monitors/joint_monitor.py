@@ -126,9 +126,7 @@ class ContinuityMonitor:
         for at, allowed in enumerate(self._allowed):
             c0, c1, c2, c3, c4, c5 = (counts[at] for counts in self._recent)
             d0, d1, d2, d3, d4 = c1 - c0, c2 - c1, c3 - c2, c4 - c3, c5 - c4
-            step = (
-                d2 - (4 * (d1 + d3) - d0 - d4) / 6.0
-            )  # minus the value of a cubic through the four others
+            step = d2 - (4 * (d1 + d3) - d0 - d4) / 6.0  # minus a cubic through the four others
             relative.append(abs(step) / allowed)
             if abs(step) > allowed:
                 self._outlier_syncs[at].append(sync_count)
@@ -195,7 +193,7 @@ class JointMonitor:
         return "" if self.divergence is None else str(divergence_error(self.divergence))
 
     def stop_cause(self) -> HardwareError:
-        """Error that states why STOP is latched: uncommanded motion, or the operator pressed STOP."""
+        """Return the error that says why STOP is latched: uncommanded motion, or the operator pressed STOP."""
         divergence = self.divergence
         return stop_latched_error() if divergence is None else divergence_error(divergence)
 
@@ -236,12 +234,12 @@ class JointMonitor:
 
 
 def stop_latched_error() -> StopLatched:
-    """Error for a latched STOP."""
+    """Return the error for a latched STOP."""
     return StopLatched("STOP is latched: reset it before anything moves again")
 
 
 def divergence_error(divergence: Divergence) -> DriveDiverged:
-    """Error for the divergence for which the control loop latched STOP itself."""
+    """Return the error for uncommanded motion, for which the control loop latched STOP."""
     return DriveDiverged(
         divergence.joint, divergence.counts, divergence.sync_count, stopped=divergence.stopped
     )

@@ -66,7 +66,7 @@ def _describe_nmt(data: bytes) -> str:
 
 
 def initiated_transfer(data: bytes) -> tuple[bool, int] | None:
-    """Whether an SDO request initiates a write, and the index; None if it initiates no transfer."""
+    """Return whether an SDO request initiates a write, and the index; None if it initiates no transfer."""
     kind = data[0] >> 5 if len(data) == 8 else None
     if kind not in _WRITES or data[0] & _CONTINUED_BLOCK.get(kind, 0):
         return None

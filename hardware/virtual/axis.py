@@ -103,7 +103,7 @@ class AxisSettings:
 
 
 def joint_scale(joint: Joint) -> JointScale:
-    """Scale of a joint's sensor; `ValueError` if it has none."""
+    """Return the scale of a joint's sensor; `ValueError` if it has none."""
     match joint.sensor:
         case Encoder() as encoder:
             return JointScale(counts_per_rad=encoder.counts_per_rev / (2.0 * math.pi))
@@ -114,5 +114,5 @@ def joint_scale(joint: Joint) -> JointScale:
 
 
 def arm_axes(arm: ArmModel) -> tuple[AxisSettings, ...]:
-    """Settings of all drives of an arm, joint 1 first; `ValueError` for a joint without a sensor."""
+    """Return the settings of all drives of an arm, joint 1 first; `ValueError` for a joint without a sensor."""
     return tuple(AxisSettings(number, joint) for number, joint in enumerate(arm.joints, start=1))

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from hardware.virtual.faults import ScriptedFault
 
 _POLL_S = 0.02
-"""Longest wait for a frame, after which timed duties and `post` are handled."""
+"""Longest wait for a frame, after which timed duties and posted actions are handled."""
 _SHORT_POLL_S = 0.002
 """Longest wait for a frame while frames are delayed by a fault."""
 _CATCH_UP_FRAMES = 1000
@@ -180,7 +180,7 @@ class VirtualController:
             self._posted.put(action)
 
     def now_s(self) -> float:
-        """The controller's clock."""
+        """Return the time of the controller's clock, s."""
         return self._clock()
 
     def restart(self) -> None:
@@ -244,7 +244,7 @@ class VirtualController:
         self._in_turn = None
 
     def _receive(self, message: can.Message) -> None:
-        """Handle a frame that has come through the faulty wire."""
+        """Pass a frame through the faulty wire, if there is one, and handle what comes out."""
         wire = self.disturbances.wire_in
         if wire is None:
             self._take_in(message)

@@ -47,7 +47,7 @@ class FaultyWire:
         self.delays = faults.late > 0.0
 
     def passed(self, message: can.Message) -> Iterator[can.Message]:
-        """Frames that come out of the wire when this one is put in."""
+        """Yield the frames that come out of the wire when this one is put in."""
         faults = self._faults
         lost, doubled, swapped, flipped, late = self._rng.random(5)
         if lost < faults.lost:
@@ -75,7 +75,7 @@ class FaultyWire:
             yield can.Message(arbitration_id=BABBLE_ID, data=b"babble", is_extended_id=False)
 
     def overdue(self) -> Iterator[can.Message]:
-        """Late frames that are due."""
+        """Yield the late frames that are due."""
         while self._late and self._late[0][0] <= self._clock():
             yield heapq.heappop(self._late)[2]
 
@@ -150,7 +150,7 @@ class Disturbances:
         return True
 
     def read(self, joint: int, counts: int) -> int:
-        """Reading of a joint's sensor in place of the correct `counts`."""
+        """Return the reading of a joint's sensor in place of the correct `counts`."""
         if joint in self.frozen_counts:
             return self.frozen_counts[joint]
         ripple = self.ripple_counts.get(joint, 0.0)
@@ -166,7 +166,7 @@ class Disturbances:
         return True
 
     def divergence(self, joint: int) -> int:
-        """Distance of a joint from its drive's target in this period, in counts; it grows."""
+        """Return the distance of a joint from its drive's target in this period, counts; it grows with every call."""
         counts = self.diverged_counts.get(joint)
         if counts is None:
             return 0

@@ -150,7 +150,7 @@ class Drive:
     # ---- every control period --------------------------------------------------------------------
 
     def command(self) -> JointCommand:
-        """The joint's command for the next control period."""
+        """Return the joint's command for the next control period."""
         if self._command is None:
             self._command = self._make_command()
         return self._command

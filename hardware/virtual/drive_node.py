@@ -72,7 +72,7 @@ class DriveNode(VirtualNode):
             self.drive.obey(*RPDO1.unpack(data))
 
     def tpdo1(self) -> bytes | None:
-        """Data of TPDO1; None outside *operational*."""
+        """Return the data of TPDO1; None outside *operational*."""
         if self.state is not NmtState.OPERATIONAL:
             return None
         drive = self.drive
@@ -174,7 +174,7 @@ class DriveGroup:
         self.drives, self._plant, self._disturbances = tuple(drives), plant, disturbances
 
     def step(self) -> None:
-        """One control period: commands out, readings in, drives trip if need be."""
+        """Advance one control period: step the plant, pass the readings to the drives, stop all if one has tripped."""
         reading = self._plant.step([self._command_of(node) for node in self.drives])
         for node, counts, torque, speed in zip(
             self.drives,
@@ -207,20 +207,20 @@ class DriveGroup:
                 node.drive.quick_stop()
 
     def lose_heartbeat(self) -> None:
-        """All drives lose the operator's heartbeat."""
+        """Report the loss of the operator's heartbeat to all drives."""
         for node in self.drives:
             with node.lock:
                 node.drive.lose_heartbeat()
 
     def lose_heartbeat_at(self, joint: int) -> None:
-        """One drive loses the operator's heartbeat, if it was in control and has not reacted yet."""
+        """Report the loss of the operator's heartbeat to one drive, if it was under control and has not reacted yet."""
         node = self.drives[joint - 1]
         with node.lock:
             if node.drive.in_control and EmergencyCode.HEARTBEAT_LOST not in node.drive.errors:
                 node.drive.lose_heartbeat()
 
     def control_changed(self, holder: int) -> None:
-        """Node `holder` took control; 0: control was released."""
+        """Report to all drives that node `holder` took control, or (0) that control was released."""
         for node in self.drives:
             with node.lock:
                 node.drive.in_control = holder != 0

@@ -19,7 +19,7 @@ _SENT = can.Message()
 
 
 class EmbeddedBus(VirtualBus):
-    """Replacement of python-can's virtual bus, on the same channels, at a third of the processor time.
+    """Replacement for python-can's virtual bus, on the same channels, at a third of the processor time.
 
     It uses the C-implemented `queue.SimpleQueue`, one shared copy of each frame, and a filter cache by identifier.
     """
@@ -49,7 +49,7 @@ class EmbeddedBus(VirtualBus):
                 listener.put(shared, timeout=timeout)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """Next frame that the filters pass, or None after `timeout` seconds."""
+        """Return the next frame that the filters pass; None after `timeout` seconds."""
         until = None if timeout is None else time.monotonic() + timeout
         while True:
             message, _ = self._recv_internal(timeout)
@@ -116,5 +116,5 @@ class AttendingBus(EmbeddedBus):
 
 
 def attended_openers(controller: VirtualController) -> BusOpeners:
-    """Openers for an operator in the process of an `attended` controller."""
+    """Return the openers for an operator in the process of an `attended` controller."""
     return BusOpeners(main=lambda settings: AttendingBus(settings.channel, controller.attend))

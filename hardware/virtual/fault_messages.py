@@ -1,4 +1,4 @@
-"""Description of every fault of the virtual controller: what fails, what the operator sees, what to do.
+"""Description of every fault of the virtual controller: failure, message to the operator, remedy.
 
 `sarcal controller --fault help` prints `FAULTS`, and the fault campaign tests them.
 """
@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 
 class ArmReaction(StrEnum):
-    """What the arm does once a fault is reported; the fault campaign checks that drives and plant do so."""
+    """What the arm does once a fault is reported; the fault campaign checks it."""
 
     STANDS = "does not move; all drives hold or are off when the session ends"
     LATE = "moves at most to a target that arrives up to 50 ms late; all drives hold or are off when the session ends"
@@ -59,14 +59,14 @@ class FaultDescription:
     at_connect: bool = False
 
     def seen(self) -> str:
-        """What the operator sees, as a sentence."""
+        """Return what the operator sees, as text."""
         clauses = " or ".join(f'"... {part.format(joint="J")} ..."' for part in self.says)
         if not self.goes_on:
             return f"the message {clauses}"
         return f"nothing, or the message {clauses}" if clauses else "nothing: the session continues"
 
     def does(self) -> str:
-        """Reaction of the arm, as a sentence."""
+        """Return the reaction of the arm, as text."""
         if not self.goes_on:
             return str(self.arm)
         return f"goes on; once the fault is reported: {self.arm}" if self.says else "goes on"

@@ -28,7 +28,7 @@ MISSED_ANSWERS = 10
 SLIP_M = 1e-3
 
 FaultAction = Callable[["VirtualController", int], object]
-"""Changes the controller; the number is that of the joint, for faults of one joint."""
+"""Changes the controller; the number is the joint's, for faults of one joint."""
 
 
 def inject(arm: VirtualController, kind: str, joint: int) -> None:
@@ -50,7 +50,7 @@ def disturb_frames(arm: VirtualController, faults: FrameFaults) -> None:
 
 
 def lose_counts(arm: VirtualController, joint: int, counts: int) -> None:
-    """Shift a joint's reading by `counts` more."""
+    """Shift a joint's reading by a further `counts`."""
     lost = arm.disturbances.lost_counts
     lost[joint] = lost.get(joint, 0) + counts
 
@@ -216,5 +216,5 @@ class ScriptedFault:
 
 
 def scripted(kind: str, *, joint: int, at_sync: int) -> ScriptedFault:
-    """Return the fault of this kind, to happen to a joint at a SYNC."""
+    """Return the fault of this kind, to be injected into a joint at a SYNC."""
     return ScriptedFault(at_sync=at_sync, happen=lambda arm: inject(arm, kind, joint))

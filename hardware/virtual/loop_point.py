@@ -93,7 +93,7 @@ class ChainPoint(ABC):
 
 
 class LoopPoint(ChainPoint):
-    """Frame n fixed in frame -1: rotation vector (rad), then position (m).
+    """Frame n constrained to frame -1; error: rotation vector (rad), then position (m).
 
     Without a `hinge` theta_0 must stay zero.
     """
@@ -157,7 +157,7 @@ class OpenPoint(ChainPoint):
 
 
 def _rotation_vector(R: list[list[float]]) -> tuple[float, float, float]:
-    """Logarithm of a rotation well below half a turn, rad."""
+    """Return the rotation vector of a matrix, rad; the angle must be well below half a turn."""
     (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = R
     x, y, z = r21 - r12, r02 - r20, r10 - r01
     # 4 w^2 = 1 + trace; the quaternion's vector part is (x, y, z) / 4w.
@@ -172,7 +172,7 @@ def _rotation_vector(R: list[list[float]]) -> tuple[float, float, float]:
 
 
 def _second_order_factor(angle: float) -> float:
-    """``(1 - (angle/2) cot(angle/2)) / angle^2``, whose series starts 1/12 + angle^2/720."""
+    """Return ``(1 - (angle/2) cot(angle/2)) / angle^2``, whose series starts 1/12 + angle^2/720."""
     if angle < 1e-4:
         return 1.0 / 12.0 + angle * angle / 720.0
     half = 0.5 * angle

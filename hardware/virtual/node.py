@@ -129,7 +129,7 @@ class VirtualNode(canopen.LocalNode):
         self._writers[index, 0] = writer
 
     def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:  # noqa: FBT001, FBT002
-        """Bytes of an object; raises `SdoAbortedError`."""
+        """Return the bytes of an object; raises `SdoAbortedError` if it is absent or write-only."""
         variable = self._variable(index, subindex)
         if check_readable and not variable.readable:
             raise SdoAbortedError(Abort.WRITE_ONLY)
@@ -144,7 +144,7 @@ class VirtualNode(canopen.LocalNode):
         data: bytes,
         check_writable: bool = False,  # noqa: FBT001, FBT002
     ) -> None:
-        """Write bytes to an object; raises `SdoAbortedError`."""
+        """Write bytes to an object; raises `SdoAbortedError` if it is absent or read-only, or the value is refused."""
         variable = self._variable(index, subindex)
         if check_writable:
             self.check_writable(index, subindex)

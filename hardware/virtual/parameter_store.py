@@ -36,7 +36,7 @@ class Disk:
         self.files: dict[str, bytes] = {}
 
     def read(self, name: str) -> bytes | None:
-        """Content of a file, None if there is none."""
+        """Return the content of a file; None if there is none."""
         return self.files.get(name)
 
     def write(self, name: str, data: bytes) -> None:
@@ -112,14 +112,14 @@ class ParameterStore:
         return Slot.B if self.active is Slot.A else Slot.A
 
     def state(self, slot: Slot) -> SlotState:
-        """Whether a slot holds an intact document."""
+        """Return whether a slot is empty, or its document intact or damaged."""
         stored = self._disk.read(_FILE[slot])
         if stored is None:
             return SlotState.EMPTY
         return SlotState.DAMAGED if _unwrap(stored) is None else SlotState.WHOLE
 
     def document(self, slot: Slot) -> bytes | None:
-        """Document in a slot; None if there is none or if it is damaged."""
+        """Return the document in a slot; None if there is none or if it is damaged."""
         stored = None if slot is Slot.NONE else self._disk.read(_FILE[slot])
         return None if stored is None else _unwrap(stored)
 
@@ -148,7 +148,7 @@ def _wrap(document: bytes) -> bytes:
 
 
 def _unwrap(stored: bytes) -> bytes | None:
-    """Document in a slot's file; None if the file is damaged."""
+    """Return the document in a slot's file; None if the file is damaged."""
     head, _, document = stored.partition(b"\n")
     return document if stored == _wrap(document) and head.startswith(_MAGIC) else None
 
@@ -167,14 +167,14 @@ Validate = Callable[[bytes], ValidatedParameters]
 
 
 def refuse_documents(_document: bytes) -> ValidatedParameters:
-    """A `Validate` that refuses every document, for a controller without schema."""
+    """Refuse every document: the `Validate` of a controller without schema."""
     raise ValueError("this controller was started without a parameter schema and takes no document")
 
 
 def refusal_reason(
     parameters: ValidatedParameters, axes: Sequence[AxisSettings], serial_number: str
 ) -> str | None:
-    """Why this arm refuses the parameters; None if it accepts them."""
+    """Return why this arm refuses the parameters; None if it accepts them."""
     if parameters.arm_serial != serial_number:
         return f"the document is for arm {parameters.arm_serial}, this is arm {serial_number}"
     joints = len(axes)

@@ -34,7 +34,7 @@ RESTING_RAD = 1e-13
 BOUND_HINGE_NM_PER_RAD = 6e4
 """Stiffness of a blocked hinge: that of ten servos."""
 MAX_NEWTON_STEP_RAD = 0.1
-"""Largest Newton step: near a fold, where a joint would jump, the chain must be able to follow the step."""
+"""Largest Newton step, so that the chain can follow near a singularity, where a joint would jump."""
 PRESLIDING_RAD = 1e-3
 """Elastic motion of a joint before it slides."""
 SERVO_NM_PER_RAD = 6e3
@@ -176,7 +176,7 @@ class Plant:
         )
 
     def _servos(self, commands: Sequence[JointCommand]) -> tuple[FloatArray, FloatArray]:
-        """Servo stiffness and true target angle of hinge and joints, shape (n + 1,)."""
+        """Return servo stiffness (N m/rad) and true target angle (rad) of hinge and joints, shape (n + 1,)."""
         stiffness, target = np.zeros(self.joint_count + 1), self._angles.copy()
         if self._bound_at is not None:
             stiffness[0], target[0] = BOUND_HINGE_NM_PER_RAD, self._bound_at
@@ -202,7 +202,7 @@ class Plant:
         return stiffness, target
 
     def _advance(self, stiffness: FloatArray, target: FloatArray) -> None:
-        """Newton's method for the increment, started from the extrapolated motion of the last two periods."""
+        """Find the increment by Newton's method, starting from the extrapolated motion of the last two periods."""
         start, point, K = self._angles, self._point, self._fixture
         gravity = self._gravity() if self._loaded else 0.0
         diagonal = stiffness + self._damping
@@ -232,7 +232,7 @@ class Plant:
             if longest < CONVERGED_RAD:
                 break
         else:
-            # No earlier motion: the next period starts from this one's motion alone.
+            # Not converged: the next period is extrapolated from this one's motion alone.
             self._last = angles - start
         self._last_but_one, self._last = self._last, angles - start
         if self._rubs:
@@ -241,13 +241,13 @@ class Plant:
         self._angles = angles
 
     def _rub(self, increment: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Dry friction (n + 1,), N m, and its derivative with respect to the increment: first elastic, then sliding."""
+        """Return dry friction (N m), elastic, then sliding, and its derivative by increment (N m/rad); (n + 1,)."""
         deflection = (self._bristle + increment) / PRESLIDING_RAD
         slope = np.where(np.abs(deflection) < 1.0, self._friction / PRESLIDING_RAD, 0.0)
         return self._friction * np.clip(deflection, -1.0, 1.0), slope
 
     def _gravity(self) -> FloatArray:
-        """Torque (n + 1,) of the uncompensated masses about every joint axis, N m.
+        """Return the torque (n + 1,) of the uncompensated masses about every joint axis, N m.
 
         Frame 0 is fixed to the table, so gravity has no torque about the hinge coordinate: entry 0 is zero.
         """
@@ -260,7 +260,7 @@ class Plant:
 
 
 def _gravity_levers(loads: Loads) -> tuple[FloatArray, FloatArray]:
-    """Signed masses (n, n + 2) that joints 1..n carry at origins -1..n, and G (3, 3) for which ``p x g = p @ G``."""
+    """Return signed masses (n, n + 2) that joints 1..n carry at origins -1..n, and G (3, 3): ``p x g = p @ G``."""
     mass, g = loads.payload_kg, GRAVITY_M_PER_S2 * loads.down
     n = len(mass)
     lever = np.zeros((n, n + 2))

@@ -60,7 +60,7 @@ STIFF = Loads(
     friction_nm=frozen(np.zeros(7)),
     payload_kg=frozen([0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0]),
 )
-"""Deflection below a hundredth of an encoder count; the light load makes an arm with too few drives sag."""
+"""Deflection below a hundredth of an encoder count; the light load makes an arm sag if too few drives are on."""
 
 COMPLIANT = Loads(
     fixture_n_per_m=2.5e4,
@@ -114,7 +114,7 @@ class Scenario:
         return replace(arm, joints=tuple(replace(j, sensor=encoder) for j in arm.joints))
 
     def true_loop(self) -> Truth:
-        """True geometry with length errors."""
+        """Return the true geometry with length errors."""
         if self.lengths is None:
             return self.truth
         smallest_m, largest_m = self.lengths
@@ -122,7 +122,7 @@ class Scenario:
         return with_length_errors(self.truth, smallest_m=smallest_m, largest_m=largest_m, rng=rng)
 
     def curves(self, arm: ArmModel) -> tuple[LinearityDeviation | None, ...]:
-        """Linearity deviation of every joint of `arm`; None for an encoder, or without such deviations."""
+        """Return the linearity deviation of every joint of `arm`; None for an encoder, or without such deviations."""
         rng = self._rng(_Stream.CURVES)
         return tuple(
             LinearityDeviation.drawn(
@@ -155,7 +155,7 @@ class Scenario:
         )
 
     def tracker(self, plant: Plant, instrument: Measured) -> SimulatedTracker | None:
-        """Simulated instrument for an open arm, with the noise of `instrument`; None with a fixture."""
+        """Return the simulated instrument of an open arm, with the noise of `instrument`; None with a fixture."""
         truth = plant.truth
         if not isinstance(truth, OpenTruth):
             return None
@@ -207,9 +207,9 @@ def scenario(name: str, seed: int = 0) -> Scenario:
 def scenario_of(name: str, seed: int, stated: SpecimenFiles, placement: int = 1) -> Scenario:
     """Return a scenario for an arm and a fixture: the paper's own if the files allow it.
 
-    Otherwise the truth is drawn by seed within the tolerances of the files, including lengths and twists that nothing
-    identifies (not in ``exact``). From the second `placement` on, the fixture is drawn again and the arm stays the
-    same.
+    Otherwise the truth is drawn by seed within the tolerances of the files, including lengths and twists that the
+    calibration does not identify (not in ``exact``). From the second `placement` on, the fixture is drawn again and the
+    arm stays the same.
 
     `ValueError` if there is no such scenario, or no plant can be built from these files.
     """

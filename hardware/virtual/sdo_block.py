@@ -1,4 +1,4 @@
-"""Server side of SDO block transfer: frames in, frames out (CiA 301, 7.2.4.3.9 to 7.2.4.3.17)."""
+"""Server side of SDO block transfer (CiA 301, 7.2.4.3.9 to 7.2.4.3.17)."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class BlockUpload:
         return _BEGIN.pack(_UPLOAD | _CRC | _SIZED, index, subindex, len(self._data))
 
     def answer(self, frame: bytes) -> list[bytes]:
-        """Frames that answer a client frame; none for the client's last frame."""
+        """Return the frames that answer a client frame; none for the client's last frame."""
         step, complete = frame[0] & 3, self._acknowledged >= len(self._data)
         if step == _Step.END and complete:
             return []
@@ -113,7 +113,7 @@ class BlockUpload:
         return [_END.pack(head, binascii.crc_hqx(self._data, 0))]
 
     def _block(self) -> list[bytes]:
-        """Frames of the next block, from the first segment that is not acknowledged."""
+        """Return the frames of the next block, from the first segment that is not acknowledged."""
         until = self._acknowledged + 7 * self._segments
         starts = range(self._acknowledged, min(until, len(self._data)), 7)
         self._sent = len(starts)

@@ -227,7 +227,7 @@ class NodeSdoServer(SdoServer):
         self.network.send_message(self.tx_cobid, by.begin(index, subindex))
 
     def _blocks_of(self, head: int) -> _Blocks | None:
-        """The current block transfer, if the frame continues it."""
+        """Return the current block transfer if the frame continues it, otherwise None."""
         match self._transfer:
             case _Blocks(by=BlockDownload()) if head != _ABORTED:
                 return self._transfer
@@ -254,7 +254,7 @@ class NodeSdoServer(SdoServer):
             self.network.send_message(self.tx_cobid, frame)
 
     def _expect(self, head: int, *, downloading: bool) -> _Transfer:
-        """The transfer that a segment belongs to."""
+        """Return the transfer that a segment belongs to; raises `SdoAbortedError` if there is none."""
         transfer = self._transfer
         if not isinstance(transfer, _Transfer) or transfer.downloading is not downloading:
             raise SdoAbortedError(Abort.UNKNOWN_COMMAND)

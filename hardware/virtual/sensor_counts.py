@@ -50,7 +50,7 @@ class LinearityDeviation:
         )
 
     def deviation_rad(self, from_zero_rad: float) -> float:
-        """Reading minus true angle, at an angle from electrical zero (clipped to full scale)."""
+        """Return reading minus true angle, rad, at an angle from electrical zero (clipped to full scale)."""
         x = min(1.0, max(-1.0, from_zero_rad / self.half_scale_rad))
         square = x * x
         c2, c3, c4, c5 = self.coefficients_rad.tolist()
@@ -62,7 +62,7 @@ class LinearityDeviation:
         )
 
     def peak_rad(self) -> float:
-        """Largest absolute deviation in the full-scale range: at an end, or where the slope vanishes."""
+        """Return the largest absolute deviation over full scale, rad: at an end, or where the slope vanishes."""
         series = np.zeros(LEGENDRE_DEGREES[-1] + 1)
         series[list(LEGENDRE_DEGREES)] = self.coefficients_rad
         roots = legendre.legroots(legendre.legder(series)) if np.any(series) else np.zeros(0)
@@ -94,7 +94,7 @@ class JointSensor:
     zero_rad: float = 0.0
 
     def deviation_rad(self, angle_rad: float) -> float:
-        """Systematic error of the reading at a true angle in sensor coordinates."""
+        """Return the systematic error of the reading, rad, at a true angle in sensor coordinates."""
         return 0.0 if self.curve is None else self.curve.deviation_rad(angle_rad - self.zero_rad)
 
     def counts(self, angle_rad: float, standard_normal: float) -> int:
@@ -105,7 +105,7 @@ class JointSensor:
 
 
 def converter_ends(joint: Joint, rvdt: Rvdt) -> tuple[int, int]:
-    """Lowest and highest count of an RVDT's converter, whose zero is in the middle of the joint's range."""
+    """Return lowest and highest count of an RVDT's converter, whose zero is in the middle of the joint's range."""
     zero, half = round(joint.middle_rad / rvdt.resolution_rad), 2 ** (rvdt.bits - 1)
     return zero - half, zero + half - 1
 
@@ -113,7 +113,7 @@ def converter_ends(joint: Joint, rvdt: Rvdt) -> tuple[int, int]:
 def joint_sensor(
     joint: Joint, *, with_noise: bool, curve: LinearityDeviation | None
 ) -> JointSensor:
-    """Sensor of one joint of an arm file; `ValueError` without a sensor, or for a deviation of an encoder."""
+    """Return the sensor of a joint of an arm file; `ValueError` without a sensor, or for a deviation of an encoder."""
     match joint.sensor:
         case Encoder() as encoder:
             if curve is not None:
@@ -144,7 +144,7 @@ class SensorBank:
         self._rng = rng
 
     def read(self, angles_rad: Sequence[float]) -> tuple[int, ...]:
-        """Counts for true angles in sensor coordinates (n,)."""
+        """Return the counts for true angles (n,), rad, in sensor coordinates."""
         noise = self._rng.standard_normal(len(self.sensors)).tolist()
         return tuple(
             sensor.counts(angle, draw)

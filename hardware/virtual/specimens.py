@@ -1,7 +1,7 @@
-"""A specimen of any arm in any fixture: a truth drawn by seed within the tolerances of their files.
+"""Specimens of any arm in any fixture: true geometry drawn by seed within the tolerances of their files.
 
 The draw covers offsets within `SPECIMEN_OFFSET_RAD`, the fixture within the tolerance of its file (three sigma), and
-the maker's lengths and twists with the standard deviations of the arm file. Entries that are not free or not
+the maker's lengths and twists with the standard deviations of the arm file. Free entries that are not
 observable keep their nominal values.
 """
 
@@ -28,7 +28,7 @@ from solver.loops.point import PointClosure
 SPECIMEN_OFFSET_RAD = float(np.deg2rad(3.0))
 """Largest difference of true offsets from the arm file's."""
 OFFSET_TOLERANCE_RAD = float(np.deg2rad(10.0))
-"""Difference in offsets up to which a file may describe an arm."""
+"""Largest difference of offsets with which a file may describe an arm."""
 NEAR_HOME_RAD = float(np.deg2rad(15.0))
 """Largest difference of a specimen's start pose from that of the nominal files."""
 RANGE_MARGIN_RAD = float(np.deg2rad(3.0))
@@ -49,7 +49,7 @@ class SpecimenFiles:
 def draw_truth(stated: SpecimenFiles, rng: np.random.Generator, *, maker_errors: bool) -> Truth:
     """Draw a truth that closes near the arm's home; `ValueError` if no plant can be built from these files.
 
-    `maker_errors`: whether lengths and twists that nothing identifies have errors too.
+    `maker_errors`: whether lengths and twists that the calibration does not identify have errors too.
     """
     arm, kind = stated.arm, stated.fixture.kind
     model = stated.fixture.model(arm)
@@ -81,7 +81,7 @@ def draw_truth(stated: SpecimenFiles, rng: np.random.Generator, *, maker_errors:
 def _first_that_closes(
     drawn: Iterable[Truth], arm: ArmModel, home_pose: FloatArray, otherwise: str
 ) -> Truth:
-    """First truth in which the arm closes near `home_pose` (n,); `ValueError` if there is none."""
+    """Return the first truth in which the arm closes near `home_pose` (n,); `ValueError` if there is none."""
     for truth in drawn:
         pose = _pose(truth, arm, arm.home_rad)
         if pose is not None and np.abs(pose - home_pose).max() < NEAR_HOME_RAD:
@@ -121,7 +121,7 @@ class _Specimen:
         return cls(free=free, maker=maker)
 
     def of(self, model: ArmLoop) -> FloatArray:
-        """Errors of a loop's unknowns (P,) that belong to the arm; 0 for those of the fixture."""
+        """Return the errors (P,) of a loop's unknowns that belong to the arm; 0 for those of the fixture."""
         placed = {*model.ground_side, *model.hand_side}
         errors = np.zeros(len(model.parameters))
         for k, entry in enumerate(model.entries):
@@ -131,7 +131,7 @@ class _Specimen:
 
 
 def _observable(stated: SpecimenFiles, model: ArmLoop, x: FloatArray, q: FloatArray) -> FloatArray:
-    """Which unknowns (P,) are observable, 1 or 0."""
+    """Return 1 for each observable unknown of `model`, otherwise 0, shape (P,)."""
     still: set[str] = set()
     if stated.fixture.holds_hand:
         still = {f"theta_off_{j}" for j in mobility(model, x, q).immobile_joints}
@@ -201,9 +201,9 @@ def open_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) ->
 def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) -> Truth:
     """Return the truth of the same arm and fixture, mounted again within the tolerance of the fixture file.
 
-    The fixture's ground side changes, and its tool side unless that stays on the tool. So does theta_off of the first
-    and the last joint, which are measured from the fixture. `ValueError` if the arm closes near home in none of the
-    placements drawn.
+    The fixture's place on the table changes, and its place on the tool unless it stays there. So does theta_off of the
+    first and the last joint, which are measured from the fixture. `ValueError` if the arm closes near home in none of
+    the placements drawn.
     """
     arm, model = stated.arm, stated.fixture.model(stated.arm)
     if not isinstance(model, DhLoop | PointClosure):
@@ -235,7 +235,7 @@ def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator)
 def _placement_errors(
     model: ArmLoop, stated: SpecimenFiles, rng: np.random.Generator
 ) -> FloatArray:
-    """Errors of a loop's unknowns (P,) that belong to the fixture; 0 for those of the arm."""
+    """Draw the errors (P,) of a loop's unknowns that belong to the fixture; 0 for those of the arm."""
     offsets = {entry.name for entry in model.entries if entry.kind is DhKind.THETA_OFF}
     placed = {*model.ground_side, *model.hand_side} - offsets
     size = [
@@ -274,7 +274,7 @@ def _truth(
 
 
 def _pose(truth: Truth, arm: ArmModel, near_rad: FloatArray) -> FloatArray | None:
-    """Readings (n,) of the closed pose nearest to `near_rad`; None if there is none inside the ranges."""
+    """Return the readings (n,) of the closed pose nearest to `near_rad`; None if there is none inside the ranges."""
     try:
         pose, _ = truth.closed_near(near_rad)
     except ValueError:

@@ -34,7 +34,7 @@ class ArmLabel:
 
     @property
     def number(self) -> int:
-        """The digits of the serial number, for 1018h sub 4."""
+        """The digits of the serial number as a number, for 1018h sub 4."""
         digits = "".join(c for c in self.serial_number if c.isascii() and c.isdigit())
         return int(digits or "0") % 2**32
 
@@ -53,7 +53,7 @@ class SupervisorNode(VirtualNode):
     arm
         Model and serial number of the arm.
     group
-        Drives of joints 1..n: they learn who is in control, and their home offsets.
+        Drives of joints 1..n, which get changes of control and their home offsets.
     validate
         Function that strictly parses a document.
     later
@@ -90,7 +90,7 @@ class SupervisorNode(VirtualNode):
         self._serve_objects()
         self.load()
 
-    # ---- life ----------------------------------------------------------------------------------------
+    # ---- power-up and control ------------------------------------------------------------------------
 
     def power_up(self) -> None:
         """Power up: no node in control, nothing staged, home offsets from the active slot."""

@@ -26,7 +26,7 @@ ENDPOINT_FIELDS = ("x_m", "y_m", "z_m", "rx_deg", "ry_deg", "rz_deg")
 
 
 class SimulatedTracker:
-    """Measures the target of an arm's truth.
+    """Measures the target on the tool of a virtual open arm.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class SimulatedTracker:
         self._one_at_a_time = threading.Lock()
 
     def measured(self) -> FloatArray:
-        """Measured position (3,) m; for a full pose (6,) with the rotation vector, rad."""
+        """Return the measured position (3,), m; for a full pose (6,), with the rotation vector, rad."""
         with self._one_at_a_time:
             draw = self._rng.standard_normal(6)
         position, rotation = self._truth.target(self._angles())
@@ -65,7 +65,7 @@ class SimulatedTracker:
         return np.concatenate((position, rotation_vector(rotation_seen)))
 
     def answer(self, question: str) -> str:
-        """Answer a request line; an invalid one with an error that shows a valid one."""
+        """Return the answer to a request line; for an invalid one, an error that shows a valid one."""
         try:
             request = json.loads(question)
             pose = str(request["measure"])

@@ -1,4 +1,4 @@
-"""True geometry of the virtual arm's loop, and random truths by seed."""
+"""True geometry (the truth) of the virtual arm's loop, fixed or drawn at random."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Truth(ABC):
         return DhTable.from_stacked(self.table.stacked()[:, 1:])
 
     def named(self) -> dict[str, float]:
-        """True values, rad and m, by the parameter names of a calibration."""
+        """Return the true values, rad and m, by the parameter names of a calibration."""
         stacked = self.table.stacked()
         return {
             DhEntry(kind=kind, row=row).name: float(stacked[kind, row])
@@ -53,14 +53,14 @@ class Truth(ABC):
 
     @abstractmethod
     def loop(self) -> ArmLoop:
-        """Closure model without unknowns, in sensor coordinates."""
+        """Return the closure model without unknowns, in sensor coordinates."""
 
     @abstractmethod
     def point(self) -> ChainPoint:
-        """Closure error of one pose at a time, for the plant's inner loop."""
+        """Return the evaluator of the closure error at one pose, for the plant's inner loop."""
 
     def closed_near(self, reading_rad: FloatArray) -> tuple[FloatArray, float]:
-        """Closed pose nearest to a reading (n,) in sensor coordinates; `ValueError` if there is none.
+        """Find the closed pose nearest to a reading (n,), rad, in sensor coordinates; `ValueError` if there is none.
 
         Returns true joint angles theta' (n,) and hinge angle theta_0, rad; 0 without a hinge.
         """
@@ -75,22 +75,22 @@ class Truth(ABC):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoopTruth(Truth):
-    """A hinge, or with ``hinge=False`` a rigid attachment, as link 0."""
+    """An arm in a hinge or, with ``hinge=False``, in a rigid attachment, as link 0."""
 
     hinge: bool = True
 
     def loop(self) -> DhLoop:
-        """The closed chain of links 0..n."""
+        """Return the closed chain of links 0..n."""
         return DhLoop(table=self.table, entries=(), hinge=self.hinge)
 
     def point(self) -> LoopPoint:
-        """Six closure components."""
+        """Return the evaluator of the six closure components."""
         return LoopPoint(self.table, hinge=self.hinge)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BallTruth(Truth):
-    """A ball on the tool in a socket; row 0 is empty.
+    """An arm with a ball on its tool, in a socket on the table; row 0 is empty.
 
     `tip_m`, `ground_m` (3,): centres of the ball in the last frame, and of the socket in the arm's base frame.
     """
@@ -99,16 +99,16 @@ class BallTruth(Truth):
     ground_m: FloatArray
 
     def named(self) -> dict[str, float]:
-        """D-H entries, and both centres."""
+        """Return the D-H entries and both centres."""
         return Truth.named(self) | _axes(tip=self.tip_m, ground=self.ground_m)
 
     def loop(self) -> PointClosure:
-        """The distance between ball and socket."""
+        """Return the closure model of ball and socket."""
         arm = self.arm_table
         return PointClosure(table=arm, entries=(), own=(), tip_m=self.tip_m, ground_m=self.ground_m)
 
     def point(self) -> BallPoint:
-        """Three closure components."""
+        """Return the evaluator of the three closure components."""
         return BallPoint(self.table, tip_m=self.tip_m, ground_m=self.ground_m)
 
 
@@ -126,11 +126,11 @@ class OpenTruth(Truth):
     tip_rotation: FloatArray
 
     def named(self) -> dict[str, float]:
-        """D-H entries, and positions of base and target."""
+        """Return the D-H entries and the positions of base and target."""
         return Truth.named(self) | _axes(base=self.base_m, tip=self.tip_m)
 
     def loop(self) -> MeasuredClosure:
-        """Closure model of the target, not yet bound to measurements."""
+        """Return the closure model of the target, not yet bound to measurements."""
         return MeasuredClosure(
             table=self.arm_table,
             entries=(),
@@ -142,15 +142,15 @@ class OpenTruth(Truth):
         )
 
     def point(self) -> OpenPoint:
-        """No closure components."""
+        """Return the evaluator of the frames, without closure components."""
         return OpenPoint(self.table)
 
     def closed_near(self, reading_rad: FloatArray) -> tuple[FloatArray, float]:
-        """True joint angles at a reading (n,): an open arm closes everywhere."""
+        """Return the true joint angles (n,) at a reading (n,), rad, and 0; no closure is needed."""
         return np.asarray(reading_rad) + self.offsets_rad, 0.0
 
     def target(self, theta_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Position (3,) m and orientation (3, 3) of the target in the instrument's frame at true angles theta' (n,)."""
+        """Return the target's position (3,) m and orientation (3, 3) in the instrument's frame at theta' (n,) rad."""
         q = (np.asarray(theta_rad) - self.offsets_rad)[None]
         position, rotation = self.loop().predicted(np.zeros(0), q)
         return position[0], rotation[0]
@@ -165,7 +165,7 @@ def _axes(**points: FloatArray) -> dict[str, float]:
 
 
 def paper_loop() -> LoopTruth:
-    """Tables 1 and 2 of the paper, exactly: rows 0 (hinge) to 7."""
+    """Return the geometry of the paper's tables 1 and 2: rows 0 (hinge) to 7."""
     return LoopTruth(
         table=DhTable(
             theta_off_rad=np.deg2rad([0.0, 9.9, -122.8, -21.1, -9.2, 27.1, 116.3, 89.3]),

@@ -14,7 +14,7 @@ BoolArray = NDArray[np.bool_]
 
 
 def frozen(values: Sequence[float] | FloatArray) -> FloatArray:
-    """Copy `values` into a read-only float array, so that the content of a frozen dataclass cannot change either."""
+    """Return a read-only float copy of `values`, for a field of a frozen dataclass."""
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array

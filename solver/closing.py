@@ -10,9 +10,8 @@ left null space of N,
 
     E' c + E' C dphi + E' J_q dq = 0,     and afterwards     du = -N+ (c + C dphi + J_q dq).
 
-The whole solver uses this one reduction (`reduced_equations`). Loops are closed in one place, `close_loops`:
-Newton's iteration on the reduced equations with dphi = 0, for the smallest dq in a given measure. The estimators solve
-the same equations with dphi unknown.
+The whole solver uses this one reduction (`reduced_equations`). `close_loops` closes loops by Newton's iteration on the
+reduced equations with dphi = 0 and the smallest weighted dq. The estimators solve the same equations with dphi unknown.
 """
 
 from __future__ import annotations
@@ -32,18 +31,18 @@ TINY = 1e-200
 """Prevents a division by zero for a pose whose joints are all fixed."""
 
 LONGEST_CORRECTION_RAD = 0.5
-"""Largest correction of a joint in one iteration."""
+"""Largest correction of a joint or unsensed angle in one iteration."""
 
 STALLED_RAD = 1e-14
-"""A step as short as rounding: the pose cannot be closed any further."""
+"""A shorter step is rounding: the pose cannot be closed any further."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClosedPoses:
     """Poses moved onto the closure manifold.
 
-    `q`, `u`: joint angles (m, n) and unsensed angles (m, U), rad. `closed`: whether the loop error fell below the
-    tolerance (m,).
+    `q`, `u`: joint angles (m, n) and unsensed angles (m, U), rad. `closed` (m,): whether each loop error is below 100
+    times the tolerance, or below 1e-9.
     """
 
     q: FloatArray
@@ -71,7 +70,7 @@ class ReducedEquations:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rates:
-    """Derivatives of linearised poses' unsensed angles with respect to parameters, joint angles and displacements.
+    """Derivatives of the unsensed angles with respect to parameters, joint angles and displacements.
 
     Attributes
     ----------
@@ -90,7 +89,7 @@ class Rates:
 
     @classmethod
     def of(cls, error: LoopError, misclosure: FloatArray) -> Rates:
-        """Return the rates for loops of `misclosure` (m, k) without corrections, ``c - J_q e``."""
+        """Return the rates for linearised loops; `misclosure` (m, k) is their ``c - J_q e``."""
         down = left_inverse(error.jac_u)
         return cls(
             closed=(down @ misclosure[..., None])[..., 0],
@@ -100,7 +99,7 @@ class Rates:
         )
 
     def unsensed_step(self, dx: FloatArray, e: FloatArray, give: FloatArray) -> FloatArray:
-        """Change of the unsensed angles (m, U) for steps dx (P,), corrections e (m, n) and deflections (m, k)."""
+        """Change of the unsensed angles (m, U) for steps dx (P,), corrections e (m, n), deflections `give` (m, k)."""
         displacement = self.closed + self.by_x @ dx + (self.by_q @ e[..., None])[..., 0]
         return np.asarray(-displacement - (self.down @ give[..., None])[..., 0])
 
@@ -127,7 +126,7 @@ def close_loops(
     max_iterations: int = 30,
     tolerance: float = 1e-12,
 ) -> ClosedPoses:
-    """Project poses onto the loops that parameters `x` describe, by Newton's iteration.
+    """Correct joint angles by Newton's iteration until the loops of `model` close with parameters `x`.
 
     Parameters
     ----------
@@ -136,8 +135,8 @@ def close_loops(
     q
         Joint angles (m, n), rad.
     sigma_rad
-        Standard deviation of each joint (n,): the correction is the smallest in this measure
-        (default: all joints alike). A joint with 0 does not move.
+        Standard deviation of each joint (n,): the correction with the smallest ``|dq / sigma|`` is taken (default: all
+        joints alike). A joint with 0 does not move.
     u
         Unsensed angles (m, U) to start from, by default the model's; they may change freely.
     """
@@ -164,7 +163,7 @@ def close_loops(
     for iteration in range(max_iterations + 1):
         error = part_model.loop(x, q[going], u[going])
         size[going] = np.abs(error.residual).max(-1, initial=0.0)
-        # A pose that does not close any further keeps its nearest state.
+        # A pose that cannot be closed any further keeps its last state.
         open_still = (size[going] >= tolerance) & (step_size[going] > STALLED_RAD)
         if iteration == max_iterations or not open_still.any():
             break
@@ -181,25 +180,26 @@ def close_loops(
 
 
 def measure_with_fixed(joints: Sequence[int], joint_count: int) -> FloatArray:
-    """Measure (n,) for `close_loops` that weights all joints equally but keeps `joints` (1-based) fixed."""
+    """Return `sigma_rad` (n,) for `close_loops`: equal for all joints, 0 for the fixed `joints` (1-based)."""
     return np.where(np.isin(np.arange(1, joint_count + 1), joints), 0.0, 1.0)
 
 
 def newton_step(error: LoopError, sigma: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Smallest joint corrections (m, n) in the measure `sigma` (n,) that close linearised loops.
+    """Return the joint corrections (m, n) with the smallest ``|dq / sigma|`` that close linearised loops.
 
-    With ``B = E' J_q S`` the weighted correction is ``-B' (B B')^-1 E' c``, and the unsensed angles
-    (m, U) follow. Where B is rank-deficient, the part that no free joint can close is left open.
+    `sigma`: (n,). With ``B = E' J_q S`` the weighted correction is ``-B' (B B')^-1 E' c``.
+    The changes of the unsensed angles (m, U) follow and are returned too. Where B is rank-deficient, the part that no
+    free joint can close is left open.
     """
     reduced = reduced_equations(error)
     w, B = reduced.w[..., None], reduced.B * sigma
     Bt = np.swapaxes(B, -1, -2)
     V, unit = B @ Bt, np.eye(B.shape[-2])
     largest = np.diagonal(V, axis1=-2, axis2=-1).max(-1, initial=0.0)
-    # Pivots no larger than a ridge of rounding size show a rank deficiency.
+    # Pivots no larger than a ridge at the level of rounding show a rank deficiency.
     ridge = SINGULAR**2 * largest + TINY
     pivots = np.diagonal(np.linalg.cholesky(V + ridge[..., None, None] * unit), axis1=-2, axis2=-1)
-    # Rounding grows towards the last pivot: an exactly stretched arm leaves 20 ridges.
+    # Rounding errors grow towards the last pivot: with an exactly stretched arm it is 20 ridges.
     weak = (pivots**2).min(-1, initial=np.inf) < 1000.0 * ridge
     dq = -(Bt @ np.linalg.solve(V + (ridge * weak)[..., None, None] * unit, w))[..., 0]
     if weak.any() and sigma.any():
@@ -209,7 +209,7 @@ def newton_step(error: LoopError, sigma: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def unsensed_step(error: LoopError, displacement: FloatArray | None = None) -> FloatArray:
-    """Change of the unsensed angles (..., m, U) that compensates a loop displacement `displacement` (..., m, k)."""
+    """Change of the unsensed angles (..., m, U) that cancels the residual plus `displacement` (..., m, k)."""
     rest = error.residual if displacement is None else error.residual + displacement
     return -(left_inverse(error.jac_u) @ rest[..., None])[..., 0]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 class SolverError(Exception):
-    """Base of the solver's errors. A fit that does not converge is a result, not an error."""
+    """Base of the solver's errors. A fit that does not converge raises none of them."""
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle by attributes instead of constructor arguments: the error may come from another process."""
@@ -31,7 +31,7 @@ class UnidentifiableDirection:
     parameters
         Names of the parameters that take part, the one with the largest weight first.
     weights
-        Their components in the column-scaled unit vector, same order.
+        Their components in the direction's unit vector (columns scaled), in the same order.
     reason
         Reason as text, where it is known ("joint 4 does not move"); empty otherwise.
     immobile_joints

@@ -28,7 +28,7 @@ class Joint:
     backlash_rad, sag_rad
         Play between sensor and link, and elastic twist under load: one standard deviation, 0 is none.
     max_speed_rad_per_s, max_torque_nm
-        Command and trip limits.
+        Limits of speed and torque.
     """
 
     name: str
@@ -158,7 +158,7 @@ class ArmModel:
         )
 
     def gain_rad(self) -> FloatArray:
-        """Deviation caused by each sensor's gain error, rms over full scale, shape (n,)."""
+        """Standard deviation due to each RVDT's gain error, rms over full scale, shape (n,); 0 for other sensors."""
         return np.array(
             [j.sensor.gain_rad if isinstance(j.sensor, Rvdt) else 0.0 for j in self.joints]
         )
@@ -177,7 +177,7 @@ class ArmModel:
 
     @property
     def accuracy_rad(self) -> FloatArray:
-        """Once- and twice-per-turn error of each encoder, shape (n,); 0 for the other sensors."""
+        """Standard deviation of each encoder's errors once and twice per turn, shape (n,); 0 for other sensors."""
         sensors = [joint.sensor for joint in self.joints]
         return np.array([s.accuracy_rad if isinstance(s, Encoder) else 0.0 for s in sensors])
 

@@ -91,12 +91,12 @@ class Frames:
 
     @property
     def axes(self) -> FloatArray:
-        """Shape (..., links + 1, 3, 3); ``axes[..., k, :, 0]`` is x, ``[..., 1]`` y, ``[..., 2]`` z of frame k."""
+        """Axes (..., links + 1, 3, 3); ``axes[..., k, :, 0]`` is x, ``[..., 1]`` y, ``[..., 2]`` z of frame k."""
         return poses_first(self.axes_of, 0, 2, 1)
 
     @property
     def origins_m(self) -> FloatArray:
-        """Shape (..., links + 1, 3)."""
+        """Origins (..., links + 1, 3)."""
         return poses_first(self.origin_of, 0, 1)
 
     @property
@@ -143,7 +143,7 @@ def forward(
     axes[0] = np.eye(3).reshape(3, 3, *(1 for _ in lead))
     axes[1] = turn[0]
     origins[0] = 0.0
-    # Loops over links (eight of them), never over poses.
+    # A loop over the few links, never over poses.
     for j in range(1, links):
         np.einsum("ab...,bc...->ac...", turn[j], axes[j], out=axes[j + 1])
     # p_j - p_{j-1} = s_j z_{j-1} + a_j x_j (eqs. 1 and 9), x_j as it is before beta_j.
@@ -162,13 +162,13 @@ def forward(
 
 _AXIS = np.array([{DhKind.A: 0, DhKind.ALPHA: 0, DhKind.BETA: 1}.get(kind, 2) for kind in DhKind])
 _TURNS = np.array([kind.is_angle for kind in DhKind])
-"""By `DhKind` (5,): axis along or about which an entry moves the links after it (z belongs to the frame before the
+"""For each `DhKind` (5,): axis along or about which the entry moves the links after it (for z, of the frame before the
 link), and whether the entry is an angle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entries:
-    """D-H entries whose screws are needed, in the order given, with the axis of each, determined once.
+    """Frame and axis of each of the D-H entries whose screws are needed, in the order given.
 
     `frame`, `axis`: index (C,) of the frame, and of its axis (x 0, y 1, z 2), about or along which each entry moves the
     links after it. `turning`, `sliding`: indices of the entries that are angles, and of those that are lengths.

@@ -44,7 +44,7 @@ _NAME = re.compile(rf"({'|'.join(_SYMBOLS)})_(\d+)")
 
 @dataclass(frozen=True, slots=True, order=True)
 class DhEntry:
-    """One entry of a D-H table: which column, which row."""
+    """One entry of a D-H table: its column and row."""
 
     kind: DhKind
     row: int
@@ -68,7 +68,7 @@ class DhEntry:
 
 
 def entries(names: Sequence[str]) -> tuple[DhEntry, ...]:
-    """Parse names such as ``theta_off_1``."""
+    """Parse names such as ``theta_off_1``; ValueError for any other name."""
     return tuple(DhEntry.parse(name) for name in names)
 
 

@@ -91,7 +91,7 @@ class PoseSet:
         return len(self.q_rad)
 
     def at_poses(self, poses: IntArray | BoolArray) -> PoseSet:
-        """Return a selection of the poses, in the order of their indices."""
+        """Return a selection of the poses, in the order of `poses`."""
         chosen = np.arange(len(self))[poses].tolist()
         return PoseSet(
             placement=self.placement[poses],

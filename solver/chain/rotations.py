@@ -1,4 +1,4 @@
-"""Rotation vectors and their exact differentials, safe from zero to pi."""
+"""Rotation vectors and their exact differentials, accurate from zero to pi."""
 
 from __future__ import annotations
 

@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from solver.chain.arm_model import ArmModel
 
 DITHER = 0.5
-"""Least noise (rms, in counts) with which the rounding errors of repeated readings average out too."""
+"""Smallest noise (rms, in counts) with which the rounding errors of repeated readings average out."""
 
 
 def _variance_of_mean(resolution_rad: float, noise_counts: float, samples: int) -> float:
-    """Variance of the mean of `samples` readings: rounding errors average out only where noise acts as dither."""
+    """Variance (rad^2) of the mean of `samples` readings; rounding averages out only where noise acts as dither."""
     rounding = 1.0 / 12.0 / (samples if noise_counts >= DITHER else 1)
     return resolution_rad**2 * (rounding + noise_counts**2 / samples)
 
@@ -99,15 +99,15 @@ Sensor = Encoder | Rvdt | NoSensor
 
 
 SHAPE_WEIGHTS = (1.0, 1.0, 0.5, 0.35, 0.25, 0.18, 0.14, 0.11, 0.09)
-"""Relative prior sizes of Legendre polynomials P2..P10: a transformer's linearity deviation is mostly a bow (P2) and an
-S (P3), and higher terms fall with the square of the degree."""
+"""Relative prior standard deviations of the Legendre polynomials P2..P10: a transformer's linearity deviation is mostly
+a bow (P2) and an S (P3), and higher terms fall with the square of the degree."""
 
 LOWEST = 2
 """Lowest degree of these polynomials: from 2 on they are orthogonal to every line, as a linearity deviation is."""
 
 
 def _power_series() -> FloatArray:
-    """Coefficients (11, 9) of 1, x, ..., x^10 in each shape, times the prior size of the shape."""
+    """Coefficients (11, 9) of 1, x, ..., x^10 in each shape, times its relative prior standard deviation."""
     powers = np.zeros((len(SHAPE_WEIGHTS) + LOWEST, len(SHAPE_WEIGHTS)))
     for k, weight in enumerate(SHAPE_WEIGHTS):
         series = np.polynomial.legendre.leg2poly(np.eye(k + LOWEST + 1)[k + LOWEST])
@@ -116,7 +116,7 @@ def _power_series() -> FloatArray:
 
 
 _POWERS = _power_series()
-"""With powers, all shapes are one matrix product; at this low degree only three of sixteen digits are lost."""
+"""Powers make all shapes one matrix product; at this low degree only three of sixteen digits are lost."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,11 +164,11 @@ class SensorCurve:
     def place(self, theta_rad: FloatArray) -> FloatArray:
         """Sensor angles (m,) relative to the middle, in units of half the full scale."""
         x = (theta_rad - self.middle_rad) / self.half_scale_rad
-        # Beyond full scale a sensor saturates; polynomials would run away there.
+        # Beyond full scale a sensor saturates; polynomials would diverge there.
         return np.asarray(np.clip(x, -1.2, 1.2))
 
     def basis(self, theta_rad: FloatArray) -> FloatArray:
-        """Line (rad) and polynomials at sensor angles (m,), times their prior sizes: (m, width)."""
+        """Line (rad) and polynomials at sensor angles (m,), times their prior deviations (see above): (m, width)."""
         x = self.place(theta_rad)
         shapes = [(self.gain * self.half_scale_rad * x)[:, None]] * self.lines
         if self.bent:
@@ -186,7 +186,7 @@ def powers_of(curve: SensorCurve, coefficients: FloatArray) -> FloatArray:
 
 
 def rms_per_amplitude() -> float:
-    """Expected rms deviation over full scale of a curve whose coefficients have unit amplitude."""
+    """Expected rms over full scale of the polynomials when their coefficients have standard deviation 1."""
     degrees = np.arange(LOWEST, LOWEST + len(SHAPE_WEIGHTS))
     return float(np.sqrt((np.array(SHAPE_WEIGHTS) ** 2 / (2.0 * degrees + 1.0)).sum()))
 

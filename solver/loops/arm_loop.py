@@ -1,4 +1,4 @@
-"""Base class of the loops of one placement: an arm of D-H links with unknown entries, and the fixture's unknowns.
+"""Base class for loops of one placement: an arm of D-H links with unknown entries, and the fixture's unknowns.
 
 A subclass defines the links, the unknowns of its endpoint, and the closure error (`loop`).
 """
@@ -31,7 +31,7 @@ class ArmLoop(ClosureModel):
     unsensed_joints
         Arm joints (1-based) whose readings are not used; their angles are unknowns of each pose.
     own
-        Names of the endpoint's unknowns; they follow the entries.
+        Names of the endpoint's unknowns, which follow the entries in the parameter vector.
     """
 
     FIRST_LINK: ClassVar[int] = 1
@@ -132,7 +132,7 @@ class ArmLoop(ClosureModel):
         return forward(theta, *np.moveaxis(table[..., 1:, :], -2, 0))
 
     def initial_unsensed(self, x: FloatArray, q: FloatArray) -> FloatArray:
-        """Readings of the unsensed joints plus their nominal offsets."""
+        """Readings of the unsensed joints plus their nominal offsets, (..., m, U), rad."""
         lost = [j - 1 for j in self.unsensed_joints]
         offsets = self.table.theta_off_rad[[j - self.FIRST_LINK for j in self.unsensed_joints]]
         lead = np.broadcast_shapes((*np.shape(x)[:-1], 1), q.shape[:-1])

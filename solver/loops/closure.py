@@ -1,7 +1,7 @@
 """Loop closure: error of a chain that should end where it starts, and its derivatives.
 
-A `ClosureModel` is all that the estimators know of a fixture. The part common to every fixture is here; a model adds
-its error and Jacobians.
+The estimators use a fixture only through `ClosureModel`. It has the part common to all fixtures; a subclass adds the
+closure error and its Jacobians.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class LoopError:
     jac_u: FloatArray
 
     def of_poses(self, poses: IntArray | BoolArray) -> LoopError:
-        """Error of some of the poses (m,)."""
+        """Return the error of a selection of poses."""
         return LoopError(
             residual=self.residual[poses],
             jac_x=self.jac_x[poses],
@@ -85,7 +85,7 @@ class ConstrainedPart(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToolConstraint:
-    """Where on the tool and where on the table a fixture acts.
+    """Where a fixture acts on the tool and on the table.
 
     `ground`, `hand`: lines of the table and of the tool that a hinge makes coincide, in the frames of
     `constrained_axis_entries`; other fixtures use the points only. `rotation`: mean (3, 3) of the tool's rotation
@@ -135,12 +135,12 @@ class ClosureModel(ABC):
     @property
     @abstractmethod
     def ground_side(self) -> tuple[str, ...]:
-        """Names of the unknowns that state where the fixture is on the table; their values change when it is moved."""
+        """Names of the unknowns of the fixture's place on the table; their values change when it is moved."""
 
     @property
     @abstractmethod
     def hand_side(self) -> tuple[str, ...]:
-        """Names of the unknowns that state where the fixture is on the tool; their values change at every mounting."""
+        """Names of the unknowns of the fixture's place on the tool; their values change at every mounting."""
 
     @abstractmethod
     def loop(self, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:
@@ -173,9 +173,8 @@ class ClosureModel(ABC):
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
         """Closure error with the unsensed angles eliminated; the loop error itself if there are none.
 
-        Without `rates` the Jacobian has no columns.
-
-        Raises `ValueError` if arm joints are unsensed and have to be solved for (`loop`).
+        Without `rates` the Jacobian has no columns. Raises `ValueError` if arm joints are unsensed: `loop` solves for
+        them.
         """
         if self.unsensed_joints:
             raise ValueError(
@@ -240,14 +239,14 @@ class ClosureModel(ABC):
         return None
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Points of the arm (k, 3), m, and the fixture's axis (3,), in the base frame, to be drawn; None: no drawing.
+        """Points (k, 3), m, and fixture's axis (3,) for a drawing of the arm, in the base frame; None: no drawing.
 
         The last point is the one at the fixture; the axis is zero if there is none.
         """
         return None
 
     def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Position and axis (3,) of the fixture, in the frame of `drawn`; None: no drawing."""
+        """Position (3,), m, and axis (3,) of the fixture, in the frame of `drawn`; None: no drawing."""
         return None
 
 

@@ -44,7 +44,7 @@ class DhLoop(ArmLoop):
 
     @property
     def components(self) -> int:
-        """Rotation and position."""
+        """Number of closure components: 6, rotation and position."""
         return 6
 
     @property
@@ -53,7 +53,7 @@ class DhLoop(ArmLoop):
         return ((0,) if self.hinge else ()) + self.unsensed_joints
 
     def loop(self, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:
-        """Six closure components: rotation vector, then position, in frame -1 (eqs. 8 and 10)."""
+        """Six closure components: rotation vector (rad), then position (m), in frame -1 (eqs. 8 and 10)."""
         frames = self.frames(x, q, u)
         r = rotation_vector(frames.R_end)
         J = self.columns(frames)
@@ -71,9 +71,9 @@ class DhLoop(ArmLoop):
         return u
 
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
-        """Eliminate the hinge angle and express the loop in frame -1 (paper, eqs. 10 to 13).
+        """Return the closure error in frame -1 with the hinge angle eliminated (paper, eqs. 10 to 13).
 
-        The two rotations are the swing that carries z_-1 onto z_7. To first order they equal
+        The two rotations are the swing that carries z_-1 onto z_n. To first order they equal
         ``dx = -R23``, ``dy = R13`` of eq. 12. Unlike dx and dy, the swing does not vanish again when the tool is upside
         down, so a pose on the flipped branch does not look closed.
 
@@ -85,14 +85,14 @@ class DhLoop(ArmLoop):
         (R11, R21, R31), _, (R13, R23, R33) = at_zero.axes_of[-1]
         px, py, pz = at_zero.origin_of[-1]
         columns = screws(at_zero, self._unknown if rates else NO_ENTRIES)
-        # Across the hinge axis vectors are complex numbers, and a turn about it is a factor.
+        # Vectors across the hinge axis are complex numbers; a rotation about the axis is a factor.
         x_end = R11 + 1j * R21
         size = np.abs(x_end)
         turned = x_end.conj() / size
         n, p = turned * (R13 + 1j * R23), turned * (px + 1j * py)
         w, v = (turned * (columns[:, k] + 1j * columns[:, k + 1]) for k in (0, 3))
-        # theta_0 follows every parameter so that R21 stays zero (eq. 12): w_z R11 = w_x R31. It turns the end about
-        # z_-1, which changes w_z and the position.
+        # theta_0 changes with every parameter so that R21 stays zero (eq. 12): w_z R11 = w_x R31. It turns the end
+        # about z_-1, which changes w_z and the position.
         w_z = w.real * (R31 / size)
         swing, swing_rate = _swing(n, R33, w, w_z)
         jac = np.empty((len(columns), 5, *columns.shape[2:]))
@@ -110,7 +110,7 @@ class DhLoop(ArmLoop):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Axes of both halves: frame -1 is fixed to the tool, and theta_0 turns it into the table's axes (eq. 11)."""
+        """Axes (m, 3, 3) of table and tool in frame -1, which is fixed to the tool; the table turns by theta_0."""
         table, hand = ClosureModel.fixture_axes(self, x, q, u)
         if self.hinge:
             table = rotation_about_z(u[..., 0])
@@ -146,7 +146,7 @@ class DhLoop(ArmLoop):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Entries of link 0, and those measured from its common normal with joint 1's axis: s_1 and theta_off_1."""
+        """Entries of link 0, and s_1 and theta_off_1, measured from the common normal of the first two axes."""
         return tuple(
             e.name
             for e in self.entries
@@ -160,11 +160,11 @@ class DhLoop(ArmLoop):
 
     @property
     def constrained_part(self) -> ConstrainedPart:
-        """A line of the tool (hinge), or the whole tool (rigid)."""
+        """The fixture constrains a line of the tool (hinge) or the whole tool (rigid)."""
         return ConstrainedPart.AXIS if self.hinge else ConstrainedPart.FRAME
 
     def constraint_entries(self, at: ToolConstraint) -> dict[str, float]:
-        """D-H entries of the fixture for this constraint of the tool."""
+        """D-H entries of the fixture by name, rad and m, for this constraint of the tool."""
         if not self.hinge:
             return constrained_frame_entries(at.rotation, at.ground.point_m, self.joint_count)
         return constrained_axis_entries(at.ground, at.hand, self.joint_count)
@@ -174,14 +174,14 @@ class DhLoop(ArmLoop):
         return DhTable.from_stacked(self.tables(x))
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Origins of frames 0..n (n + 1, 3) and the hinge axis (3,), for joint angles `q` (n,)."""
-        # The hinge angle turns everything about the hinge: in frame 0 it changes nothing.
+        """Origins of frames 0..n (n + 1, 3), m, and the hinge axis (3,), in frame 0, for joint angles `q` (n,)."""
+        # The hinge angle may have any value: seen from frame 0 it changes nothing.
         frames = self.frames(x, q[None, :], np.zeros((1, len(self.unsensed_rows))))
         R_0, p_0 = frames.axes[0, 1], frames.origins_m[0, 1]
         return (frames.origins_m[0, 1:] - p_0) @ R_0, frames.axes[0, -1, :, 2] @ R_0
 
     def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Origin and z axis of frame -1, which are constant in frame 0."""
+        """Origin (m) and z axis of frame -1, which are constant in frame 0."""
         still = np.zeros(self.joint_count)
         frames = self.frames(x, still[None, :], np.zeros((1, len(self.unsensed_rows))))
         R_0, p_0 = frames.axes[0, 1], frames.origins_m[0, 1]

@@ -1,9 +1,9 @@
 """Converts the geometry of a fixture into the D-H entries of a loop.
 
-A hinge is a line fixed in the tool that coincides with a line fixed in the table. Seen in the arm's base frame with
-joint 1's offset and s_1 taken as zero (they only turn that frame about z_0 and shift it along z_0), and likewise in the
-frame before the last link, the lines are four vectors, a point and a direction each. The common normals of the lines
-with z_0 and z_{n-1} determine the D-H entries.
+A hinge is a line fixed in the tool that coincides with a line fixed in the table. Each is
+given as a point and a direction: the table's line in the arm's base frame, with joint 1's offset and s_1 taken as zero
+(they only turn that frame about z_0 and shift it along z_0), the tool's line in the frame before the last link. The
+common normals of the lines with z_0 and z_{n-1} determine the D-H entries.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ class Line:
     direction: FloatArray
 
     def seen(self, R: FloatArray, p_m: FloatArray) -> Line:
-        """Return the line in a frame in which the present frame has rotation `R` and origin `p_m`."""
+        """Return the line in a frame where the line's present frame has rotation `R` and origin `p_m`."""
         return Line(point_m=p_m + R @ self.point_m, direction=R @ self.direction)
 
 
 def constrained_axis_entries(ground: Line, hand: Line, n: int) -> dict[str, float]:
     """D-H entries of links 0, 1 and n, by name, with alpha_0 and alpha_n in [0, pi], for two lines that coincide.
 
-    Where neighbouring axes are parallel (Hayati [9]) the common normal is not unique: any will do, here the one
-    through the tool's or the table's point.
+    Where neighbouring axes are parallel (Hayati [9]) the common normal is not unique: any will do; the one through
+    the tool's or the table's point is taken.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def constrained_axis_entries(ground: Line, hand: Line, n: int) -> dict[str, floa
     t = rotation_about_z(-off_n) @ hand.point_m
     # Distance of the tool point along the line from the foot of the common normal with z_{n-1}.
     slide = -_quotient(t[1], np.sin(alpha_n))
-    # Ground: Rz(off_1) direction = (0, sin alpha_0, cos alpha_0), z_-1 seen in frame 0.
+    # Table: Rz(off_1) direction = (0, sin alpha_0, cos alpha_0), z_-1 seen in frame 0.
     off_1 = 0.5 * np.pi - _bearing(ground.direction)
     alpha_0 = _tilt(ground.direction)
     g = rotation_about_z(off_1) @ (ground.point_m - slide * ground.direction)

@@ -1,4 +1,4 @@
-"""An open arm whose endpoint another instrument measures: every pose closes through the measurement.
+"""An open arm whose endpoint an instrument measures: the measurement closes the loop of each pose.
 
 ``T_instrument_base T_base_n(q) T_n_tip = measured`` (section 2.1, eqs. 4 to 7), in the instrument's frame. The
 instrument's noise is the noise of the closure (`NoiseModel.fixture_variance`).
@@ -93,7 +93,7 @@ class MeasuredClosure(ArmLoop):
         return replace(self, endpoint_m=position_m, endpoint_rotation=rotation)
 
     def predicted(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Position (..., m, 3) and orientation (..., m, 3, 3) of the target in the instrument's frame."""
+        """Position (..., m, 3), m, and orientation (..., m, 3, 3) of the target in the instrument's frame."""
         own = self.own_values(x)
         frames = self.frames(x, q, self.initial_unsensed(x, q))
         R_base = rotation_matrix(own[..., 3:6]) @ self.base_rotation
@@ -128,7 +128,7 @@ class MeasuredClosure(ArmLoop):
         return self.loop_error(np.concatenate((r, position), axis=-1), J, jac_own)
 
     def equivalents(self, x: FloatArray) -> FloatArray:
-        """Equivalent parameters, with rotation vectors beyond half a turn shortened by a full turn."""
+        """Equivalent parameter vectors (E, P): each rotation vector as it is, or shortened by a full turn."""
         x = np.asarray(x, dtype=np.float64)
         names = [p.name for p in self.parameters]
         candidates = [x]
@@ -161,13 +161,13 @@ class MeasuredClosure(ArmLoop):
         return replace(self, endpoint_m=self.endpoint_m[poses], endpoint_rotation=rotation)
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Origins of frames 0..n and the target (n + 2, 3), for joint angles `q` (n,)."""
+        """Origins of frames 0..n and the target (n + 2, 3), m, and a zero axis, for joint angles `q` (n,)."""
         frames = self.frames(x, q[None, :], np.zeros((1, len(self.unsensed_joints))))
         target = frames.p_end[0] + frames.R_end[0] @ self.own_values(x)[0, 6:9]
         return np.concatenate((frames.origins_m[0], target[None, :])), np.zeros(3)
 
     def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Measured target position if the model is bound to one pose; None otherwise."""
+        """Measured target in the base frame, m, and a zero axis, if the model is bound to one pose; else None."""
         if self.endpoint_m is None or len(self.endpoint_m) != 1:
             return None
         own = self.own_values(x)[0]

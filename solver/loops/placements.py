@@ -7,8 +7,8 @@ Some entries of joints 1 and n are measured from the hinge axis: theta_off_1 fro
 s_1 from the foot of that normal, theta_off_n to its common normal with joint n's axis. So these entries belong to the
 placement (`ClosureModel.ground_side`, `hand_side`), with names like ``theta_off_1[2]``. No information is lost: a
 rotation of joint 1's zero is a rotation of all placements about joint 1's axis, which no closed loop determines. If the
-tool keeps its half of the fixture (a ball, while sockets change), `same_hand` shares that side too, including
-theta_off_n.
+tool keeps its half of the fixture (a ball, while sockets change), `same_hand` shares the tool's unknowns too,
+including theta_off_n.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Placements(ClosureModel):
     placement
         Number of the placement each pose belongs to, (m,).
     same_hand
-        Whether the tool's side of the fixture is the same in all placements.
+        Whether the fixture's half on the tool is the same in all placements.
     parameters
         Shared unknowns first, then those of each placement, with its number in the name.
     """
@@ -234,12 +234,12 @@ class Placements(ClosureModel):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Unknowns of the fixture's place on the table, in all placements."""
+        """Names of the unknowns of the fixture's place on the table, in all placements."""
         return self._side("ground_side")
 
     @property
     def hand_side(self) -> tuple[str, ...]:
-        """Unknowns of the fixture's place on the tool."""
+        """Names of the unknowns of the fixture's place on the tool."""
         return self._side("hand_side")
 
     def without(self, names: Collection[str]) -> Placements:
@@ -321,7 +321,7 @@ def place(
     placement
         Number of the placement of each pose, (m,).
     same_hand
-        Whether the tool kept its side of the fixture in all placements.
+        Whether the tool kept its half of the fixture in all placements.
     """
     numbers = tuple(int(k) for k in np.unique(placement))
     each = (

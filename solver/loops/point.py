@@ -46,7 +46,7 @@ class PointClosure(ArmLoop):
 
     @property
     def components(self) -> int:
-        """Position only."""
+        """Number of closure components: 3, position only."""
         return 3
 
     def loop(self, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:
@@ -64,7 +64,7 @@ class PointClosure(ArmLoop):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """The socket is fixed in the base frame, the ball turns with the tool."""
+        """Axes (m, 3, 3) of the socket, fixed in the base frame, and of the ball, which turns with the tool."""
         table, _ = ArmLoop.fixture_axes(self, x, q, u)
         return table, self.frames(x, q, u).R_end
 
@@ -84,13 +84,13 @@ class PointClosure(ArmLoop):
 
     @property
     def constrained_part(self) -> ConstrainedPart:
-        """A point of the tool."""
+        """The fixture constrains a point of the tool."""
         return ConstrainedPart.POINT
 
     def constraint_entries(self, at: ToolConstraint) -> dict[str, float]:
-        """Centres of ball and socket, from points in frames that leave out theta_off_1, s_1, theta_off_n and row n."""
+        """Centres of ball and socket by name, m; `at` leaves out theta_off_1, s_1, theta_off_n and row n."""
         table = self.table
-        # The ends of the arm as a separate chain: links n and 1 at their nominal values.
+        # Links n and 1 have their nominal values.
         c, s = np.cos(table.theta_off_rad), np.sin(table.theta_off_rad)
         ca, sa = np.cos(table.alpha_rad[-1]), np.sin(table.alpha_rad[-1])
         x, y, z = at.hand.point_m
@@ -105,13 +105,13 @@ class PointClosure(ArmLoop):
         return dict(zip(TIP + GROUND, map(float, (*tip, *ground)), strict=True))
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Origins of frames 0..n and the ball's centre (n + 2, 3), for joint angles `q` (n,)."""
+        """Origins of frames 0..n and the ball's centre (n + 2, 3), m, and a zero axis, for joint angles `q` (n,)."""
         frames = self.frames(x, q[None, :], np.zeros((1, len(self.unsensed_joints))))
         ball = frames.p_end[0] + frames.R_end[0] @ self.own_values(x)[0, :3]
         return np.concatenate((frames.origins_m[0], ball[None, :])), np.zeros(3)
 
     def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Centre of the socket."""
+        """Centre of the socket, m, and a zero axis."""
         return self.own_values(x)[0, 3:], np.zeros(3)
 
     def tip_position(self, x: FloatArray, q: FloatArray) -> FloatArray:

@@ -23,7 +23,7 @@ from solver.search.starts import best_minima
 STARTS = 500
 STARTS_WITHOUT_DIRECTION = 1500
 """Default numbers of starts. Where the tool's direction is constrained too (hinge, rigid), 4 to 40 % of the starts
-reach the solution; with a ball and joints that moved little, 1 %."""
+reach the solution; with a ball and little motion of the joints, 1 %."""
 
 FIRST_POLISH = 12
 REFINED_COST_RATIO = 100.0
@@ -31,7 +31,7 @@ REFINED_COST_RATIO = 100.0
 ten times the rms closure. The `rms` of such a minimum is an upper bound."""
 
 BRANCHES_MIXED_RMS = 0.03
-"""An rms closure (1 m : 1 rad) larger than any real arm's: poses of both branches may be mixed."""
+"""An rms closure (1 m : 1 rad) above this is larger than any real arm's: poses of both branches may be mixed."""
 
 HINGE_EQUATIONS = 5
 SAMPLES = 8
@@ -211,10 +211,10 @@ def _main_branch(
     rng: np.random.Generator,
     progress: Progress | None,
 ) -> BoolArray:
-    """Poses on the majority branch (m,), found from few poses at a time.
+    """Whether each pose is on the majority branch (m,), from fits to a few poses at a time.
 
-    A few poses taken with the tool upside down spoil a fit of all poses. Some small sample has none of them; its loop
-    closes on the poses of its own branch and is upside down on the rest.
+    A few poses taken with the tool upside down spoil a fit of all poses. Some small sample has none of them: its loop
+    closes at the poses of its own branch and is upside down at the others.
     """
     best = np.ones(len(q), dtype=np.bool_)
     score = (0, -np.inf)
@@ -225,7 +225,7 @@ def _main_branch(
         near = np.linalg.norm(error.residual[:, error.rotation_rows :], axis=-1) < NEAR_M
         swing = np.linalg.norm(error.residual[:, : error.rotation_rows], axis=-1)
         upright, over = near & (swing < NEAR_RAD), near & (swing > np.pi - NEAR_RAD)
-        # A sample of one branch explains nearly every pose exactly, on either branch.
+        # A fit to poses of one branch explains nearly every pose, on either branch.
         explained = upright | over
         quality = (int(explained.sum()), -float(np.median(np.linalg.norm(error.residual, axis=-1))))
         if quality[0] >= EXPLAINED * len(q) and upright.sum() > over.sum() and quality > score:

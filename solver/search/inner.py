@@ -1,7 +1,7 @@
 """Estimates the offsets of the inner joints alone, with the fixture's unknowns projected out.
 
-The part constrained by a passive fixture does not move in the base frame. With M_i = R_1 .. R_{n-1} Rz(theta_n) and p_i
-the frame before the last link at pose i,
+The part constrained by a passive fixture does not move in the base frame. With M_i = R_1 .. R_{n-1} Rz(theta_n) and
+p_i the origin of frame n-1 at pose i,
 
     hinge:  M_i h = const (a line of the tool keeps its direction),  p_i + M_i t = const (and its place),
     ball:                                                          p_i + M_i t = const,
@@ -27,7 +27,7 @@ from solver.loops.closure import ClosureModel, ConstrainedPart, ToolConstraint, 
 from solver.loops.endpoint_geometry import Line
 
 RIDGE = 1e-9
-"""Keeps the projection defined where t may slide along h; negligibly small."""
+"""Ridge that keeps the projection defined where t may slide along h; too small to affect the result."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""The batch of starts of a global start: which unknowns are guessed, and their damped Gauss-Newton iteration.
+"""Minimises from all starts of a global start in one batch, by damped Gauss-Newton iteration.
 
 Every start has its own damping; starts that have converged leave the batch. `global_start` refines the results.
 """
@@ -18,11 +18,11 @@ from solver.search.inner import projectable_parts, spread_poses
 
 HALT_AFTER = 8
 SURVIVING_SHARE, FEWEST_SURVIVORS = 1.0 / 3.0, 30
-"""After a few steps only the best third of the starts continues. It includes 80 to 100 % of the starts that would have
-reached the solution (random hinges, a ball), so for the same work twice as many starts reach it."""
+"""After `HALT_AFTER` iterations only the best third of the starts continues. It includes 80 to 100 % of the starts
+that would have reached the solution (random hinges, a ball), so for the same work twice as many starts reach it."""
 
 SEARCH_EQUATIONS = 72
-"""Closure equations in the search: a few times the unknowns of any usual arm."""
+"""Number of closure equations that the search uses: a few times the unknowns of any usual arm."""
 
 REFINED_MINIMA = 6
 """Number of minima that are refined: the cost of the true one is orders of magnitude below that of the next."""
@@ -54,7 +54,7 @@ def best_minima(
     parts, nominal = projectable_parts(model, q), nominal_vector(model.parameters)
     if not (parts and parts[0].searched):
         return _best_of_all_unknowns(model, q, starts, rng, progress)
-    # The largest placement finds the arm's offsets; the others only their own fixtures.
+    # The placement with the most poses determines the arm's offsets; the others only their own fixtures.
     largest = max(parts, key=lambda part: len(part.q))
     count = -(-SEARCH_EQUATIONS // model.equations_per_pose)
     few = replace(largest, q=spread_poses(largest.q, count))

@@ -1,7 +1,7 @@
 """Gravity's torque on every joint, and the displacements of a fixture of unknown compliance.
 
 Each half of a fixture has a compliance, constant in that half's own axes. It is symmetric and
-positive: C = S M S, where S is diagonal, with one size for angles and one for positions, and M has mean I and the
+positive: C = S M S, where S is diagonal, with one scale for angles and one for positions, and M has mean I and the
 second moments of a Wishart matrix of nu degrees of freedom,
 
     E[M_ik M_jl] = d_ik d_jl + (d_ij d_kl + d_il d_kj) / nu,
@@ -50,7 +50,7 @@ class FixtureLoads:
 def compliance_sizes(give: tuple[float, float], *, rotations: int) -> FloatArray:
     """S (k,) for which unit moments and forces cause the stated deflection (rms of each component).
 
-    Let a and b be the squares of the two sizes in S. The covariance in the module's docstring, summed over three
+    Let a and b be the squares of the two scales in S. The covariance in the module's docstring, summed over three
     components, is
 
         a^2 (1 + 4 / nu) + 3 a b / nu = 3 give_rad^2,   b^2 (1 + 4 / nu) + 3 a b / nu = 3 give_m^2.
@@ -124,7 +124,7 @@ class ArmPoses:
     masses: LinkMasses
 
     def arm(self, poses: IntArray | slice) -> Frames:
-        """Frames 0..n of the arm alone."""
+        """Frames 0..n of the arm alone at some poses."""
         rows = self.arm_rows()
         angle = self.q[poses] + rows[DhKind.THETA_OFF]
         return forward(angle, *rows[DhKind.S :])
@@ -150,7 +150,7 @@ class ArmPoses:
         return 1 + 4 * len(self.masses.mass_kg) + len(self.masses.tilted)
 
     def torques(self, poses: slice) -> FloatArray:
-        """Gravity's torque (m, n, s): from the stated masses, from each uncertain moment, from a tilted base."""
+        """Gravity's torque (m, n, s), N m: of the stated masses, of each uncertain moment, of a tilted base."""
         arm, masses = self.arm(poses), self.masses
         rates = torque_rates(arm, np.vstack((masses.down, masses.tilted)))
         stated, *tilts = (rates * masses.moments).sum((-1, -2))
@@ -159,7 +159,7 @@ class ArmPoses:
 
 
 def by_moment(rates: FloatArray, masses: LinkMasses) -> FloatArray:
-    """Torque (m, n, 4 n) for a unit of each uncertain moment."""
+    """Torque (m, n, 4 n), N m, for one standard deviation of each mass and each component of a centre."""
     m, n = rates.shape[:2]
     # One product for each link: all joints at all poses with its moments.
     by_link = rates.transpose(2, 0, 1, 3).reshape(n, m * n, 4) @ masses.moments_sd

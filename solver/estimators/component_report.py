@@ -50,7 +50,7 @@ class ComplianceTest:
     Attributes
     ----------
     statistic
-        Square of the score divided by its standard deviation; 0 where the data show a smaller compliance.
+        Square of the largest score over its standard deviation; 0 where the data show a smaller compliance.
     p_value
         Probability of so large a statistic if the stated value is right.
     gives
@@ -63,14 +63,14 @@ class ComplianceTest:
 
 
 LEAST_LEFT = 1e-12
-"""Least share of a variance's information that counts as remaining where the other variances are unknown too."""
+"""Smallest share of a variance's information that counts as left when the other variances are estimated too."""
 
 MOST_CERTAIN = 1e6
 """Largest ratio of a variance to its standard error that `interval` uses."""
 
 
 def components(design: LinearModel, v: FloatArray, error: FloatArray) -> tuple[Component, ...]:
-    """Report noise and linearity deviation of analogue sensors, and the fixture's noise, from v (K,) and its errors."""
+    """Report noise and curves of analogue sensors and the fixture's noise, from v (K,) and its standard errors."""
     stated, out = design.stated_variances(), []
     for k, c in enumerate(design.components):
         kind = c.name.split("_")[0]
@@ -93,7 +93,7 @@ def components(design: LinearModel, v: FloatArray, error: FloatArray) -> tuple[C
 
 
 def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | None:
-    """Test whether the fixture's noise is larger than stated, one component at a time, the others as stated."""
+    """Test whether one component of the fixture's noise is larger than stated; None without such a component."""
     from scipy.special import ndtr
 
     slots = [design.index[name] for name in FIXTURE_NOISE if name in design.index]
@@ -107,7 +107,7 @@ def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | 
 
 
 def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -> FloatArray:
-    """Standard errors (K,) of variances `v` (K,).
+    """Standard errors (K,) of variances `v` (K,), from the likelihood's `information` (K, K).
 
     A variance at its floor does not widen the errors of the others, but the others widen its error.
     """
@@ -121,7 +121,7 @@ def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -
     # Remaining information of each outer component, given the inner ones (Schur).
     unexplained = 1.0 - ((across @ inverse) * across).sum(-1)
     own[~inner] = np.where(unexplained > LEAST_LEFT, 1.0 / np.maximum(unexplained, LEAST_LEFT), 0.0)
-    # A variance that few poses leave to rounding has no meaningful error.
+    # A variance whose information is only rounding has an infinite error.
     return np.where(own > 0.0, np.sqrt(np.maximum(own, 0.0)), np.inf) / size
 
 

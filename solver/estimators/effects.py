@@ -6,8 +6,8 @@ At one linearisation the reduced closure of all poses reads
 
 with dx the steps of the parameters without a prior; w includes the expected play and sag.
 Noise (n, f) is new in every pose, effects b are drawn once: deviations of toleranced entries, harmonics
-of encoders, curves of analogue sensors, sag and compliance as smooth functions of the pose. A variance component scales
-one or more groups; the stated size is the median of its prior (`solver.estimators.layout` has both).
+of encoders, curves of analogue sensors, sag and compliance as smooth functions of the pose. A variance component
+scales one or more groups; the stated value is the median of its prior (`solver.estimators.layout` has both).
 """
 
 from __future__ import annotations
@@ -144,7 +144,8 @@ class LinearModel(Layout):
     def noise_sources(self, poses: slice) -> Iterator[NoiseSource]:
         """Yield every source of the noise that is new in every pose.
 
-        The part of play, sag and deflection that smooth functions of the pose cannot follow is noise of stated size.
+        The part of play, sag and deflection that smooth functions of the pose cannot follow is noise of fixed
+        variance.
         """
         n, errors = self.model.joint_count, self.errors
         shape = (len(self.q[poses]), n + self.rows)
@@ -291,7 +292,7 @@ class Linearisation:
     def __init__(self, design: LinearModel, state: State) -> None:
         self.state = state
         self._model, self._q, self._expected = design.model, design.q, design.expected
-        # Effects count from the nominal values of toleranced entries, steps of the others from the present state.
+        # Entries with a prior deviate from their nominal values; steps of the others start at the present state.
         self._soft = state.x - design.nominal
         self._soft[design.hard_index] = 0.0
         w, rates = distance_rows(design.errors.distances, design.model.parameters, state.x)

@@ -1,7 +1,7 @@
 """Errors that the files of an arm and a fixture state.
 
-There are no flags: every source of error has a size (one standard deviation, 0 is exact) and enters one
-linear mixed model (`solver.estimators.effects`) as noise, new in every pose, or as an effect, drawn once.
+There are no flags: every source of error has a standard deviation (0 is exact) and enters one linear mixed model
+(`solver.estimators.effects`) as noise, new in every pose, or as an effect, drawn once.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from solver.chain.sensors import DITHER, NoSensor, Rvdt, SensorCurve, curves_of
 from solver.estimators.load_effects import LoadBasis
 
 SD_OF_PEAK = 0.5
-"""Amplitude of a curve whose peak is 1: shapes of amplitude 1 add up to peaks of about 2."""
+"""Amplitude of the shapes of a curve whose peak is 1: shapes of amplitude 1 add up to peaks of about 2."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,9 +65,9 @@ class ErrorModel:
     analogue
         Sensors whose noise is estimated.
     accuracy_rad, backlash_rad, sag_rad
-        (n,): error once and twice per turn, play, and twist under load of each joint.
+        (n,): standard deviations of each joint's error once and twice per turn, play, and twist under load.
     give_rad, give_m
-        Deflection of the fixture along each closure component; None without a fixture.
+        Standard deviation of the fixture's deflection along each closure component; None without a fixture.
     tolerance
         By name, standard deviation (rad, m) of entries of the maker's table that are corrected within it.
     distances

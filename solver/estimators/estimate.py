@@ -36,7 +36,7 @@ class Estimate:
     sigmas
         sigma_pos and sigma_ori of that residual.
     flipped
-        Indices of poses found on the flipped branch of the hinge.
+        Indices of poses on the flipped branch of the hinge.
     dof
         Degrees of freedom: equations minus parameters.
     chi2
@@ -98,7 +98,7 @@ class Estimate:
         )
 
     def given(self, names: Collection[str]) -> Estimate:
-        """Return the estimate of the other parameters if some were known exactly."""
+        """Return the estimate of the other parameters, with the covariance it has if `names` are known exactly."""
         indices = [k for k, p in enumerate(self.parameters) if p.name not in names]
         rest = self.without(names)
         if len(indices) == len(self.parameters):
@@ -125,7 +125,7 @@ class Estimate:
 
 
 def require_enough_poses(model: ClosureModel, poses: int, *, known: int = 0) -> int:
-    """Degrees of freedom of `poses` poses; TooFewPosesError when none is left.
+    """Return the degrees of freedom that `poses` poses leave; TooFewPosesError if none is left.
 
     `known` parameters are not counted: a prior adds one equation for each of them.
     """
@@ -145,8 +145,8 @@ def require_enough_poses(model: ClosureModel, poses: int, *, known: int = 0) -> 
 class TwoReadings:
     """One standard deviation by each of the two interpretations of the paper's formula.
 
-    `rms` divides inside the root, sqrt(sum / (k m)), the only interpretation that gives values of the paper's size;
-    `as_printed` divides outside the root, sqrt(sum) / (k m). k: components, m: poses.
+    `rms` divides inside the root, sqrt(sum / (k m)), the only interpretation that gives values as large as the
+    paper's; `as_printed` divides outside the root, sqrt(sum) / (k m). k: components, m: poses.
     """
 
     rms: float

@@ -162,7 +162,7 @@ def fit_implicit(
         )
         if not np.isfinite(largest):
             break
-        # Far from closure a full step can wrap an angle; nothing physical turns this much at once.
+        # Far from closure a full step can wrap an angle, so no step exceeds 1 rad or 1 m.
         shrink = min(1.0, 1.0 / max(largest, 1e-300))
         x, e, u = x + shrink * step, e + shrink * (e_new - e), u + shrink * du
         if progress is not None:
@@ -238,7 +238,7 @@ def estimate_implicit(
 def linearise(
     error: LoopError, e: FloatArray, variance: FloatArray, give: FloatArray
 ) -> LinearisedPoses:
-    """Reduce the loops of all poses, linearised at corrections `e` (m, n), and compute their weights."""
+    """Reduce the loops linearised at corrections `e` (m, n), and compute the misclosures' covariance."""
     reduced = reduced_equations(error)
     E, B = reduced.E, reduced.B
     Bt, Et = np.swapaxes(B, -1, -2), np.swapaxes(E, -1, -2)
@@ -291,7 +291,7 @@ class _Loops:
 
         def blocks() -> Iterator[tuple[FloatArray, FloatArray]]:
             for k, (part, poses) in enumerate(self._parts):
-                # Overwrites the last round's, so that no memory is allocated again.
+                # Overwrites the last iteration's block, so that no memory is allocated again.
                 self._blocks[k] = block = self._block(part, poses, x, e[poses], u[poses])
                 yield block.w, block.A
             if prior is not None:

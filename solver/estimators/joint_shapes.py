@@ -1,7 +1,7 @@
 """Effects that act along a joint, as shapes over the poses.
 
 Harmonics of encoders, gains and curves of analogue sensors, sides of play, sag; in the order of a layout's groups.
-A curve follows the corrected angle; all other shapes are constant during a fit.
+A curve depends on the corrected angle; all other shapes are constant during a fit.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class JointShapes:
         return np.asarray(self.at(angle, poses) @ (self._along * b[:, None]))
 
     def _constant_shapes(self, poses: slice) -> FloatArray:
-        """Shapes (m, c) that do not depend on corrections; columns of linearity deviations are left empty."""
+        """Shapes (m, c) that do not depend on corrections; the columns of sensor curves are zero."""
         layout, readings = self._layout, self._poses
         turning = np.flatnonzero(layout.accuracy)
         turn = readings.q[poses, turning] if len(turning) else np.zeros((len(readings.q[poses]), 0))

@@ -39,20 +39,20 @@ LARGEST_PLACEMENT_SCALE = 100.0
 """Largest distance of a fixture from its stated place, in units of the stated tolerance."""
 
 SMALLEST_SCALE = 0.03
-"""Smallest size of a source of error, as a share of the stated one: less has no effect on an estimate."""
+"""Smallest scale of a source of error, as a share of the stated one: less has no effect on an estimate."""
 
 LEAST_CURVE = 0.1
 """Smallest linearity deviation of an analogue sensor, as a share of its specification."""
 
 SPECIFICATION_DOF = 4
 """Weight of a sensor's specification of linearity or gain, in degrees of freedom. Poses determine few of the shapes,
-and these say little about the size of the others."""
+and these imply little about the magnitude of the others."""
 
 FIRST_GIVE = 5e-4
 """Start of the search for a deflection that is not stated (rad, m)."""
 
 LARGEST_SCALE = 10.0
-"""Largest size of lengths, twists, encoder errors, play and sag, in units of the stated size. A larger one is a fault,
+"""Largest errors of lengths, twists and encoders, play and sag, in units of the stated ones. Larger ones are a fault,
 for the tests to diagnose: without bounds a fit of many poses would explain any fault by these errors."""
 
 LARGEST_DISCREPANCY = 5.0
@@ -62,9 +62,9 @@ UNIT_DISCREPANCY = 1e-3
 """Unit of the discrepancy: 1 mm and 1 mrad."""
 
 NON_REPEATABLE_SHARE = 0.4
-"""Share of a stated deflection or play that does not repeat at the same pose. The whole stated size enters once more as
-the repeatable part (smooth in the pose, or on one side of a joint). The data determine the non-repeatable
-part well and the repeatable one poorly, so each has a separate scale."""
+"""Share of a stated deflection or play that does not repeat at the same pose. The whole stated value enters once more
+as the repeatable part (smooth in the pose, or on one side of a joint). The data determine the non-repeatable part
+well and the repeatable one poorly, so each has a separate scale."""
 
 FIXTURE_NOISE = ("fixture_rad", "fixture_m")
 """Components of the part of a fixture's deflection that does not repeat: rotation, translation."""
@@ -77,8 +77,8 @@ SAG_COLUMNS, GIVE_COLUMNS = 8, 12
 class VarianceComponent:
     """One variance to be estimated, with its start value, floor and upper limit.
 
-    `stated` is the value in the files. With `scaled`, the logarithm of the ratio of its size to the stated one has a
-    normal prior (method, section 10): the poses determine the size where they can, otherwise the stated value does.
+    `stated` is the value in the files. With `scaled`, the logarithm of the standard deviation has a normal prior about
+    that of `start` (method, section 10): it stays near `start` unless the poses determine it.
     Where a specification bounds an amplitude, `soft` is the mean variance of a prior and `ceiling` a limit that the
     variance never exceeds; otherwise both are ``inf``. One step may raise the variance from any lower value to
     `raise_limit`. `spread_variance` is an estimate of the variance with `spread_dof` degrees of freedom, from spreads
@@ -227,7 +227,7 @@ class Layout:
         self._lay_out_deflection(gives, group, process, like)
 
     def _lay_out_noise(self) -> dict[str, float]:
-        """Noise that is new in every pose; returns the fixture's stated deflections (rad, m) by component."""
+        """Add the noise that is new in every pose; return the fixture's stated deflections (rad, m) by component."""
         for a in self.errors.analogue:
             self._component(
                 VarianceComponent(
@@ -272,8 +272,8 @@ class Layout:
         process: Callable[[], PoseProcess],
         like: Layout | None,
     ) -> None:
-        """Deflection of the fixture that repeats at the same pose or under the same load."""
-        # Rows of the closure components, and the stated size along them.
+        """Add the deflection of the fixture that repeats at the same pose or under the same load."""
+        # Rows of the closure components, and the stated deflection along them.
         self.gives: list[tuple[slice, float]] = []
         misfit = (self.rows == 6) * [slice(0, 3)] + [slice(self.rows - 3, self.rows)]
         turn_rad, shift_m = (stated_sizes.get(key, 0.0) for key in FIXTURE_NOISE)
@@ -290,7 +290,7 @@ class Layout:
             self._group("fixture_give", names, self._scale("compliance"))
 
     def _lay_out_curves(self) -> None:
-        """Gain and curve of every analogue sensor."""
+        """Add gain and curve of every analogue sensor."""
         for joint, curve, stated in (
             (a.joint, a.curve, a.curve_variance)
             for a in self.errors.analogue
@@ -317,7 +317,7 @@ class Layout:
             self._group(f"rvdt_curve_{joint}", names, self._component(bend))
 
     def _lay_out_joints(self, process: Callable[[], PoseProcess], like: Layout | None) -> None:
-        """Play and sag of every joint; `expected` (m, n), rad, is their expected value."""
+        """Add play and sag of every joint; `expected` (m, n), rad, is their expected value."""
         self.expected = np.zeros_like(self.q)
         self.play_joints = np.flatnonzero(self.backlash)
         self.play = sides_of_play(self.q, self.errors)
@@ -386,7 +386,7 @@ class Layout:
         ceiling: float = LARGEST_SCALE**2,
         raise_limit: float = 0.0,
     ) -> int:
-        """Add a component for a source whose size is as stated unless the poses show otherwise; return its index."""
+        """Add a component for a source whose scale is as stated unless the poses show otherwise; return its index."""
         return self._component(
             VarianceComponent(
                 name=name,

@@ -3,7 +3,7 @@
 Minimises ``|r(x)|^2`` (paper, eqs. 5 and 6, iterated). Columns are scaled to unit norm [13], which makes the damping
 independent of units and gives the scaled condition number. The undamped step is tried first and taken whenever it
 descends; damping (Levenberg-Marquardt) is used only when it does not, so the iteration never diverges. Only the
-triangular QR factor is kept (`triangle_of`): its size and the work with it do not grow with the poses.
+triangular QR factor is kept (`triangle_of`): its dimensions, and the work with it, do not grow with the poses.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ WELL_SEEN = 1e-6
 """Where the reciprocal condition of the scaled triangle is above this, all directions are determined."""
 
 LAST_SHARE = 1e-12
-"""A step that would lower the cost by less than this share of the cost is the last. It is taken without evaluation: its
-size is 1e-5 of the parameters' standard deviations, and the remaining error is a fraction of that."""
+"""A step that would lower the cost by less than this share of the cost is the last. It is taken without
+evaluation: it is 1e-5 of the parameters' standard deviations, and the remaining error is a fraction of that."""
 
 LEFT_SHARE = 1e-14
 """A step is also the last if its successor would lower the cost by less than this share: undamped steps shrink by a
@@ -150,7 +150,7 @@ class Fit:
     iterations
         Accepted steps.
     converged
-        Whether the last step was below `LEAST_STEP`, or no smaller step descends.
+        Whether the last step, or the reduction of the cost expected from it, was negligible.
     triangle
         Triangle at `x`; if the last step was taken without evaluation, the triangle at its start.
     """
@@ -175,7 +175,7 @@ def solve_damped(
     max_iterations: int = 100,
     progress: Progress | None = None,
 ) -> Fit:
-    """Iterate from `x0` until the steps vanish.
+    """Minimise the sum of squared residuals from `x0` (P,) until the steps are negligible.
 
     `problem`: residuals and their exact Jacobian, as a triangle.
     """

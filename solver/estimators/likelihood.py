@@ -68,7 +68,7 @@ def likelihood_derivatives(fit: LinearFit) -> Derivatives:
         expected += expected_part
         score += np.einsum("mf,mfc->c", pulled_residual[..., 0] ** 2, noise) - expected_part
         information += np.einsum("mfc,mfd->cd", noise, (Ct @ PC) * (Ct @ C) @ noise)
-        # Squares of each effect's columns of a pose under P.
+        # The projector P times the effects' columns of each pose, along the noise columns.
         effect_columns = Ct @ X.reshape(m, r, width)[..., hard:]
         across = np.einsum("mfc,mfx->cx", noise, effect_columns**2, optimize=True) @ rates
         information += across + across.T

@@ -79,7 +79,7 @@ class LinearFit:
         residual = right + self.H @ self.coefficients
         self.coefficients -= self.half @ (self.half.T @ residual)
         self.right = right
-        # NaN stays NaN; `max` would make it the best of all fits.
+        # NaN stays NaN; `max` would return 0, the best of all fits.
         self.chi2 = float(np.maximum(0.0, square + right @ self.coefficients))
         self.change = self.coefficients[design.column] * self.unit
         self.unit_b = self.coefficients[hard:]
@@ -136,8 +136,8 @@ class LinearFit:
     def at_known_noise(self) -> LinearFit:
         """The same linearisation with the smaller of estimated and stated noise.
 
-        Stated noise is an upper limit; a test of single readings is more powerful if their noise is known well, but a
-        fault must not count as noise.
+        Stated noise is the upper limit, so that a fault does not count as noise; with the smaller estimate, tests of
+        single readings are more powerful.
         """
         v = self.design.as_stated(self.v)
         noise = self.design.noise_components

@@ -1,7 +1,7 @@
 """Deflections under load, from static equilibrium: a few columns instead of a free function of the pose.
 
 A joint's drive carries the arm, so its twist follows gravity's torque: sag of joint j is a compliance
-times tau_j(q). The size of the compliance is unknown but its sign is known: it is taken as half-normal, |z| with
+times tau_j(q). The magnitude of the compliance is unknown but its sign is known: it is taken as half-normal, |z| with
 z ~ N(0, 1), and its mean sqrt(2 / pi) gives the expected sag. The error of the gravity compensation, dtau,
 acts on the fixture alone: joints in free mode carry no torque, so at rest, for a virtual motion of the free joints,
 
@@ -9,7 +9,7 @@ acts on the fixture alone: joints in free mode carry no torque, so at rest, for 
 
 (Murray, Li & Sastry, *A Mathematical Introduction to Robotic Manipulation*, 1994, eq. 6.4; J_f are the
 free joints' columns of the closure Jacobian, N those of the fixture's own degrees of freedom, about which it carries no
-moment). Written ``F = E y`` with ``E' N = 0``, and with friction that limits the force at a fold, that is
+moment). Written ``F = E y`` with ``E' N = 0``, and with friction that limits the force at a singularity, that is
 
     F = -E (K K' + rho^2 I)^-1 K dtau_f,     K = E' J_f,
 
@@ -18,8 +18,8 @@ z ~ N(0, I). A pose file does not state which joints were in position mode: ever
 degrees of freedom is possible, and W holds the columns of all sets with equal weights.
 
 Each half of the fixture has a compliance (`solver.estimators.compliance`). The leading eigenvectors
-of the displacements' covariance (by Nystroem's method, from poses far apart) are the columns, scaled to the stated size
-over the poses; `missed` is the variance that so few columns leave out.
+of the displacements' covariance (by Nystroem's method, from poses far apart) are the columns, scaled to the stated
+rms over the poses; `missed` is the variance that so few columns leave out.
 """
 
 from __future__ import annotations
@@ -222,7 +222,7 @@ def load_basis(
             torque[poses[cut]] = one.torques(cut)
     gravity = Gravity.of(placements[0][1], torque)
     expected, sag, missed_sag, side = gravity.sags(torque)
-    # The largest array of all: with many poses it is computed again at each request.
+    # The largest array of all: with many poses it is not kept but computed again at each request.
     again = torque if m <= CHUNK else None
     del torque
     deflection = np.zeros((m, k, give_columns * len(parts)))
@@ -294,14 +294,14 @@ def _load_deflection(
     """
     m, k = len(part.q), part.model.components
     centres = farthest(part.q, CENTRES)
-    # All poses at once if they are few, the centres among them; else these first, then some at a time.
+    # All poses at once if they are few; else the centres first, then all poses, some at a time.
     few = torque is not None
     first, among = (np.arange(m), centres) if few else (centres, np.arange(len(centres)))
     W = _wrenches(part, first, torque)
     if not W.any():
         # With exact masses the gravity compensation has no error that could deflect the fixture.
         return np.zeros((m, k, columns)), np.zeros((m, k))
-    # Every set of driven joints has the same weight, by moments and by forces.
+    # Every set of driven joints has the same weight, in moments and in forces.
     unit = np.ones((k, W.shape[-1]))
     for rows in blocks(k):
         size = np.sqrt((W[among, rows] ** 2).sum((1, 2)).mean(0))
@@ -353,7 +353,7 @@ def wrench_of(
     """Fixture's wrench (..., k, c) that keeps free joints at rest under torques (..., f, c).
 
     `J`: columns of the free joints (..., k, f). `E`: left null space (..., k, r) of the fixture's own degrees of
-    freedom.
+    freedom. `rub`: friction as a lever, m.
     """
     K = np.swapaxes(E, -1, -2) @ J
     held = K @ np.swapaxes(K, -1, -2) + rub**2 * np.eye(K.shape[-2])
@@ -361,7 +361,7 @@ def wrench_of(
 
 
 def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
-    """Sets of 0-based joints that may have been in position mode: as many in each as the `equations` leave free."""
+    """Sets of ``joints - equations`` 0-based joints that may have been in position mode."""
     every = list(combinations(range(joints), max(joints - equations, 0)))
     chosen = np.unique(
         np.linspace(0, len(every) - 1, min(MOST_DRIVE_SETS, len(every))).astype(np.int64)
@@ -370,7 +370,7 @@ def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
 
 
 def farthest(points: FloatArray, count: int) -> IntArray:
-    """Indices of points (m, d) chosen one by one, each the farthest from those before."""
+    """Indices of `count` of the points (m, d): the nearest to their mean, then each the farthest from those before."""
     if len(points) <= count:
         return np.arange(len(points))
     distance = ((points - points.mean(axis=0)) ** 2).sum(-1)

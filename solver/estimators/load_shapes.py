@@ -55,7 +55,7 @@ class PoseProcess:
     """Low-rank approximation of a random process over the poses; `leading` selects columns from it.
 
     `values` (m, c): one column for each centre. `turn` (c, c): rotates `values` to orthogonal columns in order of
-    decreasing size. `variance` (m,): variance of the process itself.
+    decreasing variance. `variance` (m,): variance of the process itself.
     """
 
     values: FloatArray
@@ -104,8 +104,8 @@ def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess
 class Shapes:
     """Shapes (m, d, c) along d joints, and the variance (m, d) that they leave out.
 
-    `expected` (m, d) is the expected value; the shapes are deviations from it. All in units of each joint's stated
-    size.
+    `expected` (m, d) is the expected value; the shapes are deviations from it. All are in units of each joint's stated
+    standard deviation.
     """
 
     columns: FloatArray
@@ -119,7 +119,7 @@ class Shapes:
 
 
 def sides_of_play(q: FloatArray, errors: ErrorModel) -> Shapes:
-    """Sides of play: the side to which the load acts, where it is known, and the side of approach.
+    """Shapes of play: the side to which the load acts, where it is known, and the side of approach.
 
     It is unknown which of the two a joint follows. With probability p = 1 - `BY_APPROACH` it follows the load, and the
     link rests on the side to which gravity moves it: the expected value is p times that side, and the rest of the
@@ -141,7 +141,7 @@ def sides_of_play(q: FloatArray, errors: ErrorModel) -> Shapes:
 
 
 def shapes_of_sag(q: FloatArray, errors: ErrorModel, basis: PoseBasis) -> Shapes:
-    """Twist of every joint under gravity."""
+    """Shapes of every joint's twist under gravity; the smooth functions `basis` where no masses are stated."""
     loads, (m, n) = errors.loads, q.shape
     if loads is None:
         return Shapes(
@@ -163,9 +163,10 @@ def shapes_of_sag(q: FloatArray, errors: ErrorModel, basis: PoseBasis) -> Shapes
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LoadedGive:
-    """Deflection of a fixture of stated `sizes` (k,), rad and m, under load, without the share `UNMODELLED_SHARE`.
+    """Deflection of a fixture under load, without the share `UNMODELLED_SHARE`.
 
-    Its arrays of shapes are the largest of all, so they are scaled for some poses at a time.
+    `sizes` (k,): stated standard deviation of each closure component, rad and m. The arrays of shapes are the largest
+    of all, so they are scaled for some poses at a time.
     """
 
     loads: LoadBasis
@@ -187,7 +188,7 @@ class LoadedGive:
 
 
 def loaded_give(errors: ErrorModel, sizes: FloatArray) -> LoadedGive | None:
-    """Return the deflection under load; None where loads are unknown or zero, or no compliance is stated."""
+    """Return the deflection under load; None where loads are unknown or zero, or `sizes` (k,) are all zero."""
     if errors.loads is None or not sizes.any() or not errors.loads.all_give.any():
         return None
     return LoadedGive(loads=errors.loads, sizes=sizes)

@@ -1,8 +1,7 @@
-"""The iteration: parameters, effects and joint corrections together, with one scoring step in each round.
+"""The iteration: parameters, effects and joint corrections together, with one scoring step in each.
 
-Each round linearises the loops where they close, solves the mixed-model equations for
-everything at once, moves the variances by one scoring step and relinearises, unless the change is too small for
-nonlinearity to matter. `solver.estimators.implicit` has the derivation: its iterations are the same, without effects.
+Each iteration linearises the loops where they close, solves the mixed-model equations for everything at once, moves the
+variances by one scoring step and relinearises, unless the change is too small for nonlinearity to matter. `solver.estimators.implicit` has the derivation: its iterations are the same, without effects.
 """
 
 from __future__ import annotations
@@ -49,7 +48,7 @@ variances."""
 
 FREE_ITERATIONS = 20
 NEGLIGIBLE_GAIN = 0.1
-"""After so many iterations variances are fixed when their next step would gain less than this in log-likelihood."""
+"""After `FREE_ITERATIONS` variances are fixed when their next step would gain less than this in log-likelihood."""
 
 CHI2_LARGE_START = 4.0
 """chi2/dof from which the search starts at large variances."""
@@ -65,7 +64,8 @@ LEAST_MOTION_SHARE, TINY = 1e-3, 1e-200
 """Directions in which joints move a loop by less than the first stay open; the second avoids a division by zero."""
 
 POSES_FOR_VARIANCES = 600
-"""Number of poses from which variances are estimated: more poses improve the estimates by only a few per cent."""
+"""Number of poses that estimate the variances where there are more than twice as many: all of them would improve the
+estimates by only a few per cent."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -251,7 +251,7 @@ def _solved(design: LinearModel, linearisation: Linearisation, v: FloatArray) ->
 def _at_mean_scales(
     design: LinearModel, fit: LinearFit, derivatives: Derivatives, state: State
 ) -> tuple[LinearFit, State]:
-    """Solve once more at the closed loops, with estimated sizes at their posterior means, if there are any."""
+    """Solve once more at the closed loops, with estimated scales at their posterior means, if there are any."""
     v = expected_scales(fit, derivatives)
     if np.array_equal(v, fit.v):
         return fit, state
@@ -261,9 +261,9 @@ def _at_mean_scales(
 
 
 def expected_scales(fit: LinearFit, derivatives: Derivatives) -> FloatArray:
-    """Variances (K,) with the learned sizes at their posterior mean.
+    """Variances (K,) with the estimated scales at their posterior means.
 
-    At the mode, sigmas would not include the uncertainty of the sizes themselves. A size exp(t), t ~ N(t_mode, s^2),
+    At the mode, sigmas would not include the uncertainty of the scales themselves. A scale exp(t), t ~ N(t_mode, s^2),
     has the mean exp(t_mode + s^2 / 2); the variance is its square.
     """
     return np.asarray(
@@ -293,15 +293,15 @@ def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: FitStart | 
         sd = np.sqrt(design.noise_variance(v).mean(axis=0)[: q.shape[1]])
         u = close_loops(design.model, x, q, sigma_rad=sd, max_iterations=3).u
     else:
-        # The fixture's own freedoms follow from the readings, as exactly as these are known.
+        # The fixture's own angles follow from the readings.
         u = unsensed_at_readings(design.model, x, q)
     return State(x=x, e=np.zeros_like(q), u=u, closed_q=q, closed_u=u)
 
 
 def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[State, float, float]:
-    """Solution of one linearisation, the largest change of a parameter, and the remaining error of linearisation.
+    """Return the state after one linearisation, the largest change of a parameter, and the remaining error.
 
-    The change and the error are in standard errors of the parameter.
+    Change and error are in standard errors of the parameter; the error is that of the linearisation.
     """
     old = at.state
     x = np.where(design.soft, design.nominal, old.x) + fit.change
@@ -326,7 +326,7 @@ def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[St
         return old, float("nan"), float("nan")
     sd = np.maximum(fit.standard_deviation, 1e-150)
     largest_step = float(np.abs(dx / sd).max(initial=0.0))
-    # Far from closure a full step can wrap an angle; nothing physical turns this much at once.
+    # Far from closure a full step can wrap an angle, so no step exceeds 1 rad or 1 m.
     shrink = min(1.0, 1.0 / max(largest, 1e-300))
     new = State(
         x=old.x + shrink * dx,

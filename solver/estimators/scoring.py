@@ -1,7 +1,7 @@
 """One scoring step of the variances of a mixed model, by restricted maximum likelihood.
 
-`solver.estimators.likelihood` has the derivatives. The size of a family of errors
-has a log-normal prior centred on the size that the files state (method, section 10, "Scales").
+`solver.estimators.likelihood` has the derivatives. The scale of a source of errors has a log-normal prior whose median
+is the stated one (method, section 10, "Scales").
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ LEAST_SHARE = 0.1
 """A step that was shortened to less than this share is not shortened further."""
 
 LIKELIHOOD_FALL = 3.0
-"""Largest fall of the log-likelihood in a round that relinearisation explains; after a larger one the step is
+"""Largest fall of the log-likelihood in an iteration that relinearisation explains; after a larger one the step is
 shortened."""
 
 NEWTON_SIGMA = 0.3
@@ -38,14 +38,14 @@ LEAST_CURVATURE = 0.05
 
 
 SCALE_SD = float(np.log(2.0))
-"""Standard deviation of the logarithm of a source's size over the stated size: a factor of two is one sigma."""
+"""Standard deviation of the logarithm of a source's scale (ratio to the stated one): a factor of two is one sigma."""
 
 FAST_SHARE = 0.3
 """Convergence is fast where a step is below this share of the one before."""
 
 
 def with_priors(fit: LinearFit) -> Derivatives:
-    """Add the prior information about the variances: specifications, spreads within poses, the prior of each scale."""
+    """Return the fit's derivatives with the variances' priors: specifications, spreads within poses, scales."""
     v, derivatives, scaled = fit.v, fit.derivatives, fit.design.scaled
     dof, spread, soft = np.array(
         [(c.spread_dof, c.spread_variance, c.soft) for c in fit.design.components]
@@ -66,7 +66,7 @@ def with_priors(fit: LinearFit) -> Derivatives:
 
 
 def scale_spread(fit: LinearFit, derivatives: Derivatives) -> FloatArray:
-    """Posterior variance (K,) of the logarithm of each estimated size; zero for the other components."""
+    """Posterior variance (K,) of the logarithm of each estimated scale; zero for the other components."""
     scaled = fit.design.scaled
     spread = np.zeros(len(scaled))
     if scaled.any():
@@ -78,7 +78,7 @@ def scale_spread(fit: LinearFit, derivatives: Derivatives) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ScoringStep:
-    """Step from variances to better ones.
+    """Newton's step of the variances.
 
     `change` (K,): change of the variances, within their bounds. `largest`: largest change in standard errors. `slope`:
     rise of the log-likelihood over the whole step if its slope stayed as at the start; about twice the possible gain.
@@ -97,7 +97,7 @@ class ScoringStep:
 def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
     """Newton's step of the variances; those that would leave their bounds stop there.
 
-    For estimated sizes it is a step of ``t = log(v) / 2``, as the log-likelihood is most nearly quadratic in t.
+    For estimated scales it is a step of ``t = log(v) / 2``, as the log-likelihood is most nearly quadratic in t.
     """
     v, floor, scaled = fit.v, fit.design.floors, fit.design.scaled
     ceiling, raise_limit = fit.design.ceilings, fit.design.raise_limits
@@ -107,7 +107,7 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
     known = np.diagonal(derivatives.information) * rate**2
     determined = (
         known > 0.0
-    )  # components without information, or with less by rounding, do not change
+    )  # components without information (by rounding even below zero) do not change
     size = np.sqrt(np.where(determined, known, 1.0))
     unit = rate / size
     score, moving = derivatives.score * unit, determined & ((v > floor) | (derivatives.score > 0.0))
@@ -140,7 +140,7 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
 
     change = bounded(derivatives.information * np.outer(unit, unit))
     if np.abs(change).max(initial=0.0) < NEWTON_SIGMA and moving.any():
-        # Away from the maximum the curvature may mislead, and its expectation leads there fast.
+        # Far from the maximum the observed curvature may be wrong; there the expected one converges fast.
         bend = np.diag(np.where(scaled, 4.0 * v * derivatives.score, 0.0) / size**2)
         metric = derivatives.curvature * np.outer(unit, unit) - bend
         if np.linalg.eigvalsh(metric[np.ix_(moving, moving)])[0] > LEAST_CURVATURE:
@@ -156,8 +156,8 @@ class VarianceSearch:
     """Maximisation of the likelihood: Newton's steps, shortened where they overshoot the maximum.
 
     Where a variance leaves its floor the curvature changes quickly, and plain steps may oscillate forever. The slope at
-    a step's end, known anyway, locates the maximum along the step, so nothing is computed twice: the next round starts
-    there.
+    a step's end, known anyway, locates the maximum along the step, so nothing is computed twice: the next iteration
+    starts there.
 
     `fast`: whether the last proposed step was so much smaller than the one before that little remains after it; after a
     change of the likelihood it keeps its value until two steps can be compared.
@@ -172,7 +172,7 @@ class VarianceSearch:
     def next_variances(
         self, fit: LinearFit, derivatives: Derivatives, newton_step: ScoringStep, *, far: bool
     ) -> FloatArray:
-        """Variances (K,) for the next round, `newton_step` being Newton's step from those of `fit`.
+        """Variances (K,) for the next iteration, `newton_step` being Newton's step from those of `fit`.
 
         `far`: whether the next linearisation will be so different that slopes cannot be compared.
         """

@@ -48,9 +48,9 @@ class VarianceComponents:
     compliance
         Test whether the fixture is more compliant than stated; None if it was not made.
     noise
-        Remaining noise of each pose at the estimated variances, rows in the order of the poses.
+        Noise of each pose's readings, without effects, and of the fixture's deflection, at the estimated variances.
     curves_rad
-        Predicted deviation (m,) of each sensor with a curve at each pose's reading, by joint.
+        Predicted deviation (m,), rad, of the readings of each sensor with a curve, by joint, including play and sag.
     repeatability
         Covariance (P, P) of the parameters from noise alone: the scatter if the same poses were taken again.
     budget
@@ -278,7 +278,7 @@ def _pose_chi2(fit: LinearFit) -> FloatArray:
 
 
 def noise_left(fitted: MixedFit, back: IntArray) -> NoiseModel:
-    """Remaining noise of each pose at the estimated variances, rows in the order of `back` (m,)."""
+    """Return the noise at the estimated variances, rows in the order of `back` (m,)."""
     design, v = fitted.fit.design, fitted.fit.v
     joints, fixture = np.split(design.noise_variance(v), [design.model.joint_count], axis=1)
     give = np.zeros(6)

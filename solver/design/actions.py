@@ -106,7 +106,7 @@ def path_watch(
 def moves_along(
     route: Sequence[Leg], drives: tuple[int, ...], goal: str, *, of: str = ""
 ) -> list[GoTo | ChangeDrives]:
-    """Return the moves along a route and its changes of drives; `drives` are in position mode before the first."""
+    """Return a route's moves and changes of drives; `drives` are in position mode before; `goal` and `of` are text."""
     moves: list[GoTo | ChangeDrives] = []
     for leg in route:
         if leg.drives != drives:

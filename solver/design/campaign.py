@@ -117,7 +117,7 @@ class Campaign:
         return np.array(self._readings).reshape(-1, len(self._q))
 
     def propose(self) -> Action:
-        """Return the next action; the same action until its end is reported."""
+        """Return the next action, the same until its end is reported; `ValueError` after the end of the campaign."""
         while not self._queue:
             match self.phase:
                 case Phase.EXPLORING:

@@ -18,7 +18,7 @@ from solver.arrays import BoolArray, FloatArray
 from solver.estimators.least_squares import column_scale
 
 PRIOR_SHARE = 1e-8
-"""Weight of the prior that makes the first choices comparable, relative to one average candidate."""
+"""Weight of the prior that makes the first information matrices regular, relative to one average candidate."""
 MOST_RESTARTS = 24
 RESTART_WORK = 400_000
 """Small problems have bad local optima and are cheap: they are started again, up to this many
@@ -104,7 +104,7 @@ def choose_poses(
     search = _Search(root / scale, P, usable, q if apart_rad > 0.0 else None, apart_rad)
     rng = np.random.default_rng(seed)
     best: tuple[float, list[int]] = (-np.inf, [])
-    # The best single pose is the best.
+    # A single pose needs no restart.
     restarts = min(MOST_RESTARTS, RESTART_WORK // (m * count * N)) if count > 1 else 0
     for start in range(1 + restarts):
         chosen, current = [], M.copy()

@@ -22,7 +22,7 @@ from solver.loops.closure import ClosureModel
 
 SAMPLE = 200
 FOLD_LEVERAGE = 0.02
-"""Leverage below which the drives do not determine the free joints (a singularity, or fold)."""
+"""Leverage below which the drives do not determine the free joints (a singularity)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +39,7 @@ class RankedDrives:
         Whether the set may be used at all.
     leverage
         Smallest singular value of the drives' share in the self-motion: 1 if the drives measure all motion, 0 at a
-        fold. Over a region: the median over the poses that the set reaches.
+        singularity. Over a region: the median over the poses that the set reaches.
     passive_conditioning
         Smallest singular value of the passive joints' closure Jacobian; over a region the median as well.
     fastest_passive, fastest_joint
@@ -146,7 +146,7 @@ def _judge_trial(trial: TrialWiggles) -> RankedDrives:
     size = np.linalg.norm(measured, axis=-1)
     followed = float(np.diagonal(measured[[j - 1 for j in trial.drives]]).min())
     size[[j - 1 for j in trial.drives]] = 0.0
-    # Moving all joints by R d, the drives see at least 1 / sigma_max(R) of the whole motion.
+    # All joints move by R d when the drives move by d: at least 1 / sigma_max(R) of the whole motion.
     leverage = float(1.0 / np.linalg.svd(measured, compute_uv=False)[0])
     stopped = trial.stopped
     if not stopped and followed < 0.8:
@@ -194,7 +194,8 @@ def _verdict(
         if passive
         else "no passive joint"
     )
-    # The paper's criterion is the motion of the remaining joints; motion near a fold does not count.
+    # The paper's criterion is the motion of the remaining joints; rates above 1, as near a singularity, do not count
+    # more.
     passive_rate = (
         float(np.mean(np.minimum([rates[j - 1] for j in passive], 1.0))) if passive else 0.0
     )

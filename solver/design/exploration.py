@@ -2,8 +2,8 @@
 
 A policy without an arm: `propose` returns the next targets of the drives, `observe` takes the readings at the end of a
 move and why it ended early, if it did. Small steps go out from the start along rays in drive space and back along them.
-The rate of every joint per drive is learnt from the steps themselves (Broyden's secant update) and predicts whether the
-next step would reach the end of a range or a fold.
+The rate of every joint per drive is learnt from the steps themselves (Broyden's secant update) and predicts whether
+the next step would reach the end of a range or a singularity.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ CAPTURE_EVERY = 3
 RAY_MARGIN_RAD = float(np.deg2rad(5.0))
 """Least distance of every joint from the ends of its range."""
 MOST_RATE = 2.5
-"""Largest allowed ratio of a passive joint's motion to the drives'; more means a fold is near. Where the start already
-exceeds it, up to twice as much is allowed."""
+"""Largest allowed ratio of a passive joint's motion to the drives'; more means that a singularity is near. Where the
+start already exceeds it, up to twice as much is allowed."""
 
 
 @dataclass(slots=True)
@@ -134,7 +134,7 @@ class Explorer:
             start.rates = start.rates + np.outer(displacement - start.rates @ by, by) / length**2
             fastest = int(np.argmax(np.abs(displacement)))
             rate = float(np.abs(displacement[fastest])) / float(np.abs(by).max())
-            # Per step. The rate before a first step is that at its start, half a step from its mean.
+            # Growth per step. A first step's mean rate follows that at its start after half a step: squared.
             before = start.rate if start.on_ray > 1 else self._start_rate(ray.direction)
             ratio = rate / before if before > 0.0 else 1.0
             start.growth = max(1.0, ratio if start.on_ray > 1 else ratio**2)
@@ -155,7 +155,7 @@ class Explorer:
         signs = [v for v in signs if np.any(v)]
         signs.sort(key=lambda v: int(np.abs(v).sum()))
         steps = int(REACH_RAD / RAY_STEP_RAD)
-        # The faster drive sets the step: a diagonal goes as far in each of its drives as an axis.
+        # On a diagonal each drive moves as far as on a ray of its own.
         return wiggles + [_Ray(direction=v, steps=steps) for v in signs]
 
     def _ahead(self, move: FloatArray, *, trusted: bool) -> str:
@@ -175,8 +175,8 @@ class Explorer:
         if np.any(outward):
             joint = int(np.flatnonzero(outward)[0]) + 1
             return f"joint {joint} would come close to the end of its range"
-        # Towards a fold rates grow faster and faster: the last growth is expected for the next step too, and half of
-        # it again until its end, since the learnt rates are means over a step.
+        # Towards a singularity rates grow faster and faster. Learnt rates are means over the last step, so the end of
+        # the next step is one and a half steps away.
         rate = np.abs(change) / np.abs(move).max() * start.growth**1.5
         if trusted and float(rate.max()) > self._most_rate(move):
             return f"joint {int(np.argmax(rate)) + 1} would move too far: a singularity is near"

@@ -1,8 +1,9 @@
 """The self-motion manifold inside joint ranges: closed poses that cover it, and pairs of neighbours.
 
-The closed chain moves on a manifold of its mobility's dimension (two with a hinge). It is grown from the current pose
-in waves: each new pose sends out tangent steps, all of a wave are closed in one batch, and those too near to an older
-pose are dropped. The rest covers, at nearly even spacing, the part of the manifold reachable inside the ranges.
+The closed chain moves on a manifold whose dimension is its mobility (two with a hinge). It is covered from the current
+pose in waves: tangent steps lead away from each new pose, all of a wave are closed in one batch, and those too near to
+an older pose are dropped. The rest covers, at nearly even spacing, the part of the manifold that can be reached
+inside the ranges.
 """
 
 from __future__ import annotations

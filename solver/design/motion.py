@@ -53,7 +53,7 @@ class MotionLimits:
 
 
 LIMITS = MotionLimits(least_leverage=0.2, most_rate=5.0)
-"""Limits of every path, as long as some path keeps them."""
+"""Limits of every path, unless no path keeps them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,7 +74,7 @@ class ChainMotion:
         return int(self.tangent.shape[-1])
 
     def leverage(self, drives: Sequence[int]) -> FloatArray:
-        """Share of the chain's motion that the drive joints measure, (m,), 0 at a fold, at most 1.
+        """Share of the chain's motion that the drive joints measure, (m,), 0 at a singularity, at most 1.
 
         It is the smallest singular value of the drives' rows of the tangent: moving the drives by
         one radian moves the whole chain by at most the inverse of the leverage.
@@ -94,9 +94,9 @@ class ChainMotion:
         return np.asarray(np.linalg.det(self.tangent[:, [j - 1 for j in drives], :]))
 
     def rates(self, drives: Sequence[int]) -> FloatArray:
-        """Rate of every arm joint per rate of each drive joint, (m, n, d); very large near a fold."""
+        """Rate of every arm joint per rate of each drive joint, (m, n, d); very large near a singularity."""
         rows = self.tangent[:, [j - 1 for j in drives], :]
-        # The ridge prevents an error at an exact fold, where the rates become very large.
+        # The ridge prevents an error at an exact singularity, where the rates become very large.
         inverse = np.linalg.inv(rows + 1e-12 * np.eye(rows.shape[-1]))
         return np.asarray(self.tangent[:, : self.joint_count] @ inverse)
 
@@ -109,8 +109,8 @@ class ChainMotion:
 def chain_motion(model: ClosureModel, x: FloatArray, q: FloatArray, u: FloatArray) -> ChainMotion:
     """First-order motion at closed poses `q` (m, n), `u` (m, U), rad, for parameters `x` (P,).
 
-    Poses whose closure Jacobian loses rank there get arbitrary extra directions: check mobility with
-    `fixtures.setup_checks` at the poses where it matters.
+    Raises `ValueError` if the chain has no mobility. Where the closure Jacobian loses rank, more directions exist
+    than are returned: check mobility with `fixtures.setup_checks` at the poses where it matters.
     """
     error = model.loop(x, q, u)
     J = np.concatenate((error.jac_q, error.jac_u), axis=-1)
@@ -137,7 +137,7 @@ class DriveTraces:
     q, u
         (b, s + 1, n) and (b, s + 1, U), rad.
     leverage
-        (b, s + 1): leverage of the drive joints; 0 at a fold.
+        (b, s + 1): leverage of the drive joints; 0 at a singularity.
     rate
         (b,): largest motion of any arm joint per motion of the drive joint that moves most.
     closed
@@ -151,7 +151,7 @@ class DriveTraces:
     closed: BoolArray
 
     def safe(self, ranges: Ranges, limits: MotionLimits) -> BoolArray:
-        """Which lines (b,) stay inside the ranges, away from folds, and below the speed limits."""
+        """Which lines (b,) stay inside the ranges, away from singularities, and below the largest rate."""
         return np.asarray(
             self.closed
             & (ranges.clearance(self.q).min(-1) >= 0.0)
@@ -195,7 +195,7 @@ def drive_straight(
         along = np.linalg.pinv(rows) @ by_drive[..., None]
         velocity = (motion.tangent @ along)[..., 0]
         n = q.shape[-1]
-        # Past a fold the prediction is meaningless; the line counts as lost there.
+        # Past a singularity the prediction is meaningless: the line is not followed any further.
         lost = np.abs(velocity).max(-1) > 4.0 * LOST_RAD
         velocity[lost] = 0.0
         first_q, first_u = here_q + velocity[:, :n], here_u + velocity[:, n:]

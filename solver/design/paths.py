@@ -1,8 +1,8 @@
 """Paths of the drive joints from pose to pose along the manifold, with changes of drive joints on the way.
 
 A graph over the manifold's poses, one layer per drive set. Two neighbouring poses are joined in a layer if
-its drives can move the chain between them: they have leverage at both ends and cross no fold. A route is computed
-exactly before it is accepted, and an edge that fails is removed.
+its drives can move the chain between them: they have leverage at both ends and cross no singularity. A route is
+computed exactly before it is accepted, and an edge that fails is removed.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ class PathGraph:
         motion = self.manifold.motion
         leverage = motion.leverage(drives)
         volume = motion.orientation(drives)
-        # On the same side of every fold the sign of the drives' rows is kept when the tangent is transported.
+        # Without a singularity between, transport of the tangent keeps the sign of the drives' rows.
         carried = np.linalg.det(np.swapaxes(motion.tangent[i], -1, -2) @ motion.tangent[j])
         least, most = self._thresholds()
         usable = self._allowed & (leverage >= least)

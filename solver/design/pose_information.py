@@ -47,7 +47,7 @@ class PoseInformation:
         return np.asarray(rows.T @ rows)
 
     def about(self, parameters: Sequence[str]) -> PoseInformation:
-        """Keep the columns of `parameters`, and of the effects; other parameters count as known."""
+        """Return the information about `parameters` and the effects; the other parameters count as known."""
         columns = [self.parameters.index(name) for name in parameters]
         columns += range(len(self.parameters), self.root.shape[-1])
         return replace(self, parameters=tuple(parameters), root=self.root[..., columns])
@@ -63,7 +63,7 @@ class PoseInformation:
         return replace(self, root=root, misclosure=self.misclosure / factor)
 
     def error_scale(self) -> float:
-        """How many times larger than stated the errors of these poses are; 1 where they are not larger."""
+        """Ratio of the errors of these poses to the stated ones, 1 where it would be smaller."""
         P, w = len(self.parameters), self.misclosure.reshape(-1)
         dof = len(w) - P
         if dof <= 0:

@@ -22,7 +22,7 @@ part leaves rounding of some 1e-13."""
 
 
 WORTHWHILE_SHARE = 0.05
-"""More poses are worth taking if all that are left would bring the worst parameter nearer to the request by this."""
+"""More poses are worth taking if all that are left reduce the largest ratio of sigma to request by this share."""
 
 
 class PrecisionStatus(Enum):
@@ -95,14 +95,14 @@ def stop_decision(
     poses_left: int,
     allowed: BoolArray | None = None,
 ) -> StopDecision:
-    """Compare the information so far (N, N) with requested standard deviations, rad and m by name.
+    """Decide whether to stop, from the information so far (N, N) and the requested standard deviations.
 
     Parameters
     ----------
     candidates
         Information of the candidate poses; same unknowns as `information`.
     requested
-        Standard deviations by name; other parameters are not checked.
+        Standard deviations by name, rad and m; other parameters are not checked. `ValueError` for an unknown name.
     poses_left
         Number of poses that may still be taken.
     allowed

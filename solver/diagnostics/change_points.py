@@ -77,8 +77,8 @@ def steps(
 ) -> tuple[ChangePoint, ...]:
     """Test every suspect for a step at every pose, the most significant suspect first.
 
-    `residuals`: whitened residuals of the fit, poses in the order in which they were taken. `quiet`: those with another
-    noise, for suspects with `of_reading`. `scale`: factor of the variances relative to those of the fit.
+    `residuals`: whitened residuals of the fit, poses in the order in which they were taken. `quiet`: those whitened
+    by less noise, for suspects with `of_reading`. `scale`: factor of the variances relative to those of the fit.
     """
     m = len(residuals.white)
     if m < 2 * STEP_EDGE_POSES or not suspects:

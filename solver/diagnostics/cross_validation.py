@@ -59,7 +59,7 @@ class HoldOut:
     parts
         Test of each part with an estimate from the rest.
     sigmas
-        sigma_pos and sigma_ori over all poses held out, each closed with the parameters of the rest.
+        sigma_pos and sigma_ori over all poses held out, each with the parameters estimated from the rest.
     inside_sigmas
         sigma_pos and sigma_ori of the fitted poses, as rms over the parts: these should be similar to `sigmas`.
     """
@@ -183,7 +183,7 @@ SEEN = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixedParameters:
-    """Fixed parameters that have no prior: values (P,) and covariance (P, P)."""
+    """Fixed values of the h parameters without a prior: steps from the linearisation (h,), and covariance (h, h)."""
 
     x: FloatArray
     covariance: FloatArray
@@ -196,11 +196,11 @@ class CommonShift:
     Attributes
     ----------
     subject
-        Joint or side of the fixture that was tested.
+        Joint or half of the fixture that was tested.
     size, sigma
         Size of the shift and its standard deviation, where it is one number.
     chi2, threshold
-        Reduction of chi2, and the value that it exceeds by chance in `FALSE_ALARM_PROBABILITY` of sound sets.
+        Reduction of chi2, and the value that it exceeds in a share `FALSE_ALARM_PROBABILITY` of sound sets.
     """
 
     subject: str
@@ -255,7 +255,7 @@ def predicted_residuals(
 
 
 def shifted(residuals: WhitenedResiduals, subjects: Mapping[str, FloatArray]) -> CommonShift | None:
-    """Return the most significant shift common to all poses, given columns (m, r, c) by subject; None without one."""
+    """Return the most significant shift common to all poses, for columns (m, r, c) by subject; None if none is."""
     from scipy.special import chdtri
 
     shifts = []

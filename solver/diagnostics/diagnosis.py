@@ -110,7 +110,7 @@ class Diagnosis:
     parameter_shift
         Estimate at stated variances minus the tested one (P,), rad and m.
     scene
-        The system that was tested.
+        Fault models of the system that was tested.
     """
 
     tests: tuple[HypothesisTest, ...]
@@ -139,7 +139,7 @@ def diagnose(
     taken: IntArray,
     measured: Mapping[int, PeakDeviation] | None = None,
 ) -> Diagnosis:
-    """Test a fit.
+    """Test a fit, and rank the faults that may explain a failed test.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ def _explanations(
 def _with_cause(
     residuals: WhitenedResiduals, cause: Candidate, sd: FloatArray
 ) -> WhitenedResiduals:
-    """Return the residuals after a cause is fitted, with `sd` the standard deviation of its coefficients."""
+    """Return the residuals after a cause is fitted whose coefficients have the standard deviations `sd`."""
     if cause.own is None:
         return residuals.with_drawn(cause.columns, sd)
     return OwnColumns.of(
@@ -243,7 +243,7 @@ def _with_cause(
 def _changes(
     scene: FaultModels, residuals: WhitenedResiduals, odd: Outliers
 ) -> Iterable[Candidate]:
-    """Candidates found in the residuals: steps, and outliers (`odd`: the outliers at the noise of the fit)."""
+    """Yield the steps and outliers in the residuals as candidates; `odd` are the outliers at the fit's noise."""
     scale = noise_scale(residuals.chi2, residuals.dof)
     changes = scene.changes()
     for step in steps(residuals, scene.suspects(), scale=scale):

@@ -1,4 +1,4 @@
-"""Possible faults of arm, fixture or readings: the derivatives of the misclosures, and the size to be expected."""
+"""Possible faults of arm, fixture or readings: the derivatives of the misclosures, and the expected magnitudes."""
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ class Candidate:
     Attributes
     ----------
     cause, subject
-        Kind of cause, and its joint, entry or side.
+        Kind of cause, and its joint, entry or half of the fixture.
     columns, natural
-        Derivatives (m, r, c) of the misclosures with respect to each coefficient, and its expected size (c,).
+        Derivatives (m, r, c) of the misclosures with respect to each coefficient, and its expected magnitude (c,).
     own
         Poses (p,) with separate columns: then `columns` are (p, r, c), each with its own coefficient, and `natural` is
         (p * c,).
@@ -62,7 +62,7 @@ class Candidate:
     poses
         Poses concerned, indices in the order of the fit; empty for all.
     most
-        Largest size of this cause, in units of the expected one.
+        Largest magnitude of this cause, in units of the expected one.
     shapes, least
         The deviation in every pose is ``shapes @ b`` (m,), or b itself; it counts as a cause only if larger (rms) than
         `least`.
@@ -107,7 +107,7 @@ class Candidate:
         return float(np.sqrt(np.mean(size**2))) < self.least
 
     def moves(self, b: FloatArray, poses: int) -> FloatArray:
-        """Change of the misclosures (m, r) by coefficients b."""
+        """Change of the misclosures (m, r) of all m `poses` by coefficients b."""
         if self.own is None:
             return np.asarray(self.columns @ b)
         out = np.zeros((poses, self.columns.shape[1]))

@@ -21,10 +21,10 @@ from solver.estimators.effects import LinearModel, System
 from solver.estimators.linear_fit import LinearFit
 
 ANGLE_RAD, LENGTH_M = 1e-3, 1e-3
-"""Expected size of faults without a stated size."""
+"""Expected magnitude of faults without a stated one."""
 
 SCALE = 1e-2
-"""Expected size of a scale error."""
+"""Expected magnitude of a scale error."""
 
 
 LENGTHS_SHARE = 0.1
@@ -72,10 +72,10 @@ class FaultModels:
         return tuple(j for j in range(1, self.arm.joint_count + 1) if j not in unsensed)
 
     def sides(self) -> Iterator[tuple[str, IntArray]]:
-        """Sides of the fixture, with the indices of the parameters that a slip changes there."""
+        """Yield the fixture's halves on table and tool, with the indices of the parameters that a slip changes."""
         model = self.design.model
         names = [p.name for p in model.parameters]
-        # A slip along the fixture's axis is the same entry for both halves.
+        # A slip along the fixture's axis changes s_0, whichever half slips.
         along = tuple(name for name in model.ground_side if name.partition("[")[0] == "s_0")
         for side, own in (("table", model.ground_side), ("hand", (*model.hand_side, *along))):
             if len(own) > len(along):
@@ -88,13 +88,13 @@ class FaultModels:
     def _along(
         self, cause: Cause, j: int, shapes: FloatArray, size: float = ANGLE_RAD
     ) -> Candidate:
-        """Return the candidate for an error of joint j's reading with these shapes (m, c) and expected size."""
+        """Return the candidate for an error of joint j's reading with `shapes` (m, c) and expected magnitude `size`."""
         columns = self.joint(j) * shapes[:, None, :]
         natural = np.full(shapes.shape[1], size)
         return Candidate(cause=cause, subject=str(j), columns=columns, natural=natural)
 
     def changes(self) -> dict[str, Candidate]:
-        """Candidates for a change during the session, by the name of what changed; `from_pose` sets its first pose."""
+        """Candidates for a change during the session, by changed quantity; `from_pose` of each sets its first pose."""
         design, parameters = self.design, self.design.model.parameters
         candidates = {
             f"joint {j}": Candidate(
@@ -138,8 +138,8 @@ class FaultModels:
         )
 
     def persistent_faults(self) -> Iterator[Candidate]:
-        """Causes that act in all poses, or in a run of them."""
-        # Noise of one sensor, or one that does not work; of all, when the arm was not at rest.
+        """Yield the causes that act in all poses, or in a run of them."""
+        # Noise of one sensor, perhaps defective; or of all, if the arm was not at rest.
         for j in self.sensed:
             yield self._independent(Cause.READING, str(j), (j,), most=300.0)
         yield self._independent(Cause.SCATTER, "all joints", self.sensed, most=15.0)
@@ -156,7 +156,7 @@ class FaultModels:
     def _independent(
         self, cause: Cause, subject: str, joints: tuple[int, ...], most: float
     ) -> Candidate:
-        """Candidate: independent errors of equal size in the readings of these joints (1-based) in every pose."""
+        """Return the candidate of independent errors, alike in all readings of these joints (1-based)."""
         columns = [j - 1 for j in joints]
         stated = self.design.noise_variance(self.design.stated_variances())[:, columns]
         return Candidate(
@@ -170,14 +170,14 @@ class FaultModels:
         )
 
     def scales(self) -> Iterator[Candidate]:
-        """Candidates, by encoder: a wrong number of counts per turn, whose uncertainty no file states."""
+        """Yield a candidate for each encoder: a wrong number of counts per turn, whose uncertainty no file states."""
         for j in self.sensed:
             if isinstance(self.arm.joints[j - 1].sensor, Encoder):
                 turn = self.readings[:, j - 1]
                 yield self._along(Cause.SCALE, j, (turn - turn.mean())[:, None], SCALE)
 
     def _frozen(self) -> Iterator[Candidate]:
-        """Candidates: a sensor stuck in a run of poses, in which it reads the same while others move."""
+        """Yield a candidate for each run of poses in which a sensor reads the same while other joints move."""
         for j in self.sensed:
             for first, last in constant_reading_runs(self.readings, j, 3.0 * self._noise(j)):
                 poses = np.arange(first + 1, last)
@@ -191,12 +191,12 @@ class FaultModels:
                 )
 
     def linearity_curve(self, j: int) -> Candidate | None:
-        """Candidate: line and curve of joint j's RVDT; None for any other sensor."""
+        """Return the candidate for line and curve of joint j's RVDT; None for any other sensor."""
         sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]
         if not isinstance(sensor, Rvdt):
             return None
         half, middle = 0.5 * sensor.full_scale_rad, self.arm.joints[j - 1].middle_rad
-        # A line of any slope, of half the size of the bow and the S.
+        # A line of any slope, expected half as large as the bow and the S.
         shapes = SensorCurve(
             joint=j, middle_rad=middle, half_scale_rad=half, gain=0.5 / half
         ).basis(turn)
@@ -212,7 +212,7 @@ class FaultModels:
         )
 
     def _smooth(self) -> Iterator[Candidate]:
-        """Candidates, by joint: an error of its reading that is a function of its angle, or of the pose."""
+        """Yield candidates for each joint: an error of its reading that is a function of its angle, or of the pose."""
         for j in self.sensed:
             sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]
             linearity_curve = self.linearity_curve(j)
@@ -227,7 +227,7 @@ class FaultModels:
                 yield replace(sag, most=30.0, shapes=phi, least=least)
 
     def _entries(self) -> Iterator[Candidate]:
-        """Candidates, by entry of the maker's table: an error beyond its tolerance."""
+        """Yield a candidate for each toleranced entry of the maker's table: an error beyond its tolerance."""
         design = self.design
         for k, sd in zip(design.soft_index, design.soft_sd, strict=True):
             parameter = design.model.parameters[k]
@@ -243,7 +243,7 @@ class FaultModels:
             )
 
     def _fixture(self) -> Iterator[Candidate]:
-        """Candidates: a compliant fixture, whose deflections are independent between poses, or smooth in the pose."""
+        """Yield candidates for a compliant fixture: deflections independent between poses, or smooth in the pose."""
         if not self.design.gives:
             return
         Et = np.swapaxes(self.system.E, -1, -2)
@@ -286,7 +286,7 @@ def _lines(angle: FloatArray) -> FloatArray:
 
 
 def constant_reading_runs(q: FloatArray, joint: int, tolerance_rad: float) -> list[tuple[int, int]]:
-    """Runs [first, last) of poses in which a joint reads the same although most others move."""
+    """Runs [first, last) of poses in which a joint reads the same although at least half of the others move."""
     m = len(q)
     reading = q[:, joint - 1]
     others = np.delete(q, joint - 1, axis=1)

@@ -67,7 +67,7 @@ class HypothesisTest:
     def of_sigmas(
         cls, code: str, z: FloatArray, *, false_alarm: float = FALSE_ALARM_PROBABILITY
     ) -> HypothesisTest:
-        """Test the largest absolute value of normal deviations z (k,), in sigmas."""
+        """Test the largest of the absolute values z (k,) of normal deviations, in sigmas."""
         return cls(
             code=code,
             statistic=float(z.max()),
@@ -80,7 +80,7 @@ def pull_tests(
     stated: LinearFit, false_alarm: float = FALSE_ALARM_PROBABILITY
 ) -> list[HypothesisTest]:
     """Test the largest pull of the toleranced entries, and the sum of squares of their pulls."""
-    # The first of all effects are these.
+    # These are the first of all effects.
     listed = [n for g in stated.design.groups if g.source in ENTRIES for n in g.names]
     own = np.array([n in stated.design.errors.tolerance for n in listed], dtype=bool)
     z = stated.pulls[: len(listed)][own]
@@ -142,8 +142,8 @@ def without_curves_in_specification(
 ) -> Iterable[HypothesisTest]:
     """Return the tests without those of linearity deviations within their specification.
 
-    A specification bounds the largest deviation only. Ripples within the specification may exceed the size assumed
-    for the whole curve.
+    A specification bounds the largest deviation only. Ripples within the specification may exceed the standard
+    deviation assumed for the whole curve.
     """
     for test in tests:
         joint = test.code.removeprefix("VARIANCE_CURVE_")

@@ -261,7 +261,7 @@ def _direction(
 
 
 def _immobile_words(joints: tuple[int, ...], spans_rad: FloatArray) -> str:
-    """State that joints do not move, or how little they move."""
+    """Return the clause that joints do not move, or how little they move."""
     several = len(joints) > 1
     which = f"joint{'s' * several} {' and '.join(map(str, joints))}"
     most = float(np.rad2deg(max(spans_rad[j - 1] for j in joints)))

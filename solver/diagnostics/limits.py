@@ -41,8 +41,8 @@ REMOUNT_FALSE_ALARM_PROBABILITY = 1e-6
 """Probability that placements of an untouched fixture differ so much; less probable differences mean a remounting."""
 
 REPEAT_REFUSAL_PROBABILITY = 1e-4
-"""The calibration is refused if a repeated pose is less likely than this, however wide the sigmas are: the slip itself
-may have widened them."""
+"""The calibration is refused if a repeated pose is less likely than this, however wide the sigmas are: a slip of the
+fixture may itself have widened them."""
 
 # Probabilities of a cause
 
@@ -154,10 +154,10 @@ FROZEN_POSES = 4
 """So many consecutive readings that agree within noise, while other joints move, may be a frozen sensor."""
 
 OTHERS_MOVED_RAD = np.deg2rad(1.0)
-"""Least span of the other joints that counts as motion."""
+"""Least change of the other joints' readings that counts as motion."""
 
 IMMOBILE_RAD = np.deg2rad(1.0)
-"""A joint whose readings span less over the whole pose set counts as immobile."""
+"""A joint whose readings differ by less over the whole pose set counts as immobile."""
 
 MOST_CAUSES_FITTED = 4
 """Largest number of causes fitted one after the other; a pose set with more is not usable."""
@@ -184,7 +184,7 @@ SATURATED_POSES = 3
 """This many readings within this many sigmas of one end of full scale are saturated."""
 
 RADIANS_SPAN_RAD = np.deg2rad(5.0)
-"""A joint whose readings, taken as radians, would span less does not move in either unit."""
+"""A joint whose readings, taken as radians, differ by less does not move in either unit."""
 
 MOTION_SPREAD_SIGMAS = 6.0
 MOTION_SPREAD_RAD = np.deg2rad(0.05)
@@ -216,7 +216,7 @@ NOISE_INTERVAL_RATIO = 4.0
 
 NO_CLOSURE_M = 0.01
 NO_CLOSURE_RAD = 0.03
-"""Closure error (rms) of loops that were not closed at all."""
+"""Closure error (rms) from which loops count as not closed at all."""
 
 ALTERNATIVE_FIXTURE_POSES = 20
 ALTERNATIVE_CLOSURE_M = 2e-3
@@ -227,7 +227,7 @@ ALTERNATIVE_CLOSURE_RATIO = 30.0
 """Least ratio of the closure error (rms, m and rad alike) in the stated fixture to that in the other fixture."""
 
 STUCK_JOINT_TURN_RAD = np.deg2rad(3.0)
-"""A joint with a constant reading has moved if its angles, as the loops determine them, span more than this; see
+"""A joint with a constant reading has moved if its angles, as the loops determine them, differ by more than this; see
 `STUCK_JOINT_CORRECTION_RAD`."""
 
 STUCK_JOINT_CORRECTION_RAD = np.deg2rad(0.5)

@@ -26,10 +26,10 @@ from solver.estimators.paper import closure_problem
 from solver.loops.closure import ClosureModel
 
 SIZES = np.logspace(-2.0, 3.0, 21)
-"""Scales of an explanation that are tried, in units of its expected size."""
+"""Magnitudes of an explanation that are tried, in units of the expected one."""
 
 STRIDE = 4
-"""Step through `SIZES` of a first search for the single maximum, used where each size is expensive."""
+"""Step through `SIZES` of a first search for the single maximum, used where each evaluation is expensive."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -43,7 +43,7 @@ class Evidence:
     chi2, dof
         Remaining chi2 and its degrees of freedom, at stated variances.
     size
-        Standard deviation of the coefficients, in units of their expected sizes.
+        Standard deviation of the coefficients, in units of their expected magnitudes.
     b, covariance
         Coefficients (c,) and their covariance (c, c); for columns of single poses only the variances (c,).
     moved
@@ -60,7 +60,7 @@ class Evidence:
 
 
 def noise_scale(chi2: float, dof: int, most: float = 1.0) -> float:
-    """Scale of the variances relative to the stated ones, at most `most`."""
+    """Scale of the variances relative to the stated ones, from `SMALLEST_NOISE_SCALE` to `most`."""
     return min(most, max(SMALLEST_NOISE_SCALE, chi2 / max(dof, 1)))
 
 
@@ -77,9 +77,9 @@ def log_likelihood(residuals: WhitenedResiduals, *, most_noise: float) -> float:
 def evidence(
     residuals: WhitenedResiduals, G: FloatArray, natural: FloatArray, *, most: float = np.inf
 ) -> Evidence | None:
-    """Compute the evidence of columns G (m, r, c) with coefficients of expected sizes (c,), or up to `most` times.
+    """Compute the evidence of columns G (m, r, c), with coefficients of expected magnitude `natural` (c,).
 
-    None if all of them are fitted already.
+    None if all of them are fitted already. `most`: largest multiple of the expected magnitude.
     """
     s, C = residuals.score(G)
     s, C = natural * s, natural[:, None] * C * natural
@@ -127,7 +127,7 @@ def evidence_of_own(
 
     @cache
     def at(k: int) -> tuple[float, SolvedColumns]:
-        """Log-likelihood at a size, and the coefficients."""
+        """Log-likelihood at a magnitude, and the coefficients."""
         solved = columns.solved(float(sizes[k]) ** 2)
         chi2 = max(residuals.chi2 - solved.drop, 1e-12)
         f = max(SMALLEST_NOISE_SCALE, chi2 / dof)

@@ -75,7 +75,7 @@ def adjust_poses(
             if np.isfinite(before).all()
             else step_size
         )
-        # A pose far from closing still approaches, by steps that never reverse.
+        # Shortened steps let a pose that is far from closing approach without oscillating.
         shrink = np.minimum(1.0, 0.5 / np.maximum(step_size, 1e-300))[:, None]
         e, u = e + shrink * (e_new - e), u + shrink * du
         if bool(np.all(open_by < STEP_TOLERANCE)):

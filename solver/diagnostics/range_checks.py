@@ -87,7 +87,7 @@ class Mistake:
 
 
 def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
-    """Return possible simple mistakes in readings (m, n): a wrong unit, a wrong sign, two columns exchanged."""
+    """Yield possible simple mistakes in readings (m, n), rad: a wrong unit or sign, whole turns, columns exchanged."""
     yield Mistake(
         code="RADIANS",
         text="the readings are in range if taken as radians",

@@ -206,7 +206,7 @@ def _too_noisy(noise: SingleNoise, sensor: Rvdt) -> bool:
 
 
 def linearity_deviation(figures: RvdtFigures, sensor: Rvdt) -> PeakDeviation:
-    """Linearity deviation of a sensor over the poses."""
+    """Linearity deviation of a sensor over the poses, rad."""
     scale = sensor.full_scale_rad
     return PeakDeviation(
         peak=scale * figures.linearity, sd=scale * figures.linearity_sd, from_line=True
@@ -256,7 +256,7 @@ def _judge(joint: int, sensor: Rvdt, figures: RvdtFigures, share: float) -> Rvdt
 
 
 def _noise_words(noise: SingleNoise, sensor: Rvdt) -> list[str]:
-    """Return a sentence on the noise and its remedy."""
+    """Return the clauses that state the noise and its remedy."""
     allowed = f"specification {sensor.noise_lsb:g} LSB"
     noisy = _too_noisy(noise, sensor)
     if noise.determined or noisy:

@@ -69,14 +69,14 @@ class RvdtFigures:
     def corrected(self, reading_rad: FloatArray) -> FloatArray:
         """Correct readings with the curve; beyond the covered range, with its value at the nearer end."""
         angle = reading_rad - self.curve(np.clip(reading_rad, self.curve.low, self.curve.high))
-        # The curve is known over the true angle: one more pass takes it there.
+        # The curve is a function of the true angle, so it is evaluated again at the corrected one.
         return np.asarray(reading_rad - self.curve(np.clip(angle, self.curve.low, self.curve.high)))
 
 
 def sensor_angle(reading_rad: FloatArray, measured: LoopAngle) -> tuple[FloatArray, float]:
     """Return the true angle in sensor coordinates (m,) and the mean offset subtracted from it, rad."""
     apart = measured.angle_rad - reading_rad
-    # The middle one decides which turn is meant; no reading is off by half of one.
+    # The median decides on the whole turns; no reading is wrong by half a turn.
     middle = float(np.median(np.unwrap(apart)))
     turns = np.round((apart - middle) / (2.0 * np.pi))
     offset = float(np.mean(apart - 2.0 * np.pi * turns))
@@ -162,7 +162,7 @@ def _table(curve: SmoothCurve, of_points: Scatter) -> FloatArray:
 
 
 TERMS = 200
-"""Terms of the rounding series; the omitted rest is below 1e-3 LSB^2 even without any noise."""
+"""Number of terms of the rounding series; the omitted rest is below 1e-3 LSB^2 even without any noise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,7 +18,7 @@ POINTS_PER_TERM = 4
 class Scatter:
     """Covariance of points, ``diag(own) + common common'``: the full matrix is never formed.
 
-    `own` (m,): variance that is each point's own. `common` (m, c): part common to all points.
+    `own` (m,): independent variance of each point. `common` (m, c): part common to all points.
     """
 
     own: FloatArray
@@ -30,7 +30,7 @@ class Scatter:
         return np.asarray(self.own + (self.common**2).sum(-1))
 
     def also_own(self, variance: float) -> Scatter:
-        """Return the scatter with more variance in every point."""
+        """Return the scatter with `variance` added to each point's own."""
         return Scatter(own=self.own + variance, common=self.common)
 
     def variance_of(self, H: FloatArray) -> FloatArray:

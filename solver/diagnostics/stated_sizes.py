@@ -1,6 +1,7 @@
-"""Compares stated sizes of error sources with those that the poses show: motion noise, exceeded specifications, scales.
+"""Compares stated errors with those that the poses show: motion noise, exceeded specifications, scales.
 
-Files state upper limits, and most of a fixture's deflection and of a joint's play repeats in the same pose.
+Files state upper limits, and most of a fixture's deflection and of a joint's play repeats at the same pose: there is
+usually less noise than stated.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ def with_found_motion_noise(fit: LinearFit) -> LinearFit:
 
     Each of the two changes by a factor from the restricted likelihood's slope and information at the stated variances:
     one scoring step, exact where all noise is of one kind. A sensor's noise has its own component and is unchanged:
-    less motion noise says nothing about single readings.
+    less motion noise implies nothing about single readings.
     """
     design, stated = fit.design, fit.design.stated_variances()
     of_each = ([design.index[n] for n in names if n in design.index] for names in MOTION_NOISE)
@@ -51,8 +52,8 @@ def with_found_motion_noise(fit: LinearFit) -> LinearFit:
 def sensor_noise_with_found_motion(fit: LinearFit) -> tuple[FloatArray, FloatArray]:
     """Variances (K,) of `fit`, with the noise estimated again without priors, and their standard errors.
 
-    Priors at the stated sizes keep sigmas from being too small, but shift variance from a sensor's noise to fixture and
-    joints.
+    Priors at the stated values keep sigmas from being too small, but shift variance from a sensor's noise to fixture
+    and joints.
     """
     design, v = fit.design, fit.v.copy()
     noise = design.noise_components
@@ -85,7 +86,7 @@ class ExceededSpecification:
 
 
 def exceeded_specifications(fit: LinearFit) -> tuple[ExceededSpecification, ...]:
-    """Return the sources that are certainly larger than stated, the one nearest to its stated size first.
+    """Return the sources that are certainly larger than stated, the one nearest to its stated value first.
 
     A source twice as large as stated is more common than one ten times as large.
 
@@ -131,7 +132,7 @@ FAMILIES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scale:
-    """Ratio of the size of one family of errors to the stated size, with its 95 % interval."""
+    """Ratio of one family of errors to the stated ones, with its 95 % interval."""
 
     family: str
     value: float
@@ -140,10 +141,10 @@ class Scale:
 
 
 def learned_scales(fit: LinearFit, derivatives: Derivatives) -> tuple[Scale, ...]:
-    """Return the scale of every family of errors whose size is estimated.
+    """Return the scale of every family of errors for which it is estimated.
 
-    The variances of `fit` are at the posterior mean of the sizes; `derivatives` are those of the likelihood. The
-    logarithm of a size is taken as normal about its mode (Laplace's approximation; method, section 10).
+    The variances of `fit` are at the posterior means of the scales; `derivatives` are those of the likelihood. The
+    logarithm of a scale is taken as normal about its mode (Laplace's approximation; method, section 10).
     """
     components = fit.design.components
     learned = [k for k, c in enumerate(components) if c.scaled]

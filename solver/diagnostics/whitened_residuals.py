@@ -4,7 +4,7 @@ At the solution of a calibration the misclosures of all poses are
 
     w_i = -A_i dx + Z_i b + f_i,    f_i ~ N(0, V_i),    b ~ N(0, I),
 
-with dx the parameters (those with a prior are among b) and V_i, Z_i at given sizes. In coordinates
+with dx the parameters (those with a prior are among b) and V_i, Z_i at given variances. In coordinates
 whitened by V_i, P = I - U U' projects out everything that dx and b explain. For further columns G the
 score is G'Pw, its covariance G'PG, and chi2 falls by s'(G'PG)^-1 s if they are fitted (Rao 1948): no refit is needed.
 
@@ -122,7 +122,7 @@ class WhitenedResiduals:
         )
 
     def with_drawn(self, G: FloatArray, sd: FloatArray) -> WhitenedResiduals:
-        """Return the residuals with further columns G (m, r, c), of random coefficients with deviations `sd` (c,)."""
+        """Return the residuals if columns G (m, r, c) have random coefficients of standard deviations `sd` (c,)."""
         m, r, K = self.U.shape
         s, C = self.score(G * sd)
         values, vectors = np.linalg.eigh(C + np.eye(len(s)))

@@ -1,7 +1,8 @@
 """The iteration: parameters, effects and joint corrections together, with one scoring step in each.
 
 Each iteration linearises the loops where they close, solves the mixed-model equations for everything at once, moves the
-variances by one scoring step and relinearises, unless the change is too small for nonlinearity to matter. `solver.estimators.implicit` has the derivation: its iterations are the same, without effects.
+variances by one scoring step and relinearises, unless the change is too small for nonlinearity to matter.
+`solver.estimators.implicit` has the derivation: its iterations are the same, without effects.
 """
 
 from __future__ import annotations

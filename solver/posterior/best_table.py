@@ -26,10 +26,10 @@ from solver.loops.point import TIP, PointClosure
 from solver.posterior.corrections import CorrectionShapes, JointCorrections
 
 CLOSE_M = 1e-4
-"""s: tool error that does not justify changing an entry by its tolerance."""
+"""s: tool error that weighs as much as a change of an entry by d."""
 
 LENGTH_M, TWIST_RAD, OFFSET_RAD = 1e-3, radians(0.2), radians(1.0)
-"""d: keeps entries that the poses do not determine at their values in the fit."""
+"""d: largest plausible error of an entry; entries that the poses do not determine stay near their fitted values."""
 
 NEAR_RAD, NEAR_SHARE, ANYWHERE_SHARE, TIMES = np.deg2rad(20.0), 0.25, 0.01, 2
 """Poses within `NEAR_RAD` of the session's poses, and poses anywhere in the ranges (where a table could otherwise be
@@ -51,7 +51,7 @@ class BestTable:
     left_m
         Root mean square of the part of the tool corrections that no table can represent, its uncertainty included.
     sigma_m
-        Root mean square of the tool's distance from its true position, where the arm is used.
+        Expected root mean square of the tool's distance from its true position, where the arm is used.
     """
 
     rows: FloatArray
@@ -77,7 +77,7 @@ class BestTable:
 
 
 def tool_point(table: DhTable, tip_m: FloatArray, entries: Sequence[DhEntry]) -> PointClosure:
-    """Return a loop that consists of links 1..n of an arm and a point of its tool, with the base at the origin."""
+    """Return a loop of links 1..n whose closure error is the position of the tool's point in the base frame."""
     return PointClosure(
         table=table, entries=tuple(entries), tip_m=tip_m, ground_m=np.zeros(3), own=TIP
     )
@@ -141,7 +141,7 @@ def best_table(
     fixed: Sequence[str] = (),
     tip: bool = True,
 ) -> BestTable:
-    """Return the best table near `table`, where the arm is used.
+    """Return the table near `table` that best replaces the corrections where the arm is used.
 
     Parameters
     ----------

@@ -139,7 +139,7 @@ def corrections_of(joints: JointCorrections, readings: CorrectionShapes) -> Corr
             own, scale = some(width), np.sqrt(1.0 - UNMODELLED_SHARE) * design.sag[j]
             columns = gravity.turn.shape[-1]
             shapes = gravity.turn[j] @ own[:columns]
-            # Without a sign, its expected value is a column like the others.
+            # Where no sign of sag is expected, the expected twist is a column like the others.
             shapes[0] += gravity.rate[j] * (1.0 if errors.signed else own[-1])
             each.extend(_gravity(int(j) + 1, scale * shapes, gravity.part.masses))
     noticeable = [c for c in each if np.abs(c.coefficients).max(initial=0.0) > LEAST_RAD]
@@ -242,7 +242,7 @@ class JointCorrections:
         errors_there = replace(
             errors,
             loads=None if errors.loads is None else errors.loads.joints_at(q),
-            # The direction of approach is unknown in advance, and so is that side of the play.
+            # The direction of approach is unknown in advance, so the side that depends on it is zero.
             approach=None if errors.approach is None else np.zeros_like(q),
         )
         play = sides_of_play(q, errors_there)

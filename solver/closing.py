@@ -187,9 +187,8 @@ def measure_with_fixed(joints: Sequence[int], joint_count: int) -> FloatArray:
 def newton_step(error: LoopError, sigma: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the joint corrections (m, n) with the smallest ``|dq / sigma|`` that close linearised loops.
 
-    `sigma`: (n,). With ``B = E' J_q S`` the weighted correction is ``-B' (B B')^-1 E' c``.
-    The changes of the unsensed angles (m, U) follow and are returned too. Where B is rank-deficient, the part that no
-    free joint can close is left open.
+    With ``B = E' J_q S`` the weighted correction is ``-B' (B B')^-1 E' c``. The step of the unsensed angles (m, U)
+    is returned too. Where B is rank-deficient, the part that no free joint can close is left open.
     """
     reduced = reduced_equations(error)
     w, B = reduced.w[..., None], reduced.B * sigma

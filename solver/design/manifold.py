@@ -1,9 +1,8 @@
 """The self-motion manifold inside joint ranges: closed poses that cover it, and pairs of neighbours.
 
 The closed chain moves on a manifold whose dimension is its mobility (two with a hinge). It is covered from the current
-pose in waves: tangent steps lead away from each new pose, all of a wave are closed in one batch, and those too near to
-an older pose are dropped. The rest covers, at nearly even spacing, the part of the manifold that can be reached
-inside the ranges.
+pose in waves: from each new pose tangent steps are taken, all of a wave are closed in one batch, and those too near to
+an older pose are dropped. The rest covers the part reachable inside the ranges, at nearly even spacing.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Compares stated errors with those that the poses show: motion noise, exceeded specifications, scales.
 
-Files state upper limits, and most of a fixture's deflection and of a joint's play repeats at the same pose: there is
-usually less noise than stated.
+Files state upper limits, and most of a fixture's deflection and of a joint's play repeats at the same pose.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Converts the geometry of a fixture into the D-H entries of a loop.
 
-A hinge is a line fixed in the tool that coincides with a line fixed in the table. Each is
-given as a point and a direction: the table's line in the arm's base frame, with joint 1's offset and s_1 taken as zero
-(they only turn that frame about z_0 and shift it along z_0), the tool's line in the frame before the last link. The
-common normals of the lines with z_0 and z_{n-1} determine the D-H entries.
+A hinge is a line fixed in the tool that coincides with a line fixed in the table. Each is a point and a direction: the
+table's in the arm's base frame, with joint 1's offset and s_1 taken as zero (they only turn that frame about z_0 and
+shift it along z_0), the tool's in the frame before the last link. The common normals of the lines with z_0 and z_{n-1}
+determine the D-H entries.
 """
 
 from __future__ import annotations

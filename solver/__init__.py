@@ -1,4 +1,4 @@
-"""Kinematics, closure, estimation and planning, with NumPy and SciPy only: no access to bus, screen or files.
+"""Kinematics, closure, estimation and planning. NumPy and SciPy only: no bus, no screen, no file.
 
 Functions for the equations of the paper (Giugovaz and Hollerbach); phi is ``x`` and C = dF/dphi is ``jac_x``:
 

@@ -16,7 +16,7 @@ from hardware.monitors.node_monitor import NMT_NAMES, initiated_transfer
 
 SILENT_S: Final = 1.5
 """Time without heartbeat after which a node is reported as silent."""
-_ABORT, _BLOCK_DOWNLOAD = 0x80, 6
+_ABORT, _BLOCK_DOWNLOAD, _BLOCK_ANSWER = 0x80, 6, 5
 
 
 class BusMonitor:
@@ -139,10 +139,13 @@ class BusMonitor:
         place = f"{int.from_bytes(data[1:3], 'little'):04X}h sub {data[3]}"
         if node := node_of(identifier, objects.COB_SDO_TO_SERVER):
             yield from self._sdo_request(node, data, place)
-        elif (node := node_of(identifier, objects.COB_SDO_FROM_SERVER)) and data[0] == _ABORT:
-            self._in_block.discard(node)
-            code = int.from_bytes(data[4:8], "little")
-            yield f"{self._node_name(node)}: refuses {place} ({code:08X}h)"
+        elif node := node_of(identifier, objects.COB_SDO_FROM_SERVER):
+            if data[0] >> 5 != _BLOCK_ANSWER:
+                # The block has ended, even if its last frame was lost.
+                self._in_block.discard(node)
+            if data[0] == _ABORT:
+                code = int.from_bytes(data[4:8], "little")
+                yield f"{self._node_name(node)}: refuses {place} ({code:08X}h)"
 
     def _sdo_request(self, node: int, data: bytes, place: str) -> Iterator[str]:
         if node in self._in_block:

@@ -195,10 +195,10 @@ def _recorded(
         smallest_spread_deg = np.rad2deg(
             smallest_spread_rad(recording.time_s, recording.q_rad, dwell_s)
         )
-        quietest_text = f" (its quietest {dwell_s:g} s spread by {smallest_spread_deg:.3g} deg)"
+        smallest = f" (smallest spread in {dwell_s:g} s: {smallest_spread_deg:.3g} deg)"
         raise UsageError(
             f"{file}: the arm is never at rest for {dwell_s:g} s within {spread_deg:g} deg"
-            f"{quietest_text if np.isfinite(smallest_spread_deg) else ''}; give another --dwell-s or --spread-deg, or "
+            f"{smallest if np.isfinite(smallest_spread_deg) else ''}; give another --dwell-s or --spread-deg, or "
             "record an arm that stops at its poses"
         )
     return poses_of(dwells, utc_text), recording_json(recording, dwells, refused)

@@ -9,7 +9,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from fixtures.base import SetupCheck
 from hardware.arm import ArmIdentity
-from hardware.canopen.objects import STOP_CONTACTS, EmergencyCode
+from hardware.canopen.objects import EmergencyCode
 from hardware.errors import (
     DriveDiverged,
     DriveDropout,
@@ -21,7 +21,7 @@ from hardware.errors import (
 )
 from operator_app.calibration.result import Solution
 from operator_app.composition import CutShort
-from operator_app.messages.errors import stopped_words, words
+from operator_app.messages.errors import stopped_words, trip_cause_remedy, words
 from operator_app.planning.drives import DriveChoice
 from operator_app.safe_output import Stderr, sanitized
 from operator_app.session.safety.latency import lateness_text
@@ -186,16 +186,12 @@ def _how_to_continue(cut: CutShort) -> list[str]:
     if isinstance(cause, DriveFault) and cause.code != EmergencyCode.HEARTBEAT_LOST:
         embedded = session.state.settings.get("interface") in (None, "virtual")
         reset = "" if embedded else f" Then clear its trip with: sarcal reset {folder}"
-        if cause.code in STOP_CONTACTS:
-            return [f"Release the external stop when it is safe.{reset}", goes_on]
         if isinstance(cause, DriveDropout):
             return [
                 f"Find out why the drive of joint {cause.joint} left its state.",
                 goes_on,
             ]
-        if cause.code == EmergencyCode.EXCESS_TORQUE:
-            return [f"Find out what joint {cause.joint} hit.{reset}", goes_on]
-        return [f"Find the cause of the fault of joint {cause.joint}.{reset}", goes_on]
+        return [f"{trip_cause_remedy(cause.code)}.{reset}", goes_on]
     if isinstance(cause, DriveDiverged):
         return [
             f"Only when you know why joint {cause.joint} diverged: {goes_on[0].lower()}{goes_on[1:]}"

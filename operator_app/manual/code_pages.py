@@ -66,7 +66,7 @@ def file_page(kind: FileKind) -> str:
 def _example(kind: str) -> Iterator[str]:
     known: Any = kind
     names = ", ".join(f"`{name}`" for name in builtin_names(known))
-    yield f"Packaged: {names}."
+    yield f"Built-in: {names}."
     yield f"## The built-in {EXAMPLES[kind]}"
     yield f"```yaml\n{resolve(known, EXAMPLES[kind]).data.decode().rstrip()}\n```"
 

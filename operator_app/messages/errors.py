@@ -108,16 +108,26 @@ REMEDIES: Mapping[type, str] = {
 }
 """Remedies by class of the error, or its nearest base class."""
 
-_TRIPS: Mapping[int, str] = {
-    **dict.fromkeys(
-        STOP_CONTACTS,
-        "Release the external stop when it is safe, then reset (R) and apply the modes again",
-    ),
-    EmergencyCode.HEARTBEAT_LOST: "The arm holds. This computer or its bus paused: reset (R) and apply the modes again",
-    EmergencyCode.EXCESS_TORQUE: "The arm holds. Find what it hit, reset (R) and apply the modes again",
-    EmergencyCode.SENSOR: "The arm holds. Repair that sensor or its cable, then reset (R) and apply the modes again",
+_TRIP_CAUSES: Mapping[int, str] = {
+    **dict.fromkeys(STOP_CONTACTS, "Release the external stop when it is safe"),
+    EmergencyCode.EXCESS_TORQUE: "Find what it hit",
+    EmergencyCode.SENSOR: "Repair that sensor or its cable",
 }
-"""Remedies of trips whose cause the emergency code names."""
+"""How to remove the cause of a trip that the emergency code names."""
+
+_TRIPS: Mapping[int, str] = {
+    EmergencyCode.HEARTBEAT_LOST: "The arm holds. This computer or its bus paused: reset (R) and apply the modes again",
+    **{
+        code: f"{'' if code in STOP_CONTACTS else 'The arm holds. '}{remove}, then reset (R) and apply the modes again"
+        for code, remove in _TRIP_CAUSES.items()
+    },
+}
+"""Remedies of trips in the terminal app, by emergency code."""
+
+
+def trip_cause_remedy(code: int) -> str:
+    """Return how to remove the cause of a drive's trip, before its reset."""
+    return _TRIP_CAUSES.get(code, "Find the cause of this fault")
 
 
 def drive_words(state: DriveState) -> str:

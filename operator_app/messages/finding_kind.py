@@ -45,7 +45,7 @@ _DISTANCE = "measure the distance again and correct it in the file; it scales th
 _DISTURBED = "take more poses, look for a pose that was disturbed, or leave out the joint that the warnings name"
 _NOT_REPEATED = (
     "pose {first}{placement} was not measured again after pose {last} ({reported}): a slip of a joint or the "
-    "fixture after pose {since} shows only in the poses themselves, and one in the last poses hardly"
+    "fixture after pose {since} can be detected only from the poses themselves, and one in the last poses hardly at all"
 )
 
 
@@ -388,7 +388,7 @@ class FindingKind(Enum):
     )
     SIGMAS_USELESS = (
         "LITTLE_MOTION",
-        "these poses determine {sizes} no better than the files do (standard uncertainty in brackets)",
+        "these poses hardly determine {sizes}; standard uncertainties are in brackets",
         "{narrowing}",
     )
     SIGMAS_WIDE = (

@@ -180,12 +180,8 @@ def _iterate(
     settled = SETTLED_BESIDE_VARIANCES_SIGMA if free else SETTLED_SIGMA
     state = _start(design, x0, v, near)
     sign_asked = free and bool(design.expected.any())
-    converged, iterations, ascent, newton_step = (
-        False,
-        0,
-        VarianceSearch(),
-        ScoringStep.none(len(v)),
-    )
+    converged, iterations = False, 0
+    ascent, newton_step = VarianceSearch(), ScoringStep.none(len(v))
     linearisation, remaining = Linearisation(design, state), 0.0
     for iterations in range(1, MIXED_ITERATIONS + 1):
         if remaining > RELINEARISE_SIGMA:

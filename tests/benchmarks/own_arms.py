@@ -2,7 +2,7 @@
 
     python -m tests.benchmarks.own_arms [--size 1.0,0.333] [--arms 40]
 
-The generator shares no code with the product. Calibration is by the public API, from 26 poses, with the packaged arm
+The generator shares no code with the product. Calibration is by the public API, from 26 poses, with the built-in arm
 files. True errors of lengths, twists, encoders, play, sag and fixture are `size` times those that the files state;
 offsets are as uncertain as stated. The hinge is mounted 5 mm and 2 deg (1 sigma) from where its file has it.
 Figures are of the joint offsets: share of true values inside the 95 % intervals, rms of error/sigma, median sigma.
@@ -43,7 +43,7 @@ checklist: [The ball sits in its socket.]
 
 
 class Arm:
-    """A packaged arm's file, and one true arm with errors `size` times as large as it states."""
+    """A built-in arm's file, and one true arm with errors `size` times as large as it states."""
 
     def __init__(self, name: str, size: float, rng: np.random.Generator) -> None:
         self.name, self.size, self.rng = name, size, rng

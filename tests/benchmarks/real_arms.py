@@ -30,7 +30,7 @@ URDFS = {"kuka_14": "iiwa14.urdf", "dinova_1": "gen3lite.urdf", "dinova_2": "gen
 
 
 def files(name: str, urdf: Path | None, tip_mm: float, folder: Path) -> tuple[str, str]:
-    """Arm file and fixture file of one set; without a URDF the packaged Panda."""
+    """Arm file and fixture file of one set; without a URDF the built-in Panda."""
     fixture = folder / f"{name}_ball.yaml"
     fixture.write_text(BALL.format(tip_mm=tip_mm))
     if urdf is None:

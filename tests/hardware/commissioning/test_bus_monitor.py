@@ -46,7 +46,11 @@ def test_a_block_download_is_one_write():
     for number in (*range(1, 33), 0x80 | 33):
         assert said(monitor, 0x610, bytes([number, *b"segment"])) == []
     assert said(monitor, 0x610, bytes.fromhex("c100000000000000")) == []
-    for ending in ((0x610, "8000200000000405"), (0x590, "8000200021000008")):
+    for ending in (
+        (0x610, "8000200000000405"),
+        (0x590, "8000200021000008"),
+        (0x590, "6000200000000000"),
+    ):
         assert said(monitor, 0x610, bytes.fromhex("c2002000e7000000")) == written
         said(monitor, ending[0], bytes.fromhex(ending[1]))
         assert said(monitor, 0x610, bytes.fromhex("2100200064000000")) == written

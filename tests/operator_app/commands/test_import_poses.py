@@ -224,7 +224,10 @@ def test_what_does_not_go_with_a_recording_is_refused(tmp_path, ends_with):
         ([bag, "--rad"], "a bag has times and is in radians"),
         ([bag, "--placement", "q1"], "--placement is for logs"),
         ([bag, "--dwell-s", "0"], "--dwell-s 0: seconds"),
-        ([bag, "--dwell-s", "3"], "never at rest for 3 s within 0.05 deg (its quietest 3 s"),
+        (
+            [bag, "--dwell-s", "3"],
+            "never at rest for 3 s within 0.05 deg (smallest spread in 3 s: ",
+        ),
         ([bag, "--dwell-s", "300"], "never at rest for 300 s within 0.05 deg; give another"),
         ([bag, "--spread-deg", "9"], "--spread-deg 9: degrees"),
         ([str(log), "--dwell-s", "1"], "name the time column of a log with --time"),

@@ -47,8 +47,8 @@ EXAMPLE = Finding(
 
 RATES = {"theta_off_3": 0.11}
 RVDT_TEXT = (
-    "the RVDT of joint 3 deviates from its best-fit straight line by 0.9 % of full scale (specification: at most "
-    "0.50 %)"
+    "RVDT of joint 3: out of specification; linearity 0.90 % of full scale (specification 0.5 %) over the 83 % that "
+    "the poses cover"
 )
 RVDT_NOISE = "the readings of joint 3's RVDT scatter by 0.09 deg (at most 0.02 deg)"
 OWN = {

@@ -58,6 +58,23 @@ def test_a_plan_of_which_nothing_can_be_reached_is_said():
     assert "condition number" not in plain
 
 
+def test_the_limit_of_the_condition_number_is_the_procedure_s():
+    strict = {
+        "acceptance": replace(
+            story()["capturing"].procedure.acceptance, scaled_condition_number=20.0
+        )
+    }
+    for name, panel, step, width in (
+        ("connected", ChecksPanel(), Step.FIXTURE, 98),
+        ("capturing", QualityPanel(), Step.CAPTURE, 60),
+    ):
+        s = story()[name]
+        s = replace(s, procedure=replace(s.procedure, **strict))
+        shown = " ".join(said(panel, s, width, 30) + describe(step, s))
+        assert "20" in shown
+        assert "100" not in shown
+
+
 @pytest.mark.parametrize("height", [9, 14, 30, 60])
 def test_what_the_ranking_has_no_room_for_is_counted_and_nothing_ends_in_mid_sentence(height):
     s = story()["ticked"]

@@ -49,7 +49,7 @@ from operator_app.virtual_arms import run_controller, true_values, virtual_instr
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
 
-EMBEDDED_PATIENCE_S = 10.0
+EMBEDDED_TIMEOUT_S = 10.0
 """Timeout of heartbeats, answers and SDOs for the embedded arm, which shares the processor with this program."""
 SWITCH_INTERVAL_S = 0.0005
 """Thread switch interval of the interpreter, so that SYNC does not wait for a solver or a repaint."""
@@ -135,7 +135,7 @@ def open_arm(
                     settings,
                     fixture=opening.procedure.fixture,
                     placement=opening.placement,
-                    heartbeat_timeout_s=EMBEDDED_PATIENCE_S,
+                    heartbeat_timeout_s=EMBEDDED_TIMEOUT_S,
                     attended=True,
                 )
             )
@@ -274,14 +274,14 @@ def _timing(procedure: Procedure, *, speed: float, embedded: bool) -> Timing:
     if embedded:
         timing = Timing(
             speed=speed,
-            heartbeat_timeout_s=EMBEDDED_PATIENCE_S,
-            lost_after_s=EMBEDDED_PATIENCE_S,
-            sdo_timeout_s=EMBEDDED_PATIENCE_S,
+            heartbeat_timeout_s=EMBEDDED_TIMEOUT_S,
+            lost_after_s=EMBEDDED_TIMEOUT_S,
+            sdo_timeout_s=EMBEDDED_TIMEOUT_S,
         )
     elif profile.heartbeat_timeout_s is not None:
         timing = replace(timing, heartbeat_timeout_s=profile.heartbeat_timeout_s)
-    patience = procedure.bus.sdo_timeout_s or profile.sdo_timeout_s
-    return timing if patience is None else replace(timing, sdo_timeout_s=patience)
+    sdo_timeout_s = procedure.bus.sdo_timeout_s or profile.sdo_timeout_s
+    return timing if sdo_timeout_s is None else replace(timing, sdo_timeout_s=sdo_timeout_s)
 
 
 def _completed(choices: Choices, bus: BusSettings, *, embedded: bool) -> Choices:

@@ -98,10 +98,10 @@ class Rates:
             down=down,
         )
 
-    def unsensed_step(self, dx: FloatArray, e: FloatArray, give: FloatArray) -> FloatArray:
-        """Change of the unsensed angles (m, U) for steps dx (P,), corrections e (m, n), deflections `give` (m, k)."""
+    def unsensed_step(self, dx: FloatArray, e: FloatArray, deflection: FloatArray) -> FloatArray:
+        """Change of the unsensed angles (m, U) for steps dx (P,), corrections e (m, n) and deflections (m, k)."""
         displacement = self.closed + self.by_x @ dx + (self.by_q @ e[..., None])[..., 0]
-        return np.asarray(-displacement - (self.down @ give[..., None])[..., 0])
+        return np.asarray(-displacement - (self.down @ deflection[..., None])[..., 0])
 
 
 def reduced_equations(error: LoopError) -> ReducedEquations:

@@ -35,7 +35,7 @@ NAMED_TWICE = {
 """Module names of two modules, with the reason."""
 
 CONSTANTS_TWICE = {
-    "CHUNK", "CENTRES", "GIVE_COLUMNS", "SAG_COLUMNS",  # sizes of the solver's own bases, each by one module
+    "CHUNK", "CENTRES", "DEFLECTION_COLUMNS", "SAG_COLUMNS",  # sizes of the solver's own bases, each by one module
     "FREE", "NEAR_RAD", "SEEN", "TIMES", "TINY",  # limits of its iterations
     "MAX_ITERATIONS", "RANK_TOLERANCE", "STEP_TOLERANCE",  # likewise
 }  # fmt: skip

@@ -122,12 +122,12 @@ class _Listener:
     def wait_for_answers(self, quiet_s: float) -> None:
         """Wait until no node has answered for `quiet_s`, counted in polls so that host latency cannot end the wait."""
         polls = round(quiet_s / _POLL_S)
-        known = quiet = 0
+        known = silent_polls = 0
         for _ in range(_MAX_ANSWER_PERIODS * polls):
             self.listen(_POLL_S)
-            quiet = 0 if self.answers.total() > known else quiet + 1
+            silent_polls = 0 if self.answers.total() > known else silent_polls + 1
             known = self.answers.total()
-            if quiet >= polls:
+            if silent_polls >= polls:
                 return
 
     def take_masters(self) -> str:

@@ -90,7 +90,7 @@ def causes_of(
     sd = estimate.standard_deviation[columns]
     shift = diagnosis.parameter_shift[columns].copy()
     findings: list[Finding] = []
-    for compared in diagnosis.rounds:
+    for compared in diagnosis.rankings:
         # Every possible cause counts, not only the most likely: each implies other true values.
         possible = [
             np.abs((shift + x.evidence.moved[columns]) / np.where(sd > 0.0, sd, 1.0)).max(
@@ -115,7 +115,7 @@ def causes_of(
 
 
 def _finding(x: Explanation, diagnosis: Diagnosis, labels: tuple[str, ...]) -> Finding:
-    finding = finding_of(x.candidate, x.evidence, diagnosis.scene, labels)
+    finding = finding_of(x.candidate, x.evidence, diagnosis.faults, labels)
     return replace(finding, probability=x.probability)
 
 
@@ -138,8 +138,8 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
     if not diagnosis.fires:
         return
     ratio, probability = _left(diagnosis), 1.0
-    if diagnosis.rounds:
-        last = diagnosis.rounds[-1]
+    if diagnosis.rankings:
+        last = diagnosis.rankings[-1]
         probability = last.unknown
         if last.best is not None:
             if ratio <= limits.CHI2_PER_DOF_REFUSED:
@@ -161,7 +161,7 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
 
 def _left(diagnosis: Diagnosis) -> float:
     """Return the chi2/dof that remains after the last explanation, or the stated chi2/dof if there is none."""
-    last = diagnosis.rounds[-1].best if diagnosis.rounds else None
+    last = diagnosis.rankings[-1].best if diagnosis.rankings else None
     if last is None or _impossible_compliance(diagnosis):
         return diagnosis.stated_chi2_per_dof
     return last.chi2_per_dof
@@ -175,7 +175,7 @@ def _impossible_compliance(diagnosis: Diagnosis) -> bool:
     best = diagnosis.best
     if best is None or best.candidate.cause is not Cause.GIVES:
         return False
-    size = rms_displacement(best.candidate, best.evidence, diagnosis.scene)
+    size = rms_displacement(best.candidate, best.evidence, diagnosis.faults)
     return (
         size["shift_m"] > limits.MOST_COMPLIANCE_M or size["turn_rad"] > limits.MOST_COMPLIANCE_RAD
     )

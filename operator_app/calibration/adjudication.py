@@ -130,7 +130,7 @@ class _Case:
 
     def alternatives(self, *, near: bool = False, of_files: bool = False) -> tuple[Finding, ...]:
         """Alternative models that explain the misfit."""
-        dof = self.diagnosis.left.dof
+        dof = self.diagnosis.residuals.dof
         return find_alternatives(
             self.stated, scale=self.chi2_per_dof, dof=dof, near=near, of_files=of_files
         )
@@ -315,7 +315,7 @@ def _single_cause(diagnosis: Diagnosis) -> bool:
     """
     best = diagnosis.best
     if best is None:
-        return not diagnosis.rounds
+        return not diagnosis.rankings
     return best.probability > 0.5 and best.chi2_per_dof <= limits.CHI2_PER_DOF_EXPLAINED
 
 

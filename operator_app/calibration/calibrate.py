@@ -181,7 +181,7 @@ class Screened:
         of them.
     prior
         Names of the arm's entries with an uncertainty in the files.
-    seen
+    identifiability
         Identifiability at the paper's estimate, where it was evaluated.
     """
 
@@ -192,7 +192,7 @@ class Screened:
     distinct: IntArray
     which: IntArray
     prior: frozenset[str]
-    seen: Identifiability | None
+    identifiability: Identifiability | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -219,7 +219,7 @@ class Diagnosed:
 
     before: Fitted
     part: Calibrated
-    seen: Identifiability
+    identifiability: Identifiability
     shares: Mapping[str, float]
     known: PriorInformation
     adjudication: Adjudication
@@ -267,7 +267,7 @@ def screen(prepared: Prepared) -> Screened:
         distinct=distinct,
         which=which,
         prior=by_arm,
-        seen=at_readings,
+        identifiability=at_readings,
     )
 
 
@@ -347,7 +347,7 @@ def diagnose(fitted: Fitted) -> Diagnosed:
     return Diagnosed(
         before=fitted,
         part=part,
-        seen=identified,
+        identifiability=identified,
         shares=shares,
         known=known,
         adjudication=adjudicate(
@@ -372,7 +372,7 @@ def decide(diagnosed: Diagnosed) -> Solution:
         model=model,
         estimate=estimate,
         paper=loops.paper,
-        seen=diagnosed.seen,
+        identifiability=diagnosed.identifiability,
         before=closure_at_readings(model, nominal_vector(model.parameters), q).sigmas,
         poses=len(q),
         dropped_flipped=loops.flipped,
@@ -452,8 +452,8 @@ def _identifiability_of(fitted: Fitted, part: Calibrated) -> Identifiability:
     screened = fitted.before
     prepared = screened.before
     loops = prepared.loops
-    if prepared.task.by_paper and screened.seen is not None:
-        return screened.seen
+    if prepared.task.by_paper and screened.identifiability is not None:
+        return screened.identifiability
     if loops.paper is not None:
         names = tuple(p.name for p in loops.identifiable.parameters)
         identified = identifiability_of_fit(part.linear, names, taken=part.order)

@@ -108,14 +108,16 @@ def _loads(experiment: Experiment) -> LoadBasis | None:
     pulled = arm.masses is not None and fixture.kind != "measured"
     used = experiment.at_poses(order)
     model, q = used.loop(), used.poses.q_rad
-    x, give = nominal_vector(model.parameters), fixture.compliance
+    x, compliance = nominal_vector(model.parameters), fixture.compliance
     return load_basis(
         model,
         x,
         q,
         unsensed_at_readings(model, x, q),
         masses,
-        give=(give.orientation_rad, give.position_m) if pulled else (0.0, 0.0),
+        stated_deflection=(compliance.orientation_rad, compliance.position_m)
+        if pulled
+        else (0.0, 0.0),
     ).at_poses(back_to_caller(order))
 
 

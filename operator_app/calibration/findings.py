@@ -41,7 +41,7 @@ EXCEEDED_KINDS = {
 
 
 def finding_of(
-    candidate: Candidate, evidence: Evidence, scene: FaultModels, labels: tuple[str, ...]
+    candidate: Candidate, evidence: Evidence, faults: FaultModels, labels: tuple[str, ...]
 ) -> Finding:
     """Return the finding of a fitted explanation; `labels` name the poses in the order in which they were taken."""
     K, subject = FindingKind, candidate.subject
@@ -50,11 +50,11 @@ def finding_of(
     match candidate.cause:
         case Cause.SLIPPED:
             side = "table" if subject == "table" else "tool"
-            size = rms_displacement(candidate, evidence, scene)
+            size = rms_displacement(candidate, evidence, faults)
             between = _between(candidate.poses[0], labels)
             return Finding(kind=K.FIXTURE_SLIPPED, names=(side,), poses=between, figures=size)
         case Cause.LOST_COUNTS:
-            return reading_step(int(subject), first, candidate.poses[0], scene.arm, labels)
+            return reading_step(int(subject), first, candidate.poses[0], faults.arm, labels)
         case Cause.LENGTH_CHANGED:
             between = _between(candidate.poses[0], labels)
             return Finding(
@@ -65,11 +65,11 @@ def finding_of(
         case Cause.FROZEN:
             return Finding(kind=K.READING_FROZEN, joint=int(subject), poses=poses)
         case Cause.READING:
-            return _reading_noise(int(subject), evidence, scene)
+            return _reading_noise(int(subject), evidence, faults)
         case Cause.SCATTER:
             # The prior shrinks coefficients where the poses have little information: this corrects it.
             predicted = float(
-                (1.0 - evidence.covariance / (evidence.size * candidate.natural) ** 2).sum()
+                (1.0 - evidence.covariance / (evidence.size * candidate.expected_size) ** 2).sum()
             )
             rms = float(np.sqrt(evidence.b @ evidence.b / max(predicted, 1.0)))
             return Finding(kind=K.ALL_READINGS_NOISE, size=rms, unit="rad")
@@ -78,15 +78,15 @@ def finding_of(
         case Cause.DRIFT:
             return Finding(kind=K.READING_DRIFT, joint=int(subject), size=first, unit="rad")
         case Cause.LENGTH | Cause.TWIST:
-            return _entry(candidate, evidence, scene)
+            return _entry(candidate, evidence, faults)
         case Cause.GIVES:
-            size, errors = rms_displacement(candidate, evidence, scene), scene.design.errors
+            size, errors = rms_displacement(candidate, evidence, faults), faults.design.errors
             stated = {"turn_rad": errors.give_rad or 0.0, "shift_m": errors.give_m or 0.0}
             more = any(size[k] > np.sqrt(3.0) * stated[k] for k in size)
             kind = K.FIXTURE_DEFLECTS_MORE if more else K.FIXTURE_DEFLECTS_OTHERWISE
             return Finding(kind=kind, figures=size)
         case _:
-            return _smooth(int(subject), candidate, evidence, scene)
+            return _smooth(int(subject), candidate, evidence, faults)
 
 
 def exceeded(larger: ExceededSpecification, design: LinearModel) -> Finding:
@@ -160,10 +160,10 @@ def _between(first: int, labels: tuple[str, ...]) -> tuple[str, str]:
     return labels[first - 1], labels[first]
 
 
-def _reading_noise(joint: int, evidence: Evidence, scene: FaultModels) -> Finding:
+def _reading_noise(joint: int, evidence: Evidence, faults: FaultModels) -> Finding:
     """Return the finding that a joint's readings (means of samples) scatter from pose to pose."""
-    arm, sd = scene.arm, _rms(evidence.b)
-    shares = [float(np.median(a.share)) for a in scene.design.errors.analogue if a.joint == joint]
+    arm, sd = faults.arm, _rms(evidence.b)
+    shares = [float(np.median(a.share)) for a in faults.design.errors.analogue if a.joint == joint]
     samples = round(1.0 / shares[0]) if shares else 1
     sensor = arm.joints[joint - 1].sensor
     figures = {}
@@ -179,8 +179,8 @@ def _reading_noise(joint: int, evidence: Evidence, scene: FaultModels) -> Findin
     )
 
 
-def _entry(candidate: Candidate, evidence: Evidence, scene: FaultModels) -> Finding:
-    design, name = scene.design, candidate.subject
+def _entry(candidate: Candidate, evidence: Evidence, faults: FaultModels) -> Finding:
+    design, name = faults.design, candidate.subject
     k = [p.name for p in design.model.parameters].index(name)
     stated = float(design.soft_sd[list(design.soft_index).index(k)])
     angle = candidate.cause is Cause.TWIST
@@ -194,9 +194,9 @@ def _entry(candidate: Candidate, evidence: Evidence, scene: FaultModels) -> Find
     )
 
 
-def _smooth(joint: int, candidate: Candidate, evidence: Evidence, scene: FaultModels) -> Finding:
+def _smooth(joint: int, candidate: Candidate, evidence: Evidence, faults: FaultModels) -> Finding:
     if candidate.cause is Cause.CURVE:
-        sensor = scene.arm.joints[joint - 1].sensor
+        sensor = faults.arm.joints[joint - 1].sensor
         peak, sd, from_line = candidate.deviation(evidence.b, evidence.covariance)
         figures = {"from_line": 1.0} if from_line else {}
         if isinstance(sensor, Rvdt):
@@ -215,24 +215,24 @@ def _smooth(joint: int, candidate: Candidate, evidence: Evidence, scene: FaultMo
         kind=FindingKind.ENCODER_CYCLIC_ERROR if cyclic else FindingKind.JOINT_SAG,
         joint=joint,
         sensor="ENCODER" if cyclic else "",
-        size=_rms_along(joint, candidate, evidence, scene),
+        size=_rms_along(joint, candidate, evidence, faults),
         unit="rad",
     )
 
 
-def _rms_along(joint: int, candidate: Candidate, evidence: Evidence, scene: FaultModels) -> float:
+def _rms_along(joint: int, candidate: Candidate, evidence: Evidence, faults: FaultModels) -> float:
     """Displacement (rms over the poses, rad) that a fitted explanation causes along one joint."""
-    B = scene.system.B[:, :, joint - 1]
+    B = faults.system.B[:, :, joint - 1]
     displacement = candidate.moves(evidence.b, len(B))
     return _rms((displacement * B).sum(-1) / np.maximum((B**2).sum(-1), 1e-300))
 
 
 def rms_displacement(
-    candidate: Candidate, evidence: Evidence, scene: FaultModels
+    candidate: Candidate, evidence: Evidence, faults: FaultModels
 ) -> dict[str, float]:
     """Return the fixture's rms rotation (`turn_rad`) and displacement (`shift_m`) over the poses concerned."""
-    displacement = candidate.moves(evidence.b, len(scene.system.w))
-    along_fixture = (scene.system.E @ displacement[..., None])[..., 0]
+    displacement = candidate.moves(evidence.b, len(faults.system.w))
+    along_fixture = (faults.system.E @ displacement[..., None])[..., 0]
     concerned = np.abs(displacement).sum(-1) > 0.0
     turn = along_fixture[concerned, :-3]
     return {

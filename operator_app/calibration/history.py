@@ -200,7 +200,7 @@ def _due(
         return failed[-1].utc, f"the verification of {failed[-1].utc:%Y-%m-%d} did not hold"
     for part in parts:
         for shift in part.chart.changes:
-            if part.calibrations[shift.seen].session == accepted[-1].session:
+            if part.calibrations[shift.detected_at].session == accepted[-1].session:
                 return last, f"{shift.name} has shifted: a second calibration confirms it"
     if interval is not None:
         days = f"{interval.days} day{'s' if interval.days != 1 else ''}"

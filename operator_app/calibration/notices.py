@@ -84,7 +84,7 @@ def with_notices(
             for c in adjudication.causes
             if not c.blocking and c.kind not in OWN_NOTICE and c.sensor != "RVDT"
         ),
-        *(_ill_conditioned(solution.seen, limits) if sound else ()),
+        *(_ill_conditioned(solution.identifiability, limits) if sound else ()),
     )
     exceeded = exceeded_limits(solution.estimate, limits)
     return replace(
@@ -156,7 +156,7 @@ def _of_the_fit(solution: Solution, same: tuple[Finding, ...], *, sound: bool) -
     If the fit diverged, only those about placements and distances.
     """
     compliance = None if solution.components is None else solution.components.compliance
-    if sound and compliance is not None and compliance.gives and not solution.tolerated:
+    if sound and compliance is not None and compliance.deflects and not solution.tolerated:
         # Errors of link lengths may appear as compliance.
         yield Finding(kind=K.LENGTHS_EXACT)
     yield from same

@@ -37,7 +37,7 @@ class Solution:
         Estimate of the chosen estimator.
     paper
         Estimate of the paper's estimator from the same poses; None with unsensed joints.
-    seen
+    identifiability
         Identifiability: rank, condition number, weakest direction.
     before
         Closure sigmas at the nominal parameters, for comparison with `estimate.sigmas`.
@@ -92,7 +92,7 @@ class Solution:
     model: ClosureModel
     estimate: Estimate
     paper: Estimate | None
-    seen: Identifiability
+    identifiability: Identifiability
     before: ClosureSigmas
     poses: int
     dropped_flipped: tuple[int, ...]

@@ -190,7 +190,9 @@ def verify_poses(
     model = freed(new.loop(), fixed.values)
     unknown: tuple[str, ...] = ()
     if elsewhere:
-        fixed, unknown = _elsewhere(model, fixture.model(arm).ground_side, fixed, poses, calibrated)
+        fixed, unknown = _fixed_and_unknown(
+            model, fixture.model(arm).ground_side, fixed, poses, calibrated
+        )
     x, covariance = _in_order(model, fixed)
     if unknown:
         x, covariance = _with_placement_found(model, x, covariance, poses.q_rad, unknown)
@@ -276,14 +278,14 @@ def stated_noise(experiment: Experiment, fixed: Fixed | None = None) -> NoiseMod
         total = variance[:, j] + (SD_OF_PEAK * linearity) ** 2
         least = np.maximum(variance[:, j], estimated.get(j + 1, np.inf) ** 2)
         variance[:, j] = np.minimum(total, least) + gain**2
-    give = np.repeat([compliance.orientation_rad**2, compliance.position_m**2], 3)
-    give = give + stated.deflection_variance
+    deflection_variance = np.repeat([compliance.orientation_rad**2, compliance.position_m**2], 3)
+    deflection_variance = deflection_variance + stated.deflection_variance
     if fixed is not None and fixed.fixture_variance is not None:
-        give = np.minimum(give, fixed.fixture_variance)
-    return NoiseModel(joint_variance=variance, fixture_variance=give)
+        deflection_variance = np.minimum(deflection_variance, fixed.fixture_variance)
+    return NoiseModel(joint_variance=variance, fixture_variance=deflection_variance)
 
 
-def _elsewhere(
+def _fixed_and_unknown(
     model: ClosureModel,
     ground_side: tuple[str, ...],
     fixed: Fixed,

@@ -165,7 +165,7 @@ def fault_table() -> str:
             )
             for head, text in (
                 ("broken", fault_words.broken),
-                ("you see", fault_words.seen()),
+                ("you see", fault_words.symptom()),
                 ("arm", fault_words.does()),
                 ("kept", fault_words.kept),
                 ("do", fault_words.remedy),

@@ -33,7 +33,7 @@ from operator_app.config.resources import (
 )
 from operator_app.config.urdf_reading import COUNTS_PER_REV, arm_file_of, parse_urdf
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.planning.outlook import from_home_rad
+from operator_app.planning.outlook import home_to_closed_rad
 from operator_app.planning.proposals import ball_between, bent_home, hinge_between
 from operator_app.planning.task import entries_to_fix
 from operator_app.safe_output import say
@@ -161,7 +161,7 @@ def _fixture(args: argparse.Namespace) -> int:
     content = fixture_file(replace(fixture, tolerance=tolerance), name=name, arm=arm)
     target = _save(args, "fixture", name, content, parse_fixture)
     say(f"Fixture     {target}: {args.kind} for {arm.name}")
-    distance = from_home_rad(arm, fixture)
+    distance = home_to_closed_rad(arm, fixture)
     if distance is None:
         say(
             "! No pose near the arm's home_deg closes. Check the measured values; then find a home that closes: "

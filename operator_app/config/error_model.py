@@ -33,7 +33,7 @@ ACCURACY_DEG = BACKLASH_DEG = SAG_DEG = 0.01
 GAIN = 0.005
 """Gain error of an RVDT, as a share of its reading. Data sheets state linearity relative to the best-fit line, and the
 scale factor separately, trimmed to 1 % or better: two standard deviations of this."""
-GIVE_MM, GIVE_MRAD = 0.2, 0.2
+DEFLECTION_MM, DEFLECTION_MRAD = 0.2, 0.2
 
 
 class Uncertain(StrictModel):
@@ -77,8 +77,8 @@ class RowToleranceModel(Uncertain):
 class GiveModel(Uncertain):
     """Compliance of a fixture under load."""
 
-    position_mm: StatedMm = GIVE_MM
-    orientation_mrad: StatedMrad = GIVE_MRAD
+    position_mm: StatedMm = DEFLECTION_MM
+    orientation_mrad: StatedMrad = DEFLECTION_MRAD
 
     def compliance(self, held: Sequence[str]) -> Compliance:
         """Return the compliance as a domain object.

@@ -350,10 +350,12 @@ def _times_suspected(poses: PoseSet, file: str) -> tuple[FileWarning, ...]:
     known = [_time(utc or "") for utc in given]
     times = [t for t in known if t is not None]
     zoned = 2 * sum(t.tzinfo is not None for t in times) >= len(times)
-    odd = [k for k, t in enumerate(known) if t is None or (t.tzinfo is not None) is not zoned]
-    if not odd:
+    suspect_times = [
+        k for k, t in enumerate(known) if t is None or (t.tzinfo is not None) is not zoned
+    ]
+    if not suspect_times:
         return ()
-    first = odd[0]
+    first = suspect_times[0]
     fault = "has no zone, others have one" if zoned else "has a zone, others have none"
     if known[first] is None:
         fault = "is not a time"

@@ -123,7 +123,7 @@ class ModeCodes(StrictRecord):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Patience(StrictRecord):
+class HeartbeatLimits(StrictRecord):
     """Heartbeat limits: longest period, and the silence after which a node counts as lost."""
 
     slowest_ms: Annotated[Count, Field(le=MAX_HEARTBEAT_MS)] = DEFAULT_HEARTBEAT_LIMIT_MS
@@ -153,7 +153,7 @@ class ProfileFile(StrictRecord):
         value=f"{DRIVE_DEVICE_TYPE:08X}h", mask=f"{DEVICE_TYPE_MASK:08X}h"
     )
     modes: ModeCodes = ModeCodes()
-    heartbeat: Patience = Patience()
+    heartbeat: HeartbeatLimits = HeartbeatLimits()
     sdo_timeout_s: Annotated[PositiveNumber, Field(ge=0.05, le=60.0)] | None = None
 
     def for_joints(self, count: int | None = None) -> BusProfile:

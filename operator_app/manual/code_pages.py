@@ -224,7 +224,7 @@ def _faults(faults: Mapping[str, FaultDescription], *, code: bool = True) -> lis
     return [
         (
             f"`{name}`" if code else name,
-            *(fault.broken, fault.seen(), fault.does(), fault.kept, fault.remedy),
+            *(fault.broken, fault.symptom(), fault.does(), fault.kept, fault.remedy),
         )
         for name, fault in faults.items()
     ]

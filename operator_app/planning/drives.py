@@ -13,8 +13,8 @@ from operator_app.units import joints_named
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.design.drive_joints import (
+    DriveTrial,
     RankedDrives,
-    TrialWiggles,
     rank_at_pose,
     rank_by_trial,
     rank_over_region,
@@ -132,7 +132,7 @@ def choose_drives(
     prediction: DrivePrediction,
     *,
     unsensed_joints: tuple[int, ...] = (),
-    trials: Sequence[TrialWiggles] = (),
+    trials: Sequence[DriveTrial] = (),
 ) -> DriveChoice:
     """Return the best usable drive set, with reasons.
 

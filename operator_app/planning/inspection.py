@@ -9,7 +9,7 @@ from operator_app.config.any_file import FilesRead
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.poses_file import LoadedPoses
 from operator_app.config.procedure import Procedure
-from operator_app.planning.outlook import Outlook, outlook, seen_by
+from operator_app.planning.outlook import Outlook, identifiability_of_poses, outlook
 from operator_app.planning.proposals import closing_home
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -74,7 +74,12 @@ def _chain(
             continue
         try:
             identified.append(
-                (file, seen_by(arm, spec.fixture, loaded.poses, unsensed_joints=unsensed))
+                (
+                    file,
+                    identifiability_of_poses(
+                        arm, spec.fixture, loaded.poses, unsensed_joints=unsensed
+                    ),
+                )
             )
         except (SolverError, ValueError) as error:
             unfit.append((file, str(error)))

@@ -35,7 +35,7 @@ class Outlook:
     ----------
     parameters
         Unknowns of the calibration, without those that the fixture's placement hides.
-    from_home_rad
+    home_to_closed_rad
         Nearest closed pose minus home (n,); None for an open arm, or if no pose closes.
     mobility
         Degrees of freedom of the chain, which is the number of drive joints; None if no pose closes.
@@ -43,22 +43,22 @@ class Outlook:
         Choice of drive joints; None for an open arm, or if no joints can drive.
     refusal
         Why no joints can drive; None if they can.
-    seen
+    identifiability
         Identifiability from poses over the whole reachable region; None if there is no such region.
     """
 
     parameters: tuple[Parameter, ...]
     checks: tuple[SetupCheck, ...]
     mobility: int | None
-    from_home_rad: FloatArray | None = None
+    home_to_closed_rad: FloatArray | None = None
     choice: DriveChoice | None = None
     refusal: SessionError | None = None
-    seen: Identifiability | None = None
+    identifiability: Identifiability | None = None
 
     @property
     def unidentifiable(self) -> tuple[UnidentifiableDirection, ...]:
         """Parameter directions that no poses of this chain determine."""
-        return () if self.seen is None else self.seen.directions
+        return () if self.identifiability is None else self.identifiability.directions
 
     @property
     def refused(self) -> bool:
@@ -101,16 +101,16 @@ def outlook(
         refusal = error
     return Outlook(
         parameters=parameters,
-        from_home_rad=from_home_rad(arm, fixture),
+        home_to_closed_rad=home_to_closed_rad(arm, fixture),
         mobility=mobility,
         checks=checks,
         choice=choice,
         refusal=refusal,
-        seen=identified,
+        identifiability=identified,
     )
 
 
-def seen_by(
+def identifiability_of_poses(
     arm: ArmModel,
     fixture: EndpointConstraint,
     poses: PoseSet,
@@ -131,7 +131,7 @@ def _identifiability_at(model: ClosureModel, q_rad: FloatArray) -> Identifiabili
     return identifiability(model, nominal_vector(model.parameters), q_rad)
 
 
-def from_home_rad(arm: ArmModel, fixture: EndpointConstraint) -> FloatArray | None:
+def home_to_closed_rad(arm: ArmModel, fixture: EndpointConstraint) -> FloatArray | None:
     """Return the closed pose nearest to the arm's home, minus home (n,); None if no pose closes."""
     model = fixture.model(arm)
     home = close_loops(model, nominal_vector(model.parameters), arm.home_rad[None])

@@ -54,7 +54,7 @@ class Preview:
         Estimate with which the plan was made; None: nominal values.
     checks
         Checks of the fixture at the start position.
-    seen
+    identifiability
         Identifiability from the captured and planned poses together.
     choice
         Drive joints, with their ranking.
@@ -68,7 +68,7 @@ class Preview:
     estimate: InterimEstimate | None
     captured: int
     checks: tuple[SetupCheck, ...]
-    seen: Identifiability
+    identifiability: Identifiability
     choice: DriveChoice
     plan: PosePlan
     poses: tuple[PlannedPose, ...]
@@ -140,7 +140,7 @@ def preview(
             start,
             None if estimate is None else in_order(fixture.model(arm), task.model, x),
         ),
-        seen=plan.design
+        identifiability=plan.design
         if known_rad is None
         else identifiability(task.model, x, np.concatenate((known_rad, plan.poses_rad))),
         choice=choice,

@@ -14,7 +14,7 @@ import numpy as np
 from fixtures.ball import Ball
 from fixtures.base import EndpointConstraint
 from fixtures.hinge import Hinge
-from operator_app.planning.outlook import Outlook, from_home_rad, outlook
+from operator_app.planning.outlook import Outlook, home_to_closed_rad, outlook
 from solver.arrays import FloatArray, frozen
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import forward
@@ -64,11 +64,11 @@ def closing_home(
 
     None if the arm file's home is good (by `from_home`) or if no pose was found.
     """
-    from_home_rad = from_home.from_home_rad
+    home_to_closed_rad = from_home.home_to_closed_rad
     if not fixture.holds_hand or (
         not from_home.refused
-        and from_home_rad is not None
-        and float(np.abs(from_home_rad).max()) <= HOME_DISTANCE_RAD
+        and home_to_closed_rad is not None
+        and float(np.abs(home_to_closed_rad).max()) <= HOME_DISTANCE_RAD
     ):
         return None
     model = fixture.model(arm)
@@ -76,9 +76,12 @@ def closing_home(
     for q in _closed(arm, model, x):
         arm_there = replace(arm, home_rad=frozen(_whole_degrees(q)))
         prospect = outlook(arm_there, fixture)
-        if prospect.refused or prospect.from_home_rad is None:
+        if prospect.refused or prospect.home_to_closed_rad is None:
             continue
-        if prospect.seen is None or prospect.seen.scaled_condition_number <= CONDITION_LIMIT:
+        if (
+            prospect.identifiability is None
+            or prospect.identifiability.scaled_condition_number <= CONDITION_LIMIT
+        ):
             return arm_there.home_rad, prospect
     return None
 
@@ -165,7 +168,7 @@ def hinge_between(arm: ArmModel, hand: Line, base: Line | None) -> Hinge:
     None, it is the tool's line at the home pose.
     """
     if base is None:
-        return Hinge.between(arm, hand.seen(*_hand_at_home(arm)), hand)
+        return Hinge.between(arm, hand.in_frame(*_hand_at_home(arm)), hand)
     ways = [
         Hinge.between(arm, Line(point_m=base.point_m, direction=sign * base.direction), hand)
         for sign in (1.0, -1.0)
@@ -174,7 +177,7 @@ def hinge_between(arm: ArmModel, hand: Line, base: Line | None) -> Hinge:
 
 
 def _distance(arm: ArmModel, fixture: EndpointConstraint) -> float:
-    distances = from_home_rad(arm, fixture)
+    distances = home_to_closed_rad(arm, fixture)
     return np.inf if distances is None else float(np.abs(distances).max())
 
 

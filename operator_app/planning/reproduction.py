@@ -75,7 +75,7 @@ def published(*, poses: int = PUBLISHED_POSES) -> Published:
     """Reproduce the experiment of section 3 and the analysis of section 4."""
     procedure = load_procedure("hinge")
     all_three = scenario("as_reported")
-    quiet = replace(all_three, linearity_of_full_scale=0.0, lengths=None, loads=STIFF)
+    noise_only = replace(all_three, linearity_of_full_scale=0.0, lengths=None, loads=STIFF)
     poses_taken = capture_specimen(procedure, all_three, poses=poses)
     solution = _calibrated(procedure, poses_taken)
     # Table 2, the true values of the specimen without length errors.
@@ -85,11 +85,11 @@ def published(*, poses: int = PUBLISHED_POSES) -> Published:
     alone = (
         (
             "RVDT curves of the wrist",
-            replace(quiet, linearity_of_full_scale=all_three.linearity_of_full_scale),
+            replace(noise_only, linearity_of_full_scale=all_three.linearity_of_full_scale),
         ),
-        ("fixed lengths off by 1 to 2 mm", replace(quiet, lengths=all_three.lengths)),
-        ("fixture that yields", replace(quiet, loads=all_three.loads)),
-        ("noise and counts", quiet),
+        ("fixed lengths off by 1 to 2 mm", replace(noise_only, lengths=all_three.lengths)),
+        ("fixture that yields", replace(noise_only, loads=all_three.loads)),
+        ("noise and counts", noise_only),
     )
     shares = [
         _share(name, _calibrated(procedure, capture_specimen(procedure, chosen, poses=poses)))
@@ -144,7 +144,7 @@ def _share(name: str, solution: Solution) -> Share:
         source=name,
         position_m=sigmas.position_m.rms,
         orientation_rad=float("nan") if turned is None else turned.rms,
-        condition=solution.seen.scaled_condition_number,
+        condition=solution.identifiability.scaled_condition_number,
     )
 
 

@@ -53,7 +53,7 @@ from operator_app.units import ANGLE, CHI2, CONDITION, SIGMA_ORI, SIGMA_POS, Fig
 if TYPE_CHECKING:
     from operator_app.calibration.cross_validation import Checks
     from operator_app.messages.finding import Finding
-    from solver.estimators.estimate import Estimate, TwoReadings
+    from solver.estimators.estimate import Estimate, ResidualSigma
 
 
 CONDITION_PAPER = 28
@@ -184,7 +184,11 @@ def merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _headlines(solution: Solution, limits: AcceptanceLimits, left_out: int) -> tuple[Headline, ...]:
-    estimate, before, identifiability = solution.identified, solution.before, solution.seen
+    estimate, before, identifiability = (
+        solution.identified,
+        solution.before,
+        solution.identifiability,
+    )
     after = estimate.sigmas
     headlines = [_sigma("sigma_pos", SIGMA_POS, before.position_m, after.position_m)]
     turned = before.orientation_rad, after.orientation_rad
@@ -214,7 +218,7 @@ def _headlines(solution: Solution, limits: AcceptanceLimits, left_out: int) -> t
     return (*headlines, Headline(name="poses", figure=poses, note=note))
 
 
-def _sigma(name: str, kind: Kind, before: TwoReadings, after: TwoReadings) -> Headline:
+def _sigma(name: str, kind: Kind, before: ResidualSigma, after: ResidualSigma) -> Headline:
     return Headline(
         name=name, figure=kind(after.rms), note=f"before {kind(before.rms).with_unit}", closure=True
     )

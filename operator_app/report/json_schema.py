@@ -60,7 +60,7 @@ def calibration_data(solution: Solution) -> dict[str, Any]:
         },
         "scaled_condition_number_at_readings": None,
         "unidentifiable": [],
-        "weakest_direction": list(solution.seen.weakest.parameters),
+        "weakest_direction": list(solution.identifiability.weakest.parameters),
         "verdict": solution.verdict.value,
         "causes": [
             {"code": c.code, "probability": c.probability, "text": c.text, "remedy": c.remedy}

@@ -38,7 +38,7 @@ OBSERVABILITY = (
 
 def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactTable:
     """Return the table of condition number, rank, chi2 and degrees of freedom, with the weakest direction as a note."""
-    estimate, identifiability = solution.identified, solution.seen
+    estimate, identifiability = solution.identified, solution.identifiability
     weights = ", ".join(
         f"{name} {significant(weight, 2)}"
         for name, weight in zip(
@@ -74,7 +74,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
 
 def trend_table(solution: Solution) -> FactTable | None:
     """Return the table of the condition number over the number of poses; None with fewer than two values."""
-    trend = solution.seen.trend
+    trend = solution.identifiability.trend
     if len(trend) < 2:
         return None
     rows: list[tuple[Cell, ...]] = []
@@ -219,7 +219,7 @@ def observability_table(solution: Solution) -> FactTable:
         rows=tuple(
             (f"O{k}", Figure(value, key=("observability", f"O{k}")), meaning)
             for k, (value, meaning) in enumerate(
-                zip(solution.seen.observability, OBSERVABILITY, strict=True), 1
+                zip(solution.identifiability.observability, OBSERVABILITY, strict=True), 1
             )
         ),
         detail=True,

@@ -58,7 +58,7 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
         noise = float(sigma[j - 1]) or None
         ratio = None if rms is None or noise is None else rms / float(stated[j - 1])
         low, high = float(q[:, j - 1].min()), float(q[:, j - 1].max())
-        odd = ratio is not None and ratio > CORRECTION_ODD
+        highlighted = ratio is not None and ratio > CORRECTION_ODD
         rows.append(
             (
                 f"{j} {joint.name}",
@@ -67,7 +67,7 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
                 Figure(noise, CLOSURE_ANGLE, digits=2),
                 Figure(float(stated[j - 1]) or None, CLOSURE_ANGLE, digits=2),
                 Figure(rms, CLOSURE_ANGLE, digits=2),
-                Figure(ratio, digits=2, role="warn" if odd else "text"),
+                Figure(ratio, digits=2, role="warn" if highlighted else "text"),
                 Figure(low, ANGLE, places=2),
                 Figure(high, ANGLE, places=2),
                 Figure((high - low) / (joint.upper_rad - joint.lower_rad), SHARE, places=0),

@@ -60,7 +60,7 @@ def components_table(
     if components.compliance is not None and not diverged:
         p = components.compliance.p_value
         chance = f"= {significant(p, 2)}" if p > SMALLEST_P else f"< {SMALLEST_P:.0e}"
-        asks = "ask" if components.compliance.gives else "do not ask"
+        asks = "ask" if components.compliance.deflects else "do not ask"
         note = f"The data {asks} for a fixture more compliant than stated (score test, p {chance})."
     return FactTable(
         ident="noise",

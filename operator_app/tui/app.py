@@ -74,7 +74,7 @@ class StartScreen(Screen[None]):
 
 
 POLL_S = 1.0 / 20.0
-SCREEN_PATIENCE_S = 5.0
+SCREEN_TIMEOUT_S = 5.0
 """Longest time, s, that the screen may take to close after a signal."""
 
 
@@ -177,7 +177,7 @@ class SarcalApp(App[str]):
 
     def _leave_without_screen(self, reason: str) -> None:
         """Close the source from this thread, as the loop may wait forever for a terminal that takes no output."""
-        if not self._screen_over.wait(SCREEN_PATIENCE_S):
+        if not self._screen_over.wait(SCREEN_TIMEOUT_S):
             try:
                 self.close_source(reason)
             finally:

@@ -21,7 +21,7 @@ from solver.design.paths import PathGraph
 from solver.loops.closure import ClosureModel
 
 SAMPLE = 200
-FOLD_LEVERAGE = 0.02
+SINGULAR_LEVERAGE = 0.02
 """Leverage below which the drives do not determine the free joints (a singularity)."""
 
 
@@ -90,7 +90,7 @@ def rank_over_region(model: ClosureModel, manifold: Manifold) -> tuple[RankedDri
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TrialWiggles:
+class DriveTrial:
     """Measured trial motions of one drive set.
 
     Attributes
@@ -111,7 +111,7 @@ class TrialWiggles:
     stopped: str = ""
 
 
-def rank_by_trial(trials: Sequence[TrialWiggles]) -> tuple[RankedDrives, ...]:
+def rank_by_trial(trials: Sequence[DriveTrial]) -> tuple[RankedDrives, ...]:
     """Rank drive sets by the measured motion of the chain (paper, section 3), best first. Uses no model.
 
     Raises `ValueError` if a trial has too few motions to separate its drives.
@@ -136,7 +136,7 @@ def _judge(motion: ChainMotion, drives: tuple[int, ...], *, reach: float | None)
     )
 
 
-def _judge_trial(trial: TrialWiggles) -> RankedDrives:
+def _judge_trial(trial: DriveTrial) -> RankedDrives:
     if np.linalg.matrix_rank(trial.commanded_rad) < len(trial.drives):
         raise ValueError(
             f"the trial motions of joints {trial.drives} do not move each drive independently"
@@ -178,7 +178,7 @@ def _verdict(
     reasons = []
     if stopped:
         reasons.append(f"the trial stopped: {stopped}")
-    if leverage < FOLD_LEVERAGE:
+    if leverage < SINGULAR_LEVERAGE:
         reasons.append("singular: the drives do not determine the free joints")
     elif leverage < LIMITS.least_leverage:
         reasons.append(

@@ -71,13 +71,13 @@ def steps(
     residuals: WhitenedResiduals,
     suspects: Sequence[Suspect],
     *,
-    quiet: WhitenedResiduals | None = None,
+    low_noise: WhitenedResiduals | None = None,
     scale: float = 1.0,
     false_alarm: float = FALSE_ALARM_PROBABILITY,
 ) -> tuple[ChangePoint, ...]:
     """Test every suspect for a step at every pose, the most significant suspect first.
 
-    `residuals`: whitened residuals of the fit, poses in the order in which they were taken. `quiet`: those whitened
+    `residuals`: whitened residuals of the fit, poses in the order in which they were taken. `low_noise`: those whitened
     by less noise, for suspects with `of_reading`. `scale`: factor of the variances relative to those of the fit.
     """
     m = len(residuals.white)
@@ -86,7 +86,7 @@ def steps(
     level = false_alarm / sum(s.share for s in suspects)
     change_points: list[ChangePoint] = []
     for of_reading in (False, True):
-        judged = quiet if of_reading and quiet is not None else residuals
+        judged = low_noise if of_reading and low_noise is not None else residuals
         of_kind = [s for s in suspects if s.of_reading == of_reading]
         for width in dict.fromkeys(s.columns.shape[-1] for s in of_kind):
             alike = [s for s in of_kind if s.columns.shape[-1] == width]

@@ -42,12 +42,12 @@ LEAST_RATIO = 0.1
 class ChartSignal:
     """Detected shift of quantity `name` by `size` (standard deviation `sigma`), from session `at` on.
 
-    Session `seen` (from 0) is the first that shows it, by `chart`: ``shewhart`` or ``ewma``.
+    Session `detected_at` (from 0) is the first that shows it, by `chart`: ``shewhart`` or ``ewma``.
     """
 
     name: str
     at: int
-    seen: int
+    detected_at: int
     size: float
     sigma: float
     chart: str
@@ -122,7 +122,7 @@ def control_chart(names: Sequence[str], values: FloatArray, within: FloatArray) 
                 ChartSignal(
                     name=names[j],
                     at=int(begin[j]),
-                    seen=t,
+                    detected_at=t,
                     size=change[1],
                     sigma=change[2],
                     chart=chart,

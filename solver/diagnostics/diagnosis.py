@@ -37,7 +37,7 @@ from solver.diagnostics.model_selection import (
     noise_scale,
     probabilities,
 )
-from solver.diagnostics.stated_sizes import with_found_motion_noise
+from solver.diagnostics.stated_sizes import with_estimated_motion_noise
 from solver.diagnostics.whitened_residuals import OwnColumns, WhitenedResiduals
 from solver.estimators.linear_fit import LinearFit
 
@@ -99,27 +99,27 @@ class Diagnosis:
     ----------
     tests
         All tests that were made.
-    rounds
+    rankings
         For each accepted cause, the explanations that were compared.
     suspected_entries
         Lengths and twists that may differ from the arm file although no test fires, the most probable first.
-    left
+    residuals
         Whitened residuals at the noise of the fit, poses in time order.
     stated_chi2_per_dof
         chi2/dof at the stated variances.
     parameter_shift
         Estimate at stated variances minus the tested one (P,), rad and m.
-    scene
+    faults
         Fault models of the system that was tested.
     """
 
     tests: tuple[HypothesisTest, ...]
-    rounds: tuple[CauseRanking, ...]
+    rankings: tuple[CauseRanking, ...]
     suspected_entries: tuple[Explanation, ...]
-    left: WhitenedResiduals
+    residuals: WhitenedResiduals
     stated_chi2_per_dof: float
     parameter_shift: FloatArray
-    scene: FaultModels
+    faults: FaultModels
 
     @property
     def fires(self) -> bool:
@@ -129,7 +129,7 @@ class Diagnosis:
     @property
     def best(self) -> Explanation | None:
         """The most probable single explanation; None where no test fires, or an unknown cause is more probable."""
-        return self.rounds[0].best if self.rounds else None
+        return self.rankings[0].best if self.rankings else None
 
 
 def diagnose(
@@ -153,75 +153,75 @@ def diagnose(
     """
     stated = fit.stated
     order = np.argsort(taken, kind="stable")
-    scene = FaultModels.of(arm, stated, order, measured or {})
+    faults = FaultModels.of(arm, stated, order, measured or {})
     residuals = residuals_of_fit(fit.at_known_noise, order)
-    quiet = residuals_of_fit(with_found_motion_noise(fit), order)
+    low_noise = residuals_of_fit(with_estimated_motion_noise(fit), order)
     tests = [HypothesisTest.of_chi2("CHI2_STATED", stated.chi2, stated.dof)]
-    odd, more = _residual_tests(scene, residuals, quiet)
+    outliers, more = _residual_tests(faults, residuals, low_noise)
     tests += more
     tests += pull_tests(stated)
-    tests += without_curves_in_specification(variance_tests(stated), scene, residuals)
+    tests += without_curves_in_specification(variance_tests(stated), faults, residuals)
     tests.append(prediction_test(stated))
-    tests += scale_tests(scene, residuals)
+    tests += scale_tests(faults, residuals)
     fires = any(test.fires for test in tests)
     doubtful = not fires and any(
         test.fires for test in pull_tests(stated, limits.ENTRY_SUSPICION_PROBABILITY)
     )
-    rounds = tuple(_explanations(scene, residuals, odd)) if fires else ()
-    suspected = next(_explanations(scene, residuals, odd)).known if doubtful else ()
+    rankings = tuple(_explanations(faults, residuals, outliers)) if fires else ()
+    suspected = next(_explanations(faults, residuals, outliers)).known if doubtful else ()
     return Diagnosis(
         tests=tuple(tests),
-        rounds=rounds,
+        rankings=rankings,
         suspected_entries=tuple(
             x for x in suspected if x.candidate.cause in (Cause.LENGTH, Cause.TWIST)
         ),
-        left=residuals,
+        residuals=residuals,
         stated_chi2_per_dof=stated.chi2 / max(stated.dof, 1),
         parameter_shift=stated.change - fit.change,
-        scene=scene,
+        faults=faults,
     )
 
 
 def _residual_tests(
-    scene: FaultModels, residuals: WhitenedResiduals, quiet: WhitenedResiduals
+    faults: FaultModels, residuals: WhitenedResiduals, low_noise: WhitenedResiduals
 ) -> tuple[Outliers, list[HypothesisTest]]:
     """Search `residuals`, whitened by the noise of the fit, for outliers and steps.
 
-    Steps of a single reading are searched for in `quiet`, which is whitened by less noise. The noise of the fit is not
-    scaled down where the residuals are small: one sensor may exceed its specification while most sources are below
-    theirs. `quiet` is used for readings only, since deflections that the smooth model describes badly resemble a
-    change of the geometry rather than a step of a single reading.
+    Steps of a single reading are searched for in `low_noise`, whitened by the estimated noise where that is less. The
+    noise of the fit is not scaled down where the residuals are small: one sensor may exceed its specification while
+    most sources are below theirs. Only readings use `low_noise`: deflections that the smooth model describes badly
+    resemble a change of the geometry rather than a step of a single reading.
     """
-    odd = find_outliers(residuals)
-    tests = [odd.test]
-    change_points = steps(residuals, scene.suspects(), quiet=quiet)
+    outliers = find_outliers(residuals)
+    tests = [outliers.test]
+    change_points = steps(residuals, faults.suspects(), low_noise=low_noise)
     if change_points:
         tests.append(
             HypothesisTest(
                 code="STEP", statistic=change_points[0].chi2, threshold=change_points[0].threshold
             )
         )
-    return odd, tests
+    return outliers, tests
 
 
 def _explanations(
-    scene: FaultModels, residuals: WhitenedResiduals, odd: Outliers
+    faults: FaultModels, residuals: WhitenedResiduals, outliers: Outliers
 ) -> Iterator[CauseRanking]:
     """Yield rankings of possible causes: the best one is fitted, and the next ranking is for the residuals that remain.
 
     It ends when no test fires, when no cause explains the residuals, or after `limits.MOST_CAUSES_FITTED` rankings.
     """
-    persistent_faults = tuple(scene.persistent_faults())
+    persistent_faults = tuple(faults.persistent_faults())
     for _ in range(limits.MOST_CAUSES_FITTED):
-        ranking = _ranked(residuals, (*_changes(scene, residuals, odd), *persistent_faults))
+        ranking = _ranked(residuals, (*_changes(faults, residuals, outliers), *persistent_faults))
         yield ranking
         best = ranking.best
         if best is None or best.chi2_per_dof > limits.CHI2_PER_DOF_GROSS:
             # No linear cause explains this.
             return
-        size = best.evidence.size * best.candidate.natural
+        size = best.evidence.size * best.candidate.expected_size
         residuals = _with_cause(residuals, best.candidate, size)
-        odd, tests = _residual_tests(scene, residuals, residuals)
+        outliers, tests = _residual_tests(faults, residuals, residuals)
         if residuals.dof <= 0 or not any(
             t.fires
             for t in (HypothesisTest.of_chi2("CHI2_STATED", residuals.chi2, residuals.dof), *tests)
@@ -241,14 +241,14 @@ def _with_cause(
 
 
 def _changes(
-    scene: FaultModels, residuals: WhitenedResiduals, odd: Outliers
+    faults: FaultModels, residuals: WhitenedResiduals, outliers: Outliers
 ) -> Iterable[Candidate]:
-    """Yield the steps and outliers in the residuals as candidates; `odd` are the outliers at the fit's noise."""
+    """Yield the steps and outliers in the residuals as candidates; `outliers` are the outliers at the fit's noise."""
     scale = noise_scale(residuals.chi2, residuals.dof)
-    changes = scene.changes()
-    for step in steps(residuals, scene.suspects(), scale=scale):
+    changes = faults.changes()
+    for step in steps(residuals, faults.suspects(), scale=scale):
         yield changes[step.suspect].from_pose(step.pose)
-    poses = (odd if scale == 1.0 else find_outliers(residuals, scale=scale)).poses
+    poses = (outliers if scale == 1.0 else find_outliers(residuals, scale=scale)).poses
     m = len(residuals.white)
     for count in range(1, len(poses) + 1):
         if count in (1, 2, 3, len(poses)):
@@ -258,7 +258,7 @@ def _changes(
                 subject="",
                 columns=pose_columns(residuals, own),
                 own=own,
-                natural=np.full(count * residuals.white.shape[1], 3.0),
+                expected_size=np.full(count * residuals.white.shape[1], 3.0),
                 places=m**count,
                 poses=poses[:count],
             )
@@ -266,8 +266,8 @@ def _changes(
 
 def _evidence(residuals: WhitenedResiduals, c: Candidate) -> Evidence | None:
     if c.own is None:
-        return evidence(residuals, c.columns, c.natural, most=c.most)
-    return evidence_of_own(residuals, c.own, c.columns, c.natural, most=c.most)
+        return evidence(residuals, c.columns, c.expected_size, most=c.most)
+    return evidence_of_own(residuals, c.own, c.columns, c.expected_size, most=c.most)
 
 
 def _ranked(residuals: WhitenedResiduals, candidates: Iterable[Candidate]) -> CauseRanking:
@@ -277,7 +277,7 @@ def _ranked(residuals: WhitenedResiduals, candidates: Iterable[Candidate]) -> Ca
         for c in candidates
         if (e := _evidence(residuals, c)) is not None
         and not c.within_specification(e.b, e.covariance)
-        and float(np.sqrt(np.mean((e.b / c.natural) ** 2))) <= c.most
+        and float(np.sqrt(np.mean((e.b / c.expected_size) ** 2))) <= c.most
     ]
     counts: dict[Cause, int] = {}
     for c, _ in listed:

@@ -52,11 +52,11 @@ class Candidate:
     ----------
     cause, subject
         Kind of cause, and its joint, entry or half of the fixture.
-    columns, natural
+    columns, expected_size
         Derivatives (m, r, c) of the misclosures with respect to each coefficient, and its expected magnitude (c,).
     own
-        Poses (p,) with separate columns: then `columns` are (p, r, c), each with its own coefficient, and `natural` is
-        (p * c,).
+        Poses (p,) with separate columns: then `columns` are (p, r, c), each with its own coefficient, and
+        `expected_size` is (p * c,).
     places
         Number of alternatives searched to find this cause (poses, for instance).
     poses
@@ -81,7 +81,7 @@ class Candidate:
     cause: Cause
     subject: str
     columns: FloatArray
-    natural: FloatArray
+    expected_size: FloatArray
     own: IntArray | None = None
     places: int = 1
     poses: tuple[int, ...] = ()

@@ -90,8 +90,8 @@ class FaultModels:
     ) -> Candidate:
         """Return the candidate for an error of joint j's reading with `shapes` (m, c) and expected magnitude `size`."""
         columns = self.joint(j) * shapes[:, None, :]
-        natural = np.full(shapes.shape[1], size)
-        return Candidate(cause=cause, subject=str(j), columns=columns, natural=natural)
+        expected_size = np.full(shapes.shape[1], size)
+        return Candidate(cause=cause, subject=str(j), columns=columns, expected_size=expected_size)
 
     def changes(self) -> dict[str, Candidate]:
         """Candidates for a change during the session, by changed quantity; `from_pose` of each sets its first pose."""
@@ -101,7 +101,7 @@ class FaultModels:
                 cause=Cause.LOST_COUNTS,
                 subject=str(j),
                 columns=self.joint(j),
-                natural=np.array([ANGLE_RAD]),
+                expected_size=np.array([ANGLE_RAD]),
             )
             for j in self.sensed
         }
@@ -111,7 +111,7 @@ class FaultModels:
                 cause=Cause.SLIPPED,
                 subject=side,
                 columns=self.system.A[:, :, from_pose],
-                natural=np.array([ANGLE_RAD if p.is_angle else LENGTH_M for p in own]),
+                expected_size=np.array([ANGLE_RAD if p.is_angle else LENGTH_M for p in own]),
                 entries=tuple(p.name for p in own),
             )
         for k in design.soft_index:
@@ -121,7 +121,7 @@ class FaultModels:
                     cause=Cause.LENGTH_CHANGED,
                     subject=name,
                     columns=self.system.A[:, :, k, None],
-                    natural=np.array([LENGTH_M]),
+                    expected_size=np.array([LENGTH_M]),
                 )
         return candidates
 
@@ -164,7 +164,7 @@ class FaultModels:
             subject=subject,
             columns=self.system.B[:, :, columns],
             own=self._all,
-            natural=np.full(len(self._all) * len(columns), ANGLE_RAD),
+            expected_size=np.full(len(self._all) * len(columns), ANGLE_RAD),
             most=most,
             least=2.0 * float(np.sqrt(np.mean(stated))),
         )
@@ -186,7 +186,7 @@ class FaultModels:
                     subject=str(j),
                     columns=self.joint(j)[poses],
                     own=poses,
-                    natural=np.full(len(poses), 10.0 * ANGLE_RAD),
+                    expected_size=np.full(len(poses), 10.0 * ANGLE_RAD),
                     poses=tuple(range(first, last)),
                 )
 
@@ -237,32 +237,32 @@ class FaultModels:
                 cause=Cause.TWIST if parameter.is_angle else Cause.LENGTH,
                 subject=parameter.name,
                 columns=self.system.A[:, :, k, None],
-                natural=np.array([sd]),
+                expected_size=np.array([sd]),
                 most=100.0,
                 least=2.0 * sd,
             )
 
     def _fixture(self) -> Iterator[Candidate]:
         """Yield candidates for a compliant fixture: deflections independent between poses, or smooth in the pose."""
-        if not self.design.gives:
+        if not self.design.deflecting_rows:
             return
         Et = np.swapaxes(self.system.E, -1, -2)
         m, r, k = Et.shape
-        natural = np.concatenate((np.full(k - 3, ANGLE_RAD), np.full(3, LENGTH_M)))
+        expected_size = np.concatenate((np.full(k - 3, ANGLE_RAD), np.full(3, LENGTH_M)))
         yield Candidate(
             cause=Cause.GIVES,
             subject="in every pose",
             columns=Et,
             own=self._all,
-            natural=np.tile(natural, m),
+            expected_size=np.tile(expected_size, m),
             most=15.0,
         )
-        phi = self._in_time(self.design.give_basis.phi)
+        phi = self._in_time(self.design.deflection_basis.phi)
         yield Candidate(
             cause=Cause.GIVES,
             subject="with the pose",
             columns=(Et[..., None] * phi[:, None, None, :]).reshape(m, r, -1),
-            natural=np.repeat(natural, phi.shape[1]),
+            expected_size=np.repeat(expected_size, phi.shape[1]),
             most=15.0,
         )
 

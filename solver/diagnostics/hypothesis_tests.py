@@ -92,10 +92,10 @@ def pull_tests(
     ]
 
 
-def scale_tests(scene: FaultModels, residuals: WhitenedResiduals) -> list[HypothesisTest]:
+def scale_tests(faults: FaultModels, residuals: WhitenedResiduals) -> list[HypothesisTest]:
     """Test the scale of every encoder: loops reveal an error of 1 %, and no other test covers it."""
     z = []
-    for candidate in scene.scales():
+    for candidate in faults.scales():
         s, C = residuals.score(candidate.columns)
         # A column that the parameters absorb except for rounding is not observable.
         square = float((residuals.whiten(candidate.columns) ** 2).sum())
@@ -138,7 +138,7 @@ def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
 
 
 def without_curves_in_specification(
-    tests: Iterable[HypothesisTest], scene: FaultModels, residuals: WhitenedResiduals
+    tests: Iterable[HypothesisTest], faults: FaultModels, residuals: WhitenedResiduals
 ) -> Iterable[HypothesisTest]:
     """Return the tests without those of linearity deviations within their specification.
 
@@ -147,18 +147,18 @@ def without_curves_in_specification(
     """
     for test in tests:
         joint = test.code.removeprefix("VARIANCE_CURVE_")
-        if not (test.fires and joint.isdigit() and _as_stated(int(joint), scene, residuals)):
+        if not (test.fires and joint.isdigit() and _as_stated(int(joint), faults, residuals)):
             yield test
 
 
-def _as_stated(j: int, scene: FaultModels, residuals: WhitenedResiduals) -> bool:
+def _as_stated(j: int, faults: FaultModels, residuals: WhitenedResiduals) -> bool:
     """Whether the curve of joint j may be within specification, by the loops' measurement where there is one."""
-    curve = scene.linearity_curve(j)
+    curve = faults.linearity_curve(j)
     if curve is None:
         return False
     if curve.measured is not None:
         return not curve.measured.beyond(curve.most_stated)
-    measured = evidence(residuals, curve.columns, curve.natural, most=curve.most)
+    measured = evidence(residuals, curve.columns, curve.expected_size, most=curve.most)
     return measured is not None and curve.within_specification(measured.b, measured.covariance)
 
 

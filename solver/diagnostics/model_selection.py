@@ -75,16 +75,16 @@ def log_likelihood(residuals: WhitenedResiduals, *, most_noise: float) -> float:
 
 
 def evidence(
-    residuals: WhitenedResiduals, G: FloatArray, natural: FloatArray, *, most: float = np.inf
+    residuals: WhitenedResiduals, G: FloatArray, expected_size: FloatArray, *, most: float = np.inf
 ) -> Evidence | None:
-    """Compute the evidence of columns G (m, r, c), with coefficients of expected magnitude `natural` (c,).
+    """Compute the evidence of columns G (m, r, c), with coefficients of expected magnitude `expected_size` (c,).
 
     None if all of them are fitted already. `most`: largest multiple of the expected magnitude.
     """
     s, C = residuals.score(G)
-    s, C = natural * s, natural[:, None] * C * natural
+    s, C = expected_size * s, expected_size[:, None] * C * expected_size
     values, vectors = np.linalg.eigh(C)
-    own = float((residuals.whiten(G * natural) ** 2).sum(axis=(0, 1)).max(initial=0.0))
+    own = float((residuals.whiten(G * expected_size) ** 2).sum(axis=(0, 1)).max(initial=0.0))
     free = values > max(1e-7 * own, 1e-30)
     if not free.any():
         return None
@@ -98,14 +98,14 @@ def evidence(
     f = np.maximum(SMALLEST_NOISE_SCALE, chi2 / dof)
     gain = -0.5 * np.log1p(v * values).sum(-1) - 0.5 * (dof * np.log(f) + chi2 / f)
     best = int(np.argmax(gain))
-    b = natural * (vectors @ (shrunk[best] * along))
+    b = expected_size * (vectors @ (shrunk[best] * along))
     return Evidence(
         log_likelihood=float(gain[best]),
         chi2=float(chi2[best]),
         dof=dof,
         size=float(sizes[best]),
         b=b,
-        covariance=np.outer(natural, natural) * ((vectors * shrunk[best]) @ vectors.T),
+        covariance=np.outer(expected_size, expected_size) * ((vectors * shrunk[best]) @ vectors.T),
         moved=residuals.moved(G, b),
     )
 
@@ -114,13 +114,13 @@ def evidence_of_own(
     residuals: WhitenedResiduals,
     own: IntArray,
     G: FloatArray,
-    natural: FloatArray,
+    expected_size: FloatArray,
     *,
     most: float = np.inf,
 ) -> Evidence | None:
     """Compute the evidence of separate columns G (p, r, c) for each of the poses (p,); otherwise as `evidence`."""
     p, _, c = G.shape
-    columns = OwnColumns.of(residuals, own, G * natural.reshape(p, 1, c))
+    columns = OwnColumns.of(residuals, own, G * expected_size.reshape(p, 1, c))
     if not (columns.own > 0.0).any():
         return None
     sizes, dof = SIZES[most >= SIZES], max(residuals.dof, 1)
@@ -147,8 +147,8 @@ def evidence_of_own(
         chi2=max(residuals.chi2 - solution.drop, 1e-12),
         dof=dof,
         size=float(sizes[best]),
-        b=natural * b,
-        covariance=natural**2 * variance,
+        b=expected_size * b,
+        covariance=expected_size**2 * variance,
         moved=columns.moved(residuals, solution),
     )
 

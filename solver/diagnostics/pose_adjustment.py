@@ -54,7 +54,10 @@ def adjust_poses(
 
     `near`: corrections (m, n) and unsensed angles (m, U), rad, to start from, where known.
     """
-    variance, give = np.broadcast_to(noise.joint_variance, q.shape), noise.deflection_variance
+    variance, deflection_variance = (
+        np.broadcast_to(noise.joint_variance, q.shape),
+        noise.deflection_variance,
+    )
     if near is None:
         sd = np.sqrt(variance.mean(axis=0))
         near = np.zeros_like(q), close_loops(model, x, q, sigma_rad=sd, max_iterations=3).u
@@ -62,10 +65,10 @@ def adjust_poses(
     step_size = open_by = np.full(len(q), np.inf)
     for _ in range(MAX_ITERATIONS):
         error = model.loop(x, q + e, u)
-        system = linearise(error, e, variance, give)
+        system = linearise(error, e, variance, deflection_variance)
         multipliers = np.linalg.solve(system.V, system.w[..., None])
         e_new = -variance * (np.swapaxes(system.B, -1, -2) @ multipliers)[..., 0]
-        slack = -give[-error.residual.shape[-1] :] * (system.E @ multipliers)[..., 0]
+        slack = -deflection_variance[-error.residual.shape[-1] :] * (system.E @ multipliers)[..., 0]
         du = unsensed_step(error, (error.jac_q @ (e_new - e)[..., None])[..., 0] + slack)
         before = step_size
         step_size = np.concatenate((np.abs(e_new - e), np.abs(du)), axis=-1).max(-1, initial=0.0)

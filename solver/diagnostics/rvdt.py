@@ -163,7 +163,7 @@ def _without_compliance(
     """
     uncertain = {j: replace(one, low=0.0) for j, one in noise.items() if not one.from_spread}
     compliance = compliance_test(fit.stated, fit.design) if uncertain else None
-    return {**noise, **uncertain} if compliance is not None and compliance.gives else noise
+    return {**noise, **uncertain} if compliance is not None and compliance.deflects else noise
 
 
 def _undecidable(reading: FloatArray, of_loops: Scatter, sensor: Rvdt) -> str:

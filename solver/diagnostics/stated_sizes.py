@@ -24,7 +24,7 @@ SCORING_STEPS = 6
 """Scoring steps after which variances of noise have converged to a few per cent."""
 
 
-def with_found_motion_noise(fit: LinearFit) -> LinearFit:
+def with_estimated_motion_noise(fit: LinearFit) -> LinearFit:
     """Return `fit` with the motion noise of fixture and joints as estimated from the poses.
 
     Each of the two changes by a factor from the restricted likelihood's slope and information at the stated variances:

@@ -221,11 +221,11 @@ class OwnColumns:
         noise = np.linalg.cholesky(
             np.eye(self.white.shape[1]) + self.white @ np.swapaxes(self.white, -1, -2)
         )
-        quiet = np.linalg.inv(noise)
+        noise_whitener = np.linalg.inv(noise)
         white[self.poses] = (np.swapaxes(noise, -1, -2) @ white[self.poses][..., None])[..., 0]
         whitener, U = residuals.whitener.copy(), residuals.U.copy()
-        whitener[self.poses] = quiet @ whitener[self.poses]
-        U[self.poses] = quiet @ U[self.poses]
+        whitener[self.poses] = noise_whitener @ whitener[self.poses]
+        U[self.poses] = noise_whitener @ U[self.poses]
         return WhitenedResiduals(
             whitener=whitener,
             U=U @ solved.back.T,

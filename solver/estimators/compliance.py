@@ -47,7 +47,7 @@ class FixtureLoads:
         return FixtureLoads(pull=self.pull[poses], halves=halves)
 
 
-def compliance_sizes(give: tuple[float, float], *, rotations: int) -> FloatArray:
+def compliance_sizes(stated_deflection: tuple[float, float], *, rotations: int) -> FloatArray:
     """S (k,) for which unit moments and forces cause the stated deflection (rms of each component).
 
     Let a and b be the squares of the two scales in S. The covariance in the module's docstring, summed over three
@@ -55,7 +55,7 @@ def compliance_sizes(give: tuple[float, float], *, rotations: int) -> FloatArray
 
         a^2 (1 + 4 / nu) + 3 a b / nu = 3 give_rad^2,   b^2 (1 + 4 / nu) + 3 a b / nu = 3 give_m^2.
     """
-    turn, shift = 3.0 * give[0] ** 2, 3.0 * give[1] ** 2
+    turn, shift = 3.0 * stated_deflection[0] ** 2, 3.0 * stated_deflection[1] ** 2
     own, other = 1.0 + 4.0 / WISHART_DOF, 3.0 / WISHART_DOF
     if not rotations or turn == 0.0:
         return np.array([0.0] * rotations + [(shift / own) ** 0.25] * 3)

@@ -53,13 +53,13 @@ class ComplianceTest:
         Square of the largest score over its standard deviation; 0 where the data show a smaller compliance.
     p_value
         Probability of so large a statistic if the stated value is right.
-    gives
+    deflects
         Whether the data show a larger compliance at `COMPLIANCE_LEVEL`.
     """
 
     statistic: float
     p_value: float
-    gives: bool
+    deflects: bool
 
 
 LEAST_LEFT = 1e-12
@@ -103,7 +103,7 @@ def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | 
     z = derivatives.score[slots] / np.sqrt(np.diagonal(derivatives.information)[slots])
     statistic = float(np.maximum(z, 0.0).max() ** 2)
     p_value = min(1.0, len(slots) * float(ndtr(-np.sqrt(statistic))))
-    return ComplianceTest(statistic=statistic, p_value=p_value, gives=p_value < COMPLIANCE_LEVEL)
+    return ComplianceTest(statistic=statistic, p_value=p_value, deflects=p_value < COMPLIANCE_LEVEL)
 
 
 def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -> FloatArray:

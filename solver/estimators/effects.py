@@ -170,8 +170,8 @@ class LinearModel(Layout):
             yield along(joints, "sag", self.sags.missed[poses] * self.sag**2)
         if errors.endpoint_variance.any():
             yield along(closure, "instrument", errors.endpoint_variance[6 - self.rows :])
-        for rows, stated in self.gives:
-            variance = self.give_basis.missed[poses, None] * self.free_give * stated**2
+        for rows, stated in self.deflecting_rows:
+            variance = self.deflection_basis.missed[poses, None] * self.free_deflection * stated**2
             yield along(slice(n + rows.start, n + rows.stop), "fixture_give", variance)
         if self.loaded is not None:
             yield along(closure, "fixture_give", self.loaded.missed(poses))
@@ -193,12 +193,12 @@ class LinearModel(Layout):
                 rates[..., s.component] += s.rates
         return rates
 
-    def smooth_give_variance(self, v: FloatArray) -> FloatArray:
+    def smooth_deflection_variance(self, v: FloatArray) -> FloatArray:
         """Variance (6,) of the deflection that repeats at the same pose."""
         variance = np.zeros(6)
-        # One group for each of `gives` with columns (the discrepancy's too), then that of the loads.
+        # One group for each of `deflecting_rows` with columns (the discrepancy's too), then that of the loads.
         groups = [g for g in self.groups if g.source == "fixture_give"]
-        for (rows, _), g in zip(self.gives, groups, strict=False):
+        for (rows, _), g in zip(self.deflecting_rows, groups, strict=False):
             variance[6 - self.rows :][rows] += g.variance(v)
         if self.loaded is not None:
             squares = [(self.loaded.columns(poses) ** 2).sum((0, 2)) for poses in self.parts()]
@@ -233,8 +233,8 @@ class LinearModel(Layout):
         shapes = shapes * root[at:end]
         np.multiply(C[..., along.joint_of], shapes[:, None, :], out=effects[..., at:end])
         at = end
-        for rows, _ in self.gives:
-            phi = self.give_basis.phi[poses]
+        for rows, _ in self.deflecting_rows:
+            phi = self.deflection_basis.phi[poses]
             end = at + 3 * phi.shape[1]
             sized = phi[:, None, None, :] * root[at:end].reshape(3, -1)
             columns = effects[..., at:end].reshape(m, r, 3, -1)
@@ -250,20 +250,20 @@ class LinearModel(Layout):
 
         Corrections include the expected play and sag.
         """
-        shift, give = self.expected.copy(), np.zeros((len(self.q), self.rows))
+        shift, deflection = self.expected.copy(), np.zeros((len(self.q), self.rows))
         at = len(self.soft_index)
         end = at + len(self.along_joints.joint_of)
         for poses in self.parts():
             shift[poses] += self.along_joints.shift(b[at:end], angle[poses], poses)
         at = end
-        for rows, _ in self.gives:
-            k = self.give_basis.phi.shape[1]
-            give[:, rows] = self.give_basis.phi @ b[at : at + 3 * k].reshape(3, k).T
+        for rows, _ in self.deflecting_rows:
+            k = self.deflection_basis.phi.shape[1]
+            deflection[:, rows] = self.deflection_basis.phi @ b[at : at + 3 * k].reshape(3, k).T
             at += 3 * k
         if self.loaded is not None:
             for poses in self.parts():
-                give[poses] += self.loaded.columns(poses) @ b[at:]
-        return shift, give
+                deflection[poses] += self.loaded.columns(poses) @ b[at:]
+        return shift, deflection
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -142,7 +142,7 @@ def require_enough_poses(model: ClosureModel, poses: int, *, known: int = 0) -> 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TwoReadings:
+class ResidualSigma:
     """One standard deviation by each of the two interpretations of the paper's formula.
 
     `rms` divides inside the root, sqrt(sum / (k m)), the only interpretation that gives values as large as the
@@ -160,25 +160,27 @@ class ClosureSigmas:
     `orientation_rad` is None where the loops have no orientation: a ball, measured positions.
     """
 
-    position_m: TwoReadings
-    orientation_rad: TwoReadings | None
+    position_m: ResidualSigma
+    orientation_rad: ResidualSigma | None
 
 
 def closure_sigmas(residual: FloatArray, rotation_rows: int) -> ClosureSigmas:
     """Compute both sigmas of reduced residuals (m, r), rotation rows first (eqs. 14 and 15)."""
     return ClosureSigmas(
-        position_m=_both(residual[:, rotation_rows:]),
-        orientation_rad=_both(residual[:, :rotation_rows]) if rotation_rows else None,
+        position_m=_residual_sigma(residual[:, rotation_rows:]),
+        orientation_rad=_residual_sigma(residual[:, :rotation_rows]) if rotation_rows else None,
     )
 
 
-def _both(rows: FloatArray) -> TwoReadings:
+def _residual_sigma(rows: FloatArray) -> ResidualSigma:
     poses, components = rows.shape
     total = float(np.sum(rows**2))
     count = components * poses
     if count == 0:
-        return TwoReadings(rms=0.0, as_printed=0.0)
-    return TwoReadings(rms=float(np.sqrt(total / count)), as_printed=float(np.sqrt(total) / count))
+        return ResidualSigma(rms=0.0, as_printed=0.0)
+    return ResidualSigma(
+        rms=float(np.sqrt(total / count)), as_printed=float(np.sqrt(total) / count)
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -236,15 +236,15 @@ def estimate_implicit(
 
 
 def linearise(
-    error: LoopError, e: FloatArray, variance: FloatArray, give: FloatArray
+    error: LoopError, e: FloatArray, variance: FloatArray, deflection_variance: FloatArray
 ) -> LinearisedPoses:
     """Reduce the loops linearised at corrections `e` (m, n), and compute the misclosures' covariance."""
     reduced = reduced_equations(error)
     E, B = reduced.E, reduced.B
     Bt, Et = np.swapaxes(B, -1, -2), np.swapaxes(E, -1, -2)
     V = B @ (variance[..., :, None] * Bt)
-    if give.any():
-        V = V + Et @ (give[..., -E.shape[-2] :, None] * E)
+    if deflection_variance.any():
+        V = V + Et @ (deflection_variance[..., -E.shape[-2] :, None] * E)
     w = reduced.w - (B @ e[..., None])[..., 0]
     return LinearisedPoses(w=w, A=reduced.A, B=B, V=V, E=E)
 
@@ -275,9 +275,13 @@ class _Loops:
     """The loops of all poses, linearised a block at a time, so that only one block's Jacobians are in memory."""
 
     def __init__(
-        self, model: ClosureModel, q: FloatArray, variance: FloatArray, give: FloatArray
+        self,
+        model: ClosureModel,
+        q: FloatArray,
+        variance: FloatArray,
+        deflection_variance: FloatArray,
     ) -> None:
-        self._q, self._variance, self._give = q, variance, give
+        self._q, self._variance, self._deflection_variance = q, variance, deflection_variance
         self._parts, first = list[tuple[ClosureModel, slice]](), 0
         for part, poses in pose_blocks(model, q):
             self._parts.append((part, slice(first, first + len(poses))))
@@ -304,7 +308,7 @@ class _Loops:
         self, part: ClosureModel, poses: slice, x: FloatArray, e: FloatArray, u: FloatArray
     ) -> _Block:
         error = part.loop(x, self._q[poses] + e, u)
-        system = linearise(error, e, self._variance[poses], self._give)
+        system = linearise(error, e, self._variance[poses], self._deflection_variance)
         whiten = whitener(system.V)
         return _Block(
             w=(whiten @ system.w[..., None])[..., 0],
@@ -321,7 +325,9 @@ class _Loops:
             residual = block.w + block.A @ step
             across = residual[..., None, :]
             e = -self._variance[poses] * (across @ block.B)[..., 0, :]
-            slack = -self._give[-block.Et.shape[-1] :] * (across @ block.Et)[..., 0, :]
+            slack = (
+                -self._deflection_variance[-block.Et.shape[-1] :] * (across @ block.Et)[..., 0, :]
+            )
             results.append(
                 (e, block.rates.unsensed_step(step, e, slack), (residual * residual).sum(-1))
             )

@@ -32,7 +32,7 @@ from solver.loops.closure import ClosureModel
 LEAST_NOISE_SHARE = 1e-3
 """Smallest standard deviation of an analogue reading, as a share of the stated one."""
 
-LEAST_GIVE = 1e-8
+SMALLEST_DEFLECTION = 1e-8
 """Smallest deflection (rad, m) of a fixture, also assumed for one stated to be rigid."""
 
 LARGEST_PLACEMENT_SCALE = 100.0
@@ -48,7 +48,7 @@ SPECIFICATION_DOF = 4
 """Weight of a sensor's specification of linearity or gain, in degrees of freedom. Poses determine few of the shapes,
 and these imply little about the magnitude of the others."""
 
-FIRST_GIVE = 5e-4
+DEFLECTION_RAISE_LIMIT = 5e-4
 """Start of the search for a deflection that is not stated (rad, m)."""
 
 LARGEST_SCALE = 10.0
@@ -69,7 +69,7 @@ well and the repeatable one poorly, so each has a separate scale."""
 FIXTURE_NOISE = ("fixture_rad", "fixture_m")
 """Components of the part of a fixture's deflection that does not repeat: rotation, translation."""
 
-SAG_COLUMNS, GIVE_COLUMNS = 8, 12
+SAG_COLUMNS, DEFLECTION_COLUMNS = 8, 12
 """Number of smooth functions of the pose for a joint's twist under load and a placement's deflection."""
 
 
@@ -203,7 +203,7 @@ class Layout:
     def _lay_out(self, names: list[str], group: IntArray | None, like: Layout | None) -> None:
         # Functions smooth over all poses: computed once, if at all, and not kept.
         process = cache(partial(pose_process, self.q))
-        gives = self._lay_out_noise()
+        stated = self._lay_out_noise()
         for k, source in enumerate(_SOFT):
             listed = tuple(names[i] for i in self.soft_index if self.soft_kind[i] == k)
             if listed and source == OFFSETS:
@@ -224,7 +224,7 @@ class Layout:
             self._group("encoder_accuracy", names, self._scale("encoder_accuracy"))
         self._lay_out_curves()
         self._lay_out_joints(process, like)
-        self._lay_out_deflection(gives, group, process, like)
+        self._lay_out_deflection(stated, group, process, like)
 
     def _lay_out_noise(self) -> dict[str, float]:
         """Add the noise that is new in every pose; return the fixture's stated deflections (rad, m) by component."""
@@ -240,16 +240,17 @@ class Layout:
                 )
             )
         sizes = zip(FIXTURE_NOISE, (self.errors.give_rad, self.errors.give_m), strict=True)
-        gives = {k: s for k, s in list(sizes)[self.rows != 6 :] if s is not None}
-        for key, stated in gives.items():
+        stated_deflection = {k: s for k, s in list(sizes)[self.rows != 6 :] if s is not None}
+        for key, stated in stated_deflection.items():
             self._component(
                 VarianceComponent(
                     name=key,
-                    start=max(NON_REPEATABLE_SHARE * stated, LEAST_GIVE) ** 2,
-                    floor=max(SMALLEST_SCALE * NON_REPEATABLE_SHARE * stated, LEAST_GIVE) ** 2,
-                    stated=max(stated, LEAST_GIVE) ** 2,
-                    scaled=stated > LEAST_GIVE,
-                    raise_limit=FIRST_GIVE**2,
+                    start=max(NON_REPEATABLE_SHARE * stated, SMALLEST_DEFLECTION) ** 2,
+                    floor=max(SMALLEST_SCALE * NON_REPEATABLE_SHARE * stated, SMALLEST_DEFLECTION)
+                    ** 2,
+                    stated=max(stated, SMALLEST_DEFLECTION) ** 2,
+                    scaled=stated > SMALLEST_DEFLECTION,
+                    raise_limit=DEFLECTION_RAISE_LIMIT**2,
                 )
             )
         if self.backlash.any():
@@ -263,7 +264,7 @@ class Layout:
                     ceiling=LARGEST_SCALE**2,
                 )
             )
-        return gives
+        return stated_deflection
 
     def _lay_out_deflection(
         self,
@@ -274,16 +275,16 @@ class Layout:
     ) -> None:
         """Add the deflection of the fixture that repeats at the same pose or under the same load."""
         # Rows of the closure components, and the stated deflection along them.
-        self.gives: list[tuple[slice, float]] = []
+        self.deflecting_rows: list[tuple[slice, float]] = []
         misfit = (self.rows == 6) * [slice(0, 3)] + [slice(self.rows - 3, self.rows)]
         turn_rad, shift_m = (stated_sizes.get(key, 0.0) for key in FIXTURE_NOISE)
         for rows, stated in zip(misfit[::-1], (shift_m, turn_rad), strict=False):
             if stated > 0.0 or self.errors.discrepancy:
-                self.gives.append((rows, stated))
-        self.give_basis = _NOTHING
+                self.deflecting_rows.append((rows, stated))
+        self.deflection_basis = _NOTHING
         along = np.repeat((turn_rad, shift_m), (self.rows - 3, 3))
         self.loaded = loaded_give(self.errors, along)
-        if self.gives:
+        if self.deflecting_rows:
             self._smooth_give(group, process, like)
         if self.loaded is not None:
             names = [f"load{i}" for i in range(self.loaded.width)]
@@ -343,9 +344,9 @@ class Layout:
         groups = 1 if group is None else len(np.unique(group))
         if like is None:
             process = alike() if groups == 1 else pose_process(self.q, group=group)
-            self.give_basis = process.leading(GIVE_COLUMNS * groups)
+            self.deflection_basis = process.leading(DEFLECTION_COLUMNS * groups)
         else:
-            self.give_basis = like.give_basis
+            self.deflection_basis = like.deflection_basis
         c = None
         if self.errors.discrepancy:
             largest = LARGEST_DISCREPANCY**2
@@ -360,16 +361,18 @@ class Layout:
                     ceiling=largest,
                 )
             )
-        k = self.give_basis.phi.shape[1]
+        k = self.deflection_basis.phi.shape[1]
         # The basis has a variance of 2: a constant and a linear part in addition to its scales.
-        self.free_give = 1.0 if self.loaded is None else 0.5 * UNMODELLED_SHARE
+        self.free_deflection = 1.0 if self.loaded is None else 0.5 * UNMODELLED_SHARE
         smooth = (
-            self._scale("smooth_give") if any(stated > 0.0 for _, stated in self.gives) else None
+            self._scale("smooth_give")
+            if any(stated > 0.0 for _, stated in self.deflecting_rows)
+            else None
         )
-        for rows, stated in self.gives:
+        for rows, stated in self.deflecting_rows:
             rates = [] if c is None else [(c, UNIT_DISCREPANCY**2)]
             if smooth is not None and stated > 0.0:
-                rates.append((smooth, self.free_give * stated**2))
+                rates.append((smooth, self.free_deflection * stated**2))
             names = [f"give{i}_{row}" for row in range(rows.start, rows.stop) for i in range(k)]
             self.groups.append(
                 Group(source="fixture_give", names=tuple(names), rates=tuple(rates), fixed=1e-18)

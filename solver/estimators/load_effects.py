@@ -55,7 +55,7 @@ MOST_DRIVE_SETS = 8
 HALF_NORMAL_MEAN = np.sqrt(2.0 / np.pi)
 """Mean of a compliance whose mean square is 1: half-normal, since none is negative."""
 
-SAG_COLUMNS, GIVE_COLUMNS = 3, 24
+SAG_COLUMNS, DEFLECTION_COLUMNS = 3, 24
 """Columns for the twist of a joint, and for the deflection in one placement."""
 
 CENTRES = 24
@@ -82,10 +82,10 @@ class LoadBasis:
     sag, sag_missed
         (m, n, c) columns of the deviation of each twist from the expected one, and (m, n) variance that these columns
         leave out: all of it for a joint on which gravity has no lever arm.
-    all_give, rows
+    all_deflections, rows
         (M, k, c) deflection along the closure components in units of the stated one, and the index (m,) of each pose in
-        it. `all_give` is by far the largest array, and is shared by every selection of poses.
-    give_missed
+        it. `all_deflections` is by far the largest array, and is shared by every selection of poses.
+    deflection_missed
         (m, k) variance of the deflection that these columns leave out.
     side
         (m, n): expected side, between -1 and 1, to which gravity moves every joint within its play.
@@ -96,20 +96,20 @@ class LoadBasis:
     sag_expected: FloatArray
     sag: FloatArray
     sag_missed: FloatArray
-    all_give: FloatArray
+    all_deflections: FloatArray
     rows: IntArray
-    give_missed: FloatArray
+    deflection_missed: FloatArray
     side: FloatArray
     gravity: Gravity
 
     @property
-    def give(self) -> FloatArray:
+    def deflection(self) -> FloatArray:
         """Deflection (m, k, c) at these poses."""
-        return self.give_at(slice(None))
+        return self.deflection_at(slice(None))
 
-    def give_at(self, poses: slice) -> FloatArray:
+    def deflection_at(self, poses: slice) -> FloatArray:
         """Deflection (m, k, c) at a slice of these poses."""
-        return np.asarray(self.all_give[self.rows[poses]])
+        return np.asarray(self.all_deflections[self.rows[poses]])
 
     def at_poses(self, poses: IntArray) -> LoadBasis:
         """Return the effects at a selection of poses."""
@@ -117,21 +117,21 @@ class LoadBasis:
             sag_expected=self.sag_expected[poses],
             sag=self.sag[poses],
             sag_missed=self.sag_missed[poses],
-            all_give=self.all_give,
+            all_deflections=self.all_deflections,
             rows=self.rows[poses],
-            give_missed=self.give_missed[poses],
+            deflection_missed=self.deflection_missed[poses],
             side=self.side[poses],
             gravity=self.gravity,
         )
 
     def joints_at(self, q: FloatArray) -> LoadBasis:
         """Return the effects of load on the joints at other angles `q` (m, n), rad, without a fixture."""
-        m, (_, k, c) = len(q), self.all_give.shape
+        m, (_, k, c) = len(q), self.all_deflections.shape
         torque = replace(self.gravity.part, q=q, u=np.zeros((m, 0))).torques(slice(None))
         expected, sag, missed, side = self.gravity.sags(torque)
         return LoadBasis(
-            sag_expected=expected, sag=sag, sag_missed=missed, all_give=np.zeros((1, k, c)),
-            rows=np.zeros(m, dtype=np.int64), give_missed=np.zeros((m, k)), side=side,
+            sag_expected=expected, sag=sag, sag_missed=missed, all_deflections=np.zeros((1, k, c)),
+            rows=np.zeros(m, dtype=np.int64), deflection_missed=np.zeros((m, k)), side=side,
             gravity=self.gravity,
         )  # fmt: skip
 
@@ -199,13 +199,13 @@ def load_basis(
     u: FloatArray,
     masses: LinkMasses,
     *,
-    give: tuple[float, float],
-    give_columns: int = GIVE_COLUMNS,
+    stated_deflection: tuple[float, float],
+    deflection_columns: int = DEFLECTION_COLUMNS,
 ) -> LoadBasis:
     """Return the effects of load at joint angles `q` (m, n) and unsensed angles `u` (m, U), rad.
 
-    `x`: parameters (P,), near the truth. `give`: stated deflections (rad, m); their ratio is that of the effects of
-    moments and forces. Each of several placements has its own `give_columns` columns.
+    `x`: parameters (P,), near the truth. `stated_deflection`: rad and m; their ratio is that of the effects of moments
+    and forces. Each of several placements has its own `deflection_columns` columns.
     """
     m, k = len(q), model.components
     parts = model.parts()
@@ -225,21 +225,21 @@ def load_basis(
     # The largest array of all: with many poses it is not kept but computed again at each request.
     again = torque if m <= CHUNK else None
     del torque
-    deflection = np.zeros((m, k, give_columns * len(parts)))
+    deflection = np.zeros((m, k, deflection_columns * len(parts)))
     missed = np.zeros((m, k))
     for number, (poses, one) in enumerate(placements):
-        if max(give) > 0.0:
-            ours = slice(number * give_columns, (number + 1) * give_columns)
+        if max(stated_deflection) > 0.0:
+            ours = slice(number * deflection_columns, (number + 1) * deflection_columns)
             deflection[poses, :, ours], missed[poses] = _load_deflection(
-                one, give, give_columns, None if again is None else again[poses]
+                one, stated_deflection, deflection_columns, None if again is None else again[poses]
             )
     return LoadBasis(
         sag_expected=expected,
         sag=sag,
         sag_missed=missed_sag,
-        all_give=deflection,
+        all_deflections=deflection,
         rows=np.arange(m),
-        give_missed=missed,
+        deflection_missed=missed,
         side=side,
         gravity=gravity,
     )
@@ -286,7 +286,7 @@ def _wrenches(
 
 
 def _load_deflection(
-    part: ArmPoses, give: tuple[float, float], columns: int, torque: FloatArray | None
+    part: ArmPoses, stated_deflection: tuple[float, float], columns: int, torque: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
     """Deflection (m, k, c) in units of the stated one, and the variance left out (m, k).
 
@@ -307,8 +307,8 @@ def _load_deflection(
         size = np.sqrt((W[among, rows] ** 2).sum((1, 2)).mean(0))
         unit[rows] = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
     unit /= np.sqrt(W.shape[-1])
-    s = compliance_sizes(give, rotations=k - 3)
-    size = np.array([give[0]] * (k - 3) + [give[1]] * 3)
+    s = compliance_sizes(stated_deflection, rotations=k - 3)
+    size = np.array([stated_deflection[0]] * (k - 3) + [stated_deflection[1]] * 3)
     scale = np.divide(1.0, size, out=np.zeros(k), where=size > 0.0)
     sized = unit[:, None] * s[:, None, None]
     held = _pulled(part, first, W * sized)

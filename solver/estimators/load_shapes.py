@@ -175,20 +175,22 @@ class LoadedGive:
     @property
     def width(self) -> int:
         """Number c of shapes."""
-        return int(self.loads.all_give.shape[-1])
+        return int(self.loads.all_deflections.shape[-1])
 
     def columns(self, poses: slice) -> FloatArray:
         """Shapes (m, k, c) along the closure components."""
         scale = np.sqrt(1.0 - UNMODELLED_SHARE) * self.sizes
-        return np.asarray(scale[:, None] * self.loads.give_at(poses))
+        return np.asarray(scale[:, None] * self.loads.deflection_at(poses))
 
     def missed(self, poses: slice) -> FloatArray:
         """Variance (m, k) that these shapes leave out."""
-        return np.asarray((1.0 - UNMODELLED_SHARE) * self.sizes**2 * self.loads.give_missed[poses])
+        return np.asarray(
+            (1.0 - UNMODELLED_SHARE) * self.sizes**2 * self.loads.deflection_missed[poses]
+        )
 
 
 def loaded_give(errors: ErrorModel, sizes: FloatArray) -> LoadedGive | None:
     """Return the deflection under load; None where loads are unknown or zero, or `sizes` (k,) are all zero."""
-    if errors.loads is None or not sizes.any() or not errors.loads.all_give.any():
+    if errors.loads is None or not sizes.any() or not errors.loads.all_deflections.any():
         return None
     return LoadedGive(loads=errors.loads, sizes=sizes)

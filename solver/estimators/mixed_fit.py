@@ -54,7 +54,7 @@ NEGLIGIBLE_GAIN = 0.1
 CHI2_LARGE_START = 4.0
 """chi2/dof from which the search starts at large variances."""
 
-CHI2_GIVE_UP = 30.0
+CHI2_ABANDONED = 30.0
 """chi2/dof at large variances from which variances are not estimated: such a misfit is a fault, for the tests to
 diagnose."""
 
@@ -191,7 +191,7 @@ def _iterate(
             # The stated errors do not explain these readings: start with large deflections.
             v = np.maximum(v, design.raise_limits)
             fixed_fit = _iterate(design, x0, v, progress)
-            if not fixed_fit.fit.chi2 <= CHI2_GIVE_UP * fixed_fit.fit.dof:
+            if not fixed_fit.fit.chi2 <= CHI2_ABANDONED * fixed_fit.fit.dof:
                 return fixed_fit
             fit = LinearFit(design, linearisation, v)
         state, largest_step, remaining = _advance(design, linearisation, fit)
@@ -303,7 +303,7 @@ def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[St
     old = at.state
     x = np.where(design.soft, design.nominal, old.x) + fit.change
     dx = x - old.x
-    e, give = design.effects_at(fit.b, old.closed_q)
+    e, deflection = design.effects_at(fit.b, old.closed_q)
     u, closed_q, closed_u = old.closed_u.copy(), design.q.copy(), old.closed_u.copy()
     for part in fit.parts():
         poses, system = part.poses, at.part(part.poses)
@@ -311,12 +311,12 @@ def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[St
         multipliers = np.swapaxes(part.L_inverse, -1, -2) @ residual
         noise = part.noise * (np.swapaxes(system.noise_columns, -1, -2) @ multipliers)[..., 0]
         e[poses] -= noise[:, : e.shape[1]]
-        give[poses] -= noise[:, e.shape[1] :]
-        turned = e[poses] + _closing(system, give[poses])
+        deflection[poses] -= noise[:, e.shape[1] :]
+        turned = e[poses] + _closing(system, deflection[poses])
         closed_q[poses] += turned
         rates = at.rates(poses)
-        u[poses] += rates.unsensed_step(dx, e[poses], give[poses])
-        closed_u[poses] += rates.unsensed_step(dx, turned, np.zeros_like(give[poses]))
+        u[poses] += rates.unsensed_step(dx, e[poses], deflection[poses])
+        closed_u[poses] += rates.unsensed_step(dx, turned, np.zeros_like(deflection[poses]))
     changes = (dx, closed_q - old.closed_q, closed_u - old.closed_u)
     largest = max(float(np.abs(d).max(initial=0.0)) for d in changes)
     if not np.isfinite(largest):
@@ -335,9 +335,9 @@ def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[St
     return new, largest_step, largest_step * (1.0 - shrink + min(1.0, CURVATURE_SHARE * largest))
 
 
-def _closing(system: System, give: FloatArray) -> FloatArray:
-    """Smallest joint rotations (m, n) that compensate deflections `give` (m, k) of the fixture."""
-    open_by = np.swapaxes(system.E, -1, -2) @ give[..., None]
+def _closing(system: System, deflection: FloatArray) -> FloatArray:
+    """Smallest joint rotations (m, n) that compensate deflections `deflection` (m, k) of the fixture."""
+    open_by = np.swapaxes(system.E, -1, -2) @ deflection[..., None]
     Bt = np.swapaxes(system.B, -1, -2)
     square = system.B @ Bt
     # Directions in which joints hardly move a pose stay open, so that no joint turns far.

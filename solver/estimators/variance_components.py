@@ -281,10 +281,10 @@ def noise_left(fitted: MixedFit, back: IntArray) -> NoiseModel:
     """Return the noise at the estimated variances, rows in the order of `back` (m,)."""
     design, v = fitted.fit.design, fitted.fit.v
     joints, fixture = np.split(design.noise_variance(v), [design.model.joint_count], axis=1)
-    give = np.zeros(6)
-    give[6 - design.rows :] = fixture.mean(axis=0)
-    give += design.smooth_give_variance(v)
-    return NoiseModel(joint_variance=joints[back], fixture_variance=give)
+    deflection_variance = np.zeros(6)
+    deflection_variance[6 - design.rows :] = fixture.mean(axis=0)
+    deflection_variance += design.smooth_deflection_variance(v)
+    return NoiseModel(joint_variance=joints[back], fixture_variance=deflection_variance)
 
 
 def _report(fitted: MixedFit, back: IntArray) -> VarianceComponents:

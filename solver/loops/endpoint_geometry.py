@@ -24,7 +24,7 @@ class Line:
     point_m: FloatArray
     direction: FloatArray
 
-    def seen(self, R: FloatArray, p_m: FloatArray) -> Line:
+    def in_frame(self, R: FloatArray, p_m: FloatArray) -> Line:
         """Return the line in a frame where the line's present frame has rotation `R` and origin `p_m`."""
         return Line(point_m=p_m + R @ self.point_m, direction=R @ self.direction)
 

@@ -52,8 +52,8 @@ def hinge_at(arm: ArmModel, point_m: list[float], direction: list[float]) -> Hin
     """The hinge on a line of the frame before the last link at home, with the offsets of the arm's file."""
     frames = at_home(arm)
     R, p = frames.axes[-2] @ rotation_about_z(arm.home_rad[-1]), frames.origins_m[-2]
-    ground = Line(point_m=np.array(point_m), direction=np.array(direction)).seen(R, p)
-    hand = ground.seen(frames.R_end.T, -frames.p_end @ frames.R_end)
+    ground = Line(point_m=np.array(point_m), direction=np.array(direction)).in_frame(R, p)
+    hand = ground.in_frame(frames.R_end.T, -frames.p_end @ frames.R_end)
     placed = Hinge.between(arm, ground, hand)
     return replace(placed, theta_off_1_rad=None, theta_off_n_rad=None)
 

@@ -47,7 +47,7 @@ class Plan:
     @property
     def scaled_condition_number(self) -> float:
         """Scaled condition number of the reduced Jacobian at the planned poses."""
-        return self._shown.seen.scaled_condition_number
+        return self._shown.identifiability.scaled_condition_number
 
     def to_json(self) -> dict[str, object]:
         """Return the object of ``sarcal plan --json``."""

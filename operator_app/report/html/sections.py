@@ -144,7 +144,7 @@ def _of_table(subject: Subject, estimate: Estimate, table: FactTable) -> Section
             content += _before_and_after(subject)
         case "trend" if subject.solution is not None:
             limit = subject.procedure.acceptance.scaled_condition_number
-            trend = calibration_plots.condition_trend(subject.solution.seen.trend, limit)
+            trend = calibration_plots.condition_trend(subject.solution.identifiability.trend, limit)
             content = [plots([table_html(table), drawn(trend)])]
         case "closure":
             shown = calibration_plots.residuals(subject, estimate)

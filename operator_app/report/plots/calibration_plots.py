@@ -95,20 +95,25 @@ def misses(subject: Subject, estimate: Estimate) -> Picture:
     """Return the plot of the distance between tool and fixture in every pose; large ones are marked."""
     miss = np.linalg.norm(estimate.residual[:, estimate.rotation_rows :], axis=1)
     rms = float(np.sqrt(np.mean(miss**2)))
-    odd, values = miss > FAR_OFF * rms, CLOSURE_LENGTH.per_si * miss
+    highlighted, values = miss > FAR_OFF * rms, CLOSURE_LENGTH.per_si * miss
     numbers = np.array([p.number for p in subject.used])
     limit = CLOSURE_LENGTH.per_si * FAR_OFF * rms
     return Picture(
         ident="misses",
         title="How far each pose's loop fails to close",
         description=f"{plural(len(miss), 'pose')}; rms {Figure(rms, CLOSURE_LENGTH).with_unit}; "
-        f"{plural(int(odd.sum()), 'pose')} beyond {FAR_OFF:g} times that.",
+        f"{plural(int(highlighted.sum()), 'pose')} beyond {FAR_OFF:g} times that.",
         x=pose_axis(subject),
         y=axis("distance", [0.0, limit, *values.tolist()], unit=CLOSURE_LENGTH.unit),
         layers=[
             Band(low=0.0, high=limit, label=f"{FAR_OFF:g} rms"),
-            Marks(x=numbers[~odd].tolist(), y=values[~odd].tolist(), label="pose"),
-            Marks(x=numbers[odd].tolist(), y=values[odd].tolist(), shape="square", class_="c"),
+            Marks(x=numbers[~highlighted].tolist(), y=values[~highlighted].tolist(), label="pose"),
+            Marks(
+                x=numbers[highlighted].tolist(),
+                y=values[highlighted].tolist(),
+                shape="square",
+                class_="c",
+            ),
         ],
     )
 

@@ -290,7 +290,7 @@ def _rvdt(subject: Subject, solution: Solution) -> Panels | None:
 
 
 def _condition(subject: Subject, solution: Solution) -> Panels | None:
-    trend = solution.seen.trend
+    trend = solution.identifiability.trend
     if len(trend) < 2:
         return None
     limit = subject.procedure.acceptance.scaled_condition_number

@@ -38,7 +38,7 @@ BAR_HEIGHT, LEGEND = 13.0, 12.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strip:
-    """One row of values about zero; `odd`: drawn in the warning colour.
+    """One row of values about zero; `highlighted`: drawn in the warning colour.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Strip:
     name: str
     values: Sequence[float]
     band: float
-    odd: bool = False
+    highlighted: bool = False
 
 
 def strips(x: Axis, at: Sequence[float], rows: Sequence[Strip]) -> Html:
@@ -86,7 +86,7 @@ def strips(x: Axis, at: Sequence[float], rows: Sequence[Strip]) -> Html:
         parts.append(segment(2.0, top + ROW, PLOT_WIDTH - 2.0, top + ROW, "grid"))
         parts.append(label(row.name, 2.0, middle + 3.6, class_="legend"))
         parts.append(label(significant(reach, 2), PLOT_WIDTH - 2.0, middle + 3.6, anchor="end"))
-        colour = "c" if row.odd else "a"
+        colour = "c" if row.highlighted else "a"
         for a, value in zip(at, row.values, strict=True):
             x_at = x.place(a, NAME_WIDTH, right)
             y = middle - half * value / reach
@@ -248,7 +248,7 @@ def corrections_by_joint(subject: Subject, estimate: Estimate | None) -> Html | 
                     name=f"joint {j}",
                     values=values[:, j - 1].tolist(),
                     band=float(noise[j - 1]),
-                    odd=bool(0.0 < CORRECTION_ODD * stated[j - 1] < rms[j - 1]),
+                    highlighted=bool(0.0 < CORRECTION_ODD * stated[j - 1] < rms[j - 1]),
                 )
                 for j in sensed_joints(subject)
             ],

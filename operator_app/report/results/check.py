@@ -16,9 +16,9 @@ from operator_app.report.text import aligned, paragraph
 from operator_app.units import (
     ANGLE_TOLERANCE,
     CONDITION,
+    DEFLECTION_ANGLE,
+    DEFLECTION_LENGTH,
     DEVIATION,
-    GIVES_ANGLE,
-    GIVES_LENGTH,
     LENGTH_TOLERANCE,
     READING_SD,
     SPAN,
@@ -159,9 +159,9 @@ def _chain(chain: Chain) -> str:
     arm, spec, outlook = chain.arm, chain.fixture, chain.outlook
     give = spec.fixture.compliance
     yields = [
-        *([GIVES_LENGTH(give.position_m).with_unit] if give.position_m else []),
+        *([DEFLECTION_LENGTH(give.position_m).with_unit] if give.position_m else []),
         *(
-            [GIVES_ANGLE(give.orientation_rad).with_unit]
+            [DEFLECTION_ANGLE(give.orientation_rad).with_unit]
             if give.orientation_rad and spec.kind != "ball"
             else []
         ),
@@ -194,8 +194,10 @@ def _chain(chain: Chain) -> str:
     ]
     lines += _other_home(chain)
     lines += [paragraph(f"{name} is fixed: {reason}.") for name, reason in chain.held.items()]
-    if outlook.seen is not None and not outlook.refused:
-        lines.append(_identifiability_text("Poses over the whole reachable region", outlook.seen))
+    if outlook.identifiability is not None and not outlook.refused:
+        lines.append(
+            _identifiability_text("Poses over the whole reachable region", outlook.identifiability)
+        )
     for file, identifiability in chain.poses:
         lines.append(_identifiability_text(f"The poses of {file}", identifiability))
         lines += [
@@ -219,8 +221,8 @@ def _freedom(chain: Chain) -> list[str]:
     if outlook.choice is not None:
         chosen = f"{joints_named(outlook.choice.drives).capitalize()} would drive"
         lines.append(f"{chosen} ({'; '.join(outlook.choice.reasons)}).")
-    if outlook.from_home_rad is not None:
-        distance = abs(outlook.from_home_rad)
+    if outlook.home_to_closed_rad is not None:
+        distance = abs(outlook.home_to_closed_rad)
         j = int(distance.argmax())
         lines.append(
             f"From home_deg to the nearest pose that closes: {DEVIATION(float(distance[j])).with_unit} at most, "
@@ -243,9 +245,9 @@ def _other_home(chain: Chain) -> list[str]:
         ),
         f"  home_deg: [{degrees}]",
     ]
-    if outlook.seen is not None:
+    if outlook.identifiability is not None:
         region = "Poses over the whole region reachable from there"
-        lines.append(_identifiability_text(region, outlook.seen))
+        lines.append(_identifiability_text(region, outlook.identifiability))
     return lines
 
 
@@ -293,7 +295,9 @@ def _chain_data(chain: Chain) -> dict[str, Any]:
         "checks": [c.data for c in outlook.checks],
         "parameters": [p.name for p in outlook.parameters],
         "held": dict(chain.held),
-        "seen": None if outlook.seen is None else _identifiability_data(outlook.seen),
+        "seen": None
+        if outlook.identifiability is None
+        else _identifiability_data(outlook.identifiability),
         "poses": {
             file: _identifiability_data(identifiability) for file, identifiability in chain.poses
         },

@@ -221,7 +221,7 @@ def _part_json(part: EntryHistory) -> dict[str, Any]:
             {
                 "entry": s.name,
                 "since": part.calibrations[s.at].session,
-                "seen": part.calibrations[s.seen].session,
+                "seen": part.calibrations[s.detected_at].session,
                 "size": Figure(s.size, quantity(s.name)).in_json,
                 "sigma": Figure(s.sigma, quantity(s.name)).in_json,
                 "chart": s.chart,
@@ -244,7 +244,7 @@ def _shift_text(part: EntryHistory, shift: ChartSignal) -> str:
     first = part.calibrations[shift.at]
     return (
         f"{shift.name} by {size} (sigma {sigma}) from {first.document.utc:%Y-%m-%d} on, session "
-        f"{first.session}; seen in session {shift.seen + 1} by {by}: {advice}"
+        f"{first.session}; seen in session {shift.detected_at + 1} by {by}: {advice}"
     )
 
 

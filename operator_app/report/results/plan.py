@@ -149,8 +149,8 @@ def _sigmas(shown: Preview) -> str:
     half = (len(cells) + 1) // 2
     for k in range(half):
         rows.append([*cells[k], *(cells[half + k] if half + k < len(cells) else [])])
-    condition = shown.seen.scaled_condition_number
-    weakest = ", ".join(shown.seen.weakest.parameters[:WEAKEST])
+    condition = shown.identifiability.scaled_condition_number
+    weakest = ", ".join(shown.identifiability.weakest.parameters[:WEAKEST])
     poses = "captured and planned poses" if shown.captured else "planned poses"
     tail = (
         f"Scaled condition number of the {poses} {Figure(condition).shown} (the result warns "
@@ -243,7 +243,7 @@ ANGULAR = ("alpha", "theta")
 
 def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:
     """Return the JSON object for a plan."""
-    choice, identifiability = shown.choice, shown.seen
+    choice, identifiability = shown.choice, shown.identifiability
     known = {p.name: p for p in shown.parameters}
     names = shown.plan.information.parameters
     return {

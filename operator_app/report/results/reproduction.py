@@ -85,7 +85,10 @@ def _identified(reproduction: Published) -> FactTable:
 
 
 def _quality(reproduction: Published) -> FactTable:
-    sigmas, identifiability = reproduction.solution.estimate.sigmas, reproduction.solution.seen
+    sigmas, identifiability = (
+        reproduction.solution.estimate.sigmas,
+        reproduction.solution.identifiability,
+    )
     turned = sigmas.orientation_rad
     rows: list[tuple[Cell, ...]] = [
         (

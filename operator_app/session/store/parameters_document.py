@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from operator_app.config.procedure import Procedure
     from operator_app.session.store.state import SessionState
     from solver.arrays import FloatArray, IntArray
-    from solver.estimators.estimate import TwoReadings
+    from solver.estimators.estimate import ResidualSigma
     from solver.loops.closure import ClosureModel
 
 
@@ -100,8 +100,8 @@ def parameters_document(
         quality=Quality(
             poses=solution.poses,
             # Parameters of other placements are not in this document.
-            rank=solution.seen.rank - (len(estimate.parameters) - len(model.parameters)),
-            scaled_condition_number=solution.seen.scaled_condition_number,
+            rank=solution.identifiability.rank - (len(estimate.parameters) - len(model.parameters)),
+            scaled_condition_number=solution.identifiability.scaled_condition_number,
             sigma_pos_mm=_figures(estimate.sigmas.position_m),
             sigma_ori_mrad=None if turned is None else _figures(turned),
             chi2_per_dof=estimate.chi2_per_dof,
@@ -210,6 +210,6 @@ def _forced_warning(solution: Solution, reason: str) -> tuple[DocumentWarning, .
     return (DocumentWarning(code=FORCED, text=f"{refused}; exported because: {text}"),)
 
 
-def _figures(reading: TwoReadings) -> TwoFigures:
+def _figures(reading: ResidualSigma) -> TwoFigures:
     """Convert m to mm and rad to mrad."""
     return TwoFigures(rms=1e3 * reading.rms, as_printed=1e3 * reading.as_printed)

@@ -132,9 +132,9 @@ def _apply_planning(state: SessionState, event: JournalEvent) -> SessionState:
     name, data = event.name, event.data
     match name:
         case "remounting":
-            return _elsewhere(state, data["placement"], mounted=False)
+            return _in_new_placement(state, data["placement"], mounted=False)
         case "remounted":
-            return _elsewhere(state, data["placement"], mounted=True)
+            return _in_new_placement(state, data["placement"], mounted=True)
         case "drives_chosen":
             sets = tuple(tuple(drives) for drives in data["sets"])
             return replace(state, drives=tuple(data["drives"]), drive_sets=sets)
@@ -203,7 +203,7 @@ def _with_skipped_open(state: SessionState) -> SessionState:
     )
 
 
-def _elsewhere(state: SessionState, placement: int, *, mounted: bool) -> SessionState:
+def _in_new_placement(state: SessionState, placement: int, *, mounted: bool) -> SessionState:
     """Return the state in a new placement of the fixture, in which start, home, modes and waypoints are unknown."""
     return replace(
         state,

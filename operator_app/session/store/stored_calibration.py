@@ -130,7 +130,7 @@ def solution_data(
     solution: Solution, state: SessionState, *, length_tolerance_m: float | None
 ) -> dict[str, Any]:
     """Return the data of the `solved` event that records a solution."""
-    estimate, condition = solution.estimate, solution.seen.scaled_condition_number
+    estimate, condition = solution.estimate, solution.identifiability.scaled_condition_number
     return {
         "estimator": estimate.estimator,
         "unsensed_joints": list(solution.model.unsensed_joints),

@@ -273,7 +273,7 @@ class Runner:
             yield
         except BaseException as error:  # noqa: BLE001 - kept for the screen to raise
             self.defect = error
-            self.stop_quietly()
+            self.send_quick_stop()
 
     def _work(self) -> None:
         with self._supervised():
@@ -345,7 +345,7 @@ class Runner:
             uncancellable=True,
         )
 
-    def stop_quietly(self) -> bool:
+    def send_quick_stop(self) -> bool:
         """Send a quick stop without a message; return whether it was sent.
 
         Cancels all tasks except connecting, which the operator may have requested at the same time.

@@ -156,7 +156,7 @@ class Supervisor:
         # While connecting, there are no data yet, and a STOP would end the connecting.
         if now.data is DataState.LOST and not self._lost and not self._runner.connecting:
             self._lost = True
-            sent = "quick stop sent" if self._runner.stop_quietly() else "quick stop NOT sent"
+            sent = "quick stop sent" if self._runner.send_quick_stop() else "quick stop NOT sent"
             cause, remedy = "no data from the arm", "Check the bus and the controller"
             if now.arm is not None and now.oldest_s - now.arm.late_s <= LOST_S:
                 cause, remedy = "this program did not read the bus", "End other programs"

@@ -24,7 +24,7 @@ from operator_app.units import REACH
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector
 from solver.chain.sensors import Encoder
-from solver.design.drive_joints import RankedDrives, TrialWiggles
+from solver.design.drive_joints import DriveTrial, RankedDrives
 
 WIGGLE_RAD = float(np.deg2rad(1.5))
 KEPT_CANDIDATES = 6
@@ -56,7 +56,7 @@ def choose(session: Session, *, may_move: bool = True) -> DriveChoice:
         arm, model, nominal_vector(model.parameters), q_rad, seed=session.procedure.capture.seed
     )
     unsensed = session.procedure.unsensed_joints
-    trials: tuple[TrialWiggles, ...] = ()
+    trials: tuple[DriveTrial, ...] = ()
     if session.procedure.trial and may_move:
         trials = tuple(wiggle(session, drives) for drives in sets_to_try(prediction, unsensed))
     choice = choose_drives(prediction, unsensed_joints=unsensed, trials=trials)
@@ -74,7 +74,7 @@ def choose(session: Session, *, may_move: bool = True) -> DriveChoice:
     return choice
 
 
-def wiggle(session: Session, drives: tuple[int, ...]) -> TrialWiggles:
+def wiggle(session: Session, drives: tuple[int, ...]) -> DriveTrial:
     """Move each drive joint by 1.5 deg to either side and back, and measure the motion of all joints."""
     session.set_modes(drives)
     start = session.read().mean_rad
@@ -94,7 +94,7 @@ def wiggle(session: Session, drives: tuple[int, ...]) -> TrialWiggles:
         # Too few moves were completed: report no motion.
         commanded = list(WIGGLE_RAD * np.eye(len(drives)))
         displacements = [np.zeros(len(start))] * len(drives)
-    return TrialWiggles(
+    return DriveTrial(
         drives=drives,
         commanded_rad=np.array(commanded),
         moved_rad=np.array(displacements),

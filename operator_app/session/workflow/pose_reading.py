@@ -34,7 +34,7 @@ from operator_app.session.store.logbook import Logbook
 from operator_app.units import SCATTER
 from solver.arrays import FloatArray
 
-PATIENCE_S = 60.0
+READING_TIMEOUT_S = 60.0
 """Timeout of one measurement, during which a person may have to turn the target towards the instrument."""
 LINE_POLL_S = 0.1
 """Interval at which `cancelled` is called."""
@@ -62,7 +62,9 @@ class Instrument:
         Timeout of one measurement.
     """
 
-    def __init__(self, port: LinePort, *, full_pose: bool, patience_s: float = PATIENCE_S) -> None:
+    def __init__(
+        self, port: LinePort, *, full_pose: bool, patience_s: float = READING_TIMEOUT_S
+    ) -> None:
         self._port, self._full, self._patience_s = port, full_pose, patience_s
         self._heading = ""
 

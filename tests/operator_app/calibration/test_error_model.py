@@ -78,13 +78,13 @@ def test_another_placement_starts_anew(poses):
 def test_loads_are_there_where_the_arm_weighs_something(poses):
     experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses)
     loaded = error_model(experiment)
-    assert loaded.loads.give.any()
+    assert loaded.loads.deflection.any()
     # Sag follows gravity all the same; what pulls at the fixture nobody knows.
     unstated = error_model(replace(experiment, arm=replace(ARM, masses=None))).loads
     assert unstated.sag.any()
-    assert not unstated.give.any()
+    assert not unstated.deflection.any()
     rigid = replace(HINGE, compliance=RIGID)
-    assert not error_model(replace(experiment, fixture=rigid)).loads.give.any()
+    assert not error_model(replace(experiment, fixture=rigid)).loads.deflection.any()
 
 
 def test_the_order_of_the_poses_changes_nothing(poses):

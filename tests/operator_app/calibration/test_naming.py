@@ -48,7 +48,7 @@ def test_what_has_no_name_is_not_said_to_scatter_more_than_stated_where_it_does_
 
 def test_a_cause_that_refuses_is_named_however_many_come_before_it(sound, trial):
     """Five that move nothing compete in the first round; what is found in the second one moves joint 6 far."""
-    some = [c for c in trial.scene.persistent_faults() if c.cause in (Cause.DRIFT, Cause.SCALE)]
+    some = [c for c in trial.faults.persistent_faults() if c.cause in (Cause.DRIFT, Cause.SCALE)]
     drifts = [c for c in some if c.cause is Cause.DRIFT]
     slight = [
         Explanation(candidate=c, evidence=weighed(trial, c, b=0.0), probability=0.15)
@@ -61,7 +61,7 @@ def test_a_cause_that_refuses_is_named_however_many_come_before_it(sound, trial)
     def named(first):
         both = replace(
             trial,
-            rounds=(
+            rankings=(
                 CauseRanking(known=tuple(first), unknown=0.0),
                 CauseRanking(known=(gross,), unknown=0.0),
             ),
@@ -101,14 +101,14 @@ def test_what_is_less_likely_than_not_may_be_and_its_size_is_not_nought(
 ):
     chosen = next(
         c
-        for c in trial.scene.persistent_faults()
+        for c in trial.faults.persistent_faults()
         if c.cause is kind and (not subject or str(c.subject) == subject)
     )
     for chance, words in ((0.04, may), (0.96, does)):
         one = Explanation(
             candidate=chosen, evidence=weighed(trial, chosen, b=1e-7), probability=chance
         )
-        ranked = replace(trial, rounds=(CauseRanking(known=(one,), unknown=0.0),))
+        ranked = replace(trial, rankings=(CauseRanking(known=(one,), unknown=0.0),))
         (cause,) = causes_of(ranked, sound.estimate, ("theta_off_2",), LABELS)
         assert words in cause.text, cause.text
         assert denied not in cause.text, cause.text
@@ -117,7 +117,9 @@ def test_what_is_less_likely_than_not_may_be_and_its_size_is_not_nought(
 def weighed(trial, candidate, *, b):
     """Its evidence, had its coefficients come out as `b` and moved no parameter."""
     if candidate.own is None:
-        found = evidence(trial.left, candidate.columns, candidate.natural)
+        found = evidence(trial.residuals, candidate.columns, candidate.expected_size)
     else:
-        found = evidence_of_own(trial.left, candidate.own, candidate.columns, candidate.natural)
+        found = evidence_of_own(
+            trial.residuals, candidate.own, candidate.columns, candidate.expected_size
+        )
     return replace(found, b=np.full_like(found.b, b), moved=np.zeros_like(found.moved))

@@ -9,7 +9,7 @@ from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import SessionError
 from operator_app.planning.drives import choose_drives, predict_drives, sets_to_try
 from solver.chain.parameters import nominal_vector
-from solver.design.drive_joints import TrialWiggles
+from solver.design.drive_joints import DriveTrial
 
 
 @pytest.fixture(scope="module")
@@ -19,14 +19,14 @@ def prediction():
     return predict_drives(own.arm, model, nominal_vector(model.parameters), own.arm.home_rad)
 
 
-def trial(drives: tuple[int, ...], *, follows: float = 1.0, stopped: str = "") -> TrialWiggles:
+def trial(drives: tuple[int, ...], *, follows: float = 1.0, stopped: str = "") -> DriveTrial:
     """Wiggles of two drives by 0.02 rad that all joints follow at the same rate."""
     commanded = 0.02 * np.eye(2)
     moved = np.full((2, 7), 0.01)
     for k, joint in enumerate(drives):
         moved[:, joint - 1] = 0.0
         moved[k, joint - 1] = 0.02 * follows
-    return TrialWiggles(drives=drives, commanded_rad=commanded, moved_rad=moved, stopped=stopped)
+    return DriveTrial(drives=drives, commanded_rad=commanded, moved_rad=moved, stopped=stopped)
 
 
 def test_the_set_that_reaches_most_drives_and_others_fill_its_gaps(prediction):

@@ -111,12 +111,12 @@ def test_rvdt_verdicts_and_condition_are_told(page, subject):
     for verdict in subject.solution.rvdt:
         assert verdict.text in page.text
     rows = {row[0]: row[1:] for row in page.rows("How well the poses")}
-    condition = subject.solution.seen.scaled_condition_number
+    condition = subject.solution.identifiability.scaled_condition_number
     assert number(rows["scaled condition number"][0]) == pytest.approx(condition, rel=5e-3)
     assert "limit 100" in rows["scaled condition number"][1]
     assert rows["rank"] == ["14", "of 14"]
     shown = [number(row[1]) for row in page.rows("Observability")]
-    assert shown == pytest.approx(list(subject.solution.seen.observability), rel=5e-3)
+    assert shown == pytest.approx(list(subject.solution.identifiability.observability), rel=5e-3)
 
 
 def test_the_paper_may_be_the_chosen_one(folder, take_apart):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from solver.closing import close_loops
-from solver.design.drive_joints import TrialWiggles, rank_at_pose, rank_by_trial, rank_over_region
+from solver.design.drive_joints import DriveTrial, rank_at_pose, rank_by_trial, rank_over_region
 from solver.design.motion import chain_motion
 from tests.oracles.loop_oracle import closure_rates, paper_truth
 
@@ -38,7 +38,7 @@ def test_pair_at_a_fold_is_refused_in_words(loop, x, region):
     assert "singular" in ranked[6, 7].reasons[0]
 
 
-def measured_trial(loop, x, q, drives, size=0.02) -> TrialWiggles:
+def measured_trial(loop, x, q, drives, size=0.02) -> DriveTrial:
     """What the arm would do: drives moved one at a time, the rest by closing the loop."""
     commanded, moved = [], []
     held = np.ones(7)
@@ -49,7 +49,7 @@ def measured_trial(loop, x, q, drives, size=0.02) -> TrialWiggles:
             start[0, joint - 1] += sign * size
             commanded.append(sign * size * np.eye(len(drives))[k])
             moved.append(close_loops(loop, x, start, sigma_rad=held).q[0] - q)
-    return TrialWiggles(drives=drives, commanded_rad=np.array(commanded), moved_rad=np.array(moved))
+    return DriveTrial(drives=drives, commanded_rad=np.array(commanded), moved_rad=np.array(moved))
 
 
 def test_trial_agrees_with_prediction(loop, x, region):
@@ -69,11 +69,11 @@ def test_trial_that_stopped_ranks_last_and_says_why():
     still = np.zeros((2, 7))
     still[0, 0] = still[1, 1] = 0.02
     good = np.full((2, 7), 0.01) + still
-    stuck = TrialWiggles(drives=(1, 2), commanded_rad=np.eye(2) * 0.02, moved_rad=0.1 * still)
-    tripped = TrialWiggles(
+    stuck = DriveTrial(drives=(1, 2), commanded_rad=np.eye(2) * 0.02, moved_rad=0.1 * still)
+    tripped = DriveTrial(
         drives=(1, 2), commanded_rad=np.eye(2) * 0.02, moved_rad=good, stopped="excess torque"
     )
-    fine = TrialWiggles(drives=(1, 2), commanded_rad=np.eye(2) * 0.02, moved_rad=good)
+    fine = DriveTrial(drives=(1, 2), commanded_rad=np.eye(2) * 0.02, moved_rad=good)
     ranked = rank_by_trial([stuck, tripped, fine])
     assert ranked[0].usable
     assert {r.reasons[0] for r in ranked[1:]} == {
@@ -81,4 +81,4 @@ def test_trial_that_stopped_ranks_last_and_says_why():
         "the trial stopped: a drive moved only 10% of its commanded angle",
     }
     with pytest.raises(ValueError, match="each drive"):
-        rank_by_trial([TrialWiggles(drives=(1, 2), commanded_rad=np.ones((2, 2)), moved_rad=good)])
+        rank_by_trial([DriveTrial(drives=(1, 2), commanded_rad=np.ones((2, 2)), moved_rad=good)])

@@ -75,7 +75,7 @@ def test_a_shift_is_named_once_with_session_and_size():
     values[12:, 2] += 0.2
     found = control_chart("abcd", values, np.full((20, 4), 0.03))
     (change,) = found.changes
-    assert (change.name, change.at, change.seen, change.chart) == ("c", 12, 12, "shewhart")
+    assert (change.name, change.at, change.detected_at, change.chart) == ("c", 12, 12, "shewhart")
     assert change.size == pytest.approx(0.2, abs=0.03)
     assert np.isnan(found.centre[:4]).all()
     assert not np.isnan(found.centre[4:, :2]).any()

@@ -7,7 +7,7 @@ import pytest
 
 from solver.diagnostics.diagnosis import Diagnosis, diagnose
 from solver.diagnostics.fault_candidate import Cause
-from solver.diagnostics.stated_sizes import with_found_motion_noise
+from solver.diagnostics.stated_sizes import with_estimated_motion_noise
 from solver.estimators.variance_components import Calibrated
 from tests.oracles.as_shipped import ARM, fit_of
 from tests.oracles.shop_floor import SCATTER, session
@@ -22,7 +22,7 @@ def judged(found: Calibrated) -> Diagnosis:
 def shares(found: Calibrated) -> tuple[dict[str, float], dict[str, float]]:
     """Standard deviations of all noise in those that are stated, and in those that were believed before."""
     fit = found.linear
-    quiet = with_found_motion_noise(fit)
+    quiet = with_estimated_motion_noise(fit)
     names = [c.name for c in fit.design.components]
     of_stated = np.sqrt(quiet.v / fit.design.stated_variances())
     of_believed = np.sqrt(quiet.v / fit.at_known_noise.v)

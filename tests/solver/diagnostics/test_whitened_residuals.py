@@ -242,9 +242,9 @@ def test_evidence_is_that_of_the_columns_written_out(left, count, width):
     rng = np.random.default_rng(count)
     own = np.sort(rng.choice(MORE_POSES, count, replace=False))
     blocks = rng.normal(size=(count, ROWS, width))
-    natural = np.tile(rng.uniform(0.5, 2.0, width), count)
-    there = evidence(left, written_out(own, blocks), natural)
-    here = evidence_of_own(left, own, blocks, natural)
+    expected_size = np.tile(rng.uniform(0.5, 2.0, width), count)
+    there = evidence(left, written_out(own, blocks), expected_size)
+    here = evidence_of_own(left, own, blocks, expected_size)
     assert there is not None
     assert here is not None
     assert here.log_likelihood == pytest.approx(there.log_likelihood)

@@ -48,9 +48,17 @@ def q():
     return Simulation(poses=POSES).readings(0)
 
 
-def basis(model, q, masses=MASSES, *, give=GIVE, **columns) -> LoadBasis:
+def basis(model, q, masses=MASSES, *, stated_deflection=GIVE, **columns) -> LoadBasis:
     x = nominal_vector(model.parameters)
-    return load_basis(model, x, q, model.initial_unsensed(x, q), masses, give=give, **columns)
+    return load_basis(
+        model,
+        x,
+        q,
+        model.initial_unsensed(x, q),
+        masses,
+        stated_deflection=stated_deflection,
+        **columns,
+    )
 
 
 def arm_torque(model: DhLoop, q: np.ndarray, masses: LinkMasses) -> np.ndarray:
@@ -124,30 +132,32 @@ def test_displacements_have_the_covariance_of_wishart_compliances():
     assert variance(pulled, s).reshape(-1) == pytest.approx(np.diagonal(found), rel=1e-10)
 
 
-@pytest.mark.parametrize("give", [(1.0, 1.0), (5e-4, 1e-4), (1e-4, 8e-4), (0.0, 2e-4), (2e-4, 0.0)])
-def test_sizes_give_what_is_stated(give):
+@pytest.mark.parametrize(
+    "stated_deflection", [(1.0, 1.0), (5e-4, 1e-4), (1e-4, 8e-4), (0.0, 2e-4), (2e-4, 0.0)]
+)
+def test_sizes_give_what_is_stated(stated_deflection):
     rng = np.random.default_rng(2)
     wrench = rng.normal(size=(400, 6, 5))
     for rows in (slice(0, 3), slice(3, 6)):
         wrench[:, rows] /= np.sqrt((wrench[:, rows] ** 2).sum((1, 2)).mean())
-    s = compliance_sizes(give, rotations=3)
+    s = compliance_sizes(stated_deflection, rotations=3)
     size = variance(FixtureLoads(pull=wrench * s[:, None], halves=((1.0, None),)), s).mean(0)
-    assert size[:3].mean() == pytest.approx(give[0] ** 2, rel=1e-9)
-    assert size[3:].mean() == pytest.approx(give[1] ** 2, rel=1e-9)
+    assert size[:3].mean() == pytest.approx(stated_deflection[0] ** 2, rel=1e-9)
+    assert size[3:].mean() == pytest.approx(stated_deflection[1] ** 2, rel=1e-9)
 
 
 # ---- columns
 
 
 def test_columns_and_what_they_miss_add_up_to_what_is_stated(model, q):
-    few, many = basis(model, q, give_columns=5), basis(model, q, give_columns=60)
+    few, many = basis(model, q, deflection_columns=5), basis(model, q, deflection_columns=60)
     for found in (few, many):
-        total = (found.give**2).sum(-1) + found.give_missed
+        total = (found.deflection**2).sum(-1) + found.deflection_missed
         assert total[:, :3].mean() == pytest.approx(1.0, rel=1e-6)
         assert total[:, 3:].mean() == pytest.approx(1.0, rel=1e-6)
         twist = found.sag_expected**2 + (found.sag**2).sum(-1) + found.sag_missed
         assert twist.mean(0) == pytest.approx(np.ones(7), rel=1e-9)
-    assert many.give_missed.max() < 0.02 < few.give_missed.mean()
+    assert many.deflection_missed.max() < 0.02 < few.deflection_missed.mean()
 
 
 def test_other_masses_within_their_tolerance_twist_joints_along_the_columns(model, q):
@@ -205,22 +215,22 @@ def test_gravity_along_a_joint_turns_it_by_nothing(model, q):
 
 
 def test_nothing_stated_gives_nothing(model, q):
-    found = basis(model, q, give=(0.0, 0.0))
-    assert not found.give.any()
-    assert not found.give_missed.any()
+    found = basis(model, q, stated_deflection=(0.0, 0.0))
+    assert not found.deflection.any()
+    assert not found.deflection_missed.any()
 
 
 def test_each_placement_gives_in_its_own_way(model, q):
     number = np.repeat([1, 2], POSES // 2)
     both = place(model, number)
-    found = basis(both, q, give_columns=10)
-    assert found.give.shape == (POSES, 6, 20)
-    apart = np.einsum("aic,bjc->aibj", found.give[number == 1], found.give[number == 2])
+    found = basis(both, q, deflection_columns=10)
+    assert found.deflection.shape == (POSES, 6, 20)
+    apart = np.einsum("aic,bjc->aibj", found.deflection[number == 1], found.deflection[number == 2])
     assert not apart.any()
-    alone = basis(model, q[number == 2], give_columns=10)
-    np.testing.assert_allclose(found.give[number == 2][..., 10:], alone.give)
+    alone = basis(model, q[number == 2], deflection_columns=10)
+    np.testing.assert_allclose(found.deflection[number == 2][..., 10:], alone.deflection)
     picked = found.at_poses(np.flatnonzero(number == 2))
-    np.testing.assert_array_equal(picked.give, found.give[number == 2])
+    np.testing.assert_array_equal(picked.deflection, found.deflection[number == 2])
     np.testing.assert_array_equal(picked.side, found.side[number == 2])
 
 
@@ -231,9 +241,9 @@ def test_a_ball_gives_along_three_components(q):
         tip_m=np.array([0.0, 0.0, 0.05]),
         ground_m=np.array([0.3, 0.1, 0.2]),
     )
-    found = basis(ball, q, give=(0.0, 2e-4))
-    assert found.give.shape[:2] == (POSES, 3)
-    total = (found.give**2).sum(-1) + found.give_missed
+    found = basis(ball, q, stated_deflection=(0.0, 2e-4))
+    assert found.deflection.shape[:2] == (POSES, 3)
+    total = (found.deflection**2).sum(-1) + found.deflection_missed
     assert total.mean() == pytest.approx(1.0, rel=1e-6)
 
 
@@ -243,7 +253,7 @@ def test_an_unsensed_wrist_changes_neither_loads_nor_wrench(q):
     one, two = basis(whole, q), basis(blind, q)
     np.testing.assert_allclose(one.sag, two.sag, atol=1e-9)
     np.testing.assert_allclose(
-        np.einsum("aic,bjc->aibj", one.give, one.give),
-        np.einsum("aic,bjc->aibj", two.give, two.give),
+        np.einsum("aic,bjc->aibj", one.deflection, one.deflection),
+        np.einsum("aic,bjc->aibj", two.deflection, two.deflection),
         atol=1e-6,
     )

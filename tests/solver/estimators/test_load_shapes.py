@@ -1,4 +1,4 @@
-"""Shapes of play, sag and give: nothing enters below its statement, and columns say what effects do."""
+"""Shapes of play, sag and deflection: nothing enters below its statement, and columns say what effects do."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def q():
 @pytest.fixture(scope="module")
 def errors(model, q):
     x = nominal_vector(model.parameters)
-    loads = load_basis(model, x, q, model.initial_unsensed(x, q), MASSES, give=GIVE)
+    loads = load_basis(model, x, q, model.initial_unsensed(x, q), MASSES, stated_deflection=GIVE)
     side = np.sign(np.random.default_rng(0).normal(size=q.shape))
     return replace(everything_stated(paper_truth()), loads=loads, approach=side)
 
@@ -50,7 +50,7 @@ def test_all_that_is_stated_is_there_and_hardly_more(model, q, errors):
     play = joint_variance_by_source(design, "joint_play")
     np.testing.assert_allclose(play, 1.0)
     assert starts["joint_play"] == pytest.approx(0.4**2)
-    total = design.smooth_give_variance(design.start_variances())
+    total = design.smooth_deflection_variance(design.start_variances())
     noise = design.noise_variance(design.start_variances()).mean(0)[-6:]
     for rows, stated in ((slice(0, 3), GIVE[0]), (slice(3, 6), GIVE[1])):
         share = (total[rows] + noise[rows]).mean() / stated**2
@@ -103,10 +103,10 @@ def test_columns_are_what_effects_do_to_joints_and_fixture(model, q, errors):
     rng = np.random.default_rng(3)
     b = rng.normal(size=design.width - design.hard)
     b[: len(design.soft_index)] = 0.0
-    shift, give = design.effects_at(b, q)
+    shift, deflection = design.effects_at(b, q)
     shift = shift - design.effects_at(0.0 * b, q)[0]
     expected = part.L_inverse @ (
-        system.B @ shift[..., None] + np.swapaxes(system.E, -1, -2) @ give[..., None]
+        system.B @ shift[..., None] + np.swapaxes(system.E, -1, -2) @ deflection[..., None]
     )
     np.testing.assert_allclose(
         part.M[..., design.hard :] @ b, expected[..., 0], rtol=1e-9, atol=1e-9
@@ -116,7 +116,7 @@ def test_columns_are_what_effects_do_to_joints_and_fixture(model, q, errors):
 def test_exact_masses_pull_at_nothing_and_leave_the_free_function(model, q, errors):
     x = nominal_vector(model.parameters)
     sure = replace(MASSES, mass_sd_kg=np.zeros(7), centre_sd_m=np.zeros(7), down_sd_rad=0.0)
-    loads = load_basis(model, x, q, model.initial_unsensed(x, q), sure, give=GIVE)
+    loads = load_basis(model, x, q, model.initial_unsensed(x, q), sure, stated_deflection=GIVE)
     design = LinearModel(model, q, replace(errors, loads=loads))
     assert design.loaded is None
     v = design.start_variances()

@@ -79,8 +79,8 @@ class Dense:
         shapes = design.along_joints.at(system.angle, slice(0, m))
         for k, j in enumerate(design.along_joints.joint_of):
             Z.append((system.B[:, :, j] * shapes[:, k, None]).reshape(m * r, -1))
-        phi = design.give_basis.phi
-        for rows, _ in design.gives:
+        phi = design.deflection_basis.phi
+        for rows, _ in design.deflecting_rows:
             for row in range(rows.start, rows.stop):
                 Z.append((system.E[:, row, :, None] * phi[:, None, :]).reshape(m * r, -1))
         self.Z = np.concatenate(Z, axis=1)

@@ -47,7 +47,7 @@ def found(simulation: Simulation, seed: int, errors: ErrorModel | None = None) -
 
 def test_wrist_noise_beyond_its_specification_is_found(truth):
     simulation = Simulation(poses=60, wrist_sd=6e-3)
-    inside, gives, hits = 0, 0, np.zeros(14)
+    inside, deflects, hits = 0, 0, np.zeros(14)
     runs = 10
     for seed in range(runs):
         whole = estimate_with_errors(loop_of(truth), simulation.rereadings(seed), sensors(60))
@@ -60,10 +60,10 @@ def test_wrist_noise_beyond_its_specification_is_found(truth):
         # The same readings are no surprise to the fitted noise, and a great one to the stated.
         assert 0.8 < whole.linear.chi2 / whole.linear.dof < 1.1
         assert vc.stated_chi2 / vc.stated_dof > 2.0
-        gives += vc.sd("fixture_m") > 1e-3
+        deflects += vc.sd("fixture_m") > 1e-3
     # 95 % of 20: fewer than 16 has a chance of 3e-3.
     assert inside >= 16
-    assert gives == 0
+    assert deflects == 0
     assert hits.sum() >= binom.ppf(1e-4, 14 * runs // 4, 0.95) * 4
 
 
@@ -101,7 +101,7 @@ def test_components_separate():
         estimate, vc = whole.estimate, whole.components
         assert vc.converged
         assert vc.compliance is not None
-        assert vc.compliance.gives
+        assert vc.compliance.deflects
         assert {c.name: c.unit for c in vc.components}["fixture_m"] == "m"
         assert vc.sd("fixture_m") == pytest.approx(1e-3, rel=0.35)
         for component in vc.components:
@@ -122,7 +122,7 @@ def test_what_gives_as_stated_is_no_surprise(truth):
     for seed in range(8):
         vc = found(simulation, seed, errors).components
         assert vc.compliance is not None
-        surprises += vc.compliance.gives
+        surprises += vc.compliance.deflects
         assert vc.sd("fixture_m") >= 1e-4 * (1.0 - 1e-9)
     # At 1 %: two of eight have a chance of 3e-3.
     assert surprises <= 1

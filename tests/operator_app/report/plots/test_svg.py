@@ -105,7 +105,7 @@ def test_strips_scale_each_row_by_its_largest():
             [1.0, 2.0],
             [
                 Strip(name="joint 1", values=[0.0, 0.0], band=0.5),
-                Strip(name="joint 2", values=[-8.0, 4.0], band=0.5, odd=True),
+                Strip(name="joint 2", values=[-8.0, 4.0], band=0.5, highlighted=True),
             ],
         )
     )

@@ -60,12 +60,14 @@ def test_what_was_solved_is_read_back_from_the_file(session):
 
 def test_a_solution_with_an_infinite_condition_number_is_kept(session, procedure):
     found = session.calibrate()
-    found = replace(found, seen=replace(found.seen, scaled_condition_number=math.inf))
+    found = replace(
+        found, identifiability=replace(found.identifiability, scaled_condition_number=math.inf)
+    )
     data = solution_data(found, session.state, length_tolerance_m=None)
     session.journal.append("solved", data)
     again = session_calibration(from_the_file(session), procedure)
     assert again.recalculated_because == ""
-    assert math.isinf(again.solution.seen.scaled_condition_number)
+    assert math.isinf(again.solution.identifiability.scaled_condition_number)
 
 
 def test_other_options_and_old_journals_are_solved_and_said(session, procedure):

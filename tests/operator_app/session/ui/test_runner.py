@@ -117,7 +117,7 @@ def test_what_is_being_connected_to_can_be_stopped(runner):
 
 @pytest.mark.parametrize(
     ("ends", "done"),
-    [(Runner.cancel, []), (Runner.stop_quietly, ["connection"])],
+    [(Runner.cancel, []), (Runner.send_quick_stop, ["connection"])],
     ids=["cancelled by the operator", "stopped for lost data"],
 )
 def test_what_waits_behind_ended_work_never_begins_but_a_connection_after_lost_data(

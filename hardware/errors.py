@@ -54,7 +54,7 @@ class HostLatencyExceeded(BusError):
         often = "once" if times == 1 else f"{times} times"
         super().__init__(
             f"this computer was too busy for the arm: it was late {often} since it took control, by at most "
-            f"{longest_s:.1f} s. Every attempt failed: it missed answers or lost control"
+            f"{longest_s:.1f} s. In every attempt to connect it missed answers or lost control of the arm"
         )
 
 

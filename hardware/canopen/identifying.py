@@ -199,7 +199,7 @@ def _sensor_differences(
         )
         if counts != per_rev * turns:
             yield (
-                f"has an encoder of {counts} counts in {turns} turn(s), expected {per_rev} counts per turn"
+                f"has an encoder of {counts} counts per {turns} turns, expected {per_rev} counts per turn"
             )
         return
     if kind is None:

@@ -144,8 +144,9 @@ def pdo_differences(
             actual = "no such object" if entries is None else format_map(entries)
             yield ObjectMismatch(node, mapping, None, expected, actual)
     for _, index, value in conflicting_pdos(access, node, profile, joint):
-        actual = f"{value & IDENTIFIER:03X}h, the identifier of other frames of this arm"
-        yield ObjectMismatch(node, index, 1, "another identifier, or none", actual)
+        actual = f"{value & IDENTIFIER:03X}h"
+        expected = "an identifier that no other frame of this arm has"
+        yield ObjectMismatch(node, index, 1, expected, actual)
 
 
 def read_records(access: ObjectAccess, node: int, communication: int) -> Iterator[tuple[int, int]]:

@@ -248,8 +248,8 @@ STOP_CONTACTS: Final = (EmergencyCode.EXTERNAL_STOP, EmergencyCode.EXTERNAL_STOP
 
 EMERGENCY_TEXT: Final = {
     EmergencyCode.NONE: "no error",
-    EmergencyCode.EXTERNAL_STOP: "external stop, first contact",
-    EmergencyCode.EXTERNAL_STOP_SECOND: "external stop, second contact",
+    EmergencyCode.EXTERNAL_STOP: "external stop, contact 1",
+    EmergencyCode.EXTERNAL_STOP_SECOND: "external stop, contact 2",
     EmergencyCode.SENSOR: "angle sensor failed",
     EmergencyCode.HEARTBEAT_LOST: "operator's heartbeat lost",
     EmergencyCode.EXCESS_TORQUE: "excess torque",

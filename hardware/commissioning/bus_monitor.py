@@ -63,7 +63,7 @@ class BusMonitor:
         elif node := node_of(identifier, objects.COB_EMCY):
             code = unpack_emergency(data)
             if code is not None:
-                text = f"{emergency_text(code)} ({code:04X}h)" if code else "its error has ended"
+                text = f"{emergency_text(code)} ({code:04X}h)" if code else "error cleared (0000h)"
                 yield f"{self._node_name(node)}: {text}"
         elif identifier == objects.COB_NMT and len(data) == 2:
             to = self._node_name(data[1]) if data[1] else "all nodes"

@@ -81,7 +81,7 @@ def report(
         who = "the arm" if len(joints) > 1 and len(joints) == arm_joints else ""
         for name in [who] if who else [f"joint {joint}" for joint in joints]:
             say(
-                f"sarcal: {name} still has a fault: {text}. Remove the cause (release the external stop, check the "
-                "sensor and what the joint hit), then reset again.",
+                f"sarcal: {name} still has a fault: {text}. Remove the cause (release the external stop; or "
+                "check the sensor and its cable; or find what the joint hit), then reset again.",
                 err=True,
             )

@@ -48,7 +48,7 @@ from solver.arrays import FloatArray, frozen
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry
 
-CHANGED_IN_ONE_PLACE = "the document was changed in one place only: correct the other place as well"
+CHANGED_IN_ONE_PLACE = "the document was changed in one place only: make the two values agree"
 UTC_FORM = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{6})?Z"
 
 

@@ -61,6 +61,7 @@ NUMBERED = re.compile(r"(\D*)(\d{1,15})", re.ASCII)
 """A label that is a number, or ends in one: `12`, `pose 12`."""
 HEADER_COLUMNS = "placement,pose,theta1_deg,theta2_deg,..."
 HEADER_EXAMPLE = f"the header is {HEADER_COLUMNS}"
+SPREAD_COLUMNS = "give a standard deviation for every joint (sd1_deg, sd2_deg, ...), or for none"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -205,7 +206,7 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
                 k + 1,
                 name,
                 "there is no such joint",
-                "give one spread column for each joint, or none",
+                SPREAD_COLUMNS,
             )
     present = {*names, *meant}
     have = f" (the file has {plural(len(joints), 'joint column')}"
@@ -228,7 +229,7 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     for group, required, more, remedy in (
         (KEY, True, "", HEADER_EXAMPLE),
         (theta, True, have, ""),
-        (sd, bool(present & {*sd}), "", "give one spread column for each joint, or none"),
+        (sd, bool(present & {*sd}), "", SPREAD_COLUMNS),
         (POSITION_COLUMNS, bool(turns or present & {*POSITION_COLUMNS}), "", endpoint),
         *((turn, True, "", endpoint) for turn in turns),
         (TARGETS, targets, "", endpoint),
@@ -285,7 +286,9 @@ def _quantity(name: str, cell: str) -> float:
     if doubt:
         raise BadCell(doubt, f"this column is in {'metres' if name.endswith('_m') else 'degrees'}")
     if name.startswith("sd") and value < 0.0:
-        raise BadCell(f"a spread of {cell.strip()} deg is negative", "correct the number")
+        raise BadCell(
+            f"a standard deviation of {cell.strip()} deg is negative", "correct the number"
+        )
     return value
 
 

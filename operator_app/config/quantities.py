@@ -63,9 +63,9 @@ def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 TOO_LONG = (
-    f"{{:g}} m is longer than any arm (limit {LONGEST_M:g} m): it may be in millimetres or degrees"
+    f"{{:g}} m exceeds the limit for an arm ({LONGEST_M:g} m): it may be in millimetres or an angle"
 )
-TOO_FAR = f"{{:g}} deg is more than ten turns (limit {LARGEST_DEG:g} deg): it may be in counts"
+TOO_FAR = f"{{:g}} deg exceeds the limit of ten turns ({LARGEST_DEG:g} deg): it may be in counts"
 
 
 def length_doubt(value_m: float) -> str:

@@ -245,7 +245,7 @@ def _unknown_key(
         if match is None or other is None or match[1] != other[1]:
             continue
         if match[2] == "m" and isinstance(value, int | float) and length_doubt(value):
-            text += f" ({length_doubt(value)})"
+            text += f", and {length_doubt(value)}"
         remedy = f"this file uses {UNITS[other[2]]}, not {UNITS[match[2]]}: write {candidate}"
         path_meant = (*parent, candidate)
         return text, remedy, path_meant if path_meant in missing else None

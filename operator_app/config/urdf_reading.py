@@ -15,6 +15,7 @@ import numpy as np
 from operator_app.config.errors import decode_text, only
 from operator_app.config.quantities import degrees_for_file
 from operator_app.config.urdf_rows import AxisLine, exact_deg, rotation_of_rpy, rows_of
+from operator_app.units import plural
 from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
 
@@ -262,7 +263,7 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
     if not ends:
         raise only(file, "no revolute joint is on the path to that link", "choose another --tip")
     most = sorted(ends, key=lambda end: -ends[end])
-    names = _first_names([f"{end} ({ends[end]} revolute joints)" for end in most])
+    names = _first_names([f"{end} ({plural(ends[end], 'revolute joint')})" for end in most])
     raise only(file, f"has {len(ends)} ends", f"choose with --tip: {names}")
 
 

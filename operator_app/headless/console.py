@@ -63,9 +63,10 @@ class ConsoleListener(Listener):
     def connected(self, identity: ArmIdentity) -> None:
         """Report model, serial number and nodes of the arm."""
         self._joints = sum(node.role.startswith("joint") for node in identity.nodes)
+        simulated = "simulated " if identity.simulated else ""
         self.say(
             f"Connected to {identity.model}, serial {identity.serial_number}: "
-            f"{len(identity.nodes)} {'simulated ' if identity.simulated else ''}{identity.speaks} nodes."
+            f"{plural(len(identity.nodes), f'{simulated}{identity.speaks} node')}."
         )
 
     def fixture_checked(self, checks: tuple[SetupCheck, ...]) -> None:

@@ -57,7 +57,7 @@ SOURCE_REMEDIES = {
     "sag": "state the links' masses, or a smaller sag_deg if the joints really sag less than the arm file states",
     "distances": "measure the distances of the sockets twice as accurately and state their sigma_mm",
     "discrepancy": "find the deflection that depends on the pose and that no file states",
-    "counts": "fit encoders with more counts: averaging does not help an encoder at rest",
+    "counts": "fit encoders with more counts: averaging at rest does not reduce the error of one count",
 }
 """Remedies by source of the budget, without the joint's number; "" is any other source."""
 

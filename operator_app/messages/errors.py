@@ -101,7 +101,7 @@ REMEDIES: Mapping[type, str] = {
     UploadUnknown: "Upload again (step 7, or `sarcal export SESSION --upload`); until then do not rely on what the "
     "controller has",
     UploadRefused: "The previously active parameters stay active",
-    UnidentifiableError: "Take poses that differ more from each other, or free a joint that does not move",
+    UnidentifiableError: "Take poses that differ more from each other, or set a joint that does not move to free mode",
     TooFewPosesError: "Capture more poses (step 4)",
     FixtureError: "Remount the fixture as described, then check it again (step 2)",
     WriteError: "Free some disk space or choose another folder; the journal is complete",
@@ -110,7 +110,7 @@ REMEDIES: Mapping[type, str] = {
 
 _TRIP_CAUSES: Mapping[int, str] = {
     **dict.fromkeys(STOP_CONTACTS, "Release the external stop when it is safe"),
-    EmergencyCode.EXCESS_TORQUE: "Find what it hit",
+    EmergencyCode.EXCESS_TORQUE: "Find what the joint hit or what overloads it",
     EmergencyCode.SENSOR: "Repair that sensor or its cable",
 }
 """How to remove the cause of a trip that the emergency code names."""

@@ -32,17 +32,20 @@ _WHOLE_TURN = (
 )
 _SATURATED = (
     (
-        "joint {joint} reads {size:READING} in {poses}, the end of its sensor's full scale ({range}): the sensor reads "
-        "the same for every angle beyond it"
+        "in {poses} joint {joint} reads {size:READING}, the end of its sensor's full scale ({range}): every angle "
+        "beyond it gives the same reading"
     ),
     "take these poses closer to the middle of the sensor's range, or exclude them",
 )
 _TOGETHER = (
-    "check that arm file, fixture file and poses belong together, and what was done between the poses; try "
+    "check that arm file, fixture file and poses belong together; find out what was changed between the poses; try "
     "--global-start"
 )
-_DISTANCE = "measure the distance again and correct it in the file; it scales the arm's lengths"
-_DISTURBED = "take more poses, look for a pose that was disturbed, or leave out the joint that the warnings name"
+_DISTANCE = "measure the distance again and correct the fixture file: an error of it scales all lengths of the arm"
+_DISTURBED = (
+    "take more poses, look for a pose that was disturbed, or calibrate without the readings of the joint that the "
+    "warnings name (--unsensed)"
+)
 _NOT_REPEATED = (
     "pose {first}{placement} was not measured again after pose {last} ({reported}): a slip of a joint or the "
     "fixture after pose {since} can be detected only from the poses themselves, and one in the last poses hardly at all"
@@ -96,16 +99,16 @@ class FindingKind(Enum):
     FIXTURE_TURNS_RANDOMLY = (
         "FIXTURE_GIVES",
         (
-            "the fixture turns by about {size:GIVES_ANGLE} at random in every pose, {times:TIMES} times what its file "
-            "states"
+            "the fixture turns by about {size:DEFLECTION_ANGLE} at random in every pose, {times:TIMES} times what "
+            "its file states"
         ),
         _FIX_BOLTS,
     )
     FIXTURE_SHIFTS_RANDOMLY = (
         "FIXTURE_GIVES",
         (
-            "the fixture shifts by about {size:GIVES_LENGTH} at random in every pose, {times:TIMES} times what its "
-            "file states"
+            "the fixture shifts by about {size:DEFLECTION_LENGTH} at random in every pose, {times:TIMES} times what "
+            "its file states"
         ),
         _FIX_BOLTS,
     )
@@ -163,7 +166,7 @@ class FindingKind(Enum):
         "UNSTEADY_{joint}",
         (
             "the readings of joint {joint} spread by up to {size:SCATTER} within {poses}, more than the noise of its "
-            "{sensor_name}: it moved or vibrated while it was read"
+            "{sensor_name}: the joint moved or vibrated during sampling"
         ),
         "wait until the arm has settled, check for vibration, and take these poses again",
     )
@@ -326,7 +329,7 @@ class FindingKind(Enum):
         ),
         (
             "check whether the poses belong to another arm or fixture, or were taken before a change of this arm; "
-            "check what was done between the poses; try --global-start"
+            "find out what was changed between the poses; try --global-start"
         ),
     )
 
@@ -401,7 +404,7 @@ class FindingKind(Enum):
         "scaled condition number {size:CONDITION} is above {limit:CONDITION} (weakest direction: {listed})",
         "poses that differ more from each other would give smaller sigmas",
     )
-    KNOWN_BY_FILES = ("AS_STATED", "known more from the files than from the poses: {shares}")
+    KNOWN_BY_FILES = ("AS_STATED", "determined more by the files than by the poses: {shares}")
     SAME_PLACEMENT = (
         "SAME_PLACEMENT",
         (
@@ -520,8 +523,8 @@ class FindingKind(Enum):
     LENGTHS_EXACT = (
         "LENGTHS_EXACT",
         (
-            "the loops close only with a fixture that deflects, and link lengths were taken as exact; if the maker's "
-            "lengths are not, the sigmas are too small"
+            "the loops close only with a fixture that deflects, and link lengths were taken as exact; if they "
+            "differ from the arm file, the sigmas are too small"
         ),
         "calibrate again with --length-tolerance 1.5 (mm) and compare",
     )

@@ -98,7 +98,7 @@ def choose_poses(
     usable = np.ones(m, dtype=np.bool_) if allowed is None else allowed.copy()
     if count > int(usable.sum()):
         raise TooFewCandidatesError(
-            f"{count} poses requested, but there are only {int(usable.sum())} candidates"
+            f"{count} poses requested, but there are only {int(usable.sum())} candidate poses"
         )
     scale, M = _comparable(root, P, fixed)
     search = _Search(root / scale, P, usable, q if apart_rad > 0.0 else None, apart_rad)

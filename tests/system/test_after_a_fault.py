@@ -89,7 +89,7 @@ def test_after_a_trip_what_is_advised_works(tmp_path, bus):
         (folder,) = (tmp_path / "sessions").iterdir()
         taken = len(poses_of(folder))
         assert "joint 4 tripped: excess torque (8311h)" in said
-        assert "Find what it hit. Then clear its trip" in said
+        assert "Find what the joint hit or what overloads it. Then clear its trip" in said
         assert "the arm is held" in said
         assert taken > 0
         assert f"clear its trip with: sarcal reset {Path('sessions') / folder.name}" in said
@@ -113,7 +113,7 @@ def test_a_stop_that_is_still_pressed_stays_and_is_said(tmp_path, bus):
     with controller(tmp_path, *bus, *PATIENT, *fault):
         said = finished(start(tmp_path, "run", "hinge", *bus, "--poses", "40"), 3).err
         assert "Release the external stop when it is safe" in said
-        assert "Find what it hit" not in said
+        assert "Find what the joint hit or what overloads it" not in said
         said = finished(start(tmp_path, "reset", *bus), 3).err
         assert said.count("still has a fault") == 1
         assert "the arm still has a fault: external stop" in said

@@ -4,7 +4,7 @@ import pytest
 
 from operator_app.commands.reset import report
 
-STOP, TORQUE = "external stop, first contact (5441h)", "excess torque (8311h)"
+STOP, TORQUE = "external stop, contact 1 (5441h)", "excess torque (8311h)"
 
 
 @pytest.mark.parametrize(

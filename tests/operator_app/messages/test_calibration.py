@@ -77,10 +77,16 @@ OWN = {
     },
     K.SETUP_CHECK: {
         "names": ("AXIS_FIRST",),
-        "reported": ("the hinge axis is 4.0 deg from parallel to joint 1's axis", "tilt the hinge"),
+        "reported": (
+            "the hinge axis makes an angle of 4.0 deg with joint 1's axis",
+            "tilt the hinge",
+        ),
     },
     K.PARALLEL_AXES: {
-        "reported": ("the hinge axis is 0.2 deg from parallel to joint 1's axis", "tilt the hinge")
+        "reported": (
+            "the hinge axis makes an angle of 0.2 deg with joint 1's axis",
+            "tilt the hinge",
+        )
     },
     K.NOT_IDENTIFIABLE: {"reported": ("these poses do not separate theta_off_1 and alpha_0",)},
     K.RVDT_VERDICT: {"names": ("within specification",), "reported": (RVDT_TEXT,)},

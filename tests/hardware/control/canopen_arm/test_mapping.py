@@ -73,8 +73,8 @@ def test_a_pdo_that_nobody_uses_on_an_identifier_of_the_arm_is_refused(bus, reco
     with pytest.raises(MappingMismatch) as refused:
         make(bus).connect()
     assert refused.value.differences == (
-        f"node 4, {record + number - 1:04X}h sub 1: expected another identifier, or none, "  # noqa: ISC004
-        f"found {cob_id:03X}h, the identifier of other frames of this arm",
+        f"node 4, {record + number - 1:04X}h sub 1: expected an identifier that no other frame "  # noqa: ISC004
+        f"of this arm has, found {cob_id:03X}h",
     )
 
 

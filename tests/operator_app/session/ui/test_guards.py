@@ -48,7 +48,7 @@ def refused(s):
     bad = SetupCheck(
         kind=CheckKind.AXIS_ANGLE,
         severity=Severity.REFUSED,
-        text="the hinge axis is 0.2 deg from parallel to joint 1's axis",
+        text="the hinge axis makes an angle of 0.2 deg with joint 1's axis",
         remedy="tilt the hinge",
     )
     return replace(s, checks=(*s.checks, bad))

@@ -30,8 +30,8 @@ class SensorFaults:
     Attributes
     ----------
     read_until
-        Number of the SYNC at the end of the last capture, -1 before the first one. A fault that began by then affects
-        that pose.
+        Number of the SYNC at the end of the last capture, -1 before the first capture. The pose captured last is
+        affected by a fault that began no later than this SYNC.
     """
 
     def __init__(self, logbook: Logbook, arm: ArmInterface) -> None:
@@ -57,13 +57,13 @@ class SensorFaults:
             raise
 
     def record_stop_cause(self) -> None:
-        """Record and raise the fault because of which the arm stopped by itself while idle, if any."""
+        """Record and raise the fault that made the arm stop by itself while idle, if there was one."""
         if self._arm.snapshot().stopped_for:
             with self.recorded():
                 self._arm.capture(1)
 
     def require_no_stuck_sensor(self, reading: Reading) -> None:
-        """Raise and record a `SensorFault` if a sensor is stuck in this reading."""
+        """Record and raise a `SensorFault` if this reading shows that a sensor is stuck."""
         with self.recorded():
             require_no_stuck_sensor(self._logbook.state, self._logbook.procedure, reading)
 
@@ -99,7 +99,7 @@ class SensorFaults:
 
 
 def require_no_stuck_sensor(state: SessionState, procedure: Procedure, reading: Reading) -> None:
-    """Raise SensorFault if a joint has the same count as at the last pose, although it must have turned."""
+    """Raise SensorFault if a sensor has the same count as at the last pose, although its joint must have turned."""
     if not state.poses_here or not procedure.fixture.fixture.holds_hand:
         # On an open arm every joint is driven, and its drive detects a stuck sensor.
         return

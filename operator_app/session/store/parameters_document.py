@@ -123,7 +123,10 @@ def parameters_document(
 
 
 def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mapping[str, float]]:
-    """Return the variance shares of the identified parameters, without lengths that are corrected within tolerance."""
+    """Return the share of each source in the variance of each identified parameter, by parameter and source.
+
+    Lengths that are only corrected within their tolerance are left out.
+    """
     if solution.components is None:
         return {}
     estimate = solution.estimate
@@ -136,7 +139,7 @@ def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mappi
 
 
 def _mounted(model: ClosureModel, state: SessionState) -> tuple[ClosureModel, IntArray]:
-    """Return the loop that the document describes (of several placements, one) and its parameter columns."""
+    """Return the loop in the document (of one placement, if there are several) and its columns of the estimate."""
     if isinstance(model, Placements):
         return model.of(_last(model, state))
     return model, np.arange(len(model.parameters))
@@ -179,7 +182,7 @@ def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
 
 
 def _with_measured(table: DhTable, offsets_rad: Mapping[int, float]) -> DhTable:
-    """Return the table with the offsets (rad, by joint) of unsensed joints, measured by the loops."""
+    """Return the table with these offsets (rad) of unsensed joints (by number), which were computed from the loops."""
     theta_off = np.array(table.theta_off_rad)
     for joint, offset in offsets_rad.items():
         theta_off[joint] = offset

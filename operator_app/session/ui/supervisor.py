@@ -139,7 +139,10 @@ class Supervisor:
         self.reported_stop = ""
 
     def check(self, now: SessionSnapshot, *, unseen_s: float) -> None:
-        """Check a snapshot: stop the arm if data are lost; end a motion if no screen has polled for `unseen_s`."""
+        """Check a snapshot: stop the arm if data are lost; end a motion that no screen watches.
+
+        `unseen_s`: time since a screen last polled, s.
+        """
         self._end_unwatched_motion(now, unseen_s)
         self._report_stop(now)
         self._update_motion(now)

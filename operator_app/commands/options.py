@@ -76,8 +76,8 @@ ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
 def option(parser: argparse._ActionsContainer, usage: str, description: str, **more: Any) -> None:
     """Declare an option by its usage, such as ``-o --output FILE``, or an argument: ``poses+ FILE``, ``poses``.
 
-    An option without a metavar (and without `choices`) is a switch; any other takes, by default, text that must not be
-    empty.
+    An option without a metavar (and without `choices`) is a switch; other options and arguments take, by default, text
+    that must not be empty.
     """
     names = usage.split()
     if not usage.startswith("-"):

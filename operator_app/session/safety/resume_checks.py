@@ -54,7 +54,7 @@ def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, floa
 
 
 def zero_position(arm: ArmModel, reading_rad: FloatArray, joints: Sequence[int]) -> str:
-    """Return ``at zero``, or ``near zero`` if one of these joints is farther than `AT_ZERO_COUNTS` from zero."""
+    """Return ``at zero``, or ``near zero`` if any of these joints reads more than `AT_ZERO_COUNTS` counts from zero."""
     times = counters_near_zero(arm, reading_rad)
     return "at zero" if all(times.get(j, np.inf) <= 1.0 for j in joints) else "near zero"
 
@@ -159,9 +159,7 @@ def check_closure_by_poses(
     reading: Reading,
     endpoint: FloatArray | None = None,
 ) -> ClosureResult:
-    """Check the closure at the current pose against the captured poses.
-
-    `endpoint`: the instrument's measurement at the current pose, None without an instrument.
+    """Check the closure at the current pose against the captured poses; `endpoint`: the instrument's measurement there.
 
     Raises
     ------
@@ -262,7 +260,7 @@ def _cause_text(near: Innovation | None) -> str:
 
 
 def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConstraint:
-    """Return the fixture with the nominal placement relative to which `parameters_from_poses` states the placement."""
+    """Return the fixture with the nominal placement from which `parameters_from_poses` measures the placement."""
     known = journal_calibration(state)
     fixture = procedure.fixture.fixture
     if isinstance(known, StoredCalibration):

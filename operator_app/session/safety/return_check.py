@@ -1,4 +1,4 @@
-"""Compares a repeated pose with its first reading, and reports what has shifted in between, and by how much."""
+"""Compares a repeated pose with its first reading, and reports what has shifted between both, and by how much."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ class SensorFaults:
 
     @contextmanager
     def recorded(self) -> Iterator[None]:
-        """Context that records a sensor fault raised in it, excludes the affected poses, and re-raises the fault."""
+        """Context that records a sensor fault raised inside it, excludes the affected poses, and raises it again."""
         try:
             yield
         except SensorFault as fault:
@@ -123,7 +123,7 @@ def require_no_stuck_sensor(state: SessionState, procedure: Procedure, reading: 
 
 
 def poses_with_same_reading(state: SessionState, arm: ArmModel, joint: int) -> tuple[int, ...]:
-    """Return the numbers of the latest poses in which a joint has the same count as in the last pose."""
+    """Return the numbers of the consecutive latest poses in which a joint has the same count as in the last pose."""
     near, poses = _resolution_rad(arm, joint), state.poses_here
     alike = takewhile(
         lambda pose: abs(pose.mean_rad[joint - 1] - poses[-1].mean_rad[joint - 1]) <= near,
@@ -137,7 +137,7 @@ def _stands_still(arm: ArmModel, joint: int, turned_rad: FloatArray, reading: Re
     if isinstance(sensor, NoSensor):
         return False
     if isinstance(sensor, Rvdt) and sensor.noise_lsb > 0.0:
-        # A working converter has noise.
+        # A working converter has noise: only a spread of zero shows a stuck one.
         return bool(
             reading.sd_rad[joint - 1] == 0.0 and abs(turned_rad[joint - 1]) < sensor.resolution_rad
         )

@@ -66,7 +66,7 @@ def _order_in(path: Path) -> int:
 
 
 def find_session(root: Path, reference: str) -> Path:
-    """Return the folder of a session given by path, name below `root`, or ``latest``; SessionError if there is none."""
+    """Return the folder of a session given by path, name below `root`, or ``latest``; raises SessionError if none."""
     if reference == "latest":
         # Leave out sessions that only verify another session; prefer sessions with poses.
         sessions = [

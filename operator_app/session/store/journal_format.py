@@ -67,7 +67,7 @@ class BadLineError(Exception):
 
 
 def format_line(event: JournalEvent, chain: str) -> tuple[bytes, str]:
-    """Return the line of an event that follows a line with checksum `chain`, and the checksum of the new line.
+    """Return the line of an event, to be written after a line with checksum `chain`, and the checksum of the new line.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def split_checksum(line: bytes) -> tuple[bytes, str] | None:
 
 
 def verified_line(line: bytes, number: int, chain: str) -> tuple[JournalEvent, str]:
-    """Verify and parse a line that follows one with checksum `chain`; return its event and its checksum.
+    """Verify and parse a line that follows a line with checksum `chain`; return its event and its checksum.
 
     Raises
     ------
@@ -267,7 +267,7 @@ def require_own_format(complete: list[bytes], rest: bytes, path: Path) -> None:
 
 
 def _require_version(first: bytes, path: Path) -> None:
-    """Raise JournalForeignError if line 1 states an unknown version, unless its checksum shows that it is damaged."""
+    """Raise JournalForeignError if line 1 states an unknown version, unless its checksum proves this text damaged."""
     match = re.match(rb'\{"schema":"([^"\\]{0,60})"', first)
     split = split_checksum(first)
     if match is None or match[1].decode(errors="replace") == JOURNAL_SCHEMA:
@@ -290,7 +290,7 @@ def _other_version(schema: object) -> tuple[str, str]:
 
 
 def _resembles(first: bytes, begin: bytes, *, torn: bool) -> bool:
-    """Whether `first` begins with `begin` except for `MAX_CHANGED_BYTES` bytes; if `torn`, `first` may be shorter."""
+    """Whether `first` begins with `begin` but for at most `MAX_CHANGED_BYTES` bytes; it may be shorter if `torn`."""
     begin = begin[: len(first)] if torn else begin
     same = sum(a == b for a, b in zip(first, begin, strict=False))
     return same >= len(begin) - MAX_CHANGED_BYTES

@@ -123,10 +123,7 @@ def parameters_document(
 
 
 def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mapping[str, float]]:
-    """Return the share of each source in the variance of each identified parameter, by parameter and source.
-
-    Lengths that are only corrected within their tolerance are left out.
-    """
+    """Return shares of variance by identified parameter and source, without lengths corrected only within tolerance."""
     if solution.components is None:
         return {}
     estimate = solution.estimate
@@ -139,14 +136,14 @@ def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mappi
 
 
 def _mounted(model: ClosureModel, state: SessionState) -> tuple[ClosureModel, IntArray]:
-    """Return the loop in the document (of one placement, if there are several) and its columns of the estimate."""
+    """Return the loop in the document (of one placement, if there are several), and its columns in the estimate."""
     if isinstance(model, Placements):
         return model.of(_last(model, state))
     return model, np.arange(len(model.parameters))
 
 
 def _last(model: Placements, state: SessionState) -> int:
-    """Return the number of the current placement or, if it has no used poses, of the last one with used poses."""
+    """Return the number of the current placement or, if it has no used poses, of the last placement with used poses."""
     has_current = state.placement in model.numbers and not state.imported
     return state.placement if has_current else model.numbers[-1]
 
@@ -214,5 +211,5 @@ def _forced_warning(solution: Solution, reason: str) -> tuple[DocumentWarning, .
 
 
 def _figures(reading: ResidualSigma) -> TwoFigures:
-    """Convert m to mm and rad to mrad."""
+    """Return both figures of a residual, converted from m to mm or from rad to mrad."""
     return TwoFigures(rms=1e3 * reading.rms, as_printed=1e3 * reading.as_printed)

@@ -125,7 +125,7 @@ class SolvingProcess:
             command = [sys.executable, "-P", "-c", _START, str(other_end.fileno())]
             self._process = subprocess.Popen(  # noqa: S603 - this interpreter, this module
                 command,
-                # When this process ends, the standard input of the child ends, and so the child.
+                # When this process ends, the standard input of the child ends, and so does the child.
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,

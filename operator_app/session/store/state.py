@@ -102,7 +102,7 @@ class SessionState:
     Attributes
     ----------
     order
-        Order number in its folder, from 1; 0 in journals of earlier versions.
+        Order number among the sessions in the same folder, from 1; 0 in journals of earlier versions.
     after
         In journals of earlier versions: the session opened before this one, recorded if the clock was set back in
         between.
@@ -210,7 +210,7 @@ class SessionState:
 
     @property
     def unconfirmed_placement(self) -> bool:
-        """Whether the current placement is not the first and has no used pose that confirms its mounting."""
+        """Whether the current placement is not the first and has no used pose, which would confirm its mounting."""
         return self.placement > 1 and not self.poses_here
 
     @property

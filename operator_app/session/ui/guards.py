@@ -164,7 +164,7 @@ def may_suggest(s: SessionSnapshot) -> Missing:
 
 
 def may_apply_modes(s: SessionSnapshot) -> Missing:
-    """Applying modes needs an open Modes step, fresh data, and as many selected joints as the chain has freedoms."""
+    """Applying modes needs an open Modes step, fresh data, and a selected joint for each degree of freedom."""
     return idle(s) or modes_ready(s) or may_use_data(s) or modes_problem(s, s.wanted_joints)
 
 
@@ -312,7 +312,7 @@ def in_modes(s: SessionSnapshot) -> bool:
 
 
 def may_reset(s: SessionSnapshot) -> Missing:
-    """Reset needs a latched STOP or a fault."""
+    """A reset needs a latched STOP or a drive fault."""
     arm = s.arm
     tripped = arm is not None and any(j.drive is DriveState.FAULT for j in arm.joints)
     if s.stopped or tripped or (arm is not None and arm.faults):

@@ -34,7 +34,7 @@ TEST_WIGGLE_RAD = float(np.deg2rad(2.0))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Edit:
-    """A pose as it was before it was edited or removed, and the number of captures at that time."""
+    """A pose as it was before it was edited or removed, and the number of captures until then."""
 
     before: CapturedPose
     captured: int
@@ -184,7 +184,7 @@ class Operations:
         self._session.capture(waypoint)
         self.captured(self._session.state.poses[-1])
         if suspect := outlier_warning(self._session):
-            # A planned capture has no path back to the first pose if it makes a new plan.
+            # A planned capture that makes a new plan has no path back to the first pose.
             if self._session.procedure.capture.strategy != "planned":
                 first = self._session.state.poses_here[0].number
                 suspect += (

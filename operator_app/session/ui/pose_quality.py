@@ -1,4 +1,4 @@
-"""Quality of the captured poses, and prediction of those still to be captured."""
+"""Quality of the captured poses, and prediction of the poses still to be captured."""
 
 from __future__ import annotations
 

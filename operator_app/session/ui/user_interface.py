@@ -1,4 +1,4 @@
-"""Actions, and the interface that the terminal app and plain mode implement for them.
+"""Actions, and the interface to actions that the terminal app and plain mode implement.
 
 The guard of an action is checked when the action is chosen, and again when its question is answered.
 """
@@ -217,10 +217,7 @@ def perform_action(
     *,
     tries: int = SNAPSHOTS_TRIED,
 ) -> None:
-    """Do an action, or show why its guard refuses it; if only stale data prevent it, try up to `tries` snapshots.
-
-    `work` replaces the work of the action.
-    """
+    """Do an action, or show why its guard refuses it; if only stale data prevent it, try up to `tries` snapshots."""
     s, runner = interface.snapshot(), interface.runner
     if s is None or runner is None:
         return

@@ -26,7 +26,7 @@ class ReplayDivergedError(Exception):
 
 
 def campaign_from_log(arm: ArmModel, fixture: EndpointConstraint, state: SessionState) -> Campaign:
-    """Return the recorded campaign in its state at the start."""
+    """Return the recorded campaign in the state in which it started, before its recorded steps."""
     begun = state.campaign.begun
     known = {p.number: p for p in state.used_poses}
     captured = [known[number] for number in begun["captured"]]

@@ -270,7 +270,7 @@ def _repeat_pose(
 def _repeat_first_pose_and_come_back(
     session: Session, listener: Listener, planned: PlannedCapture | None, *, suspect: bool = False
 ) -> None:
-    """Repeat the first pose, then go back to the present position."""
+    """Repeat the first pose, then move the arm back to where it was."""
     before = session.arm.snapshot().positions_rad
     way = _repeat_first_pose(session, listener, planned, suspect=suspect)
     if planned is not None:

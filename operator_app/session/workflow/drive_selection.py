@@ -32,7 +32,7 @@ KEPT_CANDIDATES = 6
 
 
 def drives_of(session: Session, listener: Listener | None = None) -> tuple[int, ...]:
-    """Return the drive joints listed in the procedure or, if there are none, those chosen earlier or now."""
+    """Return the drive joints listed in the procedure or, if none are listed, the joints chosen earlier or now."""
     named = session.procedure.position_joints
     if named is not None:
         return named
@@ -129,7 +129,7 @@ def joints_outside_box(session: Session) -> str:
 
 
 def require_no_reset_counter(session: Session) -> None:
-    """Raise GuardError if a drive joint reads zero outside its box: the counter may have been reset.
+    """Raise GuardError if a drive joint reads zero and zero is outside its box: the counter may have been reset.
 
     The operator cannot override this: with a wrong reading, the joint would go to another position than its home.
     """

@@ -1,4 +1,4 @@
-"""Progress callbacks of a session; a user interface overrides those that it shows."""
+"""Progress callbacks of a session; a user interface overrides the callbacks that it shows."""
 
 from __future__ import annotations
 

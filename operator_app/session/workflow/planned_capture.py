@@ -94,7 +94,7 @@ class PlannedCapture:
         self._ended: CampaignEnd | None = None
 
     def ready(self) -> tuple[int, ...]:
-        """Replay the journal, compare the arm's position with it, and return the drive joints. Moves nothing."""
+        """Replay the journal, compare the arm's position with the recorded one, and return the drive joints."""
         session = self._session
         log = session.state.campaign
         self.campaign, self._moved, self._ended = None, False, None
@@ -325,7 +325,7 @@ class PlannedCapture:
 
 
 def _path_watch(campaign: Campaign, move: GoTo) -> Watch:
-    """Return a watch that ends a move if it leaves its planned path."""
+    """Return a watch that ends a move if the arm leaves the planned path."""
     on_path = path_watch(
         move.trace_rad, move.tolerance_rad, campaign.task.ranges.within(RANGE_END_MARGIN_RAD)
     )

@@ -1,4 +1,4 @@
-"""Several placements of one fixture: when the next one is due, and its events in the journal.
+"""Several placements of one fixture: when the next placement is due, and the events of remounting in the journal.
 
 Event `remounting`: the arm was released, and the fixture may be taken off. Event `remounted`: the operator has
 confirmed that the fixture is mounted. In between, the session refuses to connect, since a person is working at the arm.

@@ -154,7 +154,7 @@ class SarcalApp(App[str]):
         await self.push_screen(self.main)
 
     def on_main_screen_ready(self) -> None:
-        """Begin a session, or offer to resume one; then poll."""
+        """Open a session, then begin to poll it."""
         gc.enable()
         self.main.set_class(self.look.ascii_only, "-ascii")
         self.interface.begin()
@@ -169,17 +169,14 @@ class SarcalApp(App[str]):
             threading.Thread(target=leave, args=(reason,), daemon=True).start()
 
     def _watch_terminal(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Leave when the terminal is gone, for which SIGHUP is sent only if it was the controlling terminal."""
+        """Leave when the terminal is gone; SIGHUP reports this only for the controlling terminal."""
         terminal = select.poll()
         terminal.register(sys.__stdin__ or 0, 0)  # a hang-up is always reported
         terminal.poll()
         self._asked_to_end(signal.SIGHUP.name, loop)
 
     def _leave_without_screen(self, reason: str) -> None:
-        """If the screen does not close in time, hold the arm, close the journal and exit from this thread.
-
-        The event loop may be waiting forever for a terminal that accepts no output.
-        """
+        """Hold the arm, close the journal and exit in this thread if the event loop waits too long for the terminal."""
         if not self._screen_over.wait(SCREEN_TIMEOUT_S):
             try:
                 self.close_source(reason)
@@ -348,7 +345,7 @@ def run(
         if app.return_code:
             reason = "failed"
     finally:
-        # Nothing may interrupt while the arm is held and the journal closed.
+        # Signals must not interrupt the program while it holds the arm and closes the journal.
         with ending_signals_ignored():
             app.close_source(reason)
     if app.problem is not None:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Clicked(Message):
-    """The operator clicked the action named `action`."""
+    """Message that the operator clicked the action named `action`."""
 
     def __init__(self, action: str) -> None:
         super().__init__()

@@ -31,7 +31,7 @@ from operator_app.tui.widgets.status import Banner, Log, SafetyStrip
 
 
 def done(step: Step, s: SessionSnapshot) -> bool:
-    """Whether a step is done: the next step is open; for Capture: all poses are captured; for Export: it is written."""
+    """Whether a step is done: the next step is open, in Capture all poses are captured, in Export files are written."""
     if step is Step.EXPORT:
         return s.written is not None
     if step is Step.RESULTS:
@@ -76,7 +76,7 @@ class StepRail(Lines, can_focus=False):
     current = Step.CONNECT
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return glyph, number and title of each step, with its detail below."""
+        """Return lines with glyph, number and title of each step, and its summary below."""
         rows: list[Line] = []
         for step in Step:
             is_current = step is self.current

@@ -75,7 +75,7 @@ SOON_S = 0.1
 
 
 class ScreenInterface:
-    """The `UserInterface` of the terminal app, with its focus and its marked rows."""
+    """The `UserInterface` of the terminal app; the marked rows on the screen are the selections."""
 
     def __init__(self, app: SarcalApp) -> None:
         self.app = app
@@ -296,7 +296,7 @@ class ScreenInterface:
     # -- moving about ------------------------------------------------------------------------------
 
     def follow(self, s: SessionSnapshot) -> None:
-        """Change from step Calibrate to step Results when a calibration is done."""
+        """If a calibration was completed and the Calibrate step is shown, show the Results step."""
         if s.solution is not None and s.solution is not self._seen_solution:
             self._seen_solution = s.solution
             if self.app.step is Step.CALIBRATE:

@@ -1,6 +1,6 @@
 """Colours and glyphs: three themes, one table of roles; plain ASCII on request.
 
-Normal states are grey; colour marks all others, always together with a glyph and a word.
+Normal states are grey; colour marks all other states, always together with a glyph and a word.
 """
 
 from __future__ import annotations

@@ -79,7 +79,7 @@ class VerdictPanel(Lines):
 
 
 def _hand(solution: Solution, width: int) -> list[Line]:
-    """Return a line with the tool accuracy over the ranges of all joints, which is explained if there is room."""
+    """Return a line with the tool accuracy, rms over the ranges of all joints; empty without an accuracy."""
     if solution.accuracy is None:
         return []
     before, after = (

@@ -137,7 +137,7 @@ def cut_short_lines(cut: CutShort) -> list[str]:
     folder = session.journal.kept_folder
     if session.journal.loss is not None:
         return [*_danger(cut), f"{what}. The rescued entries are in {folder}."]
-    # Read the journal: an interrupt may come between writing an event to it and applying the event.
+    # Read the journal: an interrupt may come after an event is written to it and before the state has the event.
     saved_state = read_session(folder).state if cut.kept else None
     poses = len(state.poses if saved_state is None else saved_state.poses)
     lines = [f"{what}; no pose was captured."]

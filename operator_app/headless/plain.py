@@ -40,7 +40,7 @@ class Terminal(Protocol):
     """Input and output of lines."""
 
     def say(self, text: str) -> None:
-        """Write lines."""
+        """Write text of one or more lines."""
 
     def ask(self, prompt: str) -> str:
         """Return the typed line; raises EOFError at the end of the input."""

@@ -110,7 +110,7 @@ def _full_screen(args: argparse.Namespace, make_source: Callable[[], Sessions]) 
 
 
 class _Ended(BaseException):
-    """Raised when a signal asks this process to end."""
+    """Raised when a signal requests that this process end."""
 
 
 def _plain(args: argparse.Namespace, source: Sessions) -> str:

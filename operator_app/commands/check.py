@@ -52,7 +52,7 @@ def _asked(args: argparse.Namespace) -> list[tuple[AnyKind | None, str]]:
 
 
 def _read(kind: AnyKind | None, name: str) -> Resource:
-    """Read a file; a built-in name is refused without its kind."""
+    """Read a file; a built-in name is refused unless an option states its kind."""
     if kind in ("arm", "fixture", "procedure"):
         return resolve(kind, name)
     kinds: tuple[Kind, ...] = ("arm", "fixture", "procedure")

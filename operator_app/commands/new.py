@@ -223,7 +223,7 @@ def _typed(option: str) -> str:
 
 
 def _named(text: str) -> str:
-    """Return a valid name made from `text`; UsageError if it does not begin with a letter."""
+    """Return a valid name made from `text`; raises UsageError if the name does not begin with a letter."""
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", text).strip("_.-")[:64]
     if not re.match(r"[A-Za-z]", name):
         raise UsageError(f"--name: {name!r} does not begin with a letter; use another")

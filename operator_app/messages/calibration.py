@@ -130,10 +130,7 @@ def fixed_briefly(offsets: tuple[str, ...]) -> str:
 
 
 def _holds(f: Finding) -> str:
-    """Return the sentence on errors of fixed offsets, which the stated tool accuracy does not include; "" for none.
-
-    The figures of `f` are the tool's error per error of each fixed offset, m/rad.
-    """
+    """Return the sentence on errors of fixed offsets; `f.figures`: tool error per error of each of them, m/rad."""
     if not f.figures:
         return ""
     rates = (

@@ -19,7 +19,7 @@ CERTAIN = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedSize:
-    """A parameter with a value in `unit`, "rad" or "m"; `share` (0..1) of its information comes from the poses."""
+    """A parameter with a value in `unit`, "rad" or "m"; `share`: part (0..1) of its information from the poses."""
 
     name: str
     size: float

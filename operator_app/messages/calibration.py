@@ -130,7 +130,7 @@ def fixed_briefly(offsets: tuple[str, ...]) -> str:
 
 
 def _holds(f: Finding) -> str:
-    """Return the sentence on errors of fixed offsets; `f.figures`: tool error per error of each of them, m/rad."""
+    """Return the sentence on errors of fixed offsets; `f.figures`: tool error per offset error, m/rad, by offset."""
     if not f.figures:
         return ""
     rates = (

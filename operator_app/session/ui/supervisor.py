@@ -139,7 +139,10 @@ class Supervisor:
         self.reported_stop = ""
 
     def check(self, now: SessionSnapshot, *, unseen_s: float) -> None:
-        """Check a snapshot: stop the arm if data are lost; end a motion if no screen polls (`unseen_s`)."""
+        """Check a snapshot: stop the arm if data are lost; end a motion if no screen polls.
+
+        `unseen_s`: time, s, since a screen last polled.
+        """
         self._end_unwatched_motion(now, unseen_s)
         self._report_stop(now)
         self._update_motion(now)

@@ -262,7 +262,7 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
 
 
 def _require_profile(procedure: Procedure, choices: Choices) -> None:
-    """Refuse another bus profile than the session's, since the profile defines the angle of a count."""
+    """Refuse a bus profile other than the session's, since the profile defines how counts are converted to angles."""
     if choices.profile is None:
         return
     file = resolve("profile", choices.profile)

@@ -87,7 +87,7 @@ def _from_file(file: str, joint_count: int) -> PoseSet:
 def _open_loop(
     args: argparse.Namespace, opening: Opening, solution: Solution, count: int | None
 ) -> ExitCode:
-    """Verify the session's calibration with endpoints that an instrument measures on the arm, or from a file."""
+    """Verify the session's calibration with endpoints measured by an instrument, on the arm now or read from a file."""
     if solution.model.dh_table(solution.estimate.x) is None:
         raise UsageError(
             "--open-loop verifies a calibration of one placement of a hinge or rigid fixture; "

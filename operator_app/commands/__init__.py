@@ -1,1 +1,1 @@
-"""The commands: their arguments and options, and a module with the work of each."""
+"""The commands of `sarcal`: their arguments and options, and for each command a module that does its work."""

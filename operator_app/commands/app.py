@@ -82,7 +82,7 @@ _ARM: Mapping[bool | None, str] = {
 
 
 def farewell(sessions: Sessions, folder: Path, reason: str, *, plain: bool = False) -> str:
-    """Return the message at the end: arm, session folder, and how to resume."""
+    """Return the message at the end: final state of the arm, session folder, and how to resume."""
     how = "" if reason == "left" else f"ended by {reason}; "
     arm = _ARM[sessions.held]
     if sessions.not_held is not None and sessions.not_held.powered:
@@ -110,7 +110,7 @@ def _full_screen(args: argparse.Namespace, make_source: Callable[[], Sessions]) 
 
 
 class _Ended(BaseException):
-    """Raised when a signal asks this process to end."""
+    """Raised when a signal requests that this process end."""
 
 
 def _plain(args: argparse.Namespace, source: Sessions) -> str:
@@ -121,7 +121,8 @@ def _plain(args: argparse.Namespace, source: Sessions) -> str:
         raise _Ended(signal.Signals(number).name)
 
     before = {n: signal.signal(n, end) for n in (signal.SIGTERM, signal.SIGHUP)}
-    before[signal.SIGINT] = signal.signal(signal.SIGINT, signal.default_int_handler)  # means STOP
+    # Ctrl-C means STOP.
+    before[signal.SIGINT] = signal.signal(signal.SIGINT, signal.default_int_handler)
     reason = "failed"
     try:
         reason = Plain(source, StandardTerminal(), resume=args.resume, manual=manual()).run()

@@ -42,7 +42,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _asked(args: argparse.Namespace) -> list[tuple[AnyKind | None, str]]:
-    """Return every file or name with its kind, which is None for a file given without an option."""
+    """Return kind and name of every file to check; the kind is None for a file given without an option."""
     named: list[tuple[AnyKind | None, str]] = [
         ("arm", args.arm),
         ("fixture", args.fixture),
@@ -52,7 +52,7 @@ def _asked(args: argparse.Namespace) -> list[tuple[AnyKind | None, str]]:
 
 
 def _read(kind: AnyKind | None, name: str) -> Resource:
-    """Read a file; refuse a built-in name given without its kind."""
+    """Read a file; a built-in name is refused unless an option states its kind."""
     if kind in ("arm", "fixture", "procedure"):
         return resolve(kind, name)
     kinds: tuple[Kind, ...] = ("arm", "fixture", "procedure")

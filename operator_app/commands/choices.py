@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def bus_of_others(args: argparse.Namespace) -> BusSettings:
-    """Return the bus settings of ``-i -c -b``; UsageError for a bus that no other process can use."""
+    """Return the bus settings of ``-i -c -b``; raises UsageError for a bus inside this process."""
     from hardware.buses.python_can import bus_settings
 
     settings = bus_settings(
@@ -35,7 +35,7 @@ def bus_of_others(args: argparse.Namespace) -> BusSettings:
 
 def opening_from(args: argparse.Namespace) -> Opening:
     """Return the `Opening` for the arm of a session, or for the arm given by the options."""
-    # These commands write no journal, so that they do not need the operator's name.
+    # The commands that call this function write no journal and do not need the operator's name.
     choices = choices_from(args, journal=False)
     if args.session is not None:
         return resume(args.session, choices, root=args.sessions)
@@ -46,12 +46,12 @@ def opening_from(args: argparse.Namespace) -> Opening:
 
 
 def recording(args: argparse.Namespace, opening: Opening) -> Path | None:
-    """Return the file of ``--record`` in a session folder; None without that option."""
+    """Return the file in the session folder to which ``--record`` records the bus; None without that option."""
     return opening.folder / "bus.blf" if args.record else None
 
 
 def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:
-    """Return the choices made by these options, with the operator's name from the user settings if `journal`."""
+    """Return the choices made by these options; if `journal`, with the operator's name from the user settings."""
     if args.seed is not None and args.seed < 0:
         raise UsageError("--seed: must be a whole number of at least 0")
     if args.channel is not None and not (args.channel.isprintable() and len(args.channel) <= 255):

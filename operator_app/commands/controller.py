@@ -36,7 +36,7 @@ _LOOK_S = 0.2
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Run until interrupted."""
+    """Run the controller until interrupted."""
     if FAULT_HELP in args.fault:
         say(fault_table())
         return ExitCode.ACCEPTED
@@ -120,7 +120,7 @@ def _controller_error(failure: Exception) -> Exception:
 
 @contextmanager
 def _recorded(settings: BusSettings, path: Path | None) -> Iterator[None]:
-    """Record the bus, if `path` is given: from the first boot-up to the last frame."""
+    """Context that records the bus if `path` is given, from the first boot-up message to the last frame."""
     if path is None:
         yield
         return
@@ -139,7 +139,7 @@ def _recorded(settings: BusSettings, path: Path | None) -> Iterator[None]:
 
 @contextmanager
 def _tracker(tracker: SimulatedTracker | None, port: int | None) -> Iterator[str]:
-    """Serve the tracker of an open arm; yields the option for the command that connects to it."""
+    """Context that serves the tracker of an open arm; yields the ``--tracker`` option for `sarcal run`, else ""."""
     if tracker is None:
         if port is not None:
             raise UsageError("--tracker-port: this fixture has no tracker; use --fixture tracker")

@@ -66,7 +66,7 @@ def execute(args: argparse.Namespace) -> int:
         from operator_app.session.workflow.export import export
         from operator_app.session.workflow.listener import Listener
 
-        # Within the session, so that its journal records the upload.
+        # Upload within the session, so that the session's journal records it.
         with unattended(opening, record_to=recording(args, opening)) as session:
             # No drive is enabled, and no instrument of an open arm is needed.
             connect(session, Listener(), measuring=False)
@@ -104,7 +104,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _converted(args: argparse.Namespace, what: Calibration, kind: str) -> tuple[str, bytes]:
-    """Return the default file name and the contents of an export in another format than yaml."""
+    """Return the default file name and the contents of an export in a format other than yaml."""
     if args.into is None:
         return EXPORT_FILES[kind], in_format(what, kind)
     data = read_limited(expanded(args.into), str(args.into), limit=DESCRIPTION_LIMIT_BYTES)
@@ -113,7 +113,7 @@ def _converted(args: argparse.Namespace, what: Calibration, kind: str) -> tuple[
 
 
 def _format(args: argparse.Namespace) -> str:
-    """Return the format according to --into, --format or the ending of the file name."""
+    """Return the export format according to --into, --format or the ending of the file name."""
     option: str | None = args.format
     if args.into is not None:
         if option not in (None, "urdf"):

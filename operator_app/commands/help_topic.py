@@ -1,4 +1,4 @@
-"""`sarcal help`: the manual in the terminal; also hooks for mkdocs, which builds a website from it."""
+"""`sarcal help`: the manual in the terminal; also hooks for mkdocs, which builds a website from the manual."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def command_section(
     summary: str,
     shared: dict[str, list[tuple[str, str]]] | None = None,
 ) -> str:
-    """Return summary and options of one command; shared options are collected in `shared` if that is given."""
+    """Return summary and options of one command; if `shared` is given, shared options are collected there instead."""
     blocks = [f"## {parser.prog}", f"{_capital(summary)}."]
     also = []
     for group in parser._action_groups:  # noqa: SLF001 - argparse has no public list
@@ -145,7 +145,7 @@ def command_section(
 
 
 def _form(action: argparse.Action) -> str:
-    """Return the forms of an option: ``-o FILE``, ``--output FILE``."""
+    """Return all forms of an option, such as ``-o FILE``, ``--output FILE``."""
     if action.choices is not None and action.metavar is None:
         value = f"{{{','.join(map(str, action.choices))}}}"
     else:

@@ -94,7 +94,7 @@ def execute(args: argparse.Namespace) -> int:
 def _poses(
     args: argparse.Namespace, joints: tuple[str, ...]
 ) -> tuple[PoseSet, dict[str, list[dict[str, Any]]]]:
-    """Return the poses of all files (if several, one placement each), and the JSON data of recordings."""
+    """Return the poses of all files (each of several files is one placement), and the JSON data of recordings."""
     unit: Unit | None = "rad" if args.rad else "deg" if args.deg else None
     pose_sets, recordings = [], []
     of_recordings = (args.dwell_s, args.spread_deg, args.topic) != (None, None, None)
@@ -147,14 +147,14 @@ def _poses(
 
 
 def _joined(parts: list[Any]) -> Any:
-    """Return the arrays as one; None if one is missing."""
+    """Return the arrays concatenated; None if any of them is None."""
     return None if any(part is None for part in parts) else np.concatenate(parts)
 
 
 def _recorded(
     args: argparse.Namespace, file: str, joints: tuple[str, ...], unit: Unit | None
 ) -> tuple[PoseSet, dict[str, Any]]:
-    """Return the poses of a recording, one per dwell, and its JSON data."""
+    """Return the poses of a recording, one for each dwell, and the JSON data of the recording."""
     dwell_s = DWELL_S if args.dwell_s is None else args.dwell_s
     spread_deg = (
         round(float(np.rad2deg(DWELL_SPREAD_RAD)), 9)

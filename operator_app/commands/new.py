@@ -209,7 +209,7 @@ def _procedure(args: argparse.Namespace) -> int:
 def _copy(
     args: argparse.Namespace, parse: Callable[[bytes, str], object], *, refers: Sequence[str] = ()
 ) -> int:
-    """Copy a built-in file under another name; `refers` are options whose values replace references in it."""
+    """Copy a built-in file under another name; values of the options `refers` replace references to other files."""
     name = _named(args.name or f"my_{args.packaged}")
     instead = {k: _reference(args, name, v) for k in refers if (v := getattr(args, k))}
     content = copied(args.what, args.packaged, name=name, **instead)
@@ -223,7 +223,7 @@ def _typed(option: str) -> str:
 
 
 def _named(text: str) -> str:
-    """Return a valid name made from `text`; UsageError if it does not begin with a letter."""
+    """Return a valid name made from `text`; raises UsageError if the name does not begin with a letter."""
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", text).strip("_.-")[:64]
     if not re.match(r"[A-Za-z]", name):
         raise UsageError(f"--name: {name!r} does not begin with a letter; use another")

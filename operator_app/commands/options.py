@@ -76,8 +76,8 @@ ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
 def option(parser: argparse._ActionsContainer, usage: str, description: str, **more: Any) -> None:
     """Declare an option by its usage, such as ``-o --output FILE``, or an argument: ``poses+ FILE``, ``poses``.
 
-    An option without a metavar (and without `choices`) is a switch; any other takes, by default, text that must not be
-    empty.
+    An option without a metavar (and without `choices`) is a switch; other options and arguments take, by default, text
+    that must not be empty.
     """
     names = usage.split()
     if not usage.startswith("-"):
@@ -131,7 +131,7 @@ def scenario_options(parser: argparse.ArgumentParser) -> None:
 
 
 def arm_bus_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options for the bus of an arm, which may be a virtual one."""
+    """Declare the options for the bus of a real or virtual arm."""
     bus_options(parser)
     scenario_options(parser)
 
@@ -172,7 +172,7 @@ def arm_options(parser: argparse.ArgumentParser) -> None:
 
 
 def tolerance_m(args: argparse.Namespace) -> float | None:
-    """Return ``--length-tolerance`` in metres; UsageError if it is out of range."""
+    """Return ``--length-tolerance`` in metres; raises UsageError if it is out of range."""
     tolerance_mm: float | None = args.length_tolerance
     if tolerance_mm is None:
         return None
@@ -192,7 +192,7 @@ def given_joints(text: str | None) -> tuple[int, ...] | None:
 
 
 def parse_numbers(text: str, option: str) -> tuple[int, ...]:
-    """Parse ``6,7`` into ascending numbers; UsageError for anything else."""
+    """Parse text such as ``6,7`` into ascending numbers; raises UsageError for other text."""
     if re.fullmatch(r"\d+(,\d+)*", text.replace(" ", "")) and "0" in re.split("[ ,]+", text):
         raise UsageError(f"{option} {text!r}: there is no joint 0; joints are numbered from 1")
     if not re.fullmatch(r"[1-9]\d*(,[1-9]\d*)*", text.replace(" ", "")):

@@ -68,16 +68,16 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _code(shown: Preview) -> ExitCode:
-    """Return the exit code; if a fixture check refuses, the one that `sarcal run` would return."""
+    """Return the exit code; if a fixture check refuses, it is the exit code that `sarcal run` would return."""
     refused = any(c.severity is Severity.REFUSED for c in shown.checks)
     return ExitCode.NOT_IDENTIFIABLE if refused else ExitCode.ACCEPTED
 
 
 def _of_files(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, str]:
-    """Return the procedure with the options' arm and fixture, None for captured poses, and the plan's basis as text.
+    """Return the procedure with the options' arm and fixture, None (no captured poses), and the plan's basis as text.
 
     The drive joints of the procedure apply to its own arm; for another arm, or another kind of fixture in the default
-    procedure, they are left open, for the planner to choose.
+    procedure, the planner chooses them.
     """
     procedure = load_procedure(args.procedure or "hinge")
     if args.arm:
@@ -125,7 +125,7 @@ def _of_session(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None,
 def _advice(
     args: argparse.Namespace, procedure: Procedure, shown: Preview, poses: int
 ) -> tuple[PlacementReport, ...]:
-    """Search for better hinge placements around the nominal or estimated one."""
+    """Search for better hinge placements around the estimated placement or, without an estimate, the nominal one."""
     values: dict[str, float] = {}
     if shown.estimate is not None:
         values = {p.name: float(v) for p, v in zip(shown.parameters, shown.estimate.x, strict=True)}

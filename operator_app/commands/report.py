@@ -34,7 +34,7 @@ def execute(args: argparse.Namespace) -> int:
     state = session_state(contents)
     calibration, unidentifiable = None, None
     try:
-        # From the journal or, if not stored there, calculated now; the report states which.
+        # From the journal or, if it is not stored there, computed now; the report states which.
         calibration = session_calibration(
             state, procedure, estimator=args.estimator, unsensed_joints=unsensed
         )

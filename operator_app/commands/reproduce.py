@@ -1,4 +1,4 @@
-"""`sarcal reproduce`: the paper's experiment and discussion, on a simulated specimen of its arm."""
+"""`sarcal reproduce`: repeats the paper's experiment and discussion with a simulated arm of the same type."""
 
 from __future__ import annotations
 

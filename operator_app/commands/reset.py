@@ -24,7 +24,7 @@ def execute(args: argparse.Namespace) -> int:
                 "or a session on one"
             )
         if isinstance(rig.arm, CanopenArm):
-            rig.arm.take_over()  # the only command that switches off drives another program left enabled
+            rig.arm.take_over()  # the only command that switches off drives that another program left enabled
         identity = rig.arm.connect()
         written = [f"Set up as the bus profile requires: {line}" for line in identity.configured]
         unwatching = unwatching_words(identity)

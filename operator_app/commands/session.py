@@ -79,7 +79,7 @@ def _row(entry: SessionEntry) -> list[str]:
 
 
 def _procedure_of(state: SessionState) -> str:
-    """Return the procedure of a session as text, as far as its documents can be read."""
+    """Return text with names of a session's procedure, arm and fixture, as far as its documents can be read."""
     from operator_app.config.strict_yaml import load_strict
 
     try:

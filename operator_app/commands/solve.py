@@ -113,7 +113,7 @@ def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: Po
     if not elsewhere and (len(new.placements) > 1 or len(poses.placements) > 1):
         raise UsageError("--test: both files must be from the same single placement")
     if elsewhere and args.test == args.poses and args.placements:
-        # One file of all placements: test with the placements that were not calibrated.
+        # The file contains all placements: test with those that were not used for the calibration.
         others = tuple(k for k in new.placements if k not in poses.placements)
         new = pick_placements(new, others) if others else new
     try:
@@ -124,7 +124,7 @@ def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: Po
 
 
 def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[str, tuple[ReadingTable, ...]]:
-    """Return the digest of the poses that gave ``--rvdt-table``, and its corrections; "" and () without that option."""
+    """Return SHA-256 of the poses from which ``--rvdt-table`` was made, and the tables; "", () without the option."""
     if not args.rvdt_table:
         return "", ()
     document, option = load_parameters(args.rvdt_table), f"--rvdt-table {args.rvdt_table}"

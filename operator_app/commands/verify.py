@@ -87,7 +87,7 @@ def _from_file(file: str, joint_count: int) -> PoseSet:
 def _open_loop(
     args: argparse.Namespace, opening: Opening, solution: Solution, count: int | None
 ) -> ExitCode:
-    """Verify the session with measured endpoints, from a file or on the arm."""
+    """Verify the session's calibration with endpoints measured by an instrument, on the arm now or read from a file."""
     if solution.model.dh_table(solution.estimate.x) is None:
         raise UsageError(
             "--open-loop verifies a calibration of one placement of a hinge or rigid fixture; "
@@ -111,7 +111,7 @@ def _open_loop(
 def _open_arm(
     args: argparse.Namespace, judged: Opening, count: int | None
 ) -> tuple[Measured, PoseSet]:
-    """Capture poses of the open arm in a separate session, on the bus of the calibration's session."""
+    """Capture poses of the open arm in a new session, on the bus of session `judged`; return instrument and poses."""
     choices = replace(
         judged.choices,
         poses=OPEN_POSES if count is None else count,

@@ -33,10 +33,10 @@ from operator_app.units import joints_named, names, others_free, plural
 
 
 class ConsoleListener(Listener):
-    """Writes progress to stderr; the bar only on a terminal."""
+    """Writes the progress of a run to stderr; shows a progress bar if stderr is a terminal."""
 
     def __init__(self) -> None:
-        # It ignores write errors.
+        # `Stderr` ignores write errors.
         self._stderr = Stderr()
         self._console = Console(file=cast("IO[str]", self._stderr), highlight=False, soft_wrap=True)
         self._progress: Progress | None = None
@@ -76,23 +76,23 @@ class ConsoleListener(Listener):
             self.say(f"Fixture {check.severity.value}: {check.text}{remedy}")
 
     def drives_chosen(self, choice: DriveChoice) -> None:
-        """Report the drive joints and the reasons."""
+        """Report the drive joints and the reasons for the choice."""
         self.say(f"Drive joints: {names(choice.drives)} ({'; '.join(choice.reasons)}).")
 
     def modes_set(self, position_joints: tuple[int, ...]) -> None:
-        """Report the drive joints."""
+        """Report the joints in position mode."""
         driven = joints_named(position_joints).capitalize()
         others = others_free(len(position_joints), self._joints)
         self.say(f"{driven} in position mode{others}; read back from the drives.")
 
     def pose_captured(self, state: SessionState, total: int) -> None:
-        """Advance the bar; report new delays of this computer."""
+        """Advance the bar or, without a terminal, report the pose; report new delays of this computer."""
         if new := state.late.times - self._late_times:
             self._late_times = state.late.times
             longest_s = state.late.last_s if new == 1 else state.late.longest_s
             self.say(f"Warning: {lateness_text(new, longest_s)}.")
         if not self._stderr.isatty():
-            # Into a file or pipe: a line for each pose.
+            # Write a line for each pose into a file or pipe.
             self.say(f"Pose {state.captured} captured ({len(state.used_poses)} of {total}).")
             return
         if self._progress is None:
@@ -105,7 +105,7 @@ class ConsoleListener(Listener):
             )
             self._progress.start()
             self._progress.add_task("poses", total=total)
-        # The total of a planned capture grows while it explores.
+        # The total of a planned capture grows during the exploration.
         self._progress.update(
             self._progress.task_ids[0], completed=len(state.used_poses), total=total
         )
@@ -122,7 +122,7 @@ class ConsoleListener(Listener):
         )
 
     def close(self) -> None:
-        """Remove the bar. Safe to call twice."""
+        """Remove the bar. May be called twice."""
         if self._progress is not None:
             self._progress.stop()
             self._progress = None
@@ -138,7 +138,7 @@ def cut_short_lines(cut: CutShort) -> list[str]:
     folder = session.journal.kept_folder
     if session.journal.loss is not None:
         return [*_danger(cut), f"{what}. The rescued entries are in {folder}."]
-    # Read the journal: an interrupt may come between writing an event to it and applying the event.
+    # Read the journal: an interrupt may come after an event is written to it and before the state has the event.
     saved_state = read_session(folder).state if cut.kept else None
     poses = len(state.poses if saved_state is None else saved_state.poses)
     lines = [f"{what}; no pose was captured."]
@@ -156,7 +156,7 @@ def cut_short_lines(cut: CutShort) -> list[str]:
 
 
 def _danger(cut: CutShort) -> list[str]:
-    """Return the warning that the arm is not held; after an interrupt the caller raises it as an error."""
+    """Return the warning that the arm is not held; empty after an interrupt, since the caller raises an error then."""
     error = cut.session.not_held
     if error is None or not cut.connected or isinstance(cut.cause, KeyboardInterrupt):
         return []
@@ -165,7 +165,7 @@ def _danger(cut: CutShort) -> list[str]:
 
 
 def _lateness_note(cut: CutShort) -> str:
-    """Return the message that this computer was late, if drives tripped because its heartbeat was missing."""
+    """Return the message that this computer was late, if drives tripped on its missing heartbeat; else ""."""
     cause = cut.cause
     if not (isinstance(cause, DriveFault) and cause.code == EmergencyCode.HEARTBEAT_LOST):
         return ""

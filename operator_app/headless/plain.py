@@ -40,7 +40,7 @@ class Terminal(Protocol):
     """Input and output of lines."""
 
     def say(self, text: str) -> None:
-        """Write lines."""
+        """Write text of one or more lines."""
 
     def ask(self, prompt: str) -> str:
         """Return the typed line; raises EOFError at the end of the input."""
@@ -80,7 +80,7 @@ class Plain:
         self.runner: Runner = sessions.new() if resume is None else sessions.resumed(resume)
 
     def run(self) -> str:
-        """Show menus until the operator quits, and return the reason. Ctrl-C means STOP.
+        """Show menus until the operator quits, and return the reason for the end. Ctrl-C means STOP.
 
         If the arm is stopped, silent or not connected, Ctrl-C raises KeyboardInterrupt instead.
         """
@@ -112,7 +112,7 @@ class Plain:
                 self._wait()
 
     def _one_of(self, items: list[_Item], prompt: str) -> _Item | None:
-        """List the items and return the one whose number is typed."""
+        """List the items, ask for a number, and return the item with this number; None if there is no such item."""
         for number, item in enumerate(items, 1):
             closed = f" (closed: {item.missing[0]})" if item.missing else ""
             self._terminal.say(sanitized(f"  {number} {item.label}{closed}"))
@@ -123,7 +123,7 @@ class Plain:
         return None
 
     def _items(self, s: SessionSnapshot) -> list[_Item]:
-        """Return the actions of the step, the moves to other steps, and the common actions."""
+        """Return the menu items: actions of the step, steps to go to, actions of all steps, and Quit."""
         own, common = action_table.prompts(self._step)
         items = [item for action in own for item in self._lines(action, s)]
         if self._step is Step.RESULTS:
@@ -191,7 +191,7 @@ class Plain:
         return s
 
     def retry_soon(self, work: Callable[[], None]) -> None:
-        """Call `work` 0.1 s later."""
+        """Wait 0.1 s, then call `work`."""
         self._pause(0.1)
         work()
 
@@ -200,7 +200,7 @@ class Plain:
         self._terminal.say(sanitized(f"Not done: {reason}."))
 
     def ask(self, question: Question, then: Callable[[str], None]) -> None:
-        """Ask a question whose answer is yes, a line of text or a number."""
+        """Ask a question whose answer is yes, a line of text or a number; call `then` with a valid answer."""
         match question:
             case YesNo():
                 typed = self._terminal.ask(f"{question.text} Type yes to go on: ").strip()
@@ -233,11 +233,11 @@ class Plain:
         return None
 
     def item(self, s: SessionSnapshot) -> int | None:
-        """Return the item of the check list in the chosen row."""
+        """Return the index of the check list item that was chosen in the menu."""
         return self._row
 
     def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
-        """Return the alarm in the chosen row."""
+        """Return the alarm that was chosen in the menu."""
         return None if self._row is None else ShownAlarm(number=self._row, all_visible=True)
 
     def open(self, make: Callable[[], Runner]) -> None:
@@ -290,7 +290,7 @@ class Plain:
             s = self.snapshot()
 
     def _stop(self) -> bool:
-        """Handle Ctrl-C: STOP if an arm is connected and not stopped; otherwise return False, to quit."""
+        """Handle Ctrl-C: send STOP and return True; return False, to quit, if no arm can be or needs to be stopped."""
         s = self.runner.snapshot()
         if not s.connected or s.stopped or s.data is DataState.LOST:
             return False
@@ -312,7 +312,7 @@ class StandardTerminal:
         return input(sanitized(prompt))
 
     def touched(self, timeout_s: float) -> bool:
-        """Wait at most this long for a line from a terminal; input from a pipe does not count."""
+        """Wait at most this long for a line from a terminal; input from a pipe is not read."""
         if not sys.stdin.isatty():
             select.select([], [], [], timeout_s)
             return False

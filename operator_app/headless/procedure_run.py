@@ -32,8 +32,8 @@ from operator_app.session.workflow.session import Session
 class RunResult:
     """Result of a run.
 
-    `exported` is None if the calibration was not accepted; `capture` states how a planned capture ended; `advice` is a
-    hinge placement that would make the imprecise parameters more precise.
+    `exported`: None if the calibration was not exported. `capture`: end of a planned capture. `advice`: text on a hinge
+    placement that would make the imprecise parameters more precise, "" for none.
     """
 
     solution: Solution
@@ -51,13 +51,13 @@ def run(
     homing: bool = False,
     solver: Solver = solve_here,
 ) -> RunResult | None:
-    """Run all steps from Connect to Export; any error is raised.
+    """Run all steps from Connect to Export, and return the result; raises any error.
 
-    Returns None if the current placement is complete and the fixture has to be remounted for the next one.
+    Returns None if the current placement is complete and the fixture has to be remounted for the next placement.
 
     `forced`: reason for exporting a calibration that is not accepted ("": it is not exported). `homing`: whether the
-    operator agrees that an arm outside its exploration box goes home. `solver`: on a real bus, a separate process, so
-    that SYNC is not delayed.
+    operator agrees that an arm outside its exploration box goes home. `solver`: runs the calibration; on a real bus, in
+    a separate process, so that SYNC is not delayed.
     """
     if session.procedure.position_joints is not None:
         session.check_modes(session.procedure.position_joints)
@@ -87,7 +87,7 @@ def run(
 
 
 def _advice(session: Session, solution: Solution, end: CampaignEnd | None) -> str:
-    """Return which hinge placement would make imprecise parameters more precise; "" if there are none."""
+    """Return text on a hinge placement that would make the imprecise parameters more precise; "" if not needed."""
     if end is None or not end.weak or session.fixture.kind != "hinge":
         return ""
     estimate = solution.estimate
@@ -117,7 +117,7 @@ def next_placement(
 ) -> Opening:
     """Wait for the confirmation of the next placement, record it, and return the opening of the session.
 
-    `drives_off`: this program has just released the arm, and its drives confirmed that they are off. For an arm
+    `drives_off`: whether this program has just released the arm, and the drives confirmed that they are off. For an arm
     simulated by this program there is nothing to confirm.
 
     Raises
@@ -126,7 +126,7 @@ def next_placement(
         The mounting was not confirmed.
     """
     listener.close()
-    # The journal states the bus that was used; the options may leave it to the environment.
+    # Take the bus from the journal, since the options may leave it to the environment.
     opening = resume(str(opening.folder), opening.choices, root=root)
     number, placements = opening.placement + 1, opening.procedure.placements
     if opening.choices.interface == "virtual":
@@ -141,7 +141,7 @@ def next_placement(
 
 
 def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
-    """Wait for and record the confirmation that the fixture is mounted in a later placement that has no pose yet.
+    """If a placement after the first has no pose yet, wait for and record the confirmation that the fixture is mounted.
 
     Raises
     ------
@@ -175,7 +175,7 @@ def _interrupted_in_words(opening: Opening, listener: ConsoleListener) -> Iterat
 
 
 def _confirmed(opening: Opening, number: int) -> None:
-    """Wait for the confirming word, without input typed before the prompt; SessionError if the input ends."""
+    """Wait for the confirming word, ignoring what was typed before the prompt; SessionError if the input ends."""
     if sys.stdin.isatty():
         import termios
 
@@ -190,7 +190,7 @@ def _confirmed(opening: Opening, number: int) -> None:
 
 
 def words(opening: Opening, *, drives_off: bool) -> tuple[str, ...]:
-    """Return the instructions between two placements; they state that drives are off only if that was checked."""
+    """Return the instructions between two placements; unless `drives_off`, they ask to check that drives are off."""
     off = (
         "Nothing commands the arm any more: its drives are off."
         if drives_off

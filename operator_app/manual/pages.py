@@ -74,7 +74,7 @@ FILE = re.compile(r"<!-- file: ([\w.-]+) -->\n```\w+\n(.*?)```", re.DOTALL)
 """Mark and content of a block of code that is a complete file."""
 
 FILES_OF = re.compile(r"<!-- files of: ([\w-]+) -->")
-"""Mark of a page that includes the files of another one."""
+"""Mark of a page that includes the files of another page."""
 
 NOTEBOOK = re.compile(r"<!-- notebook: ([\w.-]+) -->")
 NOTEBOOKS = files("operator_app") / "manual" / "notebooks"
@@ -82,7 +82,7 @@ FOLDER = files("operator_app") / "manual" / "pages"
 
 
 class NoSuchTopicError(Exception):
-    """There is no page with this name; the text gives the most similar name and lists all pages."""
+    """There is no page with this name; the error's text gives the most similar name and lists all pages."""
 
     def __init__(self, topic: str, topics: tuple[str, ...]) -> None:
         near = [name for name in topics if topic and name.startswith(topic)]
@@ -112,7 +112,7 @@ class Page:
 
 
 class Manual:
-    """All pages of the manual; `made` generates some of them on request, by topic."""
+    """All pages of the manual. `made`: functions, by topic, that generate pages on request."""
 
     def __init__(self, made: Mapping[str, Callable[[], str]]) -> None:
         self._made = made

@@ -22,7 +22,7 @@ CODE, FENCE = re.compile(r"(`[^`\n]+`)"), re.compile(r"(^```.*?^```$)", re.DOTAL
 PLAIN_GLYPHS = str.maketrans("─•", "--")
 """Replacements for terminals without these characters."""
 MANY_COLUMNS, TALLEST = 4, 8
-"""A table with at least so many columns, and more lines per row than this on average, is shown as blocks."""
+"""A table with at least `MANY_COLUMNS` columns and, on average, over `TALLEST` lines per row is shown as blocks."""
 
 
 def as_text(markdown: str, width: int) -> str:
@@ -39,14 +39,14 @@ def as_text(markdown: str, width: int) -> str:
 
 
 def _inline(text: str) -> str:
-    """Replace links by text that names their target; keep the backticks of code, as there is no colour to mark it."""
+    """Replace links by text that names their target; keep the backticks of code, since no colour marks it."""
     text = PICTURE.sub(r"\\[Picture: \1]", text)
     text = LINK.sub(lambda m: m[1] + _target(m[2]), text)
     return CODE.sub(r"`` \1 ``", text)
 
 
 def _target(link: str) -> str:
-    """Return the target of a link: the topic of another page, or an address; empty for this page."""
+    """Return text that names the target of a link, i.e. another page's topic, or an address; "" for the same page."""
     page = re.fullmatch(r"([a-z0-9-]+)\.md(#.*)?", link)
     if page:
         return f" (sarcal help {page[1]})"
@@ -54,7 +54,7 @@ def _target(link: str) -> str:
 
 
 class _Underlined(Heading):
-    """Headings that start at the left; those of titles and sections are underlined."""
+    """Headings that start at the left margin; titles and section headings are underlined."""
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         yield self.text

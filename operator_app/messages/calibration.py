@@ -100,14 +100,14 @@ class _Amount(float):
 
 
 class _Choice(int):
-    """A flag; ``{certain:drifts|may drift}`` is the first text if it is true, else the second."""
+    """A flag; ``{certain:drifts|may drift}`` is the first text if the flag `certain` is true, else the second."""
 
     def __format__(self, spec: str) -> str:
         return spec.split("|")[not self]
 
 
 class _Fields(dict[str, object]):
-    """Mapping of the names that a template may use: a finding's figures, and FIELDS."""
+    """Values by the names that a template may use: the figures of a finding, and the names in FIELDS."""
 
     def __init__(self, finding: Finding) -> None:
         figures = {"size": finding.size, "sigma": finding.sigma, **finding.figures}
@@ -130,7 +130,7 @@ def fixed_briefly(offsets: tuple[str, ...]) -> str:
 
 
 def _holds(f: Finding) -> str:
-    """Return the sentence on errors that the tool accuracy excludes; the figures of `f` are m/rad, by offset."""
+    """Return the sentence on errors of fixed offsets; `f.figures`: tool error per offset error, m/rad, by offset."""
     if not f.figures:
         return ""
     rates = (

@@ -40,7 +40,7 @@ from operator_app.units import REACH
 from solver.errors import SolverError, TooFewPosesError, UnidentifiableError
 
 EXPECTED = (SessionError, HardwareError, SolverError, FixtureError, ConfigError, WriteError)
-"""Errors that an operator, an arm or a disk can cause. Any other one is a defect of this program."""
+"""Errors that an operator, an arm or a disk can cause. Any other error is a defect of this program."""
 
 
 def words(error: BaseException) -> SessionError:
@@ -126,7 +126,7 @@ _TRIPS: Mapping[int, str] = {
 
 
 def trip_cause_remedy(code: int) -> str:
-    """Return how to remove the cause of a drive's trip, before its reset."""
+    """Return text on how to remove the cause of a drive's trip, which is necessary before the drive is reset."""
     return _TRIP_CAUSES.get(code, "Find the cause of this fault")
 
 
@@ -160,7 +160,7 @@ def _capital(text: str) -> str:
 
 
 def unwatching_words(identity: ArmIdentity) -> str:
-    """Return the warning that names drives without a heartbeat time-out (1016h); "" if all have one."""
+    """Return the warning that names drives without a heartbeat timeout (1016h); "" if all drives have one."""
     joints = identity.unwatching
     if not joints:
         return ""
@@ -174,7 +174,7 @@ def unwatching_words(identity: ArmIdentity) -> str:
 
 
 def configured_words(identity: ArmIdentity) -> str:
-    """Return the sentence that names the drive objects set as the bus profile requires; "" for none."""
+    """Return the sentence on drive objects that were changed as the bus profile requires; "" if none were."""
     zeroed = identity.zeroed
     pdos = tuple(text for text in identity.configured if text not in zeroed)
     parts = [

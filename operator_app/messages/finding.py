@@ -1,6 +1,6 @@
 """A finding: a fault or a fact with its place, magnitude and probability, and whether it blocks acceptance.
 
-Its kind has the templates of its text and remedy; no code parses figures from these texts.
+The kind of a finding has the templates of text and remedy; no code parses figures from these texts.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ CERTAIN = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedSize:
-    """A parameter with a value in `unit`, "rad" or "m"; `share` (0..1) of its information comes from the poses."""
+    """A parameter with a value in `unit`, "rad" or "m"; `share`: part (0..1) of its information from the poses."""
 
     name: str
     size: float
@@ -34,15 +34,15 @@ class Finding:
     Attributes
     ----------
     joint, joints
-        The joint (1-based, 0 for none), and all joints if there are several; for placements and sockets, their numbers.
+        The joint (1-based, 0 for none), and all joints if there are several; or the numbers of placements or sockets.
     sensor
         "RVDT" or "ENCODER" if the finding is about a joint's sensor.
     names
         Parameters, entries, fixtures or files concerned.
     size, sigma, unit
-        Its magnitude and standard uncertainty, and their unit: "rad", "m", or "" for a plain number.
+        Magnitude of the finding, its standard uncertainty, and the unit of both: "rad", "m", or "" for a plain number.
     figures
-        Its other figures, in SI units.
+        Other figures, in SI units, by the names that the templates use.
     sizes
         Values of several parameters.
     reported
@@ -50,9 +50,9 @@ class Finding:
     probability
         Probability relative to all other explanations, including no fault.
     doubted
-        Whether it is always stated as a possibility.
+        Whether the finding is stated as a possibility, whatever its probability.
     blocking
-        Whether it prevents acceptance: parameters may be wrong by more than their sigmas allow.
+        Whether the finding prevents acceptance: parameters may be wrong by more than their sigmas allow.
     """
 
     kind: FindingKind
@@ -73,7 +73,7 @@ class Finding:
 
     @staticmethod
     def upgraded_record(data: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Convert a record to the current format; those of earlier versions have code, text and remedy."""
+        """Convert a record to the current format; records of earlier versions have code, text and remedy."""
         if "kind" in data:
             return data
         return {
@@ -86,7 +86,7 @@ class Finding:
 
     @property
     def code(self) -> str:
-        """The public code, ``FROZEN_JOINT_3``."""
+        """The public code, such as ``FROZEN_JOINT_3``."""
         return self.kind.code.format(
             joint=self.joint,
             sensor=self.sensor,
@@ -96,7 +96,7 @@ class Finding:
 
     @property
     def certain(self) -> bool:
-        """Whether it is stated as a fact."""
+        """Whether the finding is stated as a fact."""
         return self.probability >= CERTAIN and not self.doubted
 
     @property

@@ -1,8 +1,8 @@
 """Kinds of findings, each with its public code, text and remedy; no other module contains such texts.
 
-A message is a template. ``{size:STEP}`` is a value in one of the formats of `operator_app.units`,
-``{limit:ANGLE|LENGTH}`` in the first one if the finding's unit is rad, else in the second; ``{certain:drifts|may
-drift}`` is the first choice if the finding is certain, ``{several:do|does}`` if it is about several poses.
+A message is a template. ``{size:STEP}`` is the value `size` in the format STEP of `operator_app.units`;
+``{limit:ANGLE|LENGTH}`` uses the first format if the finding's unit is rad, else the second. ``{certain:drifts|may
+drift}`` is the first text if the finding is certain, ``{several:do|does}`` if it is about several poses.
 """
 
 # Several kinds may have the same code and text.
@@ -58,7 +58,7 @@ class FindingKind(Enum):
     Attributes
     ----------
     code
-        Pattern of its code in JSON, journals and the API, which is a contract; kinds with different texts may share it.
+        Pattern of the public code (JSON, journals, API), which never changes; kinds with different texts may share it.
     text, remedy
         Templates of its message; the remedy is empty if the text is sufficient.
     brief
@@ -71,7 +71,7 @@ class FindingKind(Enum):
     brief: str
 
     def __new__(cls, code: str, text: str, remedy: str = "", brief: str = "") -> Self:
-        """Make a member; a running number is its value, so that members with the same templates stay distinct."""
+        """Make a member; its value is a running number, so that members with the same templates stay distinct."""
         member = object.__new__(cls)
         member._value_ = len(cls.__members__)
         member.code, member.text, member.remedy, member.brief = code, text, remedy, brief

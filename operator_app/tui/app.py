@@ -57,7 +57,7 @@ class _Fixed(Lines, can_focus=False):
 
 
 class StartScreen(Screen[None]):
-    """First screen: the safety strip, a line of text, and the key to leave."""
+    """Screen while the program loads: the safety strip, a line of text, and the key to quit."""
 
     AUTO_FOCUS = ""
 
@@ -79,7 +79,7 @@ SCREEN_TIMEOUT_S = 5.0
 
 
 class AsciiScrollBar(ScrollBarRender):
-    """A scroll bar of whole cells, without eighths of a block."""
+    """A scroll bar made of whole character cells only, without the Unicode characters for parts of a cell."""
 
     VERTICAL_BARS: ClassVar = [" "] * 8
     HORIZONTAL_BARS: ClassVar = [" "] * 8
@@ -103,7 +103,7 @@ class SarcalApp(App[str]):
         manual: Manual | None = None,
         poll_s: float = POLL_S,
     ) -> None:
-        # Textual would turn colours into greys; the theme without colours is used instead.
+        # With NO_COLOR, Textual would turn colours into greys; the theme without colours is used instead.
         colourless = os.environ.pop("NO_COLOR", "") != ""
         super().__init__()
         for made in themes():
@@ -131,14 +131,14 @@ class SarcalApp(App[str]):
     # -- start and end -----------------------------------------------------------------------------
 
     def get_default_screen(self) -> Screen[None]:
-        """Return the screen that is shown while the rest loads."""
+        """Return the screen that is shown while the program loads."""
         return StartScreen()
 
     async def on_mount(self) -> None:
         """Install signal handlers; start loading the main screen."""
         loop = asyncio.get_running_loop()
         if threading.current_thread() is threading.main_thread():
-            # Textual does not unmount on a signal: leave in order instead.
+            # Textual does not close its screen on a signal: leave in the ordinary way instead.
             for number in ENDING if self.owns_process else ENDING[1:]:
                 signal.signal(number, lambda n, _: self._asked_to_end(signal.Signals(n).name, loop))
         if self.owns_process:
@@ -154,7 +154,7 @@ class SarcalApp(App[str]):
         await self.push_screen(self.main)
 
     def on_main_screen_ready(self) -> None:
-        """Begin a session, or offer to resume one; then poll."""
+        """Open a session, then begin to poll it."""
         gc.enable()
         self.main.set_class(self.look.ascii_only, "-ascii")
         self.interface.begin()
@@ -169,14 +169,14 @@ class SarcalApp(App[str]):
             threading.Thread(target=leave, args=(reason,), daemon=True).start()
 
     def _watch_terminal(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Leave when the terminal is gone: SIGHUP is sent only if this was the controlling terminal."""
+        """Leave when the terminal is gone; SIGHUP reports this only for the controlling terminal."""
         terminal = select.poll()
         terminal.register(sys.__stdin__ or 0, 0)  # a hang-up is always reported
         terminal.poll()
         self._asked_to_end(signal.SIGHUP.name, loop)
 
     def _leave_without_screen(self, reason: str) -> None:
-        """Close the source from this thread, as the loop may wait forever for a terminal that takes no output."""
+        """Hold the arm, close the journal and exit in this thread if the event loop waits too long for the terminal."""
         if not self._screen_over.wait(SCREEN_TIMEOUT_S):
             try:
                 self.close_source(reason)
@@ -184,7 +184,7 @@ class SarcalApp(App[str]):
                 os._exit(ExitCode.INTERRUPTED)
 
     def close_source(self, reason: str) -> None:
-        """Hold the arm and close the journal; a second caller waits until the first has done it."""
+        """Hold the arm and close the journal; a second caller waits until that is done."""
         self._screen_over.set()
         with self._source_lock:
             if self.loaded:
@@ -196,7 +196,7 @@ class SarcalApp(App[str]):
         self.exit("problem")
 
     def leave(self, reason: str) -> None:
-        """Leave; `run` closes the source, which holds the arm."""
+        """End the app with this reason; `run` then holds the arm and closes the journal."""
         self.exit(reason)
 
     def poll(self) -> None:
@@ -219,12 +219,12 @@ class SarcalApp(App[str]):
         return watched(super().get_driver_class(), self.stop_on_input)
 
     def stop_on_input(self, event: Pressed) -> None:
-        """Handle STOP in the thread that reads keys and mouse; the event loop is informed later."""
+        """Stop the arm at once, in the thread that reads keys and mouse, if this event means STOP."""
         runner = self.runner
         if runner is None or not runner.connected:
             return
         if isinstance(event, events.MouseDown):
-            # A dialog leaves the strip visible but receives its mouse events.
+            # While a dialog is open, the strip is visible, but the dialog receives the mouse events.
             if event.button and event.y == 0 and event.x < STOP_WIDTH:
                 runner.stop()
         elif self._is_stop(event):
@@ -247,7 +247,7 @@ class SarcalApp(App[str]):
         return len(self._stops_handled) < before
 
     def _is_stop(self, event: events.Key) -> bool:
-        """Whether an event means STOP: F8 always, space unless text is being entered; with any modifier."""
+        """Whether a key means STOP: F8, or space unless text is being entered; modifiers such as Ctrl are ignored."""
         key = event.key.rpartition("+")[2]
         typing = key == "space" and isinstance(self.focused, Input)
         return key in STOP_KEYS and not typing
@@ -306,20 +306,20 @@ class SarcalApp(App[str]):
         self.main.forget()
 
     def get_system_commands(self, screen: Screen[object]) -> Iterator[SystemCommand]:
-        """Return no commands of Textual's own."""
+        """Return no commands, so that the palette lists none of Textual's own."""
         return iter(())
 
     def action_help_quit(self) -> None:
-        """Ask before leaving, like q (Ctrl+C)."""
+        """Leave, as for the key q; called for Ctrl+C."""
         self.interface.leave()
 
     async def action_quit(self) -> None:
-        """Ask before leaving (Ctrl+Q)."""
+        """Leave, as for the key q; called for Ctrl+Q."""
         self.interface.leave()
 
 
 def _import() -> tuple[type[MainScreen], Callable[[SarcalApp], ScreenInterface]]:
-    """Import modules that the first screen does not need."""
+    """Import and return the classes that the first screen does not need."""
     from operator_app.tui.main_screen import MainScreen
     from operator_app.tui.screen_interface import ScreenInterface
 
@@ -334,7 +334,7 @@ def run(
     resume: str | None = None,
     manual: Manual | None = None,
 ) -> str:
-    """Run the app, hold the arm and close the journal in any case; return the reason for leaving."""
+    """Run the app and return the reason for leaving; in any case, hold the arm and close the journal at the end."""
     # While loading, garbage collection frees nothing and takes a third of a second.
     gc.disable()
     app = SarcalApp(make_source, theme=theme, ascii_only=ascii_only, resume=resume, manual=manual)
@@ -345,7 +345,7 @@ def run(
         if app.return_code:
             reason = "failed"
     finally:
-        # Nothing may interrupt while the arm is held and the journal closed.
+        # Signals must not interrupt the program while it holds the arm and closes the journal.
         with ending_signals_ignored():
             app.close_source(reason)
     if app.problem is not None:

@@ -1,4 +1,4 @@
-"""Dialogs over the main screen. They never cover the safety strip; where there is Cancel, it has the focus."""
+"""Dialogs over the main screen. They never cover the safety strip; if a dialog has Cancel, Cancel has the focus."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Shown = TypeVar("Shown", bound=Titled)
 
 
 class Dialog(ModalScreen[str | None], Generic[Shown]):
-    """A box with a title; Esc and n return None."""
+    """A box with a title and a text; Esc and n close it with the answer None."""
 
     AUTO_FOCUS = ""
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -86,7 +86,7 @@ class Confirm(Dialog[YesNo]):
         self.dismiss("yes")
 
     def action_other(self) -> None:
-        """Move between the two buttons."""
+        """Move the focus to the other of the two buttons."""
         focused = self.focused
         self.query_one(
             "#yes" if focused is not None and focused.id == "cancel" else "#cancel"
@@ -94,7 +94,7 @@ class Confirm(Dialog[YesNo]):
 
 
 class Ask(Dialog[Typed]):
-    """A dialog with an input line; if the question expects a certain text, only that is accepted."""
+    """A dialog with an input line; if the question has an expected text, only that text is accepted."""
 
     def body(self) -> ComposeResult:
         """Yield an input line and the line for instructions or a refusal."""

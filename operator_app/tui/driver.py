@@ -19,10 +19,10 @@ Pressed = events.Key | events.MouseDown
 
 
 def watched(driver: type[Driver], stop_on_input: Callable[[Pressed], None]) -> type[Driver]:
-    """Return a driver class that reports keys and mouse presses before the event loop, and ignores write errors."""
+    """Return a driver class that calls `stop_on_input` for key and mouse presses at once, and ignores write errors."""
 
     class WatchedDriver(driver):  # type: ignore[misc, valid-type]
-        """See `watched`."""
+        """The class that `watched` returns."""
 
         def __init__(self, *args: Any, **options: Any) -> None:
             super().__init__(*args, **options)
@@ -31,7 +31,7 @@ def watched(driver: type[Driver], stop_on_input: Callable[[Pressed], None]) -> t
                 self._file: Any = _MayBeGone(file)
 
         def process_message(self, message: Message) -> None:
-            """Report a message, then pass it on."""
+            """Report a key or mouse press, then pass the message on to the event loop."""
             if isinstance(message, events.Key | events.MouseDown):
                 stop_on_input(message)
             super().process_message(message)
@@ -40,7 +40,7 @@ def watched(driver: type[Driver], stop_on_input: Callable[[Pressed], None]) -> t
 
 
 class _MayBeGone:
-    """The terminal as a file; output to a closed one is dropped without an error."""
+    """The terminal as a file; once the terminal is closed, output is dropped without an error."""
 
     def __init__(self, file: IO[str]) -> None:
         self._file = file

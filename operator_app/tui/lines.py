@@ -1,4 +1,4 @@
-"""A widget that shows lines of plain spans and repaints only those that changed.
+"""A widget that shows lines of plain spans and repaints only lines that have changed.
 
 Text contains no markup: the brackets in `[deg]` are plain text. A span is text with the name of its role.
 """
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Clicked(Message):
-    """The operator clicked the action named `action`."""
+    """Message that the operator clicked the action named `action`."""
 
     def __init__(self, action: str) -> None:
         super().__init__()
@@ -56,10 +56,10 @@ class Lines(Widget, can_focus=True):
         self._strips: dict[int, Strip] = {}
         self._base: Style | None = None
         self._titled = ""
-        # Size of the content; looking it up every time takes longer than building most lines.
+        # Size of the content, kept because looking it up takes longer than building most lines.
         self._room: Size | None = None
-        # Rows with frame and background, as last painted: Textual asks for all rows of all panels
-        # between the first and the last that changed anywhere.
+        # Rows with frame and background, as last painted: if rows have changed anywhere on the screen, Textual
+        # requests all rows of all panels from the first changed row to the last.
         self._painted: dict[int, Strip] = {}
 
     def on_mount(self) -> None:
@@ -67,7 +67,7 @@ class Lines(Widget, can_focus=True):
         self.set_title(self.TITLE)
 
     def set_title(self, text: str) -> None:
-        """Set the title without reading markup in it."""
+        """Set the title of the frame to plain text, in which brackets are not markup."""
         app: Any = self.app
         new = app.look.text(text)
         # `border_title` cannot be compared: it returns markup, in which brackets are escaped.
@@ -109,7 +109,7 @@ class Lines(Widget, can_focus=True):
             self.refresh(*(Region(0, y, width, 1) for y in changed))
 
     def forget(self) -> None:
-        """Repaint everything after a change of theme or layout."""
+        """Discard everything that depends on theme or layout, and repaint."""
         self._base = self._room = None
         self._strips.clear()
         self.refresh()
@@ -121,7 +121,7 @@ class Lines(Widget, can_focus=True):
         layout: bool = False,
         recompose: bool = False,
     ) -> Self:
-        """Repaint regions, or everything."""
+        """Repaint these regions or, if none are given, everything."""
         if not regions:
             self._painted.clear()
         return super().refresh(*regions, repaint=repaint, layout=layout, recompose=recompose)

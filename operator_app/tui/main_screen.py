@@ -31,7 +31,7 @@ from operator_app.tui.widgets.status import Banner, Log, SafetyStrip
 
 
 def done(step: Step, s: SessionSnapshot) -> bool:
-    """Whether a step is done, so that the next one is open."""
+    """Whether a step is done: the next step is open, in Capture all poses are captured, in Export files are written."""
     if step is Step.EXPORT:
         return s.written is not None
     if step is Step.RESULTS:
@@ -71,12 +71,12 @@ def detail(step: Step, s: SessionSnapshot) -> str:
 
 
 class StepRail(Lines, can_focus=False):
-    """List of steps, three rows each."""
+    """List of all steps, with three rows for each step."""
 
     current = Step.CONNECT
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return glyph, number and title of each step, with its detail below."""
+        """Return lines with glyph, number and title of each step, and its summary below."""
         rows: list[Line] = []
         for step in Step:
             is_current = step is self.current
@@ -94,16 +94,16 @@ class StepRail(Lines, can_focus=False):
             self.post_message(Clicked(action))
 
     def _action_at(self, x: int, y: int) -> str:
-        """Return the action of a click.
+        """Return the name of the action for a click at this position; "" for none.
 
-        Subclasses override this method, because Textual would call their own click handler in addition to this one.
+        Subclasses override this method instead of `on_click`, since Textual also calls `on_click` of base classes.
         """
         number = y // 3 + 1
         return f"step_{number}" if number <= len(Step) else ""
 
 
 class StepRow(StepRail, can_focus=False):
-    """All steps in one row, for small terminals. `place`: number of the view shown, and number of views."""
+    """List of all steps in one row, for small terminals. `place`: number of the view shown, and number of views."""
 
     place = (1, 1)
     _view_at: int | None = None
@@ -124,7 +124,7 @@ class StepRow(StepRail, can_focus=False):
         return [tuple(row)]
 
     def _action_at(self, x: int, y: int) -> str:
-        """Return the action of a click: a step's number shows that step, the view's number shows the next view."""
+        """Return the name of the action for a click: show the clicked step or, on the view's number, the next view."""
         if self._view_at is not None and x >= self._view_at:
             return "view"
         end = 0
@@ -136,9 +136,9 @@ class StepRow(StepRail, can_focus=False):
 
 
 SELDOM = 4
-"""The panels around a step are updated once in this many snapshots, or at once if something important has changed."""
+"""Panels outside the step's view are updated every this many snapshots, or at once after an important change."""
 HINT_ROWS, MOST_HINT_ROWS = 2, 4
-"""Rows for the next action, and the most rows for a long refusal; the log shows the rest."""
+"""Rows for the next action, and largest number of rows for a long refusal; rows not used belong to the log."""
 VIEWS = (ConnectView, FixtureView, ModesView, CaptureView, CalibrateView, ResultsView, ExportView)
 
 
@@ -207,7 +207,7 @@ class Footer(Lines, can_focus=False):
 
 
 class TooSmall(Lines, can_focus=False):
-    """Message in a terminal that is too small, with the required size."""
+    """Message with the required size, shown if the terminal is too small."""
 
     FIXED = True
 
@@ -229,7 +229,7 @@ class MainScreen(Screen[None]):
     AUTO_FOCUS = ""
 
     class Ready(Message):
-        """The main screen is mounted."""
+        """Message that the main screen is mounted."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -266,7 +266,7 @@ class MainScreen(Screen[None]):
 
     @property
     def view(self) -> StepView:
-        """The step on the screen."""
+        """View of the step on the screen."""
         return self.steps[self.hint.step - 1]
 
     def go_to(self, step: Step) -> None:
@@ -311,7 +311,7 @@ class MainScreen(Screen[None]):
             self.call_after_refresh(self.forget)
 
     def _shown_at_once(self, s: SessionSnapshot) -> object:
-        """Return the parts of a snapshot whose change is shown at once; ages and rates may be shown later."""
+        """Return the parts of a snapshot of which a change is shown at once; ages and rates may be shown later."""
         joints = () if s.arm is None else tuple((j.mode, j.drive) for j in s.arm.joints)
         latest = s.messages[-1].number if s.messages else 0
         return (

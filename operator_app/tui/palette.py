@@ -1,4 +1,4 @@
-"""All actions in Textual's command palette."""
+"""Lists all actions in Textual's command palette."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def title(action: Entry) -> str:
-    """Return the palette's entry for an action: text and key."""
+    """Return the text of an action in the palette: label, step (if only one), key."""
     where = ""
     if len(action.steps) == 1:
         where = f" (step {int(next(iter(action.steps)))})"
@@ -22,10 +22,10 @@ def title(action: Entry) -> str:
 
 
 class ActionProvider(Provider):
-    """Provider of all actions, found by their words."""
+    """Provides all actions to the palette, where they are found by their words."""
 
     def _all(self) -> Iterator[tuple[Entry, dict[str, Any]]]:
-        """Yield every action with its text and the call that performs it."""
+        """Yield every action with its data for the palette: the function that performs it, text, and help."""
         from operator_app.session.ui import action_table
 
         app: Any = self.app
@@ -40,7 +40,7 @@ class ActionProvider(Provider):
             )
 
     async def discover(self) -> Hits:
-        """List everything before anything is typed."""
+        """Yield all actions, before anything is typed."""
         for action, shown in self._all():
             yield DiscoveryHit(Content(title(action)), **shown)
 

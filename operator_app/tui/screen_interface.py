@@ -1,4 +1,4 @@
-"""The user interface on the screen: dialogs, actions on the marked row, opening of sessions."""
+"""Implements `UserInterface` for the terminal app: dialogs, actions on the marked row, opening of sessions."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ SOON_S = 0.1
 
 
 class ScreenInterface:
-    """The `UserInterface` of the terminal app, with its focus and its marked rows."""
+    """The `UserInterface` of the terminal app; the marked rows on the screen are the selections."""
 
     def __init__(self, app: SarcalApp) -> None:
         self.app = app
@@ -85,7 +85,7 @@ class ScreenInterface:
     # -- actions -----------------------------------------------------------------------------------
 
     def press(self, *keys: str | None) -> bool:
-        """Do the action of a key (name or character) at this step; return False if it has none."""
+        """Do the action that a key (`keys`: its name and character) has at this step; return False if it has none."""
         matching = (action_table.for_key(key, self.app.step) for key in keys if key is not None)
         action = next((a for a in matching if a is not None), None)
         if action is not None:
@@ -105,7 +105,7 @@ class ScreenInterface:
         self.do(action_table.by_name(name))
 
     def do_anywhere(self, action: Action | OnScreen) -> None:
-        """Do an action from the palette: go to its step first, if that is open."""
+        """Do an action from the palette; if it belongs to another step, go to that step first, if it is open."""
         if self.app.step in action.steps or self.go(min(action.steps)):
             self.do(action)
 
@@ -121,7 +121,7 @@ class ScreenInterface:
 
     @property
     def runner(self) -> Runner | None:
-        """The runner of the session."""
+        """The runner of the open session; None before a session is open."""
         return self.app.runner
 
     @property
@@ -153,11 +153,11 @@ class ScreenInterface:
         self.app.push_screen(dialog(question), answered)
 
     def pose(self, s: SessionSnapshot) -> int | None:
-        """Number of the marked pose; None without poses."""
+        """Number of the marked pose; None if there is no pose."""
         return self.app.main.query_one(CaptureView).marked_pose(s)
 
     def item(self, s: SessionSnapshot) -> int | None:
-        """Index of the marked item of the check list or, if that is ticked, of the next open one; None without any."""
+        """Index of the marked item of the check list or, if it is ticked, of the first unticked item; None if none."""
         open_items = action_table.open_items(s)
         marked = self.marked_item()
         return marked if marked in open_items else next(iter(open_items), None)
@@ -167,7 +167,7 @@ class ScreenInterface:
         return self.app.main.query_one(FixtureView).cursor
 
     def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
-        """The alarm on the screen, if it still stands; a newer one may not have been shown yet."""
+        """The alarm on the screen (not a newer alarm that is not shown yet); None if it no longer exists."""
         shown = self.app.main.log_lines.alarm
         standing = {alarm.number for alarm in s.alarms}
         return shown if shown is not None and shown.number in standing else None
@@ -179,7 +179,7 @@ class ScreenInterface:
             action_table.tick(runner, s, s.ticked ^ {self.marked_item()})
 
     def toggle_joint(self) -> None:
-        """Switch the selected mode of the marked joint."""
+        """Switch the selected mode of the marked joint between position and free."""
         s, runner = self.snapshot(), self.runner
         if s is not None and runner is not None:
             joint = self.app.main.query_one(ModesView).cursor + 1
@@ -226,7 +226,7 @@ class ScreenInterface:
     # -- sessions ----------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Begin a session, or offer an unfinished one."""
+        """Resume the session named on the command line, or start a session and offer the newest unfinished one."""
         reference = self.app.resume_first
         if reference is not None:
             self.open(lambda: self.sessions.resumed(reference))
@@ -253,7 +253,7 @@ class ScreenInterface:
     def open(
         self, make: Callable[[], Runner], then: Callable[[], Awaitable[None]] | None = None
     ) -> None:
-        """Switch to another session, in a thread, as the previous one may have to end work and hold the arm."""
+        """Switch to another session, in a thread: to end the work of the present one and hold the arm may take time."""
         if self._opening:
             self.refuse("wait: another session is being opened")
             return
@@ -296,7 +296,7 @@ class ScreenInterface:
     # -- moving about ------------------------------------------------------------------------------
 
     def follow(self, s: SessionSnapshot) -> None:
-        """Change from step Calibrate to step Results when a calibration is done."""
+        """If a calibration was completed and the Calibrate step is shown, show the Results step."""
         if s.solution is not None and s.solution is not self._seen_solution:
             self._seen_solution = s.solution
             if self.app.step is Step.CALIBRATE:
@@ -321,12 +321,12 @@ class ScreenInterface:
         self.app.main.go_to(step)
 
     def go_by(self, steps: int) -> None:
-        """Show the previous or the next step."""
+        """Show the step that is `steps` after the current step (-1: the previous step), if there is one."""
         if self.app.step + steps in list(Step):
             self.go(Step(self.app.step + steps))
 
     def move(self, by: int) -> None:
-        """Move the mark of the step's list."""
+        """Move the mark in the main list of the step by `by` rows, or scroll the list."""
         s = self.snapshot()
         if s is not None:
             self.app.main.view.move(by)

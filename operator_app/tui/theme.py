@@ -1,6 +1,6 @@
 """Colours and glyphs: three themes, one table of roles; plain ASCII on request.
 
-Normal states are grey; colour marks all others, always together with a glyph and a word.
+Normal states are grey; colour marks all other states, always together with a glyph and a word.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ PLUS_MINUS = "±", "+-"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
-    """Style of text: name of the theme, whether only ASCII is used, styles by role."""
+    """Appearance of text: name of the theme, whether only ASCII is used, styles by role."""
 
     theme: str
     ascii_only: bool
@@ -69,7 +69,7 @@ class Look:
         return style
 
     def text(self, text: str) -> str:
-        """Return text in the characters that this terminal shows, without control characters except line breaks."""
+        """Return text with the characters that the terminal can show, without control characters except line breaks."""
         text = sanitized(text, keep="\n")
         if not self.ascii_only:
             return text

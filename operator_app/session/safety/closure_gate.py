@@ -1,6 +1,7 @@
-"""Closure gate: whether the loop can close at the current reading within the tolerances of the files, before any pose.
+"""Closure gate: whether the loop can close at the current joint readings within the tolerances of the files.
 
-With S and Q the covariances of the unknowns phi and of the readings q, the most probable closure is
+Used while there are too few poses to predict the closure. With S and Q the covariances of the unknowns phi and of the
+readings q, the most probable closure is
 
     min (phi - phi_0)' S^-1 (phi - phi_0) + (q - reading)' Q^-1 (q - reading),   c(phi, q, u) = 0,
 
@@ -38,8 +39,8 @@ UNKNOWN_RAD = math.pi
 class ClosureFit:
     """The most probable closure of the loop at one reading.
 
-    `chi2`: chi2 of the necessary changes; infinite if the loop cannot close. `dof`: number of equations of the pose
-    minus number of ignored readings. `q_rad`: joint angles (n,) at which the loop closes.
+    `chi2`: chi2 of the changes of unknowns and readings that close the loop; infinite if it cannot close. `dof`: number
+    of equations of the pose minus number of ignored readings. `q_rad`: joint angles (n,) at which the loop closes.
     """
 
     chi2: float
@@ -49,7 +50,7 @@ class ClosureFit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoopAtReading:
-    """The loop at one reading, with the prior from its files.
+    """The loop at one reading of its joints.
 
     `model`, `prior`: the loop, and the prior of its unknowns. `reading_rad`, `reading_sd_rad`: readings (n,) and their
     standard deviations.
@@ -110,7 +111,7 @@ def loop_at_reading(
     unsensed_joints: tuple[int, ...] = (),
     known: KnownArm | None = None,
 ) -> LoopAtReading:
-    """Return the loop at a reading (n,), with the prior from its files and from earlier placements (`known`)."""
+    """Return the loop at a reading (n,); its prior is from arm file, fixture file and earlier placements (`known`)."""
     model, stated = free_within_tolerance(fixture.model(arm, unsensed_joints=unsensed_joints), arm)
     errors = np.stack(
         [

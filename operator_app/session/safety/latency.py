@@ -1,6 +1,6 @@
 """Messages and journal entries about host latency: times when this computer was too busy to read the bus.
 
-It is distinguished from an arm that does not answer, because the remedy differs.
+Host latency is distinguished from an arm that does not answer, because the remedies differ.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ MIN_INTERVAL_S = 30.0
 
 
 def lateness_text(times: int, longest_s: float) -> str:
-    """Return the message about `times` delays, the longest of `longest_s`."""
+    """Return the message about `times` delays, the longest of which lasted `longest_s`."""
     how = f"was late by {longest_s:.1f} s" if times == 1 else f"was late {times} times"
     most = "" if times == 1 else f", by {longest_s:.1f} s at most"
     return (
@@ -30,10 +30,7 @@ class LatenessReporter:
         self._reported_at_s = -MIN_INTERVAL_S
 
     def new_text(self, lateness: HostLatency, now_s: float) -> str:
-        """Return a message about new delays.
-
-        "" if there are none, or the last message is less than `MIN_INTERVAL_S` old.
-        """
+        """Return a message about new delays; "" if there are none, or less than `MIN_INTERVAL_S` after the last one."""
         new = lateness.times - self._reported.times
         if new == 0 or now_s - self._reported_at_s < MIN_INTERVAL_S:
             return ""

@@ -47,7 +47,7 @@ def require_plausible_readings(
     Raises
     ------
     ClosureRefusedError
-        The loop does not close; the error names the joint if a single joint explains the readings.
+        The loop does not close; if a wrong reading of one joint explains this, the error names the joint.
     """
     try:
         check_counters(session.model, reading.mean_rad)
@@ -99,13 +99,13 @@ It is this small because the files can be inaccurate: offsets by 25 deg, hinges 
 """
 
 FALSE_REFUSAL_PROBABILITY_KNOWN_ARM = 1e-5
-"""The same probability once earlier placements have determined the offsets and the hinge's placement error."""
+"""Probability of refusal once earlier placements have determined the offsets and the hinge's placement error."""
 
 RESET_PROBABILITY = 1e-2
 """A counter at zero was reset if using its reading raises chi2 by an amount less probable than this.
 
-A joint is at zero by chance in one of 30,000 positions. Within ten times that distance, a joint is by chance in ten
-times as many positions, and the limit is ten times lower.
+A joint is at zero by chance in one of 30,000 positions. A joint within ten times that distance of zero is so by chance
+in one of 3,000 positions, and its limit is ten times lower.
 """
 
 HOME_AT_ZERO_RAD = float(np.deg2rad(5.0))
@@ -137,7 +137,7 @@ def check_closure_without_poses(
     Raises
     ------
     ClosureRefusedError
-        The loop cannot close; the error names the joint that alone explains the readings, if there is one.
+        The loop cannot close, or a counter was reset; the error names joints whose reading alone explains this.
     """
     if not procedure.fixture.fixture.holds_hand:
         return None
@@ -189,8 +189,8 @@ def _reset_among(
 ) -> dict[int, float]:
     """Return the joints of `zeros` whose counters were reset, with the angles (rad) that close the loop; {} for none.
 
-    A counter was reset if these readings raise chi2 by an amount that is less probable than `at_most` without a reset.
-    Other errors in the files raise chi2 both with and without these readings.
+    A counter was reset if its reading raises chi2 by an amount that is less probable than `at_most` without a reset.
+    The difference is used because errors in the files raise chi2 with and without this reading.
     """
     from scipy.special import chdtrc
 
@@ -254,7 +254,7 @@ def _not_closing_remedy(explaining: dict[int, ClosureFit]) -> str:
 
 
 def _fits_without(loop: LoopAtReading, joints: tuple[int, ...]) -> dict[int, ClosureFit]:
-    """Return the closures without the reading of each of these joints in turn, by joint, the best fit first."""
+    """Return, by joint, the closure fitted without the reading of that joint, the lowest chi2 first."""
     fits = {j: loop.fit(j) for j in joints}
     return dict(sorted(fits.items(), key=lambda item: item[1].chi2))
 

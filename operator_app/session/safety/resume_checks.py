@@ -42,8 +42,8 @@ MAX_SAG_RAD = float(np.deg2rad(5.0))
 def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, float]:
     """Return the joints (1-based) whose counter is within `MAX_SAG_RAD` of zero, the nearest first.
 
-    The value of each is its distance from zero in units of `AT_ZERO_COUNTS`, at least 1. The probability that a joint
-    is that close by chance is proportional to it.
+    The value is the reading's distance from zero in units of `AT_ZERO_COUNTS` counts, at least 1. The probability that
+    a joint is that close to zero by chance is proportional to this value.
     """
     times = {
         j: max(1.0, abs(float(q)) / (AT_ZERO_COUNTS * joint.sensor.resolution_rad))
@@ -54,13 +54,13 @@ def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, floa
 
 
 def zero_position(arm: ArmModel, reading_rad: FloatArray, joints: Sequence[int]) -> str:
-    """Return ``at zero``, or ``near zero`` if one of these joints is farther than `AT_ZERO_COUNTS` from zero."""
+    """Return ``at zero``, or ``near zero`` if any of these joints reads more than `AT_ZERO_COUNTS` counts from zero."""
     times = counters_near_zero(arm, reading_rad)
     return "at zero" if all(times.get(j, np.inf) <= 1.0 for j in joints) else "near zero"
 
 
 def check_counters(arm: ArmModel, reading_rad: FloatArray) -> None:
-    """Raise ConnectAgainError for a reading near zero that is outside its joint's range by more than its own value."""
+    """Raise ConnectAgainError if a counter's reading is near zero, and nearer to zero than to the joint's range."""
     fresh = []
     for number, times in sorted(counters_near_zero(arm, reading_rad).items()):
         joint, q = arm.joints[number - 1], float(reading_rad[number - 1])
@@ -115,8 +115,8 @@ NEW_SESSION_REMEDY = (
 class ClosureResult:
     """Result of a closure check at the current pose.
 
-    `message` is for the operator; `probability` is that of a larger chi2, None with too few poses. A shift of
-    `SHIFT_RAD` of one of the `unresolved_joints` could not be detected at this pose.
+    `message`: for the operator. `probability`: probability of a larger chi2, None with too few poses.
+    `unresolved_joints`: joints (1-based) of which a shift of `SHIFT_RAD` could not be detected at this pose.
     """
 
     message: str
@@ -125,7 +125,7 @@ class ClosureResult:
 
 
 def check_identity(state: SessionState, identity: ArmIdentity) -> None:
-    """Raise GuardError for an arm without nodes, or if the arm or its nodes are not those of the session."""
+    """Raise GuardError if the arm has no nodes, or serial numbers of arm or nodes differ from those of the session."""
     if not identity.nodes:
         raise GuardError(
             f"arm {identity.serial_number} has no nodes: it cannot be moved or read",
@@ -159,7 +159,7 @@ def check_closure_by_poses(
     reading: Reading,
     endpoint: FloatArray | None = None,
 ) -> ClosureResult:
-    """Check the closure at the current pose against the captured poses; `endpoint` is measured at this pose.
+    """Check the closure at the current pose against the captured poses; `endpoint`: the instrument's measurement there.
 
     Raises
     ------
@@ -260,7 +260,7 @@ def _cause_text(near: Innovation | None) -> str:
 
 
 def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConstraint:
-    """Return the fixture to whose nominal placement `parameters_from_poses` refers."""
+    """Return the fixture with the nominal placement from which `parameters_from_poses` measures the placement."""
     known = journal_calibration(state)
     fixture = procedure.fixture.fixture
     if isinstance(known, StoredCalibration):
@@ -271,8 +271,8 @@ def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConst
 def parameters_from_poses(state: SessionState, procedure: Procedure) -> Fixed | None:
     """Return the parameters determined by the captured poses; None with too few poses.
 
-    They are from the recorded calibration or, without one, from a quick fit, which is precise enough to detect shifts
-    of degrees or millimetres.
+    They are from the recorded calibration or, if there is none, from a quick fit, which is precise enough to detect
+    shifts of degrees or millimetres.
     """
     known = journal_calibration(state)
     if isinstance(known, StoredCalibration):

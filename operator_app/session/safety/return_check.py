@@ -1,4 +1,4 @@
-"""Compares a repeated pose with its first reading, and reports what has shifted in between, and by how much."""
+"""Compares a repeated pose with its first reading, and reports what has shifted between both, and by how much."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from solver.chain.rotations import rotation_matrix
 from solver.chain.sensors import NoSensor
 
 FIXTURE_MOVED_M, FIXTURE_TURNED_RAD = 4e-3, float(np.deg2rad(1.0))
-"""Larger changes of the fixture are refused: even a slender fixture deflects less (paper, section 4). The diagnosis of
-the calibration detects smaller ones."""
+"""Larger displacements of the fixture are refused: even a slender fixture deflects less (paper, section 4). The
+diagnosis of the calibration detects smaller displacements."""
 
 
 def check_repeat(state: SessionState, procedure: Procedure) -> str:
@@ -57,7 +57,7 @@ def check_repeat(state: SessionState, procedure: Procedure) -> str:
 def repeat_text(state: SessionState, procedure: Procedure) -> str:
     """Return the message about the last repeated pose of an uninterrupted capture; "" if its readings agree.
 
-    Nothing is refused, since the poses have been captured and the diagnosis of the calibration uses both readings.
+    Raises no error: the poses have been captured already, and the diagnosis of the calibration uses both readings.
     """
     state = state.here
     if not procedure.fixture.fixture.holds_hand:
@@ -104,9 +104,10 @@ def _significant_repeat(state: SessionState, procedure: Procedure) -> Repeat | N
 
 
 def _check_target_again(state: SessionState, procedure: Procedure) -> str:
-    """Compare the target's measured change between both readings with that predicted from the joints; return "".
+    """Raise GuardError if the target or the tracker has moved between both readings; return "".
 
-    Errors of the arm's parameters cancel. Raises `GuardError` if the target or the tracker has moved.
+    Compares the target's measured displacement with the one computed from the joint readings; errors of the arm's
+    parameters cancel.
     """
     from scipy.special import chdtri
 
@@ -138,7 +139,7 @@ def _check_target_again(state: SessionState, procedure: Procedure) -> str:
 
 
 def _joint_variance(arm: ArmModel, samples: int) -> FloatArray:
-    """Return the variance (n,), rad^2, of the mean of `samples` readings, including backlash."""
+    """Return the variance (n,), rad^2, of each joint's mean of `samples` readings, including backlash."""
     return np.array(
         [
             0.0

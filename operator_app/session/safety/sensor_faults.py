@@ -30,8 +30,8 @@ class SensorFaults:
     Attributes
     ----------
     read_until
-        Number of the SYNC at the end of the last capture, -1 before the first one. A fault that began by then affects
-        that pose.
+        Number of the SYNC at the end of the last capture, -1 before the first capture. The pose captured last is
+        affected by a fault that began no later than this SYNC.
     """
 
     def __init__(self, logbook: Logbook, arm: ArmInterface) -> None:
@@ -41,7 +41,7 @@ class SensorFaults:
 
     @contextmanager
     def recorded(self) -> Iterator[None]:
-        """Context that records a sensor fault raised in it, excludes the affected poses, and re-raises the fault."""
+        """Context that records a sensor fault raised inside it, excludes the affected poses, and raises it again."""
         try:
             yield
         except SensorFault as fault:
@@ -57,13 +57,13 @@ class SensorFaults:
             raise
 
     def record_stop_cause(self) -> None:
-        """Record and raise the fault because of which the arm stopped by itself while idle, if any."""
+        """Record and raise the fault that made the arm stop by itself while idle, if there was one."""
         if self._arm.snapshot().stopped_for:
             with self.recorded():
                 self._arm.capture(1)
 
     def require_no_stuck_sensor(self, reading: Reading) -> None:
-        """Raise and record a `SensorFault` if a sensor is stuck in this reading."""
+        """Record and raise a `SensorFault` if this reading shows that a sensor is stuck."""
         with self.recorded():
             require_no_stuck_sensor(self._logbook.state, self._logbook.procedure, reading)
 
@@ -99,7 +99,7 @@ class SensorFaults:
 
 
 def require_no_stuck_sensor(state: SessionState, procedure: Procedure, reading: Reading) -> None:
-    """Raise SensorFault if a joint has the same count as at the last pose, although it must have turned."""
+    """Raise SensorFault if a sensor has the same count as at the last pose, although its joint must have turned."""
     if not state.poses_here or not procedure.fixture.fixture.holds_hand:
         # On an open arm every joint is driven, and its drive detects a stuck sensor.
         return
@@ -123,7 +123,7 @@ def require_no_stuck_sensor(state: SessionState, procedure: Procedure, reading: 
 
 
 def poses_with_same_reading(state: SessionState, arm: ArmModel, joint: int) -> tuple[int, ...]:
-    """Return the numbers of the latest poses in which a joint has the same count as in the last pose."""
+    """Return the numbers of the consecutive latest poses in which a joint has the same count as in the last pose."""
     near, poses = _resolution_rad(arm, joint), state.poses_here
     alike = takewhile(
         lambda pose: abs(pose.mean_rad[joint - 1] - poses[-1].mean_rad[joint - 1]) <= near,
@@ -137,7 +137,7 @@ def _stands_still(arm: ArmModel, joint: int, turned_rad: FloatArray, reading: Re
     if isinstance(sensor, NoSensor):
         return False
     if isinstance(sensor, Rvdt) and sensor.noise_lsb > 0.0:
-        # A working converter has noise.
+        # A working converter has noise: only a spread of zero shows a stuck one.
         return bool(
             reading.sd_rad[joint - 1] == 0.0 and abs(turned_rad[joint - 1]) < sensor.resolution_rad
         )

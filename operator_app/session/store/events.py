@@ -96,7 +96,7 @@ def text(value: Any, _: int | None) -> str:
 
 
 def boolean(value: Any, _: int | None) -> str:
-    """Check that a value is true or false; return the problem, "" for none."""
+    """Check that a value is a boolean; return the problem, "" for none."""
     return "" if isinstance(value, bool) else f"must be true or false, not {_quoted(value)}"
 
 
@@ -110,7 +110,7 @@ def joint_number(value: Any, joints: int | None) -> str:
 
 
 def joint_key(value: Any, joints: int | None) -> str:
-    """Check a joint number written as text, as in JSON keys; return the problem, "" for none."""
+    """Check the number of a joint that is written as text, as JSON keys are; return the problem, "" for none."""
     known = isinstance(value, str) and re.fullmatch(r"[1-9]\d{0,2}", value)
     return (
         joint_number(int(value), joints)
@@ -181,7 +181,7 @@ def mapping_of(key: Check, item: Check) -> Check:
 
 
 def object_with(checks: Mapping[str, Check]) -> Check:
-    """Return a check that accepts an object with these keys and any others."""
+    """Return a check that accepts an object whose values at these keys pass the checks; other keys are ignored."""
 
     def check(value: Any, joints: int | None) -> str:
         if not isinstance(value, dict):

@@ -52,7 +52,7 @@ def new_folder(root: Path, name: str, utc: datetime) -> Path:
 
 
 def next_order(root: Path, *, but: Path) -> int:
-    """Return the order number of a new session below `root`: 1 more than the largest of all sessions except `but`."""
+    """Return the order number of a new session below `root`: 1 more than the largest one, ignoring folder `but`."""
     try:
         folders = [p for p in root.iterdir() if p != but]
     except OSError:
@@ -66,9 +66,9 @@ def _order_in(path: Path) -> int:
 
 
 def find_session(root: Path, reference: str) -> Path:
-    """Return the folder of a session given by path, name below `root`, or ``latest``; SessionError if there is none."""
+    """Return the folder of a session given by path, name below `root`, or ``latest``; raises SessionError if none."""
     if reference == "latest":
-        # Sessions that only verify another one are left out. Sessions with poses are preferred.
+        # Leave out sessions that only verify another session; prefer sessions with poses.
         sessions = [
             entry
             for entry in reversed(list_sessions(root))
@@ -119,9 +119,10 @@ def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
 
 
 def _begun(entries: Sequence[SessionEntry]) -> dict[str, tuple[str, int]]:
-    """Return (time of opening, sequence number) by folder name, for journals without an `order`.
+    """Return (time of opening, sequence number) by folder name, to sort sessions whose journals have no `order`.
 
-    The sequence number counts sessions that were opened later but have an earlier time, because the clock was set back.
+    The sequence number is 0; but a session with an earlier time than the session before it, because the clock was set
+    back, gets the time of that session and its sequence number plus 1.
     """
     states = {entry.folder.name: entry.state for entry in entries}
     begun: dict[str, tuple[str, int]] = {}

@@ -51,8 +51,8 @@ def utc_now() -> datetime:
 class Journal:
     """An open, locked journal.
 
-    `created_folders` are the folders that were created for it, the innermost first. `loss` is the error to raise once
-    the file is lost, None before.
+    `created_folders`: folders that were created for this journal, the innermost first. `loss`: error that is raised
+    after the file was lost; None before.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class Journal:
         self._descriptor = descriptor
         self._seq = len(contents.events)
         self._chain = contents.chain
-        # All lines, to write them elsewhere if the file is lost.
+        # All lines are kept, to write them to another folder if the file is lost.
         self._lines = raw.splitlines(keepends=True)
         self._size = len(raw)
         self._broken = ""
@@ -77,7 +77,7 @@ class Journal:
 
     @classmethod
     def create_beside(cls, folder: Path) -> Journal:
-        """Create a journal in `folder` or, if that has a journal, in the next folder (-2, -3, ...) without one."""
+        """Create a journal in the first of the folders `folder`, `folder`-2, `folder`-3, ... that has no journal."""
         for candidate in numbered_folders(folder):
             with suppress(JournalExistsError):
                 return cls.create(candidate)
@@ -85,7 +85,7 @@ class Journal:
 
     @classmethod
     def create(cls, folder: Path) -> Journal:
-        """Create a journal in `folder`; raises `JournalExistsError` if it has one, `JournalError` if writing fails."""
+        """Create a journal; raises `JournalExistsError` if `folder` has a journal, `JournalError` if writing fails."""
         path = folder / JOURNAL_NAME
         created_folders = tuple(f for f in (folder, *folder.parents) if not f.exists())
         try:
@@ -108,7 +108,7 @@ class Journal:
 
     @classmethod
     def resume(cls, folder: Path) -> Journal:
-        """Open the journal in `folder`; an incomplete last line is moved to a file beside it. Raises `JournalError`."""
+        """Open the journal in `folder` and move an incomplete last line to another file; raises `JournalError`."""
         path = folder / JOURNAL_NAME
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -162,7 +162,7 @@ class Journal:
     def require_intact(self, *, unchanged: bool = False) -> None:
         """Raise JournalLostError if another program deleted, moved, replaced or changed the file.
 
-        If `unchanged`, read the file and compare every line.
+        If `unchanged`, also read the file and compare every line with the line that was read or written before.
         """
         if self.closed:
             return
@@ -220,7 +220,7 @@ class Journal:
     # -- lost ------------------------------------------------------------------------------------
 
     def _file_problem(self) -> str:
-        """Return text that states what another program did to the file; "" for nothing."""
+        """Return text that states what another program did to the file; "" if the file is as expected."""
         try:
             on_disk, opened = self.path.stat(), os.fstat(self._descriptor)
         except (FileNotFoundError, NotADirectoryError):
@@ -237,7 +237,7 @@ class Journal:
         return ""
 
     def _changed_line(self) -> str:
-        """Return text that names the first line that differs from the one read or written; "" for none."""
+        """Return text that names the first line that has been changed since it was read or written; "" for none."""
         position = 0
         for number, line in enumerate(self._lines, 1):
             try:

@@ -67,7 +67,7 @@ class BadLineError(Exception):
 
 
 def format_line(event: JournalEvent, chain: str) -> tuple[bytes, str]:
-    """Return the line of an event that follows a line with checksum `chain`, and the checksum of the new line.
+    """Return the line of an event, to be written after a line with checksum `chain`, and the checksum of the new line.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def split_checksum(line: bytes) -> tuple[bytes, str] | None:
 
 
 def verified_line(line: bytes, number: int, chain: str) -> tuple[JournalEvent, str]:
-    """Verify and parse a line that follows one with checksum `chain`; return its event and its checksum.
+    """Verify and parse a line that follows a line with checksum `chain`; return its event and its checksum.
 
     Raises
     ------
@@ -247,7 +247,7 @@ def require_regular(descriptor: int, path: Path) -> None:
 
 
 def require_own_format(complete: list[bytes], rest: bytes, path: Path) -> None:
-    """Raise JournalForeignError for a file that is not a journal, or is a journal of another version."""
+    """Raise JournalForeignError if a file is not a journal, or is a journal of an unknown version."""
     first = complete[0] if complete else rest
     if not first and len(complete) < 2:
         raise JournalForeignError(
@@ -267,7 +267,7 @@ def require_own_format(complete: list[bytes], rest: bytes, path: Path) -> None:
 
 
 def _require_version(first: bytes, path: Path) -> None:
-    """Raise JournalForeignError if line 1 has another version, unless its checksum shows that the text is damaged."""
+    """Raise JournalForeignError if line 1 states an unknown version, unless its checksum proves this text damaged."""
     match = re.match(rb'\{"schema":"([^"\\]{0,60})"', first)
     split = split_checksum(first)
     if match is None or match[1].decode(errors="replace") == JOURNAL_SCHEMA:
@@ -290,7 +290,7 @@ def _other_version(schema: object) -> tuple[str, str]:
 
 
 def _resembles(first: bytes, begin: bytes, *, torn: bool) -> bool:
-    """Whether a file begins like a journal, apart from at most `MAX_CHANGED_BYTES` bytes."""
+    """Whether `first` begins with `begin` but for at most `MAX_CHANGED_BYTES` bytes; it may be shorter if `torn`."""
     begin = begin[: len(first)] if torn else begin
     same = sum(a == b for a, b in zip(first, begin, strict=False))
     return same >= len(begin) - MAX_CHANGED_BYTES
@@ -330,7 +330,7 @@ def write_new_file(path: Path, data: bytes) -> None:
 
 
 def write_session_folder(root: Path, stem: str, lines: list[bytes]) -> Path:
-    """Write a new session folder below `root` with a journal of these lines and return it; raises OSError."""
+    """Create a session folder below `root`, write a journal with these lines, return the folder; raises OSError."""
     folder = next(f for f in numbered_folders(root / stem) if not os.path.lexists(f))
     folder.mkdir(parents=True)
     write_new_file(folder / JOURNAL_NAME, b"".join(lines))

@@ -1,4 +1,4 @@
-"""Repairs a damaged journal: keeps every line whose checksum matches, removes the others, keeps a copy.
+"""Repairs a damaged journal: keeps every line whose checksum matches, removes the others, saves a copy of the original.
 
 The checksum of a line covers its bytes and the checksum of the line before it. The line after a damaged line can be
 verified if the checksum of the damaged line can be read. A single flipped bit is located by trying all bits.
@@ -50,7 +50,7 @@ POSE_NUMBER = re.compile(rb'"number":(\d{1,9})[,}]')
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RepairedLine:
-    """Result for one line: `event` is None if the line is lost; `words` is the reason, or text on what was restored."""
+    """Result for one line: `event` is None if the line is lost; `words` states why it is lost, or what was restored."""
 
     number: int
     event: JournalEvent | None
@@ -155,8 +155,8 @@ def examine_lines(raw: bytes) -> tuple[tuple[RepairedLine, ...], bool]:
 def _recover(line: bytes, before: str, after: list[bytes]) -> tuple[bytes, str, str] | None:
     """Return the original line, its checksum, and text on what was restored; None if no attempt matches a checksum.
 
-    `before` is the checksum of the line before. `after` are the lines that follow; this list is corrected if a damaged
-    newline has split or joined lines.
+    `before`: checksum of the previous line. `after`: the lines that follow; if a damaged newline has split or joined
+    lines, this list is corrected.
     """
     chain = _checksum_if_stated(line, before)
     if chain is not None:
@@ -180,7 +180,7 @@ def _recover(line: bytes, before: str, after: list[bytes]) -> tuple[bytes, str, 
 
 
 def _checksum_if_stated(line: bytes, before: str) -> str | None:
-    """Return the line's computed checksum if the end of the line agrees with it in all bytes but one; else None."""
+    """Return the line's computed checksum if the one at the end of the line differs in at most one byte; else None."""
     if len(line) < TAIL:
         return None
     expected = checksum(before, line[:-TAIL] + b"}")
@@ -220,7 +220,7 @@ def _event_hint(line: bytes) -> str:
 
 
 def _without_invalid(lines: list[RepairedLine]) -> tuple[RepairedLine, ...]:
-    """Mark the lines as lost whose checksum is valid but whose data no session can use."""
+    """Mark as lost the lines whose checksum is valid but whose data no session can use."""
     counted = Counter(
         joints
         for line in lines
@@ -261,7 +261,7 @@ def _numbered(events: Sequence[JournalEvent]) -> tuple[JournalEvent, ...]:
 
 
 def _replace_journal(path: Path, aside: Path, events: Sequence[JournalEvent]) -> None:
-    """Replace the journal atomically; the damaged one remains as `aside`."""
+    """Replace the journal atomically; the damaged journal is kept as the file `aside`."""
     new = timestamped_path(path, "repaired")
     try:
         write_new_file(new, b"".join(format_lines(_numbered(events))))

@@ -123,7 +123,7 @@ def parameters_document(
 
 
 def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mapping[str, float]]:
-    """Return the variance shares of the identified parameters, without lengths that are corrected within tolerance."""
+    """Return shares of variance by identified parameter and source, without lengths corrected only within tolerance."""
     if solution.components is None:
         return {}
     estimate = solution.estimate
@@ -136,14 +136,14 @@ def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mappi
 
 
 def _mounted(model: ClosureModel, state: SessionState) -> tuple[ClosureModel, IntArray]:
-    """Return the loop that the document describes (of several placements, one) and its parameter columns."""
+    """Return the loop in the document (of one placement, if there are several), and its columns in the estimate."""
     if isinstance(model, Placements):
         return model.of(_last(model, state))
     return model, np.arange(len(model.parameters))
 
 
 def _last(model: Placements, state: SessionState) -> int:
-    """Return the number of the current placement or, if it has no used poses, of the last one with used poses."""
+    """Return the number of the current placement or, if it has no used poses, of the last placement with used poses."""
     has_current = state.placement in model.numbers and not state.imported
     return state.placement if has_current else model.numbers[-1]
 
@@ -179,7 +179,7 @@ def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
 
 
 def _with_measured(table: DhTable, offsets_rad: Mapping[int, float]) -> DhTable:
-    """Return the table with the offsets (rad, by joint) of unsensed joints, measured by the loops."""
+    """Return the table with these offsets (rad) of unsensed joints (by number), which were computed from the loops."""
     theta_off = np.array(table.theta_off_rad)
     for joint, offset in offsets_rad.items():
         theta_off[joint] = offset
@@ -211,5 +211,5 @@ def _forced_warning(solution: Solution, reason: str) -> tuple[DocumentWarning, .
 
 
 def _figures(reading: ResidualSigma) -> TwoFigures:
-    """Convert m to mm and rad to mrad."""
+    """Return both figures of a residual, converted from m to mm or from rad to mrad."""
     return TwoFigures(rms=1e3 * reading.rms, as_printed=1e3 * reading.as_printed)

@@ -117,7 +117,7 @@ def _measured(data: Mapping[str, Any], utc: str) -> dict[str, Any]:
 
 
 def _undone(state: SessionState, number: int, *, back: bool) -> SessionState:
-    """Return the state after a pose was undone, or restored (`back`)."""
+    """Return the state after a pose was undone or, if `back`, restored."""
     changed = tuple(p for p in (state.undone if back else state.poses) if p.number == number)
     undone = tuple(p for p in state.undone if p.number != number)
     remaining = tuple(p for p in state.poses if p.number != number)
@@ -220,7 +220,7 @@ def _in_new_placement(state: SessionState, placement: int, *, mounted: bool) -> 
 
 
 def _with_other_poses(state: SessionState, poses: tuple[CapturedPose, ...]) -> SessionState:
-    """Return the state with these poses instead, without the results from the earlier poses."""
+    """Return the state with its poses replaced by `poses`, and without the results, which are from other poses."""
     campaign = replace(state.campaign, ended={})
     return replace(state, poses=poses, campaign=campaign, **UNSOLVED)
 

@@ -1,4 +1,4 @@
-"""Runs a calibration in a separate process, so that bus and screen are not delayed and it can be cancelled at once.
+"""Runs a calibration in a separate process: it does not delay bus and screen, and can be cancelled at once.
 
 The process uses neither bus nor terminal, and ends whenever its parent ends. This module contains both ends of the
 pipe between them.
@@ -34,7 +34,7 @@ THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class Solver(Protocol):
-    """Calls a function with arguments, in this or another process; passes `progress` to it if that is not None."""
+    """Calls a function in this or another process; unless `progress` is None, the function gets it as an argument."""
 
     def __call__(
         self,
@@ -56,12 +56,12 @@ def solve_here(
 
 
 class SolvingProcess:
-    """A `Solver` with a separate process, which starts at the first call and ends with the ``with`` block.
+    """A `Solver` that uses a separate process, which starts at the first call and ends with the ``with`` block.
 
     Parameters
     ----------
     go_on
-        Called every `PROCESS_POLL_S` and at each progress report; an exception from it ends the process.
+        Called every `PROCESS_POLL_S` and at each progress report; an exception that it raises ends the call.
     """
 
     def __init__(self, go_on: Callable[[], None] = lambda: None) -> None:
@@ -125,12 +125,12 @@ class SolvingProcess:
             command = [sys.executable, "-P", "-c", _START, str(other_end.fileno())]
             self._process = subprocess.Popen(  # noqa: S603 - this interpreter, this module
                 command,
-                # The end of its standard input shows that this process has ended.
+                # When this process ends, the standard input of the child ends, and so does the child.
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
                 pass_fds=[other_end.fileno()],
-                # Ctrl-C and a closed terminal must not signal it.
+                # Ctrl-C and a closed terminal must not send a signal to the child.
                 start_new_session=True,
                 env=os.environ
                 | dict.fromkeys(THREADS, "1")
@@ -153,7 +153,7 @@ _START = "from operator_app.session.store.solver_process import serve; serve()"
 
 
 def serve() -> None:
-    """Run the functions received through the pipe until its other end closes."""
+    """Run the functions received through the pipe until the other end of the pipe is closed."""
     normal_priority()  # drop the real-time priority inherited from the process that drives the arm
     threading.Thread(target=_end_with_parent, daemon=True).start()
     os.nice(NICENESS)
@@ -188,7 +188,7 @@ def _answer(
 
 
 def _end_with_parent() -> None:
-    """End this process when standard input ends; the parent never writes there, and the input ends with the parent."""
+    """End this process when standard input ends: the parent never writes to it, and closes it only by ending itself."""
     while os.read(0, 1):
         pass
     os._exit(1)

@@ -52,7 +52,7 @@ class CapturedPose(MeasuredPose):
 class CheckReading(MeasuredPose):
     """A pose measured for a check, not used for the calibration.
 
-    `kind` is ``verification``, or ``return`` if pose number `of` was measured again after `after` captures.
+    `kind`: ``verification``, or ``return`` for a repeat of pose number `of`. `after`: number of captures before it.
     """
 
     kind: str
@@ -72,8 +72,8 @@ class RepeatedPose:
 class CampaignLog:
     """A planned capture as recorded in the journal.
 
-    `begun` is its start data, empty before the start; `steps` are name and data of the events reported to the
-    planning policy, in order; `ended` is its end data, empty before the end.
+    `begun`: data recorded at the start, empty before. `steps`: names and data of the events reported to the planning
+    policy, in order. `ended`: data recorded at the end, empty before.
     """
 
     begun: Mapping[str, Any] = field(default_factory=dict)
@@ -102,7 +102,7 @@ class SessionState:
     Attributes
     ----------
     order
-        Order number in its folder, from 1; 0 in journals of earlier versions.
+        Order number among the sessions in the same folder, from 1; 0 in journals of earlier versions.
     after
         In journals of earlier versions: the session opened before this one, recorded if the clock was set back in
         between.
@@ -131,16 +131,17 @@ class SessionState:
     drives, drive_sets
         Chosen drive joints, and all sets that a plan may use; empty until chosen.
     resumed
-        Whether, since the last check reading, the session was resumed or the arm was connected again.
+        Whether, since the last check reading, the session was resumed or repaired, the arm was connected again, or a
+        sensor failed.
     placement
-        Number of the current mounting of the fixture, from 1. Start, waypoints and modes belong to it.
+        Number of the current mounting of the fixture, from 1; start, home, waypoints and modes are of this placement.
     mounted
         False while the fixture is being remounted, until the operator confirms that it is mounted.
     missed_repeat
         Why the last attempt to measure the first pose again failed; empty if it did not fail.
     sensor_jump
-        Text of the last sensor fault, after which captures are refused until the first pose has been measured again and
-        agrees. Empty: none.
+        Text of the last sensor fault; captures are refused until the first pose was measured again and agrees with its
+        first reading. Empty: no such fault.
     verifications
         Number of verifications with new poses.
     solved, exported
@@ -194,7 +195,7 @@ class SessionState:
 
     @property
     def next_waypoint(self) -> int:
-        """First waypoint of the plan that was not visited."""
+        """Index of the first waypoint of the plan that was not visited."""
         return next(k for k in range(len(self.visited) + 1) if k not in self.visited)
 
     @property
@@ -209,12 +210,12 @@ class SessionState:
 
     @property
     def unconfirmed_placement(self) -> bool:
-        """Whether the current placement is not the first and has no used pose that confirms its mounting."""
+        """Whether the current placement is not the first and has no used pose, which would confirm its mounting."""
         return self.placement > 1 and not self.poses_here
 
     @property
     def here(self) -> SessionState:
-        """State with the poses and readings of the current placement only."""
+        """State with the poses and readings of the current placement only, as if it were the only placement."""
         if all(p.placement == self.placement == 1 for p in self.poses):
             return self
         number = self.placement
@@ -253,7 +254,10 @@ class SessionState:
         )
 
     def required_poses(self, capture: CapturePlan) -> int:
-        """Return the required number of used poses, over all placements; planned poses add to explored ones."""
+        """Return the number of used poses, in all placements, that completes the current placement.
+
+        In a planned capture, the poses chosen by the plan are required in addition to the explored poses.
+        """
         used = self.used_poses
         if capture.strategy != "planned":
             return capture.poses + len(used) - len(self.poses_here)
@@ -262,14 +266,14 @@ class SessionState:
         return capture.poses + sum(not p.planned for p in used)
 
     def pose_set(self) -> PoseSet:
-        """Return the used poses for the estimators."""
+        """Return the used poses as a `PoseSet`, the input of the estimators."""
         used = self.used_poses
         placement = np.array([p.placement for p in used], dtype=np.int64)
         return replace(pose_set_of(used), placement=placement)
 
 
 def pose_set_of(poses: Sequence[MeasuredPose]) -> PoseSet:
-    """Return these poses for the estimators."""
+    """Return these poses as a `PoseSet`, the input of the estimators, with all poses in placement 1."""
     joints = len(poses[0].mean_rad) if poses else 1
     measured = {len(p.endpoint) for p in poses} in ({3}, {6})
     return PoseSet(

@@ -56,7 +56,7 @@ def session_calibration(
     procedure
         The session's procedure, with the arm that was connected.
     estimator, unsensed_joints
-        None: as in the journal's calibration or, without one, as in the procedure.
+        None: as in the journal's calibration or, if there is none, as in the procedure.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def session_calibration(
 
 
 def require_estimator_for(unsensed_joints: tuple[int, ...], estimator: str) -> None:
-    """Raise SessionError for the paper's estimator with unsensed joints."""
+    """Raise SessionError if there are unsensed joints and `estimator` is the paper's."""
     if unsensed_joints and estimator == "paper":
         raise SessionError(
             "the paper's estimator eliminates the hinge angle only (eqs. 10-13)",
@@ -117,7 +117,7 @@ def solve(
 def with_checks(
     calibration: StoredCalibration, state: SessionState, procedure: Procedure
 ) -> StoredCalibration:
-    """Return a calibration with its cross-validation, which is computed only if the calibration was computed again."""
+    """Return the calibration; if it was computed again, cross-validate it, else keep the checks from the journal."""
     if not calibration.recalculated_because:
         return calibration
     fixture = procedure.fixture.fixture
@@ -147,7 +147,7 @@ def solution_data(
 
 
 def journal_calibration(state: SessionState) -> StoredCalibration | str:
-    """Return the journal's calibration from the used poses, or the reason why there is none."""
+    """Return the journal's calibration if it is valid and from the used poses; else the reason why there is none."""
     if not state.solution:
         return "the journal contains poses but no calibration from them"
     try:
@@ -168,7 +168,7 @@ def journal_calibration(state: SessionState) -> StoredCalibration | str:
 
 
 def _is_consistent(estimate: Estimate | None, poses: int) -> bool:
-    """Whether the shapes of arrays match the numbers of parameters and of poses."""
+    """Whether the shapes of an estimate's arrays match its number of parameters and the number of poses."""
     if estimate is None:
         return True
     count = len(estimate.parameters)
@@ -186,7 +186,7 @@ NO_WAY_BACK = "no way back to it is planned from here"
 
 
 def missing_repeat_notices(state: SessionState) -> tuple[Finding, ...]:
-    """Return a finding for each placement in which no pose was measured again after the last pose."""
+    """Return a finding for each placement whose last pose was captured after the last repeat, or that has no repeat."""
     if state.imported:
         # A poses file does not mark repeats.
         return ()

@@ -1,4 +1,4 @@
-"""True errors of a calibration of a simulated arm, whose parameters are known."""
+"""True errors of a calibration of a simulated arm, whose true parameters are known."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Truths = Callable[[int], Mapping[str, float]]
 
 
 def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int = 1) -> Solution:
-    """Return a calibration with its true errors; `first` is the number of its first placement with poses.
+    """Return a calibration with its true errors; `first`: number of the first placement that has poses.
 
     The tool position error does not include the placement error of the fixture, as in `HandAccuracy`.
     """

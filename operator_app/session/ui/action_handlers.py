@@ -21,7 +21,7 @@ VERIFY_POSES = 5
 def task(
     kind: TaskKind, text: str, work: Callable[[Operations], None]
 ) -> Callable[[ActionContext], None]:
-    """Return a handler that submits `work` without asking."""
+    """Return a handler that submits `work` as a task, without a question."""
     return lambda context: context.submit(kind, text, work)
 
 
@@ -33,7 +33,7 @@ def _ask(
 
 
 def connect(context: ActionContext) -> None:
-    """Connect; in a later placement that has no pose yet, only after the mounting is confirmed."""
+    """Connect; in a placement after the first that has no pose yet, ask first whether the fixture is mounted."""
     state, kind, text = context.s.state, TaskKind.CONNECT, "connecting"
     if not state.unconfirmed_placement:
         context.submit(kind, text, lambda o: o.connect())
@@ -56,7 +56,7 @@ def manual(context: ActionContext) -> None:
 
 
 def history(context: ActionContext) -> None:
-    """Show all calibrations of the connected arm, or of the arm of this session."""
+    """Show all calibrations of the connected arm or, if none is connected, of the session's arm."""
     context.interface.show_history(guards.serial_number(context.s))
 
 
@@ -99,7 +99,7 @@ def acknowledge(context: ActionContext) -> None:
 
 
 def automatic(context: ActionContext) -> None:
-    """Capture the missing poses; if a real arm moves, after confirmation."""
+    """Capture the missing poses; ask for confirmation first if a real arm moves."""
     begin = task(TaskKind.AUTOMATIC, "moving and capturing automatically", lambda o: o.automatic())
     if not guards.moves_real_arm(context.s):
         begin(context)
@@ -149,7 +149,7 @@ def exclude(context: ActionContext) -> None:
 
 
 def note(context: ActionContext) -> None:
-    """Write a note to the selected pose."""
+    """Ask for a note and attach it to the selected pose."""
     number = context.interface.pose(context.s)
     pose = next((p for p in context.s.state.poses if p.number == number), None)
     if pose is None:

@@ -29,7 +29,7 @@ class CalibrationOperations:
     Parameters
     ----------
     refresh
-        Publishes the session's state and the quality of its poses.
+        Function that publishes the session's state and the quality of its poses.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class CalibrationOperations:
             progress, estimator=estimator, unsensed_joints=unsensed_joints, solver=solver
         )
         self.solution = solution
-        # In one step, so that no result of an earlier calibration is shown with this one.
+        # Published in one step, so that the solution is never shown with results of an earlier calibration.
         self._publisher.publish(
             lambda s: replace(
                 s, solution=solution, cross_checks=None, written=None, diff=(), receipt=None,
@@ -154,7 +154,7 @@ class CalibrationOperations:
 
 
 def diff_rows(new: ParametersDocument, active: ParametersDocument | None) -> tuple[DiffRow, ...]:
-    """Return the active value (None if there is none) and the new value of each calibrated entry, rad and m."""
+    """Return the active value (None if there is none) and the new value, rad or m, of each calibrated entry."""
     now, before = new.table.stacked(), None if active is None else active.table.stacked()
     return tuple(
         DiffRow(

@@ -32,7 +32,7 @@ def missing_for(step: Step, s: SessionSnapshot) -> Missing:
 
 
 def fixture_ready(s: SessionSnapshot) -> Missing:
-    """Step Fixture needs a connected arm and, for a real arm, a tested hardware stop."""
+    """The Fixture step needs a connected arm and, for a real arm, a tested hardware stop."""
     if not s.connected:
         return ("no arm is connected: connect first (step 1)",)
     if not s.simulated and not s.stop_tested:
@@ -43,7 +43,7 @@ def fixture_ready(s: SessionSnapshot) -> Missing:
 
 
 def modes_ready(s: SessionSnapshot) -> Missing:
-    """Step Modes needs a fixture whose checks do not refuse, and a complete check list."""
+    """The Modes step needs a fixture that its checks do not refuse, and a completely ticked check list."""
     if before := fixture_ready(s):
         return before
     if not s.checks:
@@ -58,7 +58,7 @@ def modes_ready(s: SessionSnapshot) -> Missing:
 
 
 def capture_ready(s: SessionSnapshot) -> Missing:
-    """Return what step Capture lacks: drives that are enabled in their confirmed modes."""
+    """The Capture step needs drives that are enabled in their confirmed modes."""
     if before := modes_ready(s):
         return before
     if s.stopped:
@@ -73,7 +73,7 @@ def capture_ready(s: SessionSnapshot) -> Missing:
 
 
 def calibrate_ready(s: SessionSnapshot) -> Missing:
-    """Step Calibrate needs more equations than parameters."""
+    """The Calibrate step needs enough poses to have more equations than parameters."""
     used, needed = len(s.state.used_poses), poses_for(s)
     if used < needed:
         return (f"{used} of at least {needed} poses captured (step 4)",)
@@ -81,14 +81,14 @@ def calibrate_ready(s: SessionSnapshot) -> Missing:
 
 
 def results_ready(s: SessionSnapshot) -> Missing:
-    """Step Results needs a calibration from the current poses."""
+    """The Results step needs a calibration from the current poses."""
     if s.solution is None:
         return ("there is no calibration of these poses yet (step 5)",)
     return ()
 
 
 def export_ready(s: SessionSnapshot) -> Missing:
-    """Step Export needs an accepted calibration."""
+    """The Export step needs an accepted calibration."""
     if before := results_ready(s):
         return before
     if s.solution is not None and not s.solution.accepted:
@@ -107,7 +107,7 @@ _STEPS: Mapping[Step, Callable[[SessionSnapshot], Missing]] = {
 
 
 def poses_for(s: SessionSnapshot) -> int:
-    """Return the smallest number of poses for the next calibration."""
+    """Return the smallest number of poses with which the next calibration is possible."""
     model = s.procedure.fixture.fixture.model(s.procedure.arm, unsensed_joints=s.unsensed_joints)
     return poses_needed(len(model.parameters), model.equations_per_pose)
 
@@ -116,7 +116,7 @@ def poses_for(s: SessionSnapshot) -> int:
 
 
 def idle(s: SessionSnapshot) -> Missing:
-    """No other task may run."""
+    """Return a reason while a task is running."""
     return () if s.task is None else (f"wait: {s.task.text}",)
 
 
@@ -159,12 +159,12 @@ def may_tick_all(s: SessionSnapshot) -> Missing:
 
 
 def may_suggest(s: SessionSnapshot) -> Missing:
-    """Ranking the drive joints needs a connected arm."""
+    """Suggesting drive joints needs their ranking, which is made after connecting."""
     return () if s.ranked else ("no ranking yet: connect first (step 1)",)
 
 
 def may_apply_modes(s: SessionSnapshot) -> Missing:
-    """Applying modes needs step Modes, fresh data, and as many selected joints as degrees of freedom of the chain."""
+    """Applying modes needs an open Modes step, fresh data, and a selected joint for each degree of freedom."""
     return idle(s) or modes_ready(s) or may_use_data(s) or modes_problem(s, s.wanted_joints)
 
 
@@ -180,7 +180,7 @@ def modes_problem(s: SessionSnapshot, position_joints: tuple[int, ...]) -> Missi
 
 
 def may_move(s: SessionSnapshot) -> Missing:
-    """Moving needs the Capture step, fresh data and an unvisited waypoint."""
+    """Moving needs an open Capture step, fresh data and an unvisited waypoint."""
     if missing := idle(s) or capture_ready(s) or may_use_data(s):
         return missing
     if s.next_waypoint is None:
@@ -189,7 +189,7 @@ def may_move(s: SessionSnapshot) -> Missing:
 
 
 def may_go_home(s: SessionSnapshot) -> Missing:
-    """Going home needs the Capture step and fresh data."""
+    """Going home needs an open Capture step and fresh data."""
     return idle(s) or capture_ready(s) or may_use_data(s)
 
 
@@ -201,7 +201,7 @@ def may_go_best(s: SessionSnapshot) -> Missing:
 
 
 def may_capture(s: SessionSnapshot) -> Missing:
-    """Capturing needs the Capture step, fresh data, and no pending drift check."""
+    """Capturing needs an open Capture step, fresh data, and no pending drift check."""
     if missing := idle(s) or capture_ready(s) or may_use_data(s):
         return missing
     if s.state.sensor_jump:
@@ -215,7 +215,7 @@ def may_capture(s: SessionSnapshot) -> Missing:
 
 
 def may_run_automatically(s: SessionSnapshot) -> Missing:
-    """Automatic capture needs what moving needs, and poses that are still to be captured."""
+    """Automatic capture has the requirements of `may_move`, and needs poses that are still to be captured."""
     if missing := may_move(s):
         return missing
     if len(s.state.used_poses) >= s.required_poses:
@@ -224,7 +224,7 @@ def may_run_automatically(s: SessionSnapshot) -> Missing:
 
 
 def moves_real_arm(s: SessionSnapshot) -> bool:
-    """Whether drives move a real arm, not a simulated one or one moved by hand."""
+    """Whether the drives of a real arm move it: it is neither simulated nor moved by hand."""
     return not s.simulated and not (s.identity is not None and s.identity.by_hand)
 
 
@@ -247,7 +247,7 @@ def may_remount(s: SessionSnapshot) -> Missing:
 
 
 def may_edit_pose(s: SessionSnapshot) -> Missing:
-    """Undo, note and exclude need a pose."""
+    """Undoing, noting and excluding need a captured pose."""
     return idle(s) or (() if s.state.poses else ("there is no pose yet: capture one first",))
 
 
@@ -291,7 +291,7 @@ def _may_send(s: SessionSnapshot) -> Missing:
 
 
 def serial_number(s: SessionSnapshot) -> str:
-    """Return the serial number of the connected arm or, without one, of the session's arm; "" for none."""
+    """Return the serial number of the connected arm or, if none is connected, of the session's arm; "" if unknown."""
     return s.state.serial_number if s.identity is None else s.identity.serial_number
 
 
@@ -307,12 +307,12 @@ def may_verify(s: SessionSnapshot) -> Missing:
 
 
 def in_modes(s: SessionSnapshot) -> bool:
-    """Whether the drives are enabled, and as many are in position mode as the chain has degrees of freedom."""
+    """Whether the drives are enabled, and as many joints are in position mode as the chain has degrees of freedom."""
     return s.drives_ready and len(s.position_joints) == s.mobility
 
 
 def may_reset(s: SessionSnapshot) -> Missing:
-    """Reset needs a latched STOP or a fault."""
+    """A reset needs a latched STOP or a drive fault."""
     arm = s.arm
     tripped = arm is not None and any(j.drive is DriveState.FAULT for j in arm.joints)
     if s.stopped or tripped or (arm is not None and arm.faults):

@@ -39,8 +39,8 @@ CONNECT_AGAIN: Final = (
 
 
 def resolving_tasks(error: Exception, kind: TaskKind) -> frozenset[TaskKind]:
-    """Return the tasks whose success resolves the alarm about an error in a task of this kind."""
-    # After a jump, all later readings are doubtful; with a stuck sensor, only those of the excluded poses are.
+    """Return the kinds of task whose success resolves the alarm about `error`, which a task of `kind` raised."""
+    # After a jump, all later readings are doubtful; with a stuck sensor, only readings of the excluded poses are.
     jumped = isinstance(error, SensorFault) and not (
         isinstance(error, DriveDiverged) or error.stuck
     )
@@ -67,7 +67,7 @@ def add_message(
 ) -> SessionSnapshot:
     """Add a message; an alarm replaces an existing alarm with the same text.
 
-    `resolving_tasks` resolve the alarm when they succeed; if there are none, it stays until acknowledged.
+    An alarm is resolved when one of its `resolving_tasks` succeeds; without such tasks it stays until acknowledged.
     """
     number = s.messages[-1].number + 1 if s.messages else 1
     message = Message(

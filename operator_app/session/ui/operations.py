@@ -34,7 +34,7 @@ TEST_WIGGLE_RAD = float(np.deg2rad(2.0))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Edit:
-    """A pose as it was before it was edited or removed, and the number of captures at that time."""
+    """A pose as it was before it was edited or removed, and the number of captures until then."""
 
     before: CapturedPose
     captured: int
@@ -112,7 +112,7 @@ class Operations:
         )
         start = session.state.start_rad
         if start is not None and len(session.position_joints) == session.mobility:
-            # The session has a plan already, which starts at `start`.
+            # The session already has a plan, which starts at `start`.
             self._set_plan(waypoints_of(session), start)
         elif len(joints) == session.mobility:
             self._set_plan(waypoints_from(session, q_rad, joints), q_rad)
@@ -184,7 +184,7 @@ class Operations:
         self._session.capture(waypoint)
         self.captured(self._session.state.poses[-1])
         if suspect := outlier_warning(self._session):
-            # A planned capture has no path back to the first pose if it makes a new plan.
+            # A planned capture that makes a new plan has no path back to the first pose.
             if self._session.procedure.capture.strategy != "planned":
                 first = self._session.state.poses_here[0].number
                 suspect += (
@@ -230,7 +230,7 @@ class Operations:
         self._publisher.say(Level.INFO, f"pose {pose.number} is removed")
 
     def redo(self) -> None:
-        """Redo the last undone change, unless something else has been changed since."""
+        """Redo the last undone change; raises GuardError if there is none, or poses were changed since."""
         if not self._undone or self._undone[-1].captured != self._session.state.captured:
             raise GuardError("There is nothing to redo", "Undo a change first (u)")
         last = self._undone.pop()
@@ -263,7 +263,7 @@ class Operations:
         self.refresh()
 
     def _save_before_edit(self, edits: list[_Edit], number: int) -> CapturedPose | None:
-        """Append the pose to `edits`, before it is edited, and return it; None if there is no such pose."""
+        """Append the pose with this number, not yet edited, to `edits` and return it; None if there is no such pose."""
         state = self._session.state
         pose = next((p for p in state.poses if p.number == number), None)
         if pose is not None:
@@ -331,7 +331,7 @@ class Operations:
         )
 
     def _at(self, waypoint: int | None) -> None:
-        """Publish the waypoint at which the arm is (None: at none)."""
+        """Publish the index of the waypoint at which the arm is; None if it is at no waypoint."""
         self._publisher.publish(lambda s: replace(s, at_waypoint=waypoint))
 
 

@@ -1,4 +1,4 @@
-"""Quality of the captured poses, and prediction of those still to be captured."""
+"""Quality of the captured poses, and prediction of the poses still to be captured."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class PoseQuality:
     live
         Quality of the used poses; None if there are none.
     next_waypoint
-        First waypoint of the plan that was not visited; None after the last.
+        Index of the first waypoint of the plan that was not visited; None if all were visited.
     best_waypoint
-        The most informative unvisited waypoint; None if it is not known.
+        Index of the most informative unvisited waypoint; None if it is not known.
     """
 
     def __init__(self, session: Session) -> None:
@@ -49,7 +49,7 @@ class PoseQuality:
         self.best_waypoint: int | None = None
 
     def set_plan(self, plan: tuple[Mapping[int, float], ...], start_rad: FloatArray) -> None:
-        """Set the plan (waypoints), which starts at `start_rad` (n,), and predict its poses."""
+        """Set the plan, waypoints (rad, by joint) of a path that starts at `start_rad` (n,), and predict its poses."""
         session, model = self._session, self._nominal_loop
         self.plan = plan
         self.forecast = predict(
@@ -96,7 +96,7 @@ class PoseQuality:
         )
 
     def _loop_of(self, state: SessionState) -> ClosureModel:
-        """Return the loop of all poses; an instrument is registered once there are enough poses."""
+        """Return the loop of the used poses; an open arm's instrument is registered once there are enough poses."""
         session, model = self._session, self._nominal_loop
         if session.fixture.holds_hand:
             return model

@@ -69,7 +69,7 @@ class Runner:
     simulated, bus
         Whether no real arm can move; name of the bus in messages.
     recording_ended
-        Function that returns why a recording of the bus ended early, "" otherwise.
+        Function that returns why a recording of the bus ended early; "" if it did not.
     monotonic, clock
         Clocks for ages (s) and for the times of messages (UTC).
     """
@@ -151,7 +151,7 @@ class Runner:
     # -- snapshot ----------------------------------------------------------------------------------
 
     def snapshot(self) -> SessionSnapshot:
-        """Return the latest snapshot to a user interface; never blocks."""
+        """Return the latest snapshot, and record that a user interface polls; never blocks."""
         self._polled_s = self._monotonic()
         return self._current_snapshot()
 
@@ -214,7 +214,7 @@ class Runner:
             if self._closing.is_set():
                 return
             self._waiting_jobs.append(job)
-            # Published before the worker gets the task, which may end at once.
+            # Publish the task before the worker gets it, since it may end at once.
             if self._base.task is None:
                 self._show_task(job)
             self._jobs.put(job)
@@ -247,7 +247,7 @@ class Runner:
             problem = f"STOP could not be sent: {problem}. Use the hardware stop"
             self.say(Level.ALARM, problem, ARM_RECOVERY)
         elif not again:
-            # Reported only once, and not if a stop by the arm itself has been reported.
+            # Report STOP only once, and not if a stop by the arm itself has been reported.
             message = "software STOP sent to all drives; it is latched (R resets)"
             self.say(Level.ALARM, message, frozenset({TaskKind.RESET}))
 

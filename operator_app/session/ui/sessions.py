@@ -1,4 +1,4 @@
-"""Opens and closes sessions for a user interface, one runner at a time."""
+"""Opens and closes sessions for a user interface; only one session is open at a time."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Sessions:
         self.not_held: DrivesNotOffError | None = None
 
     def new(self, procedure: str | None = None) -> Runner:
-        """Start a session and return its runner; a named procedure becomes the default."""
+        """Start a session and return its runner; `procedure`, if given, becomes the default for later sessions."""
         named = procedure or self._procedure
         runner = self._open(
             begin(named, self._choices, root=self.root), "another session was started"

@@ -32,7 +32,7 @@ HUNG_S = 10.0
 
 
 class DataState(Enum):
-    """Age of the oldest joint data."""
+    """State of the joint data, by the age of the oldest data of any joint."""
 
     NONE = "no data"
     FRESH = "ok"
@@ -94,8 +94,8 @@ class StopReport:
     """A software STOP.
 
     `asked_s`: time of the request (monotonic). `acknowledged_after_s`: time from the request until no drive was in
-    state Operation enabled (None: not yet). `drives_stopped`: number of drives in another state. `problem`: why STOP
-    could not be sent ("" if it was).
+    state Operation enabled (None: not yet). `drives_stopped`: number of drives in other states. `problem`: why STOP
+    could not be sent ("": it was sent).
     """
 
     asked_s: float
@@ -106,7 +106,7 @@ class StopReport:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiffRow:
-    """A parameter (rad or m): value active in the controller (None: none) and new value."""
+    """A parameter's new value and the value active in the controller (None if there is none), rad or m."""
 
     name: str
     is_angle: bool
@@ -127,14 +127,14 @@ class SessionSnapshot:
     motion
         Motion of the joints; None without fresh data.
     simulated, bus
-        Whether no real arm can move; the bus, for messages.
+        Whether no real arm can move; name of the bus in messages.
     stop_tested, ticked
         Confirmations of the operator in this run: test of the hardware stop; items of the check list (from 0).
     wanted_joints
         Joints selected for position mode, ascending; the others become free.
     plan, forecast, next_waypoint, best_waypoint, at_waypoint
-        Waypoints and their prediction; index of the next waypoint, the most informative one, and the one where the arm
-        is.
+        Waypoints and their prediction; indices (from 0) of the next waypoint, the most informative waypoint, and the
+        waypoint where the arm is.
     heading
         Current move of a planned capture; otherwise None.
     estimator, unsensed_joints
@@ -213,7 +213,7 @@ class SessionSnapshot:
 
     @property
     def modes(self) -> tuple[JointMode, ...]:
-        """Modes as last confirmed; empty before that."""
+        """Mode of each joint as last confirmed by its drive; empty until set."""
         return tuple(JointMode(m) for m in self.state.modes)
 
     @property

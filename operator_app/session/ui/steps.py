@@ -1,4 +1,4 @@
-"""The seven steps of a calibration, and the keys that work before the app is loaded.
+"""The seven steps of a calibration, and the keys of STOP and quit, which work while the app is being loaded.
 
 Imports no other module of this program.
 """
@@ -21,7 +21,7 @@ class Step(IntEnum):
 
     @property
     def title(self) -> str:
-        """Name on the screen."""
+        """Name of the step on the screen."""
         return self.name.capitalize()
 
 

@@ -1,4 +1,4 @@
-"""Supervision of the arm, every 50 ms, whether or not a screen polls.
+"""Supervises the arm every 50 ms, whether or not a screen polls.
 
 Checks the age of the data, the joint motion, stops of the arm, host latency, and whether a screen polls while the arm
 moves.
@@ -81,7 +81,7 @@ class MotionMonitor:
             samples.popleft()
         elapsed = now_s - samples[0][0]
         rate = (arm.sync_count - samples[0][1]) / elapsed if elapsed > 0.0 else 0.0
-        # At least four samples: with a fast SYNC, the settle window may contain only one, which has no spread.
+        # At least four samples: with a fast SYNC, the settle window may contain only one sample, which has no spread.
         late = [q for _, sync, q in samples if arm.sync_count - sync < self._window]
         recent = np.array(
             late if len(late) >= MIN_SAMPLES else [q for _, _, q in samples][-MIN_SAMPLES:]
@@ -139,7 +139,10 @@ class Supervisor:
         self.reported_stop = ""
 
     def check(self, now: SessionSnapshot, *, unseen_s: float) -> None:
-        """Check a snapshot: stop the arm if data are lost; end a motion if no screen has polled for `unseen_s`."""
+        """Check a snapshot: stop the arm if data are lost; end a motion if no screen polls.
+
+        `unseen_s`: time, s, since a screen last polled.
+        """
         self._end_unwatched_motion(now, unseen_s)
         self._report_stop(now)
         self._update_motion(now)

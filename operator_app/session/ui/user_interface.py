@@ -1,4 +1,4 @@
-"""Actions, and the interface that the terminal app and plain mode implement for them.
+"""Actions, and the interface to actions that the terminal app and plain mode implement.
 
 The guard of an action is checked when the action is chosen, and again when its question is answered.
 """
@@ -88,19 +88,19 @@ class UserInterface(Protocol):
         """Show why an action is refused."""
 
     def ask(self, question: Question, then: Callable[[str], None]) -> None:
-        """Ask a question, and call `then` with the answer if there is one."""
+        """Ask a question and, unless it is cancelled, call `then` with the answer."""
 
     def pose(self, s: SessionSnapshot) -> int | None:
-        """Return the number of the selected pose; None without one."""
+        """Return the number of the selected pose; None if no pose is selected."""
 
     def item(self, s: SessionSnapshot) -> int | None:
-        """Return the selected open item (from 0) of the check list; None without one."""
+        """Return the index (from 0) of the selected item of the check list; None if no unticked item is selected."""
 
     def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
-        """Return the alarm that is shown; None without one."""
+        """Return the alarm that is shown; None if no alarm is shown."""
 
     def open(self, make: Callable[[], Runner]) -> None:
-        """Open another session with `make`."""
+        """Open another session by calling `make`, which returns its runner."""
 
     def write_report(self, runner: Runner) -> Path:
         """Write the report page and return its path; called in the worker thread."""
@@ -135,13 +135,13 @@ class Entry:
     name
         Name in the code.
     keys, shown
-        Key names of the terminal, and how they are displayed.
+        Names of the keys as the terminal reports them, and their display text.
     label, help
         One or two words for the footer, and a sentence for palette and help.
     steps, footer
-        Steps where its keys work, and where the footer shows them.
+        Steps at which the keys work, and at which the footer shows them.
     offered
-        Function that returns whether the action is shown; if its guard refuses, it is shown with the reason.
+        Function that returns whether the action is listed; if its guard refuses it, it is listed with the reason.
     """
 
     name: str
@@ -166,7 +166,7 @@ class Action(Entry):
     Attributes
     ----------
     guard
-        Function that returns the reasons against the action, () for none; called again after every question.
+        Function that returns the reasons why the action is refused, () if it is allowed; called again after questions.
     work
         Function that submits a task, changes a setting, or opens another session.
     prompt
@@ -217,7 +217,7 @@ def perform_action(
     *,
     tries: int = SNAPSHOTS_TRIED,
 ) -> None:
-    """Do an action, or show why it is refused; if only stale data prevent it, try up to `tries` snapshots."""
+    """Do an action, or show why its guard refuses it; if only stale data prevent it, try up to `tries` snapshots."""
     s, runner = interface.snapshot(), interface.runner
     if s is None or runner is None:
         return

@@ -22,11 +22,11 @@ SAME_TARGET_RAD = 1e-6
 
 
 class ReplayDivergedError(Exception):
-    """The policy decides differently from the journal."""
+    """The policy proposes another action than the one recorded in the journal."""
 
 
 def campaign_from_log(arm: ArmModel, fixture: EndpointConstraint, state: SessionState) -> Campaign:
-    """Return the recorded campaign in its state at the start."""
+    """Return the recorded campaign in the state in which it started, before its recorded steps."""
     begun = state.campaign.begun
     known = {p.number: p for p in state.used_poses}
     captured = [known[number] for number in begun["captured"]]
@@ -67,7 +67,7 @@ def replay_campaign(arm: ArmModel, fixture: EndpointConstraint, state: SessionSt
     Raises
     ------
     ReplayDivergedError
-        The policy decides differently from the journal.
+        The policy proposes another action than the one recorded in the journal.
     """
     campaign = campaign_from_log(arm, fixture, state)
     readings = {p.number: p.mean_rad for p in state.used_poses}
@@ -97,7 +97,7 @@ def is_same_action(action: Action, name: str, data: Mapping[str, Any]) -> bool:
 
 
 def can_continue_from(action: Action, last: FloatArray, q_rad: FloatArray) -> bool:
-    """Whether an arm at `q_rad` can continue with `action`: it is at its `last` position, or on the action's path."""
+    """Whether an arm at `q_rad` can continue with `action`: `q_rad` is its `last` position, or on the action's path."""
     if float(np.abs(q_rad - last).max()) <= SAME_POSITION_RAD or isinstance(action, Finished):
         return True
     if not isinstance(action, GoTo):

@@ -45,7 +45,7 @@ CANDIDATES_PER_POSE = 4
 
 
 def connect(session: Session, listener: Listener, *, measuring: bool = True) -> ArmIdentity:
-    """Connect to the arm; clear drive faults caused by a lost heartbeat of an earlier program."""
+    """Connect to the arm, and reset drives that tripped because the heartbeat of an earlier program was lost."""
     session.instruct = listener.report
     identity = session.connect(measuring=measuring)
     listener.connected(identity)
@@ -60,9 +60,9 @@ def connect(session: Session, listener: Listener, *, measuring: bool = True) -> 
 
 
 def _clear_lost_heartbeat(session: Session) -> bool:
-    """Reset drives that tripped on a lost operator heartbeat; return whether there were any. They stay disabled.
+    """Reset drives that tripped on a lost operator heartbeat; return whether there were any. Drives stay disabled.
 
-    Resets nothing if any drive has another fault, since its cause may be in the arm.
+    Resets nothing if any drive has another fault, since the cause of that fault may be in the arm.
     """
     faults = session.arm.snapshot().faults
     if not faults or any(f.code != EmergencyCode.HEARTBEAT_LOST for f in faults):
@@ -136,7 +136,7 @@ def go_home_if_outside(session: Session, listener: Listener) -> None:
 
 
 def _check_unresolved_joints(session: Session, listener: Listener) -> None:
-    """If a joint's shift could not be detected at the current pose, repeat the nearest pose, moving at 5 deg/s.
+    """If a joint's shift could not be detected at the current pose, move to the nearest pose at 5 deg/s and repeat it.
 
     Raises
     ------
@@ -161,7 +161,7 @@ def _check_unresolved_joints(session: Session, listener: Listener) -> None:
 
 
 def _poses_are_missing(session: Session, planned: PlannedCapture | None) -> bool:
-    """Whether poses are still missing; if not, later shifts do not affect the calibration."""
+    """Whether poses are still to be captured; if there are none, later shifts do not affect the calibration."""
     if planned is not None:
         return not planned.complete
     return len(session.state.poses_here) < session.procedure.capture.poses
@@ -208,12 +208,12 @@ def _repeat_first_pose(
 ) -> Sequence[Mapping[int, float]]:
     """Repeat the first used pose; the difference shows shifts independently of the model.
 
-    In an explored capture, the drives move there straight, within the box; in a planned one, along paths of the plan.
-    If the pose cannot be reached, this is recorded and the capture continues.
+    In an explored capture, the drives move to the pose straight, within the box; in a planned capture, along paths of
+    the plan. If the pose cannot be reached, this is recorded and the capture continues.
 
     Returns
     -------
-    The drives' angles (rad) at the start of each move of a planned capture, so that the arm can go back the same way.
+    The drives' angles (rad) at the start of each move along the plan, for the way back; empty in an explored capture.
 
     Raises
     ------
@@ -236,7 +236,7 @@ def _repeat_pose(
     suspect: bool = False,
     speed_rad_per_s: float | None = None,
 ) -> Sequence[Mapping[int, float]]:
-    """Move to a pose (with a plan, always the first one), measure it again and compare the readings.
+    """Move to pose `first` (in a planned capture, always the first used pose), measure it again, compare the readings.
 
     Returns the same as `_repeat_first_pose`.
     """
@@ -270,7 +270,7 @@ def _repeat_pose(
 def _repeat_first_pose_and_come_back(
     session: Session, listener: Listener, planned: PlannedCapture | None, *, suspect: bool = False
 ) -> None:
-    """Repeat the first pose, then return to the position before."""
+    """Repeat the first pose, then move the arm back to where it was."""
     before = session.arm.snapshot().positions_rad
     way = _repeat_first_pose(session, listener, planned, suspect=suspect)
     if planned is not None:
@@ -288,9 +288,9 @@ def _repeat_first_pose_and_come_back(
 def verify(
     session: Session, solution: Solution, poses: int, listener: Listener
 ) -> tuple[VerificationResult, PoseSet]:
-    """Capture new poses at other positions and test a calibration, which is not changed, with them.
+    """Capture new poses at other positions and test a calibration with them, without changing the calibration.
 
-    The modes must be set. Result and poses, which do not become part of the calibration, are recorded in the journal.
+    The modes must be set. The result and the new poses are recorded in the journal.
     Raises `GuardError` if fewer than `poses` can be reached.
     """
     if not session.state.poses_here:
@@ -323,10 +323,10 @@ def verify(
 
 
 def _new_targets(session: Session, solution: Solution, poses: int) -> Iterator[Mapping[int, float]]:
-    """Yield targets for new poses, different from the session's poses.
+    """Yield targets (rad, by drive joint) for new poses, different from the session's poses.
 
-    If the procedure does not limit a drive joint, only targets are yielded to which the calibrated loop has a clear
-    straight path.
+    Unless the procedure limits every drive joint, only targets to which the calibrated loop has a clear straight path
+    are yielded.
     """
     known = {box.joint for box in session.procedure.capture.exploration}
     model, x = solution.model, solution.estimate.x

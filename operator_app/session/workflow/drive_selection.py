@@ -1,7 +1,7 @@
-"""Selects the drive joints of a session, explores the box (their allowed angles), brings an arm outside the box home.
+"""Selects the drive joints of a session, captures poses in the box (their allowed angles), moves the arm home.
 
-Inside the box, the drives move without confirmation. An arm outside it moves only after confirmation, and only straight
-home, at low speed.
+Inside the box, the drives move without confirmation. An arm outside the box moves only after confirmation, and only
+straight home, at low speed.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ KEPT_CANDIDATES = 6
 
 
 def drives_of(session: Session, listener: Listener | None = None) -> tuple[int, ...]:
-    """Return the drive joints listed in the procedure or, if there are none, those chosen earlier or now."""
+    """Return the drive joints listed in the procedure or, if none are listed, the joints chosen earlier or now."""
     named = session.procedure.position_joints
     if named is not None:
         return named
@@ -47,8 +47,8 @@ def drives_of(session: Session, listener: Listener | None = None) -> tuple[int, 
 def choose(session: Session, *, may_move: bool = True) -> DriveChoice:
     """Rank the sets of drive joints at the current pose and record the best usable one.
 
-    If the procedure has `trial`, the drives are enabled and the joints of the best sets moved by 1.5 deg first, unless
-    `may_move` is false.
+    If the procedure requires a trial and `may_move` is true, the drives are enabled first, and the joints of the best
+    sets are moved by 1.5 deg.
     """
     arm, model = session.model, session.fixture.model(session.model)
     q_rad = session.arm.snapshot().positions_rad
@@ -129,9 +129,9 @@ def joints_outside_box(session: Session) -> str:
 
 
 def require_no_reset_counter(session: Session) -> None:
-    """Raise GuardError if a drive joint reads zero outside its box: the counter may have been reset.
+    """Raise GuardError if a drive joint reads zero and zero is outside its box: the counter may have been reset.
 
-    This applies even if the operator agrees: with a wrong reading, the joint would not go home.
+    The operator cannot override this: with a wrong reading, the joint would go to another position than its home.
     """
     box, q_rad = drive_box(session), session.arm.snapshot().positions_rad
     zeros = [
@@ -151,7 +151,7 @@ def require_no_reset_counter(session: Session) -> None:
 
 
 def require_in_box(session: Session) -> None:
-    """Raise GuardError for an arm outside the box."""
+    """Raise GuardError if a drive joint is outside the box."""
     away = joints_outside_box(session)
     if away:
         require_no_reset_counter(session)
@@ -198,7 +198,7 @@ def drive_box(session: Logbook) -> Box:
 
 
 def waypoints_of(session: Logbook) -> tuple[Mapping[int, float], ...]:
-    """Return all waypoints of this session, including those visited."""
+    """Return all waypoints of this session, visited or not."""
     own = session.procedure.capture
     return waypoints(drive_box(session), poses=own.poses, seed=own.seed)
 
@@ -213,7 +213,7 @@ def waypoints_from(
 
 
 def verification_waypoints(session: Logbook, poses: int) -> tuple[Mapping[int, float], ...]:
-    """Return waypoints that differ from those of the session and of earlier verifications."""
+    """Return `poses` waypoints that differ from the waypoints of the session and of earlier verifications."""
     seed = session.procedure.capture.seed + 1 + session.state.verifications
     return waypoints(drive_box(session), poses=poses, seed=seed)
 
@@ -226,7 +226,7 @@ STANDS_STILL_RAD = float(np.deg2rad(0.2))
 def reach(
     session: Session, targets_rad: Mapping[int, float], *, speed_rad_per_s: float | None = None
 ) -> MoveResult:
-    """Move to these angles (rad), or back if stopped; raises GuardError if overload prevents the arm from starting."""
+    """Move to these angles (rad) or, if stopped on the way, back; raises GuardError if overload prevents the start."""
     before = session.arm.snapshot().positions_rad
     outcome = session.go_to(targets_rad, speed_rad_per_s=speed_rad_per_s)
     if not outcome.reached:

@@ -25,7 +25,7 @@ from operator_app.session.workflow.session import Session
 class Exported:
     """Result of an export: the written files, and the SHA-256 of the parameters file.
 
-    `receipt` is None without an upload.
+    `receipt` is None if nothing was uploaded.
     """
 
     folder: Path
@@ -55,7 +55,7 @@ def export(
     """
     forced = export_reason(solution, forced, say_it_by="--force REASON")
     if to_dict(solution) != session.state.solution:
-        # Made with other options than the recorded solution: record the exported one.
+        # The recorded solution was made with other options: record the exported solution.
         session.record_solution(solution)
     session.require_journal(unchanged=True)
     poses = session.state.pose_set()
@@ -103,12 +103,12 @@ def _record_export(session: Session, exported: Mapping[str, Any], *, report: str
 def _upload(
     arm: ArmInterface, document: bytes, expected_counts: tuple[int | None, ...]
 ) -> UploadReceipt:
-    """Upload a document, read it back and compare it byte for byte, and the home offsets with `expected_counts`.
+    """Upload a document, read it back, compare it byte for byte; compare the home offsets with `expected_counts`.
 
     Raises
     ------
     SessionError
-        The document or a home offset read back differs.
+        The document or a home offset that was read back differs from the uploaded one.
     UploadUnknown
         The document could not be read back.
     """

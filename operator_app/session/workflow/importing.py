@@ -40,7 +40,7 @@ from solver.chain.poses import PoseSet
 from solver.loops.closure import ClosureModel
 
 UNKNOWN_SERIAL_NUMBER = "unstated"
-"""Serial number of an imported session without one."""
+"""Serial number of an imported session if none is given."""
 
 SPEED_DEG_PER_S = 10.0
 
@@ -56,7 +56,7 @@ class CalibrationOptions:
 
 
 class ImportedSession:
-    """A session that is only in memory until `write` is called.
+    """A session made from the poses in a file or an array; it is only in memory until `write` is called.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class ImportedSession:
     Raises
     ------
     ConfigError
-        A document is not valid.
+        The arm file or the fixture file is not valid.
     """
 
     def __init__(
@@ -121,7 +121,7 @@ class ImportedSession:
         ).loop()
 
     def calibrate(self) -> tuple[Solution, Checks]:
-        """Calibrate, cross-validate and record both; raises SolverError, FixtureError."""
+        """Calibrate and cross-validate, record and return both results; raises SolverError, FixtureError."""
         own = self.procedure
         solution = solve(
             self.state, own, estimator=own.estimator, unsensed_joints=own.unsensed_joints
@@ -147,8 +147,8 @@ class ImportedSession:
     ) -> Path:
         """Write the journal into `folder`, or into a new folder below `root`; return the folder.
 
-        If `folder` already contains a session, `replace_session` applies, and the session's files named in `stale` are
-        removed.
+        If `folder` already contains a session, `replace_session` replaces its journal and removes its files named in
+        `stale`.
 
         Raises
         ------
@@ -268,7 +268,7 @@ def replace_session(
 ) -> None:
     """Replace the journal in `folder` with these lines, after removing the files named in `stale`.
 
-    A journal of the same poses, arm and fixture is replaced; one of other data only with `overwrite`.
+    A journal with the same poses, arm and fixture is replaced; a journal with other data only if `overwrite` is true.
 
     Raises
     ------
@@ -295,7 +295,7 @@ def replace_session(
                 "name another folder, or replace it with save(folder, overwrite=True)",
             )
         for name in stale:
-            # Before the journal, so that no file of the old calibration is ever beside the new journal.
+            # Removed before the journal is replaced: no file of the old calibration is ever beside the new journal.
             (folder / name).unlink(missing_ok=True)
         write_atomically(path, b"".join(lines))
     finally:

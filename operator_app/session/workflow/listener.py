@@ -1,4 +1,4 @@
-"""Progress callbacks of a session; a user interface overrides those that it shows."""
+"""Progress callbacks of a session; a user interface overrides the callbacks that it shows."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ class Listener:
         """The arm is connected and identified."""
 
     def fixture_checked(self, checks: tuple[SetupCheck, ...]) -> None:
-        """The fixture is checked."""
+        """The fixture has been checked."""
 
     def drives_chosen(self, choice: DriveChoice) -> None:
-        """The drive joints are chosen."""
+        """The drive joints have been chosen."""
 
     def modes_set(self, position_joints: tuple[int, ...]) -> None:
         """All drives have confirmed their modes."""
 
     def going(self, move: GoTo | None) -> None:
-        """The arm is about to move; `move` is a move of a planned capture, None for others."""
+        """The arm is about to move; `move` is the move of a planned capture, None for any other motion."""
 
     def arrived(self, waypoint: int) -> None:
         """The arm is at a waypoint."""
@@ -35,7 +35,7 @@ class Listener:
         """A pose was captured; `total` is the number of required poses."""
 
     def report(self, text: str) -> None:
-        """A message for the operator."""
+        """Show a message to the operator."""
 
     def solved(self, solution: Solution) -> None:
         """The calibration is done."""

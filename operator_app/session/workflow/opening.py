@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from operator_app.session.workflow.session import Session
 
 SOURCE_KINDS: tuple[Kind, ...] = ("procedure", "arm", "fixture", "profile")
-"""Order of `Procedure.sources`."""
+"""Kinds of the documents in `Procedure.sources`, in the same order."""
 LATER: frozenset[Kind] = frozenset({"profile"})
 """Kinds that are not in journals of earlier versions."""
 
@@ -69,7 +69,7 @@ class Choices:
     placements: int | None = None
 
     def over(self, earlier: Choices) -> Choices:
-        """Return these choices, with those that are None taken from `earlier`."""
+        """Return these choices; a choice that is None is taken from `earlier`."""
         own = {f.name: getattr(self, f.name) for f in fields(self)}
         return replace(earlier, **{name: value for name, value in own.items() if value is not None})
 
@@ -78,9 +78,9 @@ class Choices:
 class Opening:
     """A session to be started or resumed; nothing is written yet.
 
-    `imported`: file of its poses, empty if an arm captured them. `placement`: number of the current placement of the
-    fixture. `next_due`: whether this placement is complete and another one follows. `unconfirmed_placement`: whether it
-    is not the first placement and has no pose yet.
+    `imported`: file from which the poses were read, empty if an arm captured them. `placement`: number of the current
+    placement of the fixture. `next_due`: whether that placement is complete and another placement follows.
+    `unconfirmed_placement`: whether that placement is not the first and has no pose yet.
     """
 
     folder: Path
@@ -101,7 +101,7 @@ class Rig:
     Attributes
     ----------
     opening
-        The opening, completed from the arm, the environment and defaults, as recorded in the journal.
+        The opening with choices completed from the arm, the environment and defaults, as the journal records them.
     simulated
         Whether no real arm can move.
     instrument
@@ -109,7 +109,7 @@ class Rig:
     truths
         True parameters of an arm simulated in this process; otherwise None.
     recording_ended
-        Function that returns why a recording of the bus ended early, "" if it did not; may be called from any thread.
+        Function that returns why a recording of the bus ended early ("": it did not); may be called from any thread.
     """
 
     arm: ArmInterface
@@ -164,14 +164,14 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
 
 
 def _record_beside(journal: Journal, rig: Rig) -> None:
-    """Redirect a recording of the bus to the journal's folder, which differs if the planned one was taken meanwhile."""
+    """Redirect a recording of the bus to the journal's folder, in case another program took the intended folder."""
     arm, folder = rig.arm, journal.path.parent
     if isinstance(arm, Recordable) and arm.record_to and arm.record_to.parent == rig.opening.folder:
         arm.record_to = folder / arm.record_to.name
 
 
 def remove_if_empty(session: Session) -> bool:
-    """Remove the folder of a session that never connected, and parents created for it; return whether it is gone."""
+    """Remove the folder of a session that never connected, and parents made for it; return whether it was removed."""
     journal = session.journal
     if journal.loss is not None:
         # The folder may belong to another program now.
@@ -209,7 +209,7 @@ def begin(reference: str, choices: Choices, *, root: Path, clock: Clock = utc_no
 
 
 def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
-    """Return the opening of an earlier session, where `choices` override the recorded ones; raises SessionError."""
+    """Return the opening of an earlier session; `choices` override the recorded choices. Raises SessionError."""
     folder = find_session(root, reference)
     contents = read_journal(folder)
     state = session_state(contents)
@@ -262,7 +262,7 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
 
 
 def _require_profile(procedure: Procedure, choices: Choices) -> None:
-    """Refuse a bus profile other than the session's, since the profile defines the counts of its poses."""
+    """Refuse a bus profile other than the session's, since the profile defines how counts are converted to angles."""
     if choices.profile is None:
         return
     file = resolve("profile", choices.profile)
@@ -276,7 +276,7 @@ def _require_profile(procedure: Procedure, choices: Choices) -> None:
 
 
 def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
-    """Return the procedure with these choices."""
+    """Return the procedure with these choices applied; raises SessionError if it does not allow them."""
     procedure = replace(procedure, capture=_planned_or_not(procedure.capture, choices.plan))
     if choices.poses is not None:
         if choices.poses < 1:

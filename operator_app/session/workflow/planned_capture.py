@@ -1,4 +1,4 @@
-"""Planned capture: carries out the actions that a campaign proposes and reports the results to it.
+"""Planned capture: carries out the actions that a campaign proposes, and reports the results to the campaign.
 
 Each result is in the journal before the next proposal is made. The campaign is deterministic, so that a resumed session
 can replay the journal and continue the plan. If the arm was moved, poses were excluded or more poses are requested, a
@@ -38,7 +38,7 @@ SAME_BRANCH_RAD = float(np.deg2rad(6.0))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImpreciseParameter:
-    """A parameter less precise than requested: sigmas in rad or m; `sigma` is None if it is undetermined."""
+    """A parameter less precise than requested; `sigma` (None if undetermined) and `requested` sigma are in rad or m."""
 
     name: str
     sigma: float | None
@@ -94,7 +94,7 @@ class PlannedCapture:
         self._ended: CampaignEnd | None = None
 
     def ready(self) -> tuple[int, ...]:
-        """Replay the journal, compare the arm's position with it, and return the drive joints. Moves nothing."""
+        """Replay the journal, compare the arm's position with the recorded one, and return the drive joints."""
         session = self._session
         log = session.state.campaign
         self.campaign, self._moved, self._ended = None, False, None
@@ -126,13 +126,13 @@ class PlannedCapture:
 
     @property
     def continues_in_place(self) -> bool:
-        """After `ready`: whether the campaign can continue at the arm's position; also true if it is complete."""
+        """After `ready`: whether the campaign is complete, or can continue from the arm's position."""
         return self._ended is not None or (self.campaign is not None and not self._moved)
 
     def run(self, after_pose: Callable[[], None] = lambda: None) -> CampaignEnd:
         """Carry out the campaign, with the joints from `ready` in position mode, and return its end.
 
-        Calls `after_pose` after each pose and before the campaign may change its plan, while a path back is known.
+        Calls `after_pose` after each pose, before the campaign may change its plan: a path back is still known then.
 
         Raises
         ------
@@ -243,7 +243,7 @@ class PlannedCapture:
         campaign.observe(q, outcome.reason)
 
     def _move_back(self, campaign: Campaign) -> None:
-        """Move the drives straight to their last position in the journal, from inside the box."""
+        """Move the drives straight back to their last position in the journal; the arm must be inside the box."""
         session, last = self._session, campaign.at_rad
         require_in_box(session)
         self._say("The arm was moved: going back to its last position first.")
@@ -262,7 +262,7 @@ class PlannedCapture:
         self._moved = False
 
     def _report_plan(self, campaign: Campaign, before: Phase) -> None:
-        """Report a new plan to the operator; `before` is the phase before it was made."""
+        """Report a new plan to the operator; `before` is the phase before the plan was made."""
         if campaign.plan is None or campaign.estimate is None:
             return
         count = len(campaign.readings_rad)
@@ -325,7 +325,7 @@ class PlannedCapture:
 
 
 def _path_watch(campaign: Campaign, move: GoTo) -> Watch:
-    """Return a watch that ends a move if it leaves its planned path."""
+    """Return a watch that ends a move if the arm leaves the planned path."""
     on_path = path_watch(
         move.trace_rad, move.tolerance_rad, campaign.task.ranges.within(RANGE_END_MARGIN_RAD)
     )

@@ -57,7 +57,7 @@ class Instrument:
     Parameters
     ----------
     full_pose
-        Whether it must also measure the orientation.
+        Whether the instrument must also measure the orientation.
     patience_s
         Timeout of one measurement.
     """
@@ -93,7 +93,7 @@ class Instrument:
 
         Returns
         -------
-        Position (3,), m, or with orientation (6,), rotation vector in rad; None when cancelled.
+        Position (3,), m, or position and rotation vector (6,), m and rad; None if cancelled.
 
         Raises
         ------
@@ -189,7 +189,7 @@ class PoseReader:
             self._instrument.close()
 
     def settle(self) -> bool:
-        """Wait for standstill; return False after the timeout."""
+        """Wait for standstill; return False if it is not reached before the timeout."""
         with self._sensor_faults.recorded():
             return self._arm.settle(
                 window=self._rule.window_syncs,
@@ -198,7 +198,7 @@ class PoseReader:
             )
 
     def _largest_spread_text(self) -> str:
-        """Return text that names the joint that exceeds its spread limit most; "" if none does any longer."""
+        """Return text that names the joint that exceeds its spread limit most; "" if no joint exceeds it any longer."""
         limits = np.asarray(self._rule.spread_rad(self._logbook.model))
         try:
             rows = [self._arm.capture(2).mean_rad for _ in range(self._rule.window_syncs)]

@@ -1,4 +1,4 @@
-"""Several placements of one fixture: when the next one is due, and its events in the journal.
+"""Several placements of one fixture: when the next placement is due, and the events of remounting in the journal.
 
 Event `remounting`: the arm was released, and the fixture may be taken off. Event `remounted`: the operator has
 confirmed that the fixture is mounted. In between, the session refuses to connect, since a person is working at the arm.
@@ -16,7 +16,7 @@ from operator_app.session.store.state import SessionState
 
 
 def next_due(state: SessionState, procedure: Procedure) -> bool:
-    """Whether the current placement is complete with its first pose repeated, and another placement follows."""
+    """Whether the current placement has all its poses, a pose was repeated since, and another placement follows."""
     return (
         state.placement < procedure.placements
         and len(state.poses_here) >= procedure.capture.poses
@@ -43,7 +43,7 @@ def record_in(folder: Path, event: Literal["remounting", "remounted"], placement
 
 
 def require_mountable(procedure: Procedure, count: int) -> int:
-    """Return `count`, a number of placements; raise SessionError if the procedure does not allow it."""
+    """Return `count`; raise SessionError if the procedure does not allow so many placements."""
     if not 1 <= count <= MOST_PLACEMENTS:
         raise SessionError(f"{count} placements were requested", f"request 1 to {MOST_PLACEMENTS}")
     if count > 1 and not procedure.fixture.fixture.holds_hand:

@@ -105,9 +105,9 @@ class Session(Logbook):
     # -- 1 Connect -------------------------------------------------------------------------------
 
     def connect(self, *, measuring: bool = True) -> ArmIdentity:
-        """Open the instrument of an open arm, then connect to the arm; raises GuardError for a wrong arm.
+        """Open the instrument of an open arm, then connect; raises GuardError if the arm is not the session's arm.
 
-        If `measuring` is false, the instrument stays closed, as for an upload.
+        If `measuring` is false, e.g. for an upload, the instrument stays closed.
         """
         require_mounted(self.state)
         if measuring:
@@ -165,14 +165,14 @@ class Session(Logbook):
 
     @cached_property
     def mobility(self) -> int:
-        """Degrees of freedom, and so the number of joints in position mode; for an open arm, all joints."""
+        """Degrees of freedom of the chain, i.e. number of joints in position mode; for an open arm, all joints."""
         if not self.fixture.holds_hand:
             return self.model.joint_count
         loop = self.fixture.model(self.model)
         return self.model.joint_count - loop.equations_per_pose
 
     def check_modes(self, position_joints: tuple[int, ...]) -> None:
-        """Raise GuardError for a wrong number of joints in position mode."""
+        """Raise GuardError if this is a wrong number of joints in position mode."""
         problem = modes_problem(
             position_joints,
             joint_count=self.model.joint_count,
@@ -183,7 +183,7 @@ class Session(Logbook):
             raise problem
 
     def set_modes(self, position_joints: tuple[int, ...]) -> None:
-        """Enable the drives; position mode for these joints, free mode for the others."""
+        """Enable the drives, and set position mode for these joints and free mode for the others."""
         self.check_modes(position_joints)
         self.take_control()
         modes = tuple(
@@ -199,7 +199,7 @@ class Session(Logbook):
         self.record("modes", {"modes": [JointMode.POSITION.value] * self.model.joint_count})
 
     def take_control(self) -> None:
-        """Enable the drives in position mode and record the start position.
+        """Enable the drives in position mode, and record the start position and the home.
 
         The first call after connecting checks the readings before it enables the drives.
         """
@@ -211,7 +211,7 @@ class Session(Logbook):
         self.record("control", {"start_rad": start.tolist(), "home_rad": home})
 
     def _check_readings(self) -> None:
-        """Refuse implausible readings, once after each connection."""
+        """Check the readings at the first call after each connection, and refuse implausible ones."""
         if self._readings_checked:
             return
         reading = self.arm.capture(self.procedure.capture.samples_per_pose)
@@ -267,19 +267,19 @@ class Session(Logbook):
     def capture(
         self, waypoint: int = -1, note: str = "", *, planned: bool | None = None
     ) -> CapturedPose:
-        """Wait for standstill, measure a pose and record it; `planned`: whether a plan chose it."""
+        """Wait for standstill, measure a pose and record it; `planned`: whether a plan chose it (None: explored)."""
         campaign = {} if planned is None else {"planned": planned}
         number = self.state.captured + 1
         self._keep("pose", {"number": number, "waypoint": waypoint, "note": note, **campaign})
         return self.state.poses[-1]
 
     def take_check_reading(self, kind: str, *, of: int = 0) -> CheckReading:
-        """Like `capture`, for a pose that is measured for a check and not used for the calibration."""
+        """Measure and record a pose like `capture`, but for a check; it is not used for the calibration."""
         self._keep("reading", {"number": len(self.state.readings) + 1, "kind": kind, "of": of})
         return self.state.readings[-1]
 
     def record_stop_cause(self) -> None:
-        """Record and raise the fault because of which the arm stopped by itself while idle, if any."""
+        """Record and raise the fault that made the arm stop by itself while idle, if there was one."""
         self._sensor_faults.record_stop_cause()
 
     def reset_stop(self) -> None:
@@ -305,7 +305,7 @@ class Session(Logbook):
         return self._reader.read()
 
     def settle(self) -> bool:
-        """Wait for standstill; return False after the timeout."""
+        """Wait for standstill; return False if it is not reached before the timeout."""
         return self._reader.settle()
 
     @property
@@ -316,7 +316,7 @@ class Session(Logbook):
     # -- end -------------------------------------------------------------------------------------
 
     def release_holding(self) -> bool:
-        """Release the arm, which holds its position and can be connected again; return whether it confirmed that.
+        """Release the arm, which holds its position and can be connected again; return whether the arm confirmed this.
 
         First records data that only the arm object has: why the arm was stopped, and the host latency.
         """
@@ -338,7 +338,7 @@ class Session(Logbook):
         May be called twice.
         """
         try:
-            # If its entries cannot be written, neither can "closed", whose error is raised.
+            # If `release_holding` cannot write to the journal, neither can `record` below, which raises the error.
             with suppress(JournalError):
                 self.release_holding()
             return self.held

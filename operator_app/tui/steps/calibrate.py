@@ -33,7 +33,7 @@ class SettingsPanel(Lines):
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return the settings, then the progress or the result."""
+        """Return lines with the settings, then the progress or the result."""
         used, captured = len(s.state.used_poses), len(s.state.poses)
         joints = ", ".join(f"J{j}" for j in s.unsensed_joints) or "none"
         rows = [
@@ -69,7 +69,7 @@ def _progress(s: SessionSnapshot, width: int) -> list[Line]:
 
 
 class CalibratePlot(Lines):
-    """Cost while the solver runs, residuals afterwards."""
+    """Plot of the cost while the solver runs, and of the residuals afterwards."""
 
     TITLE = "Residual of each pose"
     HELP = (

@@ -40,7 +40,7 @@ class StillPanel(Lines):
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return target and speed."""
+        """Return a line on the target, and a line on the motion or standstill."""
         return [clip(_target(s), width), clip(_still(s), width)]
 
 
@@ -144,7 +144,7 @@ class ProgressPanel(Lines, can_focus=False):
 
 
 def _time_left(s: SessionSnapshot) -> str:
-    """Return the remaining time, estimated from times between captures in this run, without pauses and manual poses."""
+    """Return text with the remaining time, estimated from the times between captures of the running task."""
     used, total = s.state.used_poses, s.required_poses
     if len(used) >= total:
         return "complete    "
@@ -176,7 +176,7 @@ class QualityPanel(Lines):
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return condition number, weakest direction, best next pose, coverage."""
+        """Return lines on condition number, weakest parameters, best next pose, coverage of joint ranges."""
         live = s.live
         rows: list[Line] = [_condition(s, width)]
         if live is not None and live.history:
@@ -198,7 +198,7 @@ class QualityPanel(Lines):
 
 
 def _trend(values: Sequence[float], width: int) -> Line:
-    """Return the trend of the condition number from the first estimate to the last, with the values of both."""
+    """Return the trend of the condition number as a row of bars between its first and its last value."""
     first, last = (CONDITION(v).shown for v in (values[0], values[-1]))
     if len(values) == 1:
         return line((" trend  ", "dim"), last)
@@ -267,6 +267,6 @@ class CaptureView(StepView):
     )
 
     def marked_pose(self, s: SessionSnapshot) -> int | None:
-        """Number of the marked pose; None without poses."""
+        """Number of the marked pose; None if there is no pose."""
         poses, cursor = s.state.poses, self.query_one("#poses", PosesPanel).cursor
         return poses[-1 - min(cursor, len(poses) - 1)].number if poses else None

@@ -85,7 +85,7 @@ class CheckPanel(Lines):
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return the checks that were passed and those still open."""
+        """Return lines on the checks that were passed and the checks still to be made."""
         rows: list[Line] = []
         if s.identity is not None:
             rows.append(

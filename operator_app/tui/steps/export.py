@@ -103,7 +103,7 @@ class RecordPanel(Lines):
         where = "r writes report.html" if s.report is None else f"✓ {s.report}"
         rows.append(entry("Report", where))
         rows.append(entry("Session", f"{s.folder}"))
-        # The session is last, where it may be cut off: the file's path contains its folder too.
+        # The session is last, where it may be cut off: the path of the parameters file contains its folder too.
         return [clip(row, width) for row in rows[:height]]
 
 
@@ -116,7 +116,7 @@ class ExportView(StepView):
 
 
 def difference_table(solution: Solution, rows: tuple[DiffRow, ...]) -> FactTable:
-    """Return every calibrated entry, active and new, with the same digits as in the results."""
+    """Return the active and the new value of every calibrated entry, with as many digits as in the results."""
     places = precision(solution.identified)
 
     def cells(row: DiffRow) -> tuple[Cell, ...]:
@@ -139,5 +139,5 @@ def difference_table(solution: Solution, rows: tuple[DiffRow, ...]) -> FactTable
 
 
 def changed(table: FactTable) -> int:
-    """Return the number of entries whose new value, at the digits shown, differs from the active one."""
+    """Return the number of entries whose new and active values differ in the digits shown."""
     return sum(shown(active) != shown(new) for _, _, active, new, _ in table.rows)

@@ -104,7 +104,7 @@ class ChecksPanel(Lines):
 
 
 def _ranges(s: SessionSnapshot) -> list[Line]:
-    """Predicted range of every joint, three to a line."""
+    """Return lines with the predicted range of every joint, three joints per line."""
     if s.forecast is None:
         return []
     cells = []
@@ -141,7 +141,7 @@ class ChecklistPanel(ListPanel):
         return wrapped(text, width, "cursor text" if is_marked else "text", "     ")
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return the list; after an item was ticked, the next open one is marked."""
+        """Return the lines of the list; after an item was ticked, the next unticked item is marked."""
         if s.ticked != self._ticked:
             self._ticked = s.ticked
             self.cursor = min(set(range(self.count(s))) - s.ticked, default=self.cursor)

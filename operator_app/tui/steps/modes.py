@@ -67,7 +67,7 @@ class PlanPanel(Lines):
 
 
 def _whole(pairs: Sequence[Sequence[Line]], room: int) -> list[Line]:
-    """Return the lines of as many pairs as fit into `room` rows, and the number of the others."""
+    """Return the lines of as many drive pairs as fit into `room` rows, and a line with the number of pairs left out."""
     rows = [row for pair in pairs for row in pair]
     if len(rows) <= room:
         return rows

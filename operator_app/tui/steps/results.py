@@ -79,7 +79,7 @@ class VerdictPanel(Lines):
 
 
 def _hand(solution: Solution, width: int) -> list[Line]:
-    """Return the line with the tool accuracy over the joints' ranges, explained if there is room."""
+    """Return a line with the tool accuracy, rms over the ranges of all joints; empty without an accuracy."""
     if solution.accuracy is None:
         return []
     before, after = (
@@ -129,7 +129,7 @@ class ResultsPlot(Lines):
     """Whether the frame shows the title; without a frame the title is the first line."""
 
     def count_pages(self, s: SessionSnapshot) -> None:
-        """Update the number of pages: plots, text, the table of joints and other tables."""
+        """Update the number of pages: residuals, one RVDT each, warnings, the table of joints and other tables."""
         facts = facts_on(s)
         if s.solution is not None and facts is not None:
             self.words_from = 1 + len(s.solution.rvdt)
@@ -218,7 +218,7 @@ class ResultsView(StepView):
         super().show(s)
 
     def next_view(self) -> None:
-        """Show the next plot; on a small terminal, switch from the table to the plots first."""
+        """Show the next page of plots; a small terminal shows the parameter table before the first page."""
         plots = self.query_one("#results-plot", ResultsPlot)
         if self.compact and self.view == 0:
             plots.page = 0

@@ -17,8 +17,8 @@ from operator_app.tui.widgets.list_panel import ListPanel
 class StepView(Container):
     """Panels of one step.
 
-    `PANELS` are the panels of one column, or of a left and a right one, by name. `VIEWS` lists those that a small
-    terminal shows together; `v` shows the next view. `MAIN` is the panel whose rows the arrow keys mark.
+    `PANELS`: panels of the only column, or of the left and the right column, by name. `VIEWS`: groups of panels that a
+    small terminal shows together; `v` shows the next group. `MAIN`: name of the panel whose rows the arrow keys mark.
     """
 
     STEP: ClassVar[Step]
@@ -64,7 +64,7 @@ class StepView(Container):
         return self.view + 1, max(1, len(self.VIEWS))
 
     def move(self, by: int) -> None:
-        """Move the mark of the main list."""
+        """Move the mark in the main list by `by` rows, or scroll the list."""
         if self.MAIN:
             self.query_one(f"#{self.MAIN}", ListPanel).move(by)
 

@@ -1,1 +1,1 @@
-"""Panels that several steps share. Each turns a snapshot into lines."""
+"""Panels that several steps share. Each panel turns a snapshot into lines."""

@@ -1,4 +1,4 @@
-"""Lists with a header that may be longer than their panel, and the live list of joints."""
+"""Lists with a header, whose rows scroll if they do not fit into the panel; among them the live list of joints."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 class ListPanel(Lines):
     """A list with a header; subclasses override `head`, `count` and `row`.
 
-    With `MARKS`, `cursor` is the marked row and stays visible; otherwise it is the first visible row.
+    If `MARKS` is true, `cursor` is the marked row, which stays visible; otherwise `cursor` is the first visible row.
     """
 
     MARKS = True
@@ -41,7 +41,7 @@ class ListPanel(Lines):
         return ()
 
     def move(self, by: int) -> None:
-        """Move the mark, or scroll."""
+        """Move the marked row by `by` rows, or scroll by as many if the list has no mark."""
         self.cursor = max(0, min(self._last, self.cursor + by))
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
@@ -61,7 +61,7 @@ class ListPanel(Lines):
 
 
 class TablePanel(ListPanel):
-    """A table of facts, chosen by subclasses."""
+    """A panel with a table, which subclasses choose by overriding `table`."""
 
     MARKS = False
 
@@ -89,7 +89,7 @@ class TablePanel(ListPanel):
 
 
 NEAR_END = 0.04
-"""Share of the range at either end in which a joint is marked as near its limit."""
+"""Part of a joint's range, at each end, in which the joint is marked as near its limit."""
 
 _DRIVES = {
     DriveState.OPERATION_ENABLED: "ok",
@@ -100,7 +100,7 @@ _DRIVES = {
 
 
 class JointTable(ListPanel):
-    """One row for each joint; with `show_wanted`, rows have a mark, the sensor and the requested mode."""
+    """List with one row for each joint; with `show_wanted`, also with a mark, the sensor and the requested mode."""
 
     TITLE = "Joints"
     HELP = (
@@ -183,7 +183,7 @@ class JointTable(ListPanel):
 
 
 def _bar(position_rad: float, joint: Joint, cells: int) -> str:
-    """Bar of the joint's range, with the joint's position in it."""
+    """Return a bar, `cells` wide, of the joint's range with the joint's position marked in it."""
     share = (position_rad - joint.lower_rad) / (joint.upper_rad - joint.lower_rad)
     inner = cells - 2
     at = min(inner - 1, max(0, int(share * inner)))

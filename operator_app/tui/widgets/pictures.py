@@ -1,4 +1,4 @@
-"""Pictures in braille: plots, rows of bars, and the arm in its fixture, with the next pose dimmed."""
+"""Pictures drawn with braille characters: plots, and the arm with its next pose; also rows of bars."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def plot(of: Picture, width: int, height: int, *, ascii_only: bool) -> list[Line
 
 
 def _ticks(y: Axis, canvas: Canvas, bottom: float, top: float) -> dict[int, str]:
-    """Tick labels by row; no label is directly below another."""
+    """Return the tick labels by row; no two labels are in the same row or in adjacent rows."""
     labels: dict[int, str] = {}
     for value, text in zip(y.ticks, y.tick_texts, strict=True):
         row = canvas.row(y.place(value, bottom, top))
@@ -77,7 +77,7 @@ def _ticks(y: Axis, canvas: Canvas, bottom: float, top: float) -> dict[int, str]
 
 
 def _below(x: Axis, width: int) -> str:
-    """Row of the horizontal axis: first and last tick, with the title between them."""
+    """Return the text below the horizontal axis: labels of the first and last tick, with the title between them."""
     room = width - LABEL - 1
     cells = [" "] * room
     first, last = x.tick_texts[0], x.tick_texts[-1]
@@ -97,7 +97,7 @@ LARGEST_BAR_RATIO = 30.0
 
 
 def sparkline(values: Sequence[float], width: int) -> Span:
-    """A row of bars for all values, the newest at the right, on a log scale from lowest to highest."""
+    """Return a row of bars that covers all values, the newest at the right, on a log scale from lowest to highest."""
     last, cells = len(values) - 1, max(1, min(width, len(values)))
     sampled = [values[round(k * last / max(1, cells - 1))] for k in range(cells)]
     finite = [v for v in sampled if math.isfinite(v) and v > 0.0] or [1.0]
@@ -118,7 +118,7 @@ VISIBLE_RAD = 0.015
 
 
 def _view() -> FloatArray:
-    """Return the screen's directions right and up (rows) in the arm's base frame, whose x axis points up."""
+    """Return the directions right and up on the screen, as rows (2, 3), in the base frame, whose x axis points up."""
     turn = np.array([-np.sin(_TURN), np.cos(_TURN)])
     right = np.array([0.0, turn[1], -turn[0]])
     up = np.array([np.cos(_TILT), np.sin(_TILT) * turn[0], np.sin(_TILT) * turn[1]])
@@ -126,7 +126,7 @@ def _view() -> FloatArray:
 
 
 class ArmView(Lines):
-    """The chain at the current pose; scale and position change only when the prediction does."""
+    """Drawing of the chain at the current pose; its scale and position change only with the predicted poses."""
 
     TITLE = "Arm"
     HELP = (
@@ -205,7 +205,7 @@ class ArmView(Lines):
 
 
 def _next(model: ClosureModel, x: FloatArray, s: SessionSnapshot) -> tuple[FloatArray, ...]:
-    """Return the chain at the next pose, and in a planned move the path of its tool."""
+    """Return the points (k, 3), m, of the chain at the next pose and, in a planned move, those of the tool's path."""
     if s.heading is not None:
         way = s.heading.trace_rad
         if way is None:
@@ -231,7 +231,7 @@ def _box(model: ClosureModel, x: FloatArray, q: FloatArray, s: SessionSnapshot) 
 
 
 class _Placing:
-    """Conversion of metres to dots that keeps proportions."""
+    """Converts points (m) to dots on the canvas, with the same scale in both directions."""
 
     def __init__(self, box: FloatArray, canvas: Canvas) -> None:
         self._canvas = canvas

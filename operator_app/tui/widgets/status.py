@@ -1,6 +1,6 @@
 """Status panels common to all steps: the safety strip on top (STOP, bus, data, modes, drives), banner, log of messages.
 
-The strip is always visible, even when there is a dialog.
+The strip is always visible, even if a dialog is open.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class SafetyStrip(Lines, can_focus=False):
         cells += [_modes(s, short=short), _drives(s, short=short)]
         row = _joined(cells, short=short)
         if length(row) > width:
-            # Omit the modes, which the step shows too; the state of the drives is shown only here.
+            # Omit the modes, which the step's view shows too; the state of the drives is shown only in the strip.
             row = _joined([*cells[:-2], cells[-1]], short=short)
         return [clip(row, width)]
 
@@ -54,10 +54,10 @@ def _joined(cells: Sequence[Sequence[Span]], *, short: bool) -> Line:
 
 
 class Banner(Lines, can_focus=False):
-    """One line below the strip: STOP, motion, lost data, or what kind of arm this is."""
+    """The line below the strip: whether the arm is real; then STOP, lost data, the running task or a hint."""
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return the most urgent message."""
+        """Return one line with the kind of arm and the most urgent message."""
         kind: Span = (" SIMULATED " if s.simulated else " REAL ARM ", "badge")
         return [clip((kind, (" ", "text"), *_status(s)), width)]
 
@@ -177,11 +177,11 @@ class Log(Lines, can_focus=False):
     alarm: ShownAlarm | None = None
 
     def rows_for(self, s: SessionSnapshot, width: int, most: int) -> int:
-        """Return the number of rows that an alarm needs: `LOG_ROWS` to `most`."""
+        """Return the number of rows that the newest alarm needs, at least `LOG_ROWS`, at most `most`."""
         return min(max(len(_alarm_rows(s, width)), LOG_ROWS), most)
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return as many lines as there are rows; if a line is cut, add the key that shows it in full."""
+        """Return at most `height` lines; a message that is cut off ends with the key that shows it in full."""
         standing = {alarm.number for alarm in s.alarms}
         rows = _alarm_rows(s, width)
         all_visible = len(rows) <= height
@@ -189,7 +189,7 @@ class Log(Lines, can_focus=False):
         self.alarm = (
             ShownAlarm(number=s.alarms[-1].number, all_visible=all_visible) if rows else None
         )
-        # Every key ends a motion, so that no key is offered during one.
+        # During a motion, every key ends the motion: offer no key.
         more = " …" if stops_on_any_key(s.task) else SHOWS_ALL.format(key="l")
         others = [m for m in s.messages[::-1] if m.number not in standing]
         for k, message in enumerate(others):
@@ -201,12 +201,12 @@ class Log(Lines, can_focus=False):
         return [clip(row, width) for row in rows]
 
     def on_click(self, event: events.Click) -> None:
-        """Show all messages; this click does not end a motion."""
+        """Show all messages; unlike a key, this click does not end a motion."""
         self.post_message(Clicked("messages"))
 
 
 def _alarm_rows(s: SessionSnapshot, width: int) -> list[Line]:
-    """Return the lines of the newest alarm, and how many other alarms there are."""
+    """Return the lines of the newest alarm with the number of all alarms; empty if there is none."""
     if not s.alarms:
         return []
     count = len(s.alarms)

@@ -140,7 +140,7 @@ def step_alternative(stated: Experiment, joint: int, scale: float) -> tuple[Find
 
 
 def _weight(ratio: float, dof_left: int, dof: int) -> float:
-    """Log weight of an alternative with chi2/dof `ratio` and `dof_left` degrees of freedom; stated model: `dof`."""
+    """Log weight of an alternative with chi2/dof `ratio` and `dof_left` degrees of freedom (stated model: `dof`)."""
     fits = -0.5 * dof * np.log(max(ratio, limits.SMALLEST_NOISE_SCALE))
     return float(fits - PER_FREEDOM * max(0, dof - dof_left))
 
@@ -241,7 +241,7 @@ def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding
 def _closest(
     alternatives: Iterator[Alternative], deadline: float, *, below: float
 ) -> list[Alternative]:
-    """Return the `SOLVED_ALTERNATIVES` alternatives of smallest cost, as far as their cost is at most `below`."""
+    """Return at most `SOLVED_ALTERNATIVES` alternatives: those of smallest cost, none with a cost above `below`."""
     costs: list[tuple[float, Alternative]] = []
     for finding, alternative in alternatives:
         if thread_time() > deadline:

@@ -296,7 +296,7 @@ def left_out_poses(
     arm: ArmModel,
     poses: PoseSet,
 ) -> tuple[tuple[Finding, ...], tuple[RangeFinding, ...]]:
-    """Return findings of why these poses (indices) were left out, and the findings of readings outside their ranges.
+    """Return findings that state why these poses (indices) were left out, and the findings of readings out of range.
 
     Readings that are out of range only in poses left out because they are in radians are not included.
     """

@@ -152,7 +152,7 @@ def _whole_degrees(q: FloatArray) -> FloatArray:
 
 
 def ball_between(arm: ArmModel, hand_m: FloatArray, base_m: FloatArray | None) -> Ball:
-    """Return the ball with centre `hand_m` (3,), tool frame, and socket `base_m` (3,); None: its place at home."""
+    """Return the ball with centre `hand_m` (3,), tool frame, and socket `base_m` (3,); None: where it is at home."""
     if base_m is None:
         R, p = _hand_at_home(arm)
         base_m = p + R @ hand_m
@@ -162,7 +162,7 @@ def ball_between(arm: ArmModel, hand_m: FloatArray, base_m: FloatArray | None) -
 
 
 def hinge_between(arm: ArmModel, hand: Line, base: Line | None) -> Hinge:
-    """Return the hinge that makes a line in the tool frame, and its point, coincide with a line in the base frame.
+    """Return the hinge that makes a line in the tool frame coincide with a line in the base frame, point on point.
 
     Of the two directions of the line in the base, the one whose loop closes nearer to the arm's home is used. If `base`
     is None, the tool's line at the home pose is used.

@@ -25,7 +25,7 @@ NOTHING_KNOWN: Mapping[str, float] = {}
 
 
 class Verdict(Enum):
-    """Verdict on a calibration; only the first two allow an upload."""
+    """Verdict on a calibration; it allows an upload unless it is NOT_ACCEPTED."""
 
     ACCEPTED = "accepted"
     WITH_WARNINGS = "accepted_with_warnings"
@@ -76,7 +76,7 @@ def causes_of(
 ) -> tuple[Finding, ...]:
     """Return the causes of a misfit that the tests support.
 
-    `judged`: names of the parameters whose sigmas have to be valid, without those that are only corrected within
+    `judged`: names of the parameters that decide on acceptance, i.e. all except those that are only corrected within
     tolerances. `labels`: labels of the poses in the order in which they were taken.
     """
     if estimate.dof < limits.REFUSED_DOF:
@@ -120,10 +120,10 @@ def _finding(x: Explanation, diagnosis: Diagnosis, labels: tuple[str, ...]) -> F
 
 
 def _refuses(cause: Candidate, evidence: Evidence, estimate: Estimate, impact: float) -> bool:
-    """Whether parameters may be wrong by more than their sigmas if this is the cause."""
+    """Whether this cause blocks: a frozen reading, or a parameter moved by more than `REFUSING_SHIFT_SIGMAS` sigmas."""
     if cause.cause is Cause.FROZEN or impact > limits.REFUSING_SHIFT_SIGMAS:
         return True
-    # A value that changed: both values have to be within the stated uncertainty.
+    # If the cause changed a value, the old and the new value have to agree within the stated uncertainty.
     of_reading = cause.cause in (Cause.LOST_COUNTS, Cause.DRIFT)
     changed = (f"theta_off_{cause.subject}",) if of_reading else cause.entries
     sd = estimate.sd_by_name
@@ -134,7 +134,7 @@ def _refuses(cause: Candidate, evidence: Evidence, estimate: Estimate, impact: f
 
 
 def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
-    """Yield the finding that no known cause explains the misfit, if so."""
+    """Yield the finding of an unexplained misfit if a test fires and no known cause explains the misfit well."""
     if not diagnosis.fires:
         return
     ratio, probability = _left(diagnosis), 1.0
@@ -160,7 +160,7 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
 
 
 def _left(diagnosis: Diagnosis) -> float:
-    """Return the chi2/dof that remains after the last explanation, or the stated chi2/dof if there is none."""
+    """Return the chi2/dof that the last explanation leaves; if no possible explanation exists, the stated chi2/dof."""
     last = diagnosis.rankings[-1].best if diagnosis.rankings else None
     if last is None or _impossible_compliance(diagnosis):
         return diagnosis.stated_chi2_per_dof
@@ -184,7 +184,7 @@ def _impossible_compliance(diagnosis: Diagnosis) -> bool:
 def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return one finding for each code; it blocks if any finding of that code blocks.
 
-    A cause recurs if the fit removed only a part of it.
+    A code occurs twice if the fit of its cause removed only a part of the misfit that the cause explains.
     """
     by_code: dict[str, Finding] = {}
     for cause in causes:
@@ -217,8 +217,8 @@ def little_motion(
     """Return the finding that some parameters have large standard deviations, (P,), because the poses differ little.
 
     `known`: standard uncertainties (rad, m) stated in the files, by parameter. A standard deviation is reported if it
-    exceeds this or is large; it blocks acceptance if it is too large for any use. `narrows`: returns the source of
-    error that dominates the sigma of a named parameter, empty if only other poses help.
+    exceeds the stated one or is large; it blocks acceptance if it is too large for any use. `narrows`: returns, for the
+    name of a parameter, the source of error that dominates its sigma, or "" if only more varied poses help.
     """
     wide, coarse, refuses = [], [], False
     worst, farthest = "", 0.0
@@ -251,7 +251,7 @@ def little_motion(
 
 
 def paper_test(paper: Estimate, implicit: Estimate) -> tuple[HypothesisTest, tuple[Finding, ...]]:
-    """Test the distance of the paper's estimate from the implicit one, in sigmas; return the test and its finding."""
+    """Test the paper's estimate against the implicit one, in sigmas; return the test and, if it fires, a finding."""
     z = distance_in_sigmas(paper, implicit)
     worst = int(np.argmax(z))
     test = HypothesisTest.of_sigmas("PAPER_DISTANCE", z)
@@ -272,7 +272,7 @@ def paper_test(paper: Estimate, implicit: Estimate) -> tuple[HypothesisTest, tup
 
 
 def distance_in_sigmas(one: Estimate, two: Estimate) -> FloatArray:
-    """Distance of every parameter of `one` from `two`, in sigmas of the difference (P,)."""
+    """Distance of each parameter in `one` from its value in `two` (P,), in standard deviations of the difference."""
     names = [p.name for p in two.parameters]
     columns = [names.index(p.name) for p in one.parameters]
     apart = wrap_angles(one.parameters, one.x - two.x[columns])
@@ -286,7 +286,7 @@ READING_KINDS = {
     FindingKind.READING_DRIFT,
     FindingKind.READING_FROZEN,
 }
-"""Causes that concern one joint's reading, other than those of its sensor."""
+"""Causes in one joint's reading whose findings do not name the type of its sensor."""
 
 
 def return_tests(
@@ -311,7 +311,7 @@ def proven_by_return(
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
     """Return the blocking causes that repeated poses prove, and the tests' other causes.
 
-    A proven slip blocks even if it is smaller than the sigmas from the poses alone, because it has widened these.
+    A proven slip blocks even if it is smaller than the parameters' sigmas, because the slip has increased the sigmas.
     """
     proven: list[Finding] = []
     for returned in since:
@@ -326,7 +326,7 @@ def proven_by_return(
 def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> tuple[Finding, ...]:
     """Return the causes that only a repeated pose shows, leaving out slips that the tests have already found.
 
-    A compliant fixture and a wrong length do not count as slips.
+    A compliant fixture or a wrong length that the tests have found does not count as a slip.
     """
     slipped = any(cause.kind is FindingKind.FIXTURE_SLIPPED for cause in by_tests)
     joints = {c.joint for c in by_tests if c.sensor or c.kind in READING_KINDS}
@@ -343,7 +343,7 @@ def _slipped_since(read: RepeatedReading, repeat: Repeat, estimate: Estimate) ->
     """Return the finding that the fixture or a joint's reading slipped between two readings of a pose."""
     from scipy.special import chdtri
 
-    # A slip may be in any joint; a fixture can slip on two sides, and may deflect.
+    # Prior odds: a step in one of n joints, against a slip or a deflection of the fixture.
     of_joint = PRIORS[Cause.LOST_COUNTS] / len(repeat.difference_rad)
     odds = repeat.joint_odds * of_joint / (PRIORS[Cause.SLIPPED] + PRIORS[Cause.GIVES])
     share = odds / (1.0 + odds)

@@ -1,6 +1,6 @@
 """Adjudication: derives the causes of a misfit and the verdict from a fit, its tests and the screening.
 
-A fit is repeated only if a test fires.
+Other models are fitted only if the fit is poor or its solution is implausible.
 """
 
 from __future__ import annotations
@@ -60,12 +60,12 @@ UNEXPLAINED_KINDS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PriorInformation:
-    """Findings made before the fit or independently of it.
+    """Results that the adjudication uses in addition to the tests of the fit.
 
     Attributes
     ----------
     out_of_range, flipped
-        Readings outside their range in the arm file, and poses left out because the tool is, or seems, upside down.
+        Readings outside the arm file's ranges; poses (indices) left out because the tool is, or seems, upside down.
     checks
         Set-up checks of the fixture's identified geometry.
     search
@@ -73,9 +73,9 @@ class PriorInformation:
     rvdt
         Verdict on each RVDT.
     returned
-        Repeated poses and their tests.
+        Repeated poses, each with the comparison of its two readings.
     by_files
-        Parameters that owe less than half of their information to the poses.
+        Parameters for which less than half of the information comes from the poses.
     """
 
     out_of_range: tuple[RangeFinding, ...] = ()
@@ -124,7 +124,7 @@ class _Case:
         return least > limits.CHI2_PER_DOF_REFUSED
 
     def suspects(self, *causes: Cause) -> str:
-        """Subject of the best single explanation if it is one of these causes, otherwise empty."""
+        """Subject (e.g. a joint) of the best single explanation if its cause is one of `causes`, otherwise empty."""
         best = self.diagnosis.best
         return best.candidate.subject if best is not None and best.candidate.cause in causes else ""
 
@@ -148,7 +148,7 @@ def adjudicate(
     """Return the causes of a misfit, the most probable first, and the verdict.
 
     `distinct`: indices of the fitted poses, in the order in which they were taken. `judged`: names of the parameters
-    whose sigmas have to be valid. `paper`: the paper's estimate, if that is the chosen one.
+    that decide on acceptance. `paper`: the paper's estimate, if that estimator is chosen.
     """
     arm = experiment.arm
     measured = measured_deviations(known.rvdt, arm)
@@ -162,7 +162,7 @@ def adjudicate(
     )
     labels, scale = _labels(case.stated.poses), case.chi2_per_dof
     by_tests, alternatives, nothing_fits = _misfit_causes(case, labels)
-    # With poses of another arm the solution has no meaning.
+    # If nothing fits, e.g. with poses of another arm, the solution has no meaning.
     far = () if nothing_fits else _local_minimum_causes(case)
     diverged = has_diverged((*far, *by_tests), scale, case.estimate, judged)
     lost = _poorly_determined(case) if far or case.gross or diverged else ()
@@ -204,9 +204,9 @@ def adjudicate(
 def _misfit_causes(
     case: _Case, labels: tuple[str, ...]
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...], bool]:
-    """Explain the misfit by the tests' causes, or by alternative models where it is gross.
+    """Explain the misfit by the causes that the tests support or, if it is gross, by alternative models.
 
-    Returns the causes, those among them that are alternative models, and whether the poses are from another arm.
+    Returns the causes, those of them that are alternative models, and whether nothing explains a blocking misfit.
     """
     diagnosis, scale = case.diagnosis, case.chi2_per_dof
     by_tests = causes_of(diagnosis, case.found.estimate, case.judged, labels)
@@ -240,7 +240,7 @@ def _misfit_causes(
 
 
 def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
-    """Return the finding that the solution is far from nominal while an alternative near nominal fits as well."""
+    """Return the finding that the solution is far from nominal, after any alternative models that fit near nominal."""
     if case.known.search is not None or case.model.unsensed_joints:
         return ()
     far = local_minimum_causes(
@@ -250,7 +250,7 @@ def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
 
 
 def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
-    """Causes from the fit itself: no convergence, or large sigmas of parameters that no file states."""
+    """Causes from the fit itself: no convergence, or large sigmas of parameters that are not known from the files."""
     estimate = case.estimate.given(case.known.by_files)
     open_end = Finding(
         kind=FindingKind.NOT_CONVERGED, figures={"iterations": estimate.iterations}, blocking=True
@@ -266,9 +266,9 @@ def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
 
 
 def stated_by_fixture(parameters: tuple[Parameter, ...], stated: Experiment) -> dict[str, float]:
-    """Standard uncertainty (rad, m) of each entry in the fixture's file, by name.
+    """Standard uncertainty (rad, m) that the fixture's file states for each parameter of its placement, by name.
 
-    The arm's entries are not included, since its offsets are to be identified.
+    The arm's free entries are not included, since they are to be identified.
     """
     placed = stated.fixture.tolerance
     arms = {entry.name for entry in stated.arm.free}
@@ -280,10 +280,10 @@ def stated_by_fixture(parameters: tuple[Parameter, ...], stated: Experiment) -> 
 
 
 def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
-    """Parameters that these poses hardly determine in any solution, so that their values may be arbitrary.
+    """Return the finding of parameters that these poses hardly determine in any solution, so that values are arbitrary.
 
-    Evaluated at the nominal values, since the sigmas of a diverged fit have no meaning. Empty where the nominal
-    geometry itself is the cause.
+    Evaluated at the nominal values, since the sigmas of a diverged fit have no meaning. Empty if parallel axes in the
+    nominal geometry are the cause.
     """
     design, model = case.found.linear.design, case.model
     nominal = nominal_vector(model.parameters)
@@ -299,7 +299,7 @@ def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
 
 
 def _labels(poses: PoseSet) -> tuple[str, ...]:
-    """Labels of poses, with the placement number if there are several."""
+    """Labels of poses, with the placement number if there are several placements."""
     if len(poses.placements) == 1:
         return poses.label
     return tuple(
@@ -320,7 +320,7 @@ def _single_cause(diagnosis: Diagnosis) -> bool:
 
 
 def _blocking_when_probable(causes: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """Make every probable cause block, in place of the finding that the fit did not converge."""
+    """Return the causes of a fit that did not converge: those with a probability above 0.5 block acceptance."""
     return tuple(replace(c, blocking=c.blocking or c.probability > 0.5) for c in causes)
 
 
@@ -354,7 +354,7 @@ def _screening_causes(experiment: Experiment, known: PriorInformation) -> tuple[
 
 
 def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
-    """Return the finding that the poses cannot decide between several solutions; empty if they can."""
+    """Return the finding that several solutions fit the poses; empty if only one does, or without a search."""
     if search is None or not search.alternatives:
         return ()
     solutions = {"solutions": 1 + len(search.alternatives)}
@@ -362,7 +362,7 @@ def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
 
 
 def _geometry_causes(checks: tuple[SetupCheck, ...]) -> tuple[Finding, ...]:
-    """Return findings of fixture axes so nearly parallel to a joint's that D-H entries are ambiguous (Hayati)."""
+    """Return findings of fixture axes so nearly parallel to a joint axis that D-H entries are ambiguous (Hayati)."""
     return tuple(
         Finding(
             kind=FindingKind.PARALLEL_AXES,

@@ -62,7 +62,7 @@ def without_reading(stated: Experiment, joint: int) -> Experiment:
 
 
 def start(alternative: Experiment) -> tuple[FloatArray, float]:
-    """Return start values (P,) for an alternative's loop, and its mean square closure error."""
+    """Return start values (P,) and mean square closure error (with unsensed joints: mean square correction, rad^2)."""
     if alternative.unsensed:
         fit = without_readings(alternative)
         return fit.x, float((fit.corrections**2).mean())
@@ -102,8 +102,8 @@ def is_near(alternative: Experiment) -> bool:
 def closes(alternative: Experiment, *, far: float) -> bool:
     """Whether a loop closes much better in another fixture than in the file's, beyond what noise explains.
 
-    `far` is the mean square closure error in the file's fixture, rotations included: noise makes it a few times larger
-    than the error in the other fixture, and a tilting tool a hundred times.
+    `far` is the mean square closure error in the file's fixture, rotations included: noise makes `far` a few times as
+    large as the error in the other fixture; a tool that tilts in a rigid fixture, about a hundred times as large.
     """
     cost = cost_of(alternative)
     return (
@@ -114,7 +114,7 @@ def closes(alternative: Experiment, *, far: float) -> bool:
 
 
 def cost_of(alternative: Experiment) -> float:
-    """Mean square closure error of an alternative; infinite where it cannot be solved."""
+    """Return the cost of an alternative as in `start`; infinite if it cannot be solved."""
     return tried(lambda: start(alternative)[1], np.inf)
 
 
@@ -153,7 +153,7 @@ BENDS = 3
 def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> tuple[int, float] | None:
     """Return the index of the pose at which a joint's readings (m,) step away from its angles (m,), and the step, rad.
 
-    Poses are in the order in which they were taken. None where a smooth curve explains the difference nearly as well.
+    Poses are in the order in which they were taken. None if no step explains most of what a smooth curve leaves.
     """
     m = len(reading_rad)
     if m < 2 * (limits.STEP_EDGE_POSES + BENDS):
@@ -190,7 +190,7 @@ def other_fixtures(stated: Experiment) -> Iterator[Alternative]:
 
 
 def hinge_instead(stated: Experiment) -> Alternative:
-    """Return the alternative with a hinge at the line, fixed in tool and base, about which the tool turns best."""
+    """Return the alternative with a hinge on the line that, over all poses, best keeps its place in tool and base."""
     arm, fixture = stated.arm, stated.fixture
     frames = _frames(arm, stated.poses)
     eye = np.broadcast_to(np.eye(3), frames[0].shape)
@@ -216,7 +216,7 @@ def hinge_instead(stated: Experiment) -> Alternative:
 
 
 def _ball_instead(stated: Experiment) -> Alternative:
-    """Return the alternative with a ball at the nominal hinge, or at the tool point that moves least."""
+    """Return the alternative with a ball: at the stated hinge, or else at the tool point that moves least."""
     fixture = stated.fixture
     R, p = frames = _frames(stated.arm, stated.poses)
     if isinstance(fixture, Hinge):
@@ -230,7 +230,7 @@ def _ball_instead(stated: Experiment) -> Alternative:
 
 
 def _frames(arm: ArmModel, poses: PoseSet) -> tuple[FloatArray, FloatArray]:
-    """Rotations (m, 3, 3) and origins (m, 3) of the tool in the base at nominal entries, m."""
+    """Rotations (m, 3, 3) and origins (m, 3), m, of the tool in the base frame, from the nominal D-H table."""
     theta_off, *lengths_and_twists = arm.table.stacked()
     frames = forward(poses.q_rad + theta_off, *lengths_and_twists)
     return frames.R_end, frames.p_end
@@ -239,7 +239,7 @@ def _frames(arm: ArmModel, poses: PoseSet) -> tuple[FloatArray, FloatArray]:
 def _common_point(frames: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
     """Point of the tool (3,) and of the base (3,), m, that coincide best in all poses.
 
-    Where the tool only turns about a line, it is the point of that line nearest to the origin.
+    If the tool only turns about a line, both points are on that line, as near to their frames' origins as possible.
     """
     R, p = frames
     eye = np.broadcast_to(np.eye(3), R.shape)

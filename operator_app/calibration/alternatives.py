@@ -1,6 +1,6 @@
-"""Alternative models for a gross misfit: each is solved, and the best are reported with their probability.
+"""Alternative models for a gross misfit: the most promising are solved, and reported with their probability.
 
-Used only for misfits that no linear explanation accounts for.
+Used where no linear explanation accounts for the misfit, or where the solution is implausible.
 """
 
 from __future__ import annotations
@@ -70,10 +70,10 @@ def find_alternatives(
     scale, dof
         chi2/dof of the stated model at stated variances (infinite if it could not be solved), and its dof.
     near
-        Try only simple mistakes in the file that bring the solution near the nominal values, even if the fit is good
-        without them.
+        Try only simple mistakes in the poses or arm file whose correction brings the solution near the nominal values,
+        even if the stated model fits well.
     of_files
-        Try only simple mistakes in the files.
+        Try only simple mistakes in the poses or arm file.
     sensors
         With `near`, also try a sensor whose readings are useless in all poses.
     """
@@ -115,9 +115,9 @@ def find_alternatives(
 
 
 def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
-    """Return the finding that the fixture is a hinge, if the poses are too few for a ball but close in a hinge.
+    """Return the finding that the fixture is a hinge, if the file states a ball and the poses close in a hinge.
 
-    A ball closes wherever a hinge does, with its centre anywhere along the axis.
+    Poses that close in a hinge also close in a ball with its centre anywhere on the axis.
     """
     if not isinstance(stated.fixture, Ball) or len(stated.poses) < limits.ALTERNATIVE_FIXTURE_POSES:
         return ()
@@ -140,7 +140,7 @@ def step_alternative(stated: Experiment, joint: int, scale: float) -> tuple[Find
 
 
 def _weight(ratio: float, dof_left: int, dof: int) -> float:
-    """Logarithm of the weight of an alternative with chi2/dof `ratio` and `dof_left` degrees of freedom."""
+    """Log weight of an alternative with chi2/dof `ratio` and `dof_left` degrees of freedom (stated model: `dof`)."""
     fits = -0.5 * dof * np.log(max(ratio, limits.SMALLEST_NOISE_SCALE))
     return float(fits - PER_FREEDOM * max(0, dof - dof_left))
 
@@ -187,7 +187,7 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
 
 
 def _frozen(stated: Experiment) -> Iterator[Alternative]:
-    """Yield alternatives in which a sensor is stuck in a run of poses, without that run."""
+    """Yield alternatives in which a sensor is stuck in a run of poses, of which only the first pose is used."""
     poses, sigma = stated.poses, stated.arm.sigma_rad()
     for j in range(1, poses.joint_count + 1):
         for first, last in constant_reading_runs(poses.q_rad, j, 3.0 * float(sigma[j - 1])):
@@ -213,7 +213,7 @@ def _without_each_reading(stated: Experiment) -> Iterator[Alternative]:
 
 
 def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding, float, int]]:
-    """Return the finding of a step in the readings that `blind` ignores, with chi2/dof and dof once it is subtracted.
+    """Return the finding of a step in the readings that `blind` ignores, with chi2/dof and dof after its correction.
 
     Empty if there is no step, or if `blind` does not ignore exactly one joint more than `unsensed`.
     """
@@ -241,7 +241,7 @@ def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding
 def _closest(
     alternatives: Iterator[Alternative], deadline: float, *, below: float
 ) -> list[Alternative]:
-    """Return the alternatives with the smallest closure errors, all components weighted equally."""
+    """Return at most `SOLVED_ALTERNATIVES` alternatives: those of smallest cost, none with a cost above `below`."""
     costs: list[tuple[float, Alternative]] = []
     for finding, alternative in alternatives:
         if thread_time() > deadline:

@@ -104,9 +104,9 @@ def calibrate(
     search
         Use a global start instead of starting from the nominal values.
     length_tolerance_m
-        Standard deviation of the maker's link lengths, instead of that in the arm's file.
+        Standard deviation of the maker's link lengths, used instead of the arm file's.
     drop
-        Fix unidentifiable parameters at their nominal values instead of refusing.
+        Fix unidentifiable parameters at their nominal values instead of raising an error.
     rereads
         Repeated poses, which are used in tests but not in the fit.
 
@@ -141,7 +141,7 @@ def calibrate(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Task:
-    """The checked arguments of `calibrate`, with the nominal placement of an instrument found from the poses."""
+    """The checked arguments of `calibrate`; an instrument's unknown placements are estimated from the poses."""
 
     experiment: Experiment
     by_paper: bool
@@ -155,7 +155,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prepared:
-    """The loops of one branch (`loops`), their unknowns (`hard`), and readings outside their ranges."""
+    """Loops of the poses on one branch, the model with the unknowns to identify (`hard`), and readings out of range."""
 
     task: Task
     loops: IdentifiableLoops
@@ -175,14 +175,14 @@ class Screened:
     Attributes
     ----------
     model, tolerance
-        The loops, and the tolerances (rad, m) of the entries that are free within them, by name.
+        The loops with all free parameters; by name, the tolerance (rad, m) of each entry that is free within one.
     errors
         The error model of the `distinct` poses (indices into all poses); `which` maps every pose on the branch to one
         of them.
     prior
-        Names of the arm's entries with an uncertainty in the files.
+        Names of the arm's entries whose uncertainty the arm's file states.
     identifiability
-        Identifiability at the paper's estimate, where it was evaluated.
+        Identifiability at the paper's estimate; None if it was not evaluated.
     """
 
     before: Prepared
@@ -215,7 +215,7 @@ class Fitted:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Diagnosed:
-    """Results of the tests of a fit; `part` is the fit of the poses that they used."""
+    """Results of the tests of a fit; `part`: the fit of the poses that were tested."""
 
     before: Fitted
     part: Calibrated
@@ -428,7 +428,7 @@ def _require_identifiable(
 ) -> None:
     """Raise an error that names the unidentifiable directions, or the fault that causes them.
 
-    Directions with a parameter whose uncertainty the arm's file states (`prior`) are not refused.
+    The implicit estimator accepts directions with a parameter in `prior`, whose uncertainty the arm's file states.
     """
     task, loops, model = prepared.task, prepared.loops, prepared.hard
     known = frozenset[str]() if task.by_paper else prior
@@ -470,7 +470,7 @@ def _starts(screened: Screened) -> Iterator[FloatArray | None]:
     loops, task, unsensed = prepared.loops, prepared.task, prepared.task.experiment.unsensed
     q, identifiable = loops.q, loops.identifiable
     if screened.prior and not task.search and not unsensed:
-        # The best fixture placement for an arm within its stated tolerances.
+        # The fixture's placement alone, with the arm's stated entries at their nominal values.
         fixture_only = prepared.hard.without(screened.prior)
         yield in_order(model, fixture_only, estimate_paper(fixture_only, q).x)
     first = loops.paper or loops.search
@@ -482,7 +482,7 @@ def _starts(screened: Screened) -> Iterator[FloatArray | None]:
 
 
 def _alternatives(screened: Screened) -> tuple[Finding, ...]:
-    """Return findings of alternative models that fit the poses, which the stated model does not."""
+    """Return findings of alternative models that fit these poses, if the stated model does not fit them."""
     prepared, distinct = screened.before, screened.distinct
     unknowns = len(prepared.loops.identifiable.parameters)
     stated = prepared.task.experiment.at_poses(distinct)

@@ -36,22 +36,21 @@ TIP_NAMES = frozenset(TIP)
 class CalibratedArm:
     """Links 1..n of a calibrated arm, and the tip: the point of its tool that the fixture holds.
 
-    The base frame is that of the arm's file: entries that are measured from the fixture keep their values there.
+    The base frame is that of the arm's file: entries measured from the fixture keep the values that the file states.
 
     Attributes
     ----------
     flange
         Rows 1..n with the arm's own entries as calibrated, all others as in the arm's file.
     hand
-        The same rows, with the entries that locate the fixture on the tool as calibrated: the last frame
-        carries the tip.
+        The same rows, but with the calibrated values of the entries that locate the fixture on the tool.
     tip_m
-        The tip in that frame, (3,): the ball's centre, an instrument's target; zero for a hinge, whose
+        The tip in the last frame of `hand`, (3,), m: the ball's centre, an instrument's target; zero for a hinge, whose
         axis is the z axis of that frame, and for a rigid attachment.
     identified
         Entries of `flange` that were calibrated.
     best, corrections
-        The best table for use without corrections, and the corrections; None where there are none.
+        The D-H table that is best for uncorrected readings, and their corrections; None if not computed.
     """
 
     flange: DhTable
@@ -64,7 +63,7 @@ class CalibratedArm:
     corrections: Corrections | None = None
 
     def table(self, frame: Frame = "flange") -> DhTable:
-        """Return rows 1..n for use without corrections, up to frame n of the arm's own table, or up to the tip."""
+        """Return D-H rows 1..n for uncorrected readings, up to the arm's own frame n or the frame with the tip."""
         if self.best is None:
             return self.flange if frame == "flange" else self.hand
         if frame == "tip":
@@ -77,7 +76,7 @@ class CalibratedArm:
 
     @property
     def table_tip_m(self) -> FloatArray:
-        """The tip in the last frame of ``table("tip")``, (3,)."""
+        """The tip in the last frame of ``table("tip")``, (3,), m."""
         return self.tip_m if self.best is None else self.best.tip_m
 
     def T_base(
@@ -105,7 +104,7 @@ class CalibratedArm:
         """Tip in the base frame (m, 3), and the standard deviation of its error (m,), m.
 
         ``sqrt(trace(J C J'))``, where J = dp/dx for all parameters except those of `ground_side`, and C is their
-        covariance; plus the part of the corrections that no D-H table can represent.
+        covariance. With a best table, the part of the corrections that no D-H table can represent is included.
         """
         if self.best is not None:
             return self.best.tool(q_rad)
@@ -113,7 +112,7 @@ class CalibratedArm:
         return tip, np.sqrt(spread_along(rates, self._covariance))
 
     def stated_part_m(self, q_rad: FloatArray, names: Collection[str]) -> FloatArray:
-        """Part of `tip_sigma_m` (m,), m, that would vanish if the parameters `names` were known exactly."""
+        """Part of `tip_sigma_m` (m,), m, due to the parameters `names`; it adds to the rest in quadrature."""
         known = [k for k, name in enumerate(self.free) if name in names]
         if not known:
             return np.zeros(len(q_rad))
@@ -124,7 +123,7 @@ class CalibratedArm:
     def rate_m_per_rad(self, joint: int, rates: dict[str, float], q_rad: FloatArray) -> FloatArray:
         """Displacement of the tip (m,), m per rad of error in the fixed offset of `joint`, at readings (m, n).
 
-        Other parameters change by `rates` per rad. With several placements, the parameters of the first are used.
+        `rates`: change of the other parameters per rad, by name. With several placements, the first one's are used.
         """
         plain = {name.partition("[")[0]: rate for name, rate in reversed(rates.items())}
         names = (DhEntry(DhKind.THETA_OFF, joint).name, *self.free)
@@ -223,7 +222,7 @@ def _first_placement(solution: Solution) -> tuple[ClosureModel, dict[str, int]]:
 def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
     """Return the calibrated arm of a calibration."""
     estimate = solution.estimate
-    # A fixture remounted for every placement has different tool parameters in each: the first are used.
+    # If the fixture is remounted on the tool for every placement, the tool parameters of the first are used.
     part, column = _first_placement(solution)
     x = {name: float(estimate.x[k]) for name, k in column.items()}
     ground, hand = set(part.ground_side), set(part.hand_side)
@@ -251,7 +250,7 @@ def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
 def with_best_table(
     solution: Solution, arm: ArmModel, calibrated: Calibrated, q: FloatArray
 ) -> Solution:
-    """Add the corrections, and the best table over readings q (m, n), rad, from the fit of the same poses."""
+    """Add the corrections and the best table for readings `q` (m, n), rad; `calibrated`: the fit of the same poses."""
     own = calibrated_arm(solution, arm)
     part, column = _first_placement(solution)
     index = np.array([column[name] for name in own.free], dtype=np.int64)
@@ -315,7 +314,7 @@ def tool_accuracy(
 ) -> HandAccuracy:
     """Summarise the tool position error before and after calibration over the ranges of all joints.
 
-    The summary includes the uncertainty of fixed offsets, and names those of unknown uncertainty. `as_stated`:
+    The summary includes the uncertainty of fixed offsets, or their names if it is unknown. `as_stated`:
     parameters known from the files rather than from the poses. `fit`: the calibration at its last linearisation.
     """
     errors, q = hand_errors(calibrated, arm), even_poses(arm)

@@ -1,4 +1,4 @@
-"""Closed loops of a pose set: poses on the main branch, parameters that these identify, and refused placements."""
+"""Closed loops of a pose set: poses on the main branch, parameters that they identify, and refused placements."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class IdentifiableLoops(NamedTuple):
     Attributes
     ----------
     model
-        The loops with all unknowns or, if the unidentifiable ones are dropped on request, with those of `identifiable`.
+        The loops with all unknowns; if unidentifiable ones are dropped on request, the same as `identifiable`.
     identifiable, unidentifiable
         The loops with the unknowns that the poses identify, and the names of the others.
     q, kept
@@ -75,7 +75,7 @@ def identifiable_loops(
     if unidentifiable:
         require_enough_poses(model, len(q))
         if search:
-            # The fixed parameters have other values than in the search: it is repeated without them.
+            # Fixing parameters changes their values: the search is repeated without them.
             choice = global_start(model, q, progress=progress)
     paper = None
     if not experiment.unsensed:
@@ -88,7 +88,7 @@ def identifiable_loops(
 def _without_unidentifiable(
     model: ClosureModel, arm: ArmModel, x0: FloatArray | None, q: FloatArray, *, drop: bool
 ) -> tuple[ClosureModel, tuple[str, ...]]:
-    """Fix unidentifiable parameters: on request, or where the arm's file states their uncertainty."""
+    """Fix unidentifiable parameters: with `drop`, or if all are offsets whose uncertainty the arm's file states."""
     if not drop and arm.offset_tolerance_rad is None:
         return model, ()
     smaller, unidentifiable = drop_unidentifiable(model, x0, q, sigma_rad=arm.sigma_rad())
@@ -98,18 +98,18 @@ def _without_unidentifiable(
 
 
 def on_main_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, Estimate | None]:
-    """Separate poses (m, n), rad, on the main branch of the hinge from those on the other.
+    """Separate poses (m, n), rad, on the hinge's main branch, which has most poses, from those on the other branch.
 
     This uses the nominal placement, in which the tool of a flipped pose is upside down even if nominal values are
     inaccurate; a fit through poses of both branches would lie between them.
 
     Returns
     -------
-    A mask (m,) of the poses on the main branch; and the paper's estimate from these with all joints sensed, if it was
-    computed.
+    A mask (m,) of the poses on the main branch; and the paper's estimate from these poses as if all joints were
+    sensed, None if it was not computed.
     """
     everything = np.ones(len(q), dtype=np.bool_), None
-    # Readings with errors of a degree still distinguish the two branches.
+    # Even the readings of unsensed joints are used: with errors of a degree they still distinguish the branches.
     model = model.with_all_joints_sensed()
     if len(q) * model.equations_per_pose <= len(model.parameters):
         return everything
@@ -139,7 +139,7 @@ def pick_placements(poses: PoseSet, placements: tuple[int, ...]) -> PoseSet:
 
 
 def in_order(model: ClosureModel, other: ClosureModel, x: FloatArray) -> FloatArray:
-    """Return the parameters (P,) of `model`: from `x` those that `other` has too, the rest nominal."""
+    """Return values (P,) of the parameters of `model`: from `x` if `other` has the parameter too, otherwise nominal."""
     known = {p.name: float(v) for p, v in zip(other.parameters, x, strict=True)}
     return np.array([known.get(p.name, p.nominal) for p in model.parameters])
 

@@ -1,6 +1,6 @@
 """Comparison of two calibrations of one arm: changes of parameters, and which of them exceed noise.
 
-A hinge loop has eight equivalent parameter vectors: of those equivalent to the second document, the one nearest to the
+A hinge loop has eight equivalent parameter vectors: of those of the second document, the one that is nearest to the
 first document is used. A difference counts as drift if it is improbable under both standard deviations, at a level
 corrected for the number of free parameters compared (Bonferroni). Two kinds of differences never count: those of
 lengths and twists corrected within a tolerance, whose sigma is mostly the maker's tolerance in both documents, and
@@ -204,7 +204,7 @@ def _not_compared(
     *,
     remounted: bool,
 ) -> list[tuple[str, str]]:
-    """Entries that only one calibration identified, or that belong to the mounting, with the reason."""
+    """Entries that only one calibration identified, or that belong to a mounting that has changed, with the reason."""
     first, second = ([e.entry for e in d.calibrated] for d in (before, after))
     listed = [(name, "identified in A only") for name in first if name not in second]
     listed += [(name, "identified in B only") for name in second if name not in first]
@@ -261,7 +261,7 @@ def nearest_values(a: ParametersDocument, b: ParametersDocument) -> dict[str, fl
 
 
 def sides_of(document: ParametersDocument) -> dict[str, Side]:
-    """Return which part each calibrated entry describes, by name."""
+    """Return, by entry name, the side that a calibrated entry describes: arm, ground or tool side of the fixture."""
     loop = _loop(document)
     sides = {e.name: Side.ARM for e in loop.entries}
     sides |= dict.fromkeys(loop.ground_side, Side.GROUND)
@@ -284,9 +284,9 @@ REPORTED_SCALE = 1.1
 def notices(
     a: ParametersDocument, b: ParametersDocument, scales: tuple[float, float]
 ) -> tuple[Finding, ...]:
-    """Return the differences between the documents other than those of parameters.
+    """Return the differences between the documents other than those of the identified parameters.
 
-    `scales` are the factors applied to their standard deviations.
+    `scales`: factors applied to the standard deviations of `a` and `b`.
     """
     K, findings = FindingKind, []
     if a.utc > b.utc:

@@ -30,15 +30,15 @@ from solver.estimators.variance_components import SettledFit, estimate_of, settl
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checks:
-    """Cross-validation of an implicit solution; each part is None or empty if it could not be computed.
+    """Cross-validation of an implicit solution; a part that could not be computed is None.
 
     Attributes
     ----------
     jackknife_sd
-        Standard deviation of every identified parameter, by leaving out each pose in turn; not for those only corrected
-        within tolerances.
+        Standard deviation (rad, m) of every identified parameter, from leaving out each pose in turn; parameters only
+        corrected within tolerances are not included.
     held_out
-        Parts of the poses, tested with the estimate from the others.
+        Parts of the poses, each tested with the estimate from all other poses.
     far_block
         Test of one block of poses far from the rest: extrapolation.
     """

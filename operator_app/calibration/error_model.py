@@ -77,7 +77,7 @@ def stated_distances(
 
 
 def _measured(distances: tuple[KnownDistance, ...]) -> tuple[MeasuredDistance, ...]:
-    """Return these distances with the names of the loop's parameters."""
+    """Return the distances between sockets with the loop's names of the sockets' coordinates."""
 
     def names(number: int) -> Names:
         x, y, z = (f"{name}[{number}]" for name in GROUND)
@@ -97,8 +97,8 @@ def _measured(distances: tuple[KnownDistance, ...]) -> tuple[MeasuredDistance, .
 def _loads(experiment: Experiment) -> LoadBasis | None:
     """Effects of gravity at all poses; on the fixture only if the arm's file states masses.
 
-    Computed at the nominal values and in canonical order, so that neither the start of a search nor the order of the
-    file changes the last digit.
+    Computed at the nominal values and in canonical order, so that the result does not depend, even in the last digit,
+    on the start of a search or on the order of the file.
     """
     arm, fixture = experiment.arm, experiment.fixture
     if not len(experiment.poses):
@@ -122,9 +122,9 @@ def _loads(experiment: Experiment) -> LoadBasis | None:
 
 
 def approach_of(arm: ArmModel, poses: PoseSet, kept: IntArray) -> FloatArray | None:
-    """Direction of approach of every joint to the kept poses (m, n): 1 or -1, 0 before its first motion.
+    """Direction in which each joint approached the kept poses (m, n): 1 or -1; 0 until it first moves in a placement.
 
-    The directions follow from the times of the poses, never from their order in the file; None without times.
+    The directions follow from the times of the poses, not from their order in the file; None if times give no order.
     """
     if poses.utc is None or not all(poses.utc):
         return None
@@ -138,7 +138,7 @@ def approach_of(arm: ArmModel, poses: PoseSet, kept: IntArray) -> FloatArray | N
         times[a] == times[b] and not np.array_equal(poses.q_rad[a], poses.q_rad[b])
         for a, b in pairwise(order)
     ):
-        # A clock too coarse to tell which of two poses came first.
+        # The clock is too coarse to tell which of two poses came first.
         return None
     moves = np.maximum(MOVED_RAD, MOVED_SIGMAS * arm.sigma_rad())
     directions = np.zeros(poses.q_rad.shape)
@@ -155,7 +155,7 @@ def approach_of(arm: ArmModel, poses: PoseSet, kept: IntArray) -> FloatArray | N
 
 
 def noise_model(experiment: Experiment) -> NoiseModel:
-    """Return the noise of the mean readings, from the sensors' specifications."""
+    """Return the noise of the mean readings and of an instrument, from their specifications."""
     return NoiseModel(
         joint_variance=variance_of_means(experiment.arm, experiment.poses.sample_counts),
         fixture_variance=_instrument_variance(experiment.fixture),
@@ -168,9 +168,9 @@ def _instrument_variance(fixture: EndpointConstraint) -> FloatArray | None:
 
 
 def distinct_poses(poses: PoseSet, kept: BoolArray) -> tuple[IntArray, IntArray]:
-    """Return the indices of distinct poses among the `kept` ones, and the position of each kept pose among these.
+    """Return the indices of the distinct `kept` poses and, for each kept pose, its position among the distinct poses.
 
-    Readings equal to the last digit are taken as one reading written twice, without further information.
+    Poses with exactly equal readings count as one pose written twice, without further information.
     """
     indices = np.flatnonzero(kept)
     columns = [poses.placement[indices, None].astype(float), poses.q_rad[indices]]
@@ -193,9 +193,9 @@ def free_within_tolerance(
 ) -> tuple[ClosureModel, dict[str, float]]:
     """Free the arm's lengths and twists within their tolerances, since the maker's table is not exact.
 
-    The same is done with offsets that the poses do not determine, if the arm's file states their uncertainty.
+    Offsets fixed because the poses do not determine them are freed too, if the arm's file states their uncertainty.
 
-    `fixed`: entries to be fixed at their nominal values.
+    `fixed`: entries that stay fixed at their nominal values.
 
     Returns
     -------
@@ -228,9 +228,9 @@ def stated_priors(
 ) -> dict[str, float]:
     """Return the standard deviations (rad, m) that files state for the unknowns of a loop, by name.
 
-    For the arm, those of offsets and of entries freed within tolerances; for the fixture, that of its placement.
-    Offsets of an arm whose file does not state `offset_tolerance_deg` are not included, and neither are placements
-    after the first, as the fixture's file describes only one.
+    Included are the arm's offsets (only if its file states `offset_tolerance_deg`), the arm's entries that are freed
+    within tolerances, and the fixture's placement; of several placements only the first, because the fixture's file
+    describes only one.
     """
     placed, offset = fixture.tolerance, arm.offset_tolerance_rad
     sides = {*model.ground_side, *model.hand_side}
@@ -257,7 +257,7 @@ def stated_priors(
 
 
 def freed(model: ClosureModel, names: Iterable[str]) -> ClosureModel:
-    """Return the loop with these entries of the arm's table free too; other names are ignored."""
+    """Return the loop with the entries `names` of the arm's table free too; names of other parameters are ignored."""
     known = {p.name for p in model.parameters}
     return model.freed(
         [DhEntry.parse(name) for name in names if name not in known and is_entry(name)]

@@ -1,4 +1,4 @@
-"""An experiment: measured poses of an arm in a fixture, joints whose readings are used, and the closed loops."""
+"""An experiment: measured poses of an arm in a fixture, joints whose readings are not used, and the closed loops."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Experiment:
     unsensed: tuple[int, ...] = ()
 
     def at_poses(self, poses: IntArray | BoolArray) -> Experiment:
-        """Return the experiment with a selection (or order) of its poses."""
+        """Return the experiment with the selected poses (mask, or indices in the desired order)."""
         return replace(self, poses=self.poses.at_poses(poses))
 
     def loop(self) -> ClosureModel:

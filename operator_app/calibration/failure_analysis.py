@@ -32,7 +32,7 @@ def explain_unidentifiable(
     paper: Estimate | None,
     saturated: PosesDoNotFitError | None,
 ) -> SolverError:
-    """Return the error, naming a stuck sensor, or an error that states why the loops do not close."""
+    """Return the error to raise: `error`, naming a stuck sensor if found, or the reason why the loops do not close."""
     stuck = explained(error, stated)
     if stuck is not error:
         return stuck
@@ -56,7 +56,7 @@ def explain_unidentifiable(
 
 
 def _undetermined_at_solution(stated: Experiment, paper: Estimate) -> tuple[Finding, ...]:
-    """Return the cause if the poses determine fewer parameters at the solution than at the nominal values."""
+    """Return mistakes that make the poses determine fewer parameters at the solution than at the nominal values."""
     model, q = stated.loop(), stated.poses.q_rad
     nominal = nominal_vector(model.parameters)
     if identifiability(model, nominal, q, sigma_rad=stated.arm.sigma_rad()).directions:
@@ -67,7 +67,7 @@ def _undetermined_at_solution(stated: Experiment, paper: Estimate) -> tuple[Find
 def saturated_readings(
     findings: tuple[RangeFinding, ...], poses: PoseSet
 ) -> PosesDoNotFitError | None:
-    """Return the error that poses do not fit because readings are at the end of full scale; None if none are."""
+    """Return the error that poses do not fit because readings are at the end of full scale, or None."""
     known = tuple(range_finding(f, poses) for f in findings if f.fault is ReadingFault.SATURATED)
     return poses_do_not_fit(known) if known else None
 
@@ -107,10 +107,10 @@ def turned_unread(
     after_rad: FloatArray,
     still: Sequence[int],
 ) -> tuple[int, float] | None:
-    """Return the joint that turned between two readings although it reads the same, and its angle (rad), or None.
+    """Return the joint that turned between two readings although it reads the same, and by how much (rad), or None.
 
-    Closes the loop at the second reading, after subtracting the closure error of the first: once with all `still`
-    joints fixed, and once with each of them free. The placement error is in both readings and cancels, and no motion
+    The loop is closed at the second reading plus the correction that closes the loop at the first, so that placement
+    errors cancel: once with all `still` joints fixed, and once for each `still` joint with that joint free. No motion
     is linearised.
 
     `x`: approximate parameters (P,). `before_rad`, `after_rad`: readings (n,). `still`: joints (1-based) whose readings
@@ -142,13 +142,13 @@ def turned_unread(
 def _correction(
     model: ClosureModel, x: FloatArray, start_rad: FloatArray, sigma: FloatArray
 ) -> FloatArray | None:
-    """Smallest correction (n,), in sigmas, that closes the loop; None if it cannot be closed."""
+    """Correction (n,), rad, that closes the loop and is smallest in units of `sigma`; None if no correction does."""
     closed = close_loops(model, x, start_rad[None], sigma_rad=sigma)
     return closed.q[0] - start_rad if closed.closed[0] else None
 
 
 def explained(error: UnidentifiableError, stated: Experiment) -> UnidentifiableError:
-    """Return the error, naming a stuck sensor if the loop shows that its joint moved."""
+    """Return `error` or, if the loop shows that a joint with a constant reading moved, an error naming the joint."""
     still = sorted({j for d in error.directions for j in d.immobile_joints})
     for joint in still:
         turned_rad = _turned_range(stated, joint)
@@ -164,7 +164,7 @@ def explained(error: UnidentifiableError, stated: Experiment) -> UnidentifiableE
 
 
 def _turned_range(stated: Experiment, joint: int) -> float:
-    """Range (rad) of a joint's angles from the loops, without the joint's readings; 0 if the loops do not give it."""
+    """Range (rad) of a joint's angles from the loops, without the joint's readings; 0 if not determined."""
     blind = without_reading(replace(stated, unsensed=stated.arm.unsensed_joints), joint)
     fit = tried(lambda: without_readings(blind, max_iterations=MAX_ITERATIONS), None)
     if (

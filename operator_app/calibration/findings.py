@@ -26,7 +26,7 @@ RANGE_KINDS = {
     ReadingFault.WHOLE_TURN: (FindingKind.WHOLE_TURN_OFF, FindingKind.WHOLE_TURN_OFF_NOTICE),
     ReadingFault.SATURATED: (FindingKind.SATURATED, FindingKind.SATURATED_NOTICE),
 }
-"""Two kinds of finding for each fault: a cause of the verdict, with the joint in its code, and a notice, without it."""
+"""Two kinds of finding for each fault: a cause of the verdict (code with the joint), and a notice (without joint)."""
 
 EXCEEDED_KINDS = {
     "rvdt": FindingKind.RVDT_NOISE_EXCEEDS,
@@ -67,7 +67,7 @@ def finding_of(
         case Cause.READING:
             return _reading_noise(int(subject), evidence, faults)
         case Cause.SCATTER:
-            # The prior shrinks coefficients where the poses have little information: this corrects it.
+            # The prior shrinks coefficients where the poses have little information: the shrinkage is corrected.
             predicted = float(
                 (1.0 - evidence.covariance / (evidence.size * candidate.expected_size) ** 2).sum()
             )
@@ -119,14 +119,14 @@ def unrelated_reading(joint: int, arm: ArmModel) -> Finding:
 
 
 def sensor_name(joint: int, arm: ArmModel) -> str:
-    """Return the name of a joint's sensor in codes."""
+    """Return the name of a joint's sensor as it appears in the codes of findings."""
     return "RVDT" if isinstance(arm.joints[joint - 1].sensor, Rvdt) else "ENCODER"
 
 
 def reading_step(
     joint: int, step_rad: float, first: int, arm: ArmModel, labels: tuple[str, ...]
 ) -> Finding:
-    """Return the finding that a joint's reading shifts by `step_rad` from pose `first` (index in time order) on."""
+    """Return the finding of a step by `step_rad` in a joint's reading, from pose `first` (index in time order) on."""
     sensor = arm.joints[joint - 1].sensor
     figures = {}
     if isinstance(sensor, Encoder | Rvdt):
@@ -230,7 +230,7 @@ def _rms_along(joint: int, candidate: Candidate, evidence: Evidence, faults: Fau
 def rms_displacement(
     candidate: Candidate, evidence: Evidence, faults: FaultModels
 ) -> dict[str, float]:
-    """Return the fixture's rms rotation (`turn_rad`) and displacement (`shift_m`) over the poses concerned."""
+    """Return the fixture's rms rotation (`turn_rad`) and displacement (`shift_m`) over the affected poses."""
     displacement = candidate.moves(evidence.b, len(faults.system.w))
     along_fixture = (faults.system.E @ displacement[..., None])[..., 0]
     concerned = np.abs(displacement).sum(-1) > 0.0
@@ -248,8 +248,8 @@ def _rms(values: FloatArray) -> float:
 def motion_causes(experiment: Experiment, labels: tuple[str, ...]) -> tuple[Finding, ...]:
     """Return a finding for each joint whose readings spread within a pose by more than its sensor's noise.
 
-    An RVDT whose readings spread in most poses is noisy, which its own verdict reports. The mean over samples of a
-    moving arm does not close the loop, even if the fit does not show this.
+    An RVDT whose readings spread in most poses is noisy; the verdict on that RVDT reports it. The mean over samples of
+    a moving arm does not close the loop, even if the fit does not show this.
     """
     arm, sd_rad = experiment.arm, experiment.poses.sd_rad
     if sd_rad is None:
@@ -276,9 +276,9 @@ def motion_causes(experiment: Experiment, labels: tuple[str, ...]) -> tuple[Find
 
 
 def moved_while_read(sensor: Encoder | Rvdt, spread_rad: FloatArray) -> BoolArray:
-    """Return a mask (m,) of the poses whose readings spread (m,), rad, by more than this sensor's noise.
+    """Return a mask (m,) of the poses in which the readings' spread (m,), rad, clearly exceeds this sensor's noise.
 
-    An RVDT's noise may be larger than stated: if the median spread is larger, it is used instead.
+    For an RVDT, the noise is the median spread if this is larger than the stated noise.
     """
     noise = sensor.sigma_rad
     if isinstance(sensor, Rvdt):
@@ -296,9 +296,9 @@ def left_out_poses(
     arm: ArmModel,
     poses: PoseSet,
 ) -> tuple[tuple[Finding, ...], tuple[RangeFinding, ...]]:
-    """Return why these poses (indices) were left out, one finding for each reason; and joints outside their ranges.
+    """Return findings that state why these poses (indices) were left out, and the findings of readings out of range.
 
-    A joint that is outside its range only in poses left out because of their unit is not included.
+    Readings that are out of range only in poses left out because they are in radians are not included.
     """
     joints = {
         k: [f.joint for f in out_of_range if f.fault is ReadingFault.OUTSIDE and k in f.poses]

@@ -53,18 +53,19 @@ class PastVerification:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EntryHistory:
-    """Calibrations with one fixture and estimator, oldest first, and their entries of one part (`side`).
+    """Calibrations with one fixture and estimator, oldest first, and the entries that describe one part (`side`).
 
     Attributes
     ----------
     side
         Part that the entries describe: arm, table or tool.
     values, sigma, within
-        (sessions, entries), rad and m, in equivalent parameters: values, standard uncertainty, and its type A part.
+        (sessions, entries), rad and m: values (equivalent ones, nearest to the first session), their standard
+        uncertainty, and the type A part of this uncertainty.
     chart
         Control limits of each session, and the shifts of entries in the order in which they were detected.
     smallest
-        Shift of each entry that the next three sessions would detect in 90 % of cases; NaN without a baseline.
+        Shift of each entry that the next three sessions would detect in 90 % of cases; NaN if sessions are too few.
     """
 
     side: Side
@@ -86,8 +87,8 @@ class EntryHistory:
 class ArmHistory:
     """Calibrations and verifications of one arm over time.
 
-    `parts`: offsets of the arm, and the parameters of each mounting, by fixture and estimator. `left_out`: sessions
-    that are left out, with the reason. `due`: date of the next calibration, and its reason.
+    `parts`: for each fixture and estimator, offsets of the arm, and the parameters of the last mounting. `left_out`:
+    sessions that are left out, with the reason. `due`, `due_why`: date of the next calibration, and the reason.
     """
 
     calibrations: tuple[PastCalibration, ...]
@@ -110,7 +111,7 @@ def history_of(
     left_out: Sequence[tuple[str, str]] = (),
     interval: timedelta | None = None,
 ) -> ArmHistory:
-    """Order the accepted calibrations of one arm (at least one) by time, and test each against those before it."""
+    """Order the accepted calibrations of one arm (at least one) by time, and test each against the earlier ones."""
     ordered = sorted(calibrations, key=lambda c: c.document.utc)
     accepted: list[PastCalibration] = []
     skipped = list(left_out)
@@ -145,9 +146,9 @@ def history_of(
 
 
 def _part(group: Sequence[PastCalibration], side: Side) -> EntryHistory:
-    """Align the entries of one side that all calibrations have; for the arm only its offsets.
+    """Return the history of the entries of one side that all calibrations have.
 
-    Estimates of the arm's lengths and twists mostly repeat the maker's values.
+    Of the arm, only the offsets: estimates of its lengths and twists mostly repeat the maker's values.
     """
     first = group[0].document
     sides = sides_of(first)

@@ -1,7 +1,7 @@
-"""Innovation of a new reading: its deviation from the prediction by the poses before it, and shifts that show in it.
+"""Innovation of a new reading: the deviation from its prediction by earlier poses, and shifts that would explain it.
 
-Earlier poses have determined sensor curves, sag and compliance near the reading, so these do not widen the
-prediction, as they would if a reading were compared with the parameters alone.
+Earlier poses have determined linearity deviation, sag and compliance near the reading, so that these add no uncertainty
+to the prediction, as they would if the reading were compared with the parameters alone.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ NEAREST = 60
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShiftOfReading:
-    """Most likely shift of a joint in one reading, its sigma, rad, and the chi2 that it explains."""
+    """Most likely shift of a joint in one reading and its sigma, both in rad, and the chi2 that the shift explains."""
 
     size_rad: float
     sigma_rad: float
@@ -59,7 +59,7 @@ class Innovation:
 
 
 def innovation(experiment: Experiment, reading: PoseSet) -> Innovation | None:
-    """Test a reading against the poses before it, all of one placement; None where these cannot be fitted."""
+    """Test a reading against earlier poses (`experiment`) of one placement; None if these poses cannot be fitted."""
     away = np.abs(experiment.poses.q_rad - reading.q_rad[0]).max(axis=1)
     experiment = experiment.at_poses(np.sort(np.argsort(away, kind="stable")[:NEAREST]))
     by = stated_fit(experiment)

@@ -36,7 +36,7 @@ DIGITS = 4
 def with_registered_instrument(
     arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet
 ) -> EndpointConstraint:
-    """Return the fixture with nominal placements near the true ones, where its file states none."""
+    """Return the fixture; placements of an instrument that its file does not state are estimated from the poses."""
     if not isinstance(fixture, Measured) or poses.endpoint is None:
         return fixture
     fixture = replace(fixture, full_pose=fixture.full_pose and poses.endpoint.shape[1] == 6)
@@ -88,7 +88,7 @@ def with_calibrated_places(fixture: EndpointConstraint, model: ClosureModel) -> 
 def placed_by_poses(
     arm: ArmModel, instrument: Measured, poses: PoseSet, values: Mapping[str, float]
 ) -> Measured:
-    """Return the instrument with the unknown placements of base and target from the measured poses.
+    """Return the instrument with the unknown placements of base and target estimated from the measured poses.
 
     `values` of the arm's entries (rad, m), by name, replace those of its file. Raises `EndpointMissingError` if the
     poses have no endpoints.
@@ -120,8 +120,8 @@ def _fitted(
 ) -> tuple[FloatArray, ...]:
     """Fit ``base + R_base (p + R tip)`` to the measured points (m, 3), by Gauss-Newton; return R_base, base, tip.
 
-    For a given rotation of the base the rest is linear; since that rotation is unknown, all 24 rotations of a cube are
-    starts. The target has a weak prior about its stated place.
+    For a given rotation of the base the equations are linear; if that rotation is unknown, the 24 rotations of a cube
+    are tried as starts. A weak prior keeps the target near its stated place.
     """
     from scipy.spatial.transform import Rotation
 

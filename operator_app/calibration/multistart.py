@@ -56,7 +56,7 @@ def fit_from_starts(
 
 
 def evenly(poses: int, most: int) -> IntArray:
-    """Indices of `most` poses, evenly chosen from all."""
+    """Indices of at most `most` poses, evenly chosen from `poses` poses."""
     return np.linspace(0, poses - 1, min(most, poses)).astype(np.int64)
 
 
@@ -68,7 +68,7 @@ def _best_fit(
     group: IntArray,
     progress: Progress | None = None,
 ) -> tuple[Calibrated | None, float]:
-    """Return the best fit from these starts, or the first that is good enough, and its misfit; None if all fail."""
+    """Return the best fit from these starts, or the first that is good enough, and the misfit; None if all fail."""
     best: Calibrated | None = None
     least = np.inf
     for x0 in starts:
@@ -100,10 +100,10 @@ ITERATIONS = 25
 def far_from_nominal(
     parameters: tuple[Parameter, ...], x: FloatArray, sd: FloatArray | None = None
 ) -> list[tuple[Parameter, float]]:
-    """Parameters whose values (P,) are implausibly far from nominal, and how far.
+    """Parameters whose values (P,) are implausibly far from nominal, each with its change from nominal (rad, m).
 
-    If standard deviations `sd` (P,) are given, a parameter must also be more than three of them away, because a weakly
-    determined one may have any value.
+    Three standard deviations `sd` (P,), if given, are added to the limit, because a weakly determined parameter may
+    have any value.
     """
     spread = np.zeros(len(x)) if sd is None else 3.0 * np.nan_to_num(sd, nan=np.inf)
     changes = wrap_angles(parameters, x - nominal_vector(parameters)).tolist()
@@ -117,7 +117,7 @@ def far_from_nominal(
 def local_minimum_causes(
     model: ClosureModel, estimate: Estimate, q: FloatArray, judged: tuple[str, ...]
 ) -> tuple[Finding, ...]:
-    """Return the finding that a better solution exists, or that `estimate` is far from the nominal values.
+    """Return the finding of an estimate far from nominal or, if it exists, of a better solution; empty if near nominal.
 
     `q`: readings (m, n) of the used poses, rad. `judged`: names of the identified parameters.
     """
@@ -156,10 +156,9 @@ def local_minimum_causes(
 
 
 def _of_fixture(model: ClosureModel) -> set[str]:
-    """Names of the parameters that depend on the fixture's place: of its only placement, or of the first of several.
+    """Names of the parameters that depend on the fixture's place, for its only placement or the first of several.
 
-    The point of the tool and the place of a measuring instrument are left out: a large error in these means that a
-    file is wrong.
+    The placements of an instrument and of its target are left out: a large error in these means that a file is wrong.
     """
     sides = {
         name
@@ -241,6 +240,6 @@ def _limit(parameter: Parameter) -> float:
 
 
 def _described(estimate: Estimate, judged: tuple[str, ...]) -> Estimate:
-    """Return the estimate of identified parameters, without placements that the fixture's file does not describe."""
+    """Return the estimate of the `judged` parameters, without those of single placements if there are several."""
     names = [p.name for p in estimate.parameters]
     return estimate.without([n for n in names if n not in judged or n.endswith("]")])

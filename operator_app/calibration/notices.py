@@ -58,8 +58,8 @@ def with_notices(
 ) -> Solution:
     """Add the accuracy of the tool, the verdict, and all notices in order.
 
-    `whole` is the fit of all poses, `judged` that of the tested ones; `as_stated` are parameters known from the files
-    rather than from the poses.
+    `whole`: fit of all poses. `judged`: fit of the tested poses. `same`: findings of indistinguishable placements.
+    `as_stated`: parameters known from the files rather than from the poses.
     """
     arm = experiment.arm
     accuracy = tool_accuracy(calibrated_arm(solution, arm), arm, as_stated, judged.linear)
@@ -121,9 +121,9 @@ def _of_readings(
 def _of_parameters(
     solution: Solution, accuracy: HandAccuracy, arm: ArmModel, as_stated: tuple[str, ...]
 ) -> Iterator[Finding]:
-    """Notices about parameters that the poses do not determine.
+    """Notices about parameters that were dropped, fixed at the file's value, or are known mainly from the files.
 
-    They were dropped, fixed at the file's value, or are known mainly from the file's tolerance.
+    Also the notice that several solutions fit.
     """
     rates = {h.name: h.rate_m_per_rad for h in accuracy.holds_for}
     if solution.held:
@@ -153,7 +153,7 @@ def _of_parameters(
 def _of_the_fit(solution: Solution, same: tuple[Finding, ...], *, sound: bool) -> Iterator[Finding]:
     """Notices about compliance, placements, distances and outliers.
 
-    If the fit diverged, only those about placements and distances.
+    If the fit diverged (not `sound`), only notices about placements and distances.
     """
     compliance = None if solution.components is None else solution.components.compliance
     if sound and compliance is not None and compliance.deflects and not solution.tolerated:
@@ -167,7 +167,7 @@ def _of_the_fit(solution: Solution, same: tuple[Finding, ...], *, sound: bool) -
 
 
 def exceeded_limits(estimate: Estimate, limits: AcceptanceLimits) -> tuple[Finding, ...]:
-    """Return which of the procedure's own limits a calibration exceeds."""
+    """Return a finding for each limit of the procedure that a calibration exceeds."""
     after, turned = estimate.sigmas, estimate.sigmas.orientation_rad
     return tuple(
         Finding(kind=kind, size=value, figures={"limit": limit / per_si}, blocking=True)
@@ -186,7 +186,7 @@ def outliers_still_used(labels: tuple[str, ...]) -> tuple[Finding, ...]:
 
 
 def _ill_conditioned(identified: Identifiability, limits: AcceptanceLimits) -> tuple[Finding, ...]:
-    """Return a warning if the condition number exceeds the paper's limit; acceptance depends on the sigmas."""
+    """Return a warning if the condition number exceeds the procedure's limit; acceptance depends on the sigmas."""
     if identified.scaled_condition_number <= limits.scaled_condition_number:
         return ()
     return (

@@ -1,7 +1,7 @@
 """Independent check (paper, section 4): compares a closed-loop calibration with measured endpoints of the open arm.
 
-A second calibration is made from the measured endpoints alone, and the two are compared. Both use the maker's lengths,
-so that their errors are correlated and the test is conservative.
+A second calibration is made from the measured endpoints alone, and the two calibrations are compared. Both use the
+maker's lengths, so that their errors are correlated and the test is conservative.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ class OpenLoopCheck:
     solution
         Calibration of the open arm.
     differences
-        Differences of all parameters of the arm that both calibrations identified: `before` is in the closed loop,
-        `after` on the open arm.
+        Differences of all parameters of the arm that both calibrations identified; `before` is the value from the
+        closed loop, `after` the value from the open arm.
     chi2
         chi2 of all differences together.
     left_out
@@ -51,7 +51,7 @@ class OpenLoopCheck:
 
     @property
     def holds(self) -> bool:
-        """Whether the open-arm calibration is itself sound, and agrees."""
+        """Whether the open-arm calibration is accepted and agrees with the closed-loop calibration."""
         return self.solution.accepted and not self.disagree and self.chi2.per_dof <= self.chi2.high
 
 

@@ -1,4 +1,4 @@
-"""Placements of a fixture: finds those that do not differ, and the distances between the sockets of a ball.
+"""Placements of a fixture: finds placements that do not differ, and the distances between the sockets of a ball.
 
 All placements share the arm's parameters; each has its own parameters of the fixture. If these agree within their
 covariance, the fixture was not remounted between the two placements, and they count as one.
@@ -101,7 +101,7 @@ class Distance:
     """Distance between the points of two placements (given by their numbers), m, and its standard uncertainty.
 
     `measured`: the measured distance in the fixture's file, if any, which `value_m` takes into account. `deviation`:
-    its excess over the distance from the poses alone, in sigmas of the difference.
+    measured distance minus the distance from the poses alone, in sigmas of this difference.
     """
 
     between: tuple[int, int]
@@ -119,7 +119,7 @@ def distances(
 ) -> tuple[Distance, ...]:
     """Return the distances between the sockets of a ball; empty for other fixtures, or one placement.
 
-    `measured` are those used in the estimate, each with its deviation.
+    `measured`: the measured distances that the estimate used, each with its deviation in sigmas.
     """
     parts = model.parts()
     if len(parts) < 2 or not all(isinstance(part, PointClosure) for part, _, _ in parts):
@@ -159,7 +159,7 @@ def distances(
 def compared(
     fixture: EndpointConstraint, poses: PoseSet, fit: LinearFit
 ) -> tuple[tuple[KnownDistance, float], ...]:
-    """Return the measured distances used in a fit of these poses, each with its deviation."""
+    """Return the measured distances used in a fit of these poses, each with its deviation in sigmas (`Distance`)."""
     stated = stated_distances(fixture, poses.placements)
     return tuple(zip(stated, fit.distance_deviations().tolist(), strict=True))
 

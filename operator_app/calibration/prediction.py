@@ -83,7 +83,7 @@ def predict_new_poses(
 
     Returns
     -------
-    Whitened residuals of the new poses, in their order, with at least the stated variances; their test with the
+    Whitened residuals of the new poses, in their order, with at least the stated variances; the chi2 test with the
     variances estimated in the calibration; and the columns (m, E, k) of each possible shift, by joint number or
     `FIXTURE`. None if no model fits both sets of poses.
     """
@@ -107,7 +107,7 @@ def predict_new_poses(
         return None
     known = None
     if solution.estimate.estimator == "paper":
-        # The estimate is not an optimum of these equations: it is tested at its own values.
+        # The paper's estimate is not an optimum of these equations: it is tested at its own values.
         at = equations.state.x if isinstance(equations, Linearisation) else fitted.x
         hard = design.hard_index
         covariance = _covariance(solution.estimate, [column[k] for k in hard])
@@ -151,8 +151,8 @@ def _errors(
 def _as_learned(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
     """Variances (K,) with which to predict new poses, as estimated from a calibration's own poses.
 
-    Scales estimated in one part of the workspace may not apply in another: a share of the stated variance remains
-    (method, section 10). Noise estimated larger than stated is not used for new poses.
+    Scales estimated in one part of the workspace may not apply in another: a share of the stated variance is kept
+    (method, section 10). If the estimated noise is larger than stated, the stated noise is used.
     """
     v = design.stated_variances()
     for k, c in enumerate(design.components):
@@ -180,7 +180,7 @@ def fit_as_stated(
     old: int,
     variances: Callable[[Layout], FloatArray] = Layout.stated_variances,
 ) -> MixedFit:
-    """Fit the first `old` poses and new ones together; sag follows gravity only if the old poses show that."""
+    """Fit old and new poses together; sag is expected along gravity only if the first `old` poses show this."""
     fitted = fit_mixed(model, both.q_rad, errors, x0, variances=variances, group=both.placement)
     if (
         fitted.fit.design.expected.any()
@@ -208,12 +208,12 @@ def _used(made: CalibrationWithPoses) -> PoseSet:
 def _model(
     made: CalibrationWithPoses, old: PoseSet, both: Experiment, start: Mapping[str, float]
 ) -> tuple[ClosureModel, FloatArray, list[int | None]]:
-    """Return the loops of all poses, parameter values, and their columns in the estimate (None if from `start`)."""
+    """Return the loops of all poses, parameter values, and their columns in the estimate (None: from `start`)."""
     estimate = made.solution.estimate
     known = {p.name: k for k, p in enumerate(estimate.parameters)}
     model = both.loop()
     if len(both.poses.placements) > 1 and len(old.placements) == 1:
-        # Parameters with the names of one placement now belong to several.
+        # With the new poses there are several placements, so that parameter names get a placement number.
         numbered = {p.name for p in model.parameters}
         (number,) = old.placements
         names_here = {name: f"{name}[{number}]" for name in known}

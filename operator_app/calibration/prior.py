@@ -1,8 +1,7 @@
 """Prior of a loop's unknowns before the first pose of a placement, from the files and from earlier placements.
 
 Earlier poses determine the arm's own entries. Offsets that are measured from the fixture change within the fixture's
-tolerance at each remounting. A fixture once mounted farther from its nominal place than its tolerance may be mounted so
-again.
+tolerance at each remounting. If the fixture was once mounted outside its tolerance, this is expected again.
 """
 
 from __future__ import annotations
@@ -42,12 +41,12 @@ class KnownArm:
     names, values, covariance
         Entries that are the same in every placement: (k,), (k, k), rad and m.
     ends
-        Offsets that are measured from the fixture, by name: their mean over the earlier placements.
+        Mean over the earlier placements of each offset that is measured from the fixture, rad, by name.
     placements
         Number of earlier placements.
     placement_ratio
         Deviation of the fixture from its nominal placement, rms over parameters and earlier placements, in units of the
-        standard deviation by its tolerance; at least 1.
+        standard deviation that its tolerance implies; at least 1.
     """
 
     names: tuple[str, ...]
@@ -73,7 +72,7 @@ def placement_prior(
     stated: Mapping[str, float],
     known: KnownArm | None = None,
 ) -> PlacementPrior:
-    """Return the prior of one placement's loop; `stated` and `model` are those of `free_within_tolerance`."""
+    """Return the prior of one placement's loop; `model` and `stated` are the results of `free_within_tolerance`."""
     mean, sd = nominal_vector(model.parameters), _by_files(model, arm, fixture, stated)
     if known is None:
         return PlacementPrior(mean=mean, covariance=np.diag(sd**2))
@@ -82,7 +81,7 @@ def placement_prior(
     turned = known.placement_ratio * fixture.tolerance.orientation_rad / WITHIN
     for k, name in enumerate(names):
         if name in known.ends:
-            # Earlier and present placements have the same tolerance about the nominal one.
+            # The mean of earlier placements and the present one deviate independently, with the same tolerance.
             mean[k], sd[k] = known.ends[name], turned * np.sqrt(1.0 + 1.0 / known.placements)
         elif name in sides:
             sd[k] *= known.placement_ratio
@@ -126,7 +125,7 @@ def stated_fit(experiment: Experiment) -> StatedFit | None:
 
 
 def known_arm(experiment: Experiment) -> KnownArm | None:
-    """Return the information from poses of earlier placements; None if they cannot be fitted."""
+    """Return the information from poses of earlier placements; None if these poses cannot be fitted."""
     by = stated_fit(experiment)
     if by is None:
         return None

@@ -31,7 +31,7 @@ SLIP_SIZES = np.geomspace(1.0, 1e4, 200)
 class RepeatedReading:
     """Two readings of one pose, and the number of poses captured before the second.
 
-    `label`: label of the pose. `first_rad`, `again_rad` (n,): each the mean of the same number of samples.
+    `label`: label of the pose. `first_rad`, `again_rad` (n,): means of `samples` and of `samples_again` samples.
     """
 
     label: str
@@ -54,14 +54,14 @@ class Repeat:
         chi2 of the part of the difference that no motion of the chain explains, under stated noise, play and
         compliance.
     joint
-        Joint (1-based) of which a slip alone would explain most of that part.
+        Joint (1-based) whose slip would explain more of this chi2 than the slip of any other joint.
     size_rad, sigma_rad
         Most likely value of that slip, and its standard uncertainty.
     chi2_left
-        chi2 that remains after subtracting that slip, with one degree of freedom less: large if the fixture slipped and
-        not a joint.
+        chi2 that remains after subtracting that slip, with one degree of freedom less; large if the fixture slipped
+        instead of a joint.
     joint_odds
-        Likelihood ratio between a slip of that joint and one of the fixture, each at its most likely magnitude.
+        Likelihood ratio between a slip of that joint and a slip of the fixture, each at its most likely magnitude.
     turned_rad, shifted_m
         Rotation and displacement of the fixture, if the fixture slipped.
     """
@@ -88,7 +88,7 @@ def compare_readings(
     """Compare two readings of one pose under the stated errors.
 
     `model`, `x`: the loop of this pose and its calibrated parameters, from which the motions of the chain follow.
-    `compliance`: stated deflection of the fixture, which may differ when friction acts the other way.
+    `compliance`: stated deflection of the fixture, which may differ between the readings if friction reverses.
     """
     used, variances = [], []
     for j, joint in enumerate(arm.joints):
@@ -158,7 +158,7 @@ def _of_fixture(d: FloatArray, columns: FloatArray) -> tuple[float, FloatArray]:
 def repeats_of(
     rereads: Iterable[RepeatedReading], used: Experiment, model: ClosureModel, x: FloatArray
 ) -> tuple[tuple[RepeatedReading, Repeat], ...]:
-    """Compare the two readings of every repeated pose among the `used` ones, which are those of `model`.
+    """Compare the two readings of every repeated pose that is among the poses `used`, to which `model` belongs.
 
     Empty for an open arm, where the drives alone determine the repeated pose.
     """

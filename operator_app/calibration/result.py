@@ -84,7 +84,7 @@ class Solution:
     distances
         Distances between the placements of a ball.
     length_tolerance_m
-        Standard deviation of lengths requested in place of the arm file's; None if not requested.
+        Requested standard deviation of the link lengths, used instead of the arm file's; None if not requested.
     truth
         Errors relative to the true values; None where these are unknown, as for any real arm.
     """
@@ -145,7 +145,7 @@ class Solution:
         """
         if self.components is None:
             return {}
-        # Parameters without information from the poses have none, except for rounding.
+        # For parameters without information from the poses the variance is zero; rounding may make it negative.
         sd = np.sqrt(np.maximum(np.diagonal(self.components.repeatability), 0.0))
         return {p.name: s for p, s in zip(self.estimate.parameters, sd.tolist(), strict=True)}
 
@@ -156,7 +156,7 @@ class Solution:
 
     @property
     def beside(self) -> Estimate | None:
-        """The other estimator's result from the same poses; None if there is none."""
+        """Estimate of the estimator that was not chosen, from the same poses; None if not computed."""
         return self.implicit if self.estimate.estimator == "paper" else self.paper
 
     def with_notices(self, notices: Iterable[Finding]) -> Solution:

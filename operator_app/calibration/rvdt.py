@@ -47,9 +47,9 @@ def check_rvdts(
     *,
     fixed: tuple[str, ...],
 ) -> tuple[RvdtVerdict, ...]:
-    """Test the noise of every RVDT, and its readings against the loops of one placement.
+    """Test the noise of every RVDT and, against the loops of a single placement, its readings.
 
-    `calibrated` is the fit of the `distinct` poses (k,) with the RVDTs' readings, where the fit without them starts.
+    `calibrated`: fit of the `distinct` poses (k,) with the RVDTs' readings, from which the fit without them starts.
     """
     arm, poses = experiment.arm, experiment.poses
     sensors = {
@@ -102,7 +102,7 @@ def check_rvdts(
 
 
 def _beside(calibrated: Calibrated, model: ClosureModel, q: FloatArray) -> FitStart:
-    """Start of a fit of `model`, which has more unsensed joints than the fit `calibrated`."""
+    """Return, from the fit `calibrated`, the start of a fit of `model`, which has more unsensed joints."""
     estimate, had = calibrated.estimate, calibrated.linear.design.model.unsensed_joints
     corrections = np.zeros_like(q) if estimate.corrections is None else estimate.corrections.copy()
     own = calibrated.unsensed.shape[-1] - len(had)
@@ -127,9 +127,9 @@ def _beside(calibrated: Calibrated, model: ClosureModel, q: FloatArray) -> FitSt
 def _noise_of_rvdts(
     sensors: Mapping[int, Rvdt], poses: PoseSet, kept: BoolArray, calibrated: Calibrated
 ) -> dict[int, SingleNoise]:
-    """Noise of single readings, by joint, where known: from their spread or, without that, from the loops.
+    """Noise of single readings, by joint, where known: from the spread of samples or, without a spread, from the loops.
 
-    Poses in which a joint moved while it was read are left out and reported as such.
+    Poses in which a joint moved while it was read are left out; `motion_causes` reports them.
     """
     samples = poses.sample_counts[kept]
     spread = None if poses.sd_rad is None else poses.sd_rad[kept]
@@ -141,7 +141,7 @@ def _noise_of_rvdts(
     ]
     by_name: dict[str, Component] = {}
     if unmeasured:
-        # The motion noise of fixture and joints is as estimated, not as stated.
+        # The motion noise of fixture and joints is the estimated one, not the stated one.
         v, error = sensor_noise_with_found_motion(calibrated.linear)
         by_name = {c.name: c for c in components(calibrated.linear.design, v, error)}
     noise_by_joint = {
@@ -273,9 +273,10 @@ def corrected_poses(poses: PoseSet, tables: Sequence[ReadingTable]) -> PoseSet:
 
 
 def measured_offsets(solution: Solution, arm: ArmModel, poses: PoseSet) -> dict[int, float]:
-    """Offset (rad) of each joint whose readings were not used: mean of the angle from the loop minus reading.
+    """Offset (rad) of each joint whose readings were not used: mean of (angle from the loop minus reading).
 
-    `poses` are those of the solution. A joint without a sensor has no offset.
+    `poses`: the poses of the solution. Joints without a sensor are left out and, if there are several placements, the
+    first and the last joint.
     """
     model = solution.model
     used = np.setdiff1d(np.arange(len(poses)), solution.dropped_flipped)

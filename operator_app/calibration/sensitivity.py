@@ -1,4 +1,4 @@
-"""Sensitivity of the largest sigmas: the largest source of each, and the sigma if that source were halved.
+"""Sensitivity of the largest sigmas: the largest source of each sigma, and the sigma if that source were halved.
 
 If a source's standard deviation is halved, at unchanged weights, the variance falls by 3/4 of the source's share.
 """
@@ -22,7 +22,7 @@ WORST = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceSensitivity:
-    """One parameter: its sigma, the largest source of it, and its sigma if that source were halved.
+    """One parameter: its sigma, the largest source of this sigma, and the sigma if that source were halved.
 
     `sigma` and `then` (after halving) are in rad or m; `share` is the source's share of the variance.
     """
@@ -36,9 +36,9 @@ class SourceSensitivity:
 
 
 def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
-    """Return the most effective improvement of each of the least certain parameters.
+    """Return the largest source of error of each of the least certain parameters.
 
-    Empty without an uncertainty budget, and if the solution has diverged, since smaller errors would not help then.
+    Empty without an uncertainty budget, or if the solution has diverged, because smaller errors would not help then.
     """
     if solution.components is None or solution.adjudication.diverged:
         return ()
@@ -68,9 +68,9 @@ def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
 
 
 def exceeded_source(calibrated: Calibrated, name: str) -> str:
-    """Return the largest source of a parameter's sigma, if it exceeds its specification and is most of the variance.
+    """Return the largest source of a parameter's sigma if it exceeds its specification and causes most of the variance.
 
-    Otherwise empty, since only more varied poses would help.
+    Otherwise empty, because only more varied poses would help.
     """
     budget, names = calibrated.components.budget, [p.name for p in calibrated.estimate.parameters]
     if not budget or name not in names:

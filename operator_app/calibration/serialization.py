@@ -1,7 +1,7 @@
-"""Converts a calibration to plain data for the journal, and back without loss, so that nothing is solved twice.
+"""Converts a calibration to plain data for the journal and back without loss, to avoid solving it again.
 
 The dataclasses define the format, so that adding or removing a field needs no change here. Data that do not fit
-them are refused as a whole (`RecordError`); a field with a default may be missing, and an unknown one is ignored.
+the dataclasses are refused (`RecordError`); a field with a default may be missing, and an unknown field is ignored.
 
 A dataclass becomes an object of its fields, an array ``{"shape": .., "values": [..]}``, an enum its
 name. Doubles are read back bit for bit; those that JSON cannot write are ``"inf"``, ``"-inf"``, ``"nan"``.
@@ -40,7 +40,7 @@ class RecordError(Exception):
 
 
 def to_dict(value: object) -> dict[str, Any]:
-    """Return a dataclass (a `Solution`, its `Checks`) as data for JSON."""
+    """Return a dataclass (e.g. `Solution` or `Checks`) as data for JSON."""
     return {"version": VERSION, **_encoded_fields(value)}
 
 

@@ -57,9 +57,9 @@ class Fixed:
     values
         Parameter values by name, rad and m.
     covariance
-        Covariance of these, in the same order (P, P).
+        Covariance (P, P) of `values`, in the same order.
     rvdt_sd_rad
-        Estimated noise and linearity deviation of RVDT joints, by joint.
+        Estimated noise and linearity deviation of RVDTs together, standard deviation by joint.
     fixture_variance
         Estimated compliance variance of the fixture (6,), or None. This and `rvdt_sd_rad` are used only where they
         are less than stated.
@@ -85,7 +85,7 @@ class VerificationResult:
     nominal
         Closure sigmas of the same poses at the nominal parameters, for comparison.
     odd_poses
-        Indices of poses that deviate too far for chance, the worst first; one of 1000 sound sets has such poses.
+        Indices of poses that deviate too far for chance, the worst first; 1 in 1000 sound sets has such poses.
     poses
         Number of tested poses.
     shift
@@ -93,7 +93,7 @@ class VerificationResult:
     stated
         The test with at least the stated errors.
     others_fit
-        Whether the poses without `odd_poses` pass this test, without a common shift.
+        Whether the other poses pass the test `stated`, and there is no common shift.
     """
 
     verification: HeldOutPoses
@@ -148,7 +148,7 @@ def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed
 
 
 def _rvdt_sd(components: Sequence[Component]) -> dict[int, float]:
-    """Noise and linearity deviation of each RVDT together: at a new reading the latter is a further unknown error."""
+    """Noise and linearity deviation of each RVDT together, rad: the deviation is unknown at a new reading."""
     sd: dict[int, float] = {}
     for c in components:
         kind, _, number = c.name.partition("_")
@@ -158,7 +158,7 @@ def _rvdt_sd(components: Sequence[Component]) -> dict[int, float]:
 
 
 def predict(new: Experiment, fixed: Fixed) -> HeldOutPoses:
-    """Test new poses with the fixed parameters alone: linearity deviation, sag and compliance vary between poses."""
+    """Test new poses with the fixed parameters alone: linearity deviation, sag and compliance count as noise."""
     model = freed(new.loop(), fixed.values)
     x, covariance = _in_order(model, fixed)
     return verify(model, x, covariance, new.poses.q_rad, stated_noise(new, fixed))
@@ -227,7 +227,7 @@ def _with_prediction(
     start: Mapping[str, float],
     result: VerificationResult,
 ) -> VerificationResult:
-    """Return the test that uses the calibration's own poses or, where these do not fit, the `result` without them."""
+    """Return the test that uses the calibration's own poses or, if no model fits both, the `result` without them."""
     from scipy.special import chdtrc
 
     predicted = predict_new_poses(new, made, start)
@@ -263,10 +263,9 @@ def _with_prediction(
 
 
 def stated_noise(experiment: Experiment, fixed: Fixed | None = None) -> NoiseModel:
-    """Return the stated noise of new readings, or the estimate of the calibration `fixed` where that is smaller.
+    """Return the stated noise of new readings, or the noise that the calibration `fixed` estimated, if smaller.
 
-    Noise estimated larger than stated is not used: after a slip of the fixture during the calibration every later pose
-    would pass.
+    A larger estimate is not used: after a slip of the fixture during the calibration every later pose would pass.
     """
     arm, compliance = experiment.arm, experiment.fixture.compliance
     stated = noise_model(experiment)
@@ -403,7 +402,7 @@ def may_be_elsewhere(fixture: EndpointConstraint) -> bool:
 
 
 def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -> None:
-    """Raise `NoTestError` if the new set contains poses of the calibration itself, which it fits in any case.
+    """Raise `NoTestError` if the new set contains poses of the calibration, which fit the calibration in any case.
 
     With an instrument, a pose measured again at the same joint readings counts as new.
     """

@@ -46,8 +46,8 @@ class DrivePrediction:
     here, region
         Rankings at the current pose and over the reachable region, the best first.
     inexact
-        Joints with a linearity deviation above `INEXACT_RAD`: other joints are preferred as drives, since these joints
-        would miss planned positions.
+        Joints with a linearity deviation above `INEXACT_RAD`, which would miss planned positions: other joints are
+        preferred as drives.
     """
 
     here: tuple[RankedDrives, ...]
@@ -136,8 +136,8 @@ def choose_drives(
 ) -> DriveChoice:
     """Return the best usable drive set, with reasons.
 
-    Without trials, it is the set that reaches most of the region among those usable at the current pose; with trials,
-    the best of the tried sets by prediction and measurement.
+    Without trials, it is the set with the highest score over the region among those usable at the current pose; with
+    trials, the tried set with the largest product of predicted and measured score.
 
     Raises `SessionError` if no set is usable, or none of the tried sets moves the arm.
     """
@@ -204,7 +204,7 @@ def _joint_out_of_range(arm: ArmModel, manifold: Manifold) -> str:
 
 
 def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> list[RankedDrives]:
-    """Return the sets usable at the current pose and over the region, the best first; exact sensors are preferred."""
+    """Return the sets usable here and over the region, best first; sets with inexact joints only if no others exist."""
     usable_now = {r.drives for r in prediction.here if r.usable}
     usable = [
         r

@@ -59,7 +59,7 @@ def box_of(
 ) -> Box:
     """Return the procedure's box around `home_rad` (n,) for these drive joints.
 
-    A joint that the procedure does not limit gets `DEFAULT_SPAN_DEG` around `start_rad` (n,), the start position.
+    A joint that the procedure does not limit gets `DEFAULT_SPAN_DEG` to each side of `start_rad` (n,), the start.
     """
     known = {box.joint: box for box in plan.exploration}
     modest = {
@@ -88,7 +88,7 @@ def box_of(
 def waypoints(box: Box, *, poses: int, seed: int) -> tuple[Mapping[int, float], ...]:
     """Return the targets (joint number: rad) of the drive joints, in visiting order.
 
-    Three per requested pose, so that unreachable ones can be skipped. A resumed session gets the same plan. Cached,
+    Three targets per requested pose, so that some can be unreachable. A resumed session gets the same plan. Cached,
     because each visit needs all waypoints.
     """
     low, high = np.array(box.lower_rad), np.array(box.upper_rad)
@@ -121,7 +121,7 @@ def additive_recurrence(count: int, dimensions: int, seed: int) -> FloatArray:
 
 
 def overload(arm: ArmModel, snapshot: ArmSnapshot) -> str:
-    """Return text that names a joint near its largest torque; "" for none."""
+    """Return text that names a joint above 80 % of its largest torque; "" if there is none."""
     for joint, limits in zip(snapshot.joints, arm.joints, strict=True):
         if abs(joint.torque_nm) > 0.8 * limits.max_torque_nm:
             return f"joint {joint.joint} needed {abs(joint.torque_nm):.0f} N m"
@@ -129,7 +129,7 @@ def overload(arm: ArmModel, snapshot: ArmSnapshot) -> str:
 
 
 def range_watch(arm: ArmModel, braking_s: float) -> Watch:
-    """Return a watch that ends a move before a joint leaves its range, or if one is too fast or overloaded.
+    """Return a watch that ends a move before a joint leaves its range, or if a joint is too fast or overloaded.
 
     Free joints may be faster than the drives, so the limit applies to the position where a joint would come to rest:
     its position plus its speed times `braking_s` (`hardware.control.trajectory.coming_to_rest_s`; 0 for planned paths).

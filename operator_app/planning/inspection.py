@@ -28,11 +28,11 @@ class Chain:
     held
         Entries fixed at their value in the arm file, with the reason.
     home
-        Proposed home (n,), rad, and its outlook, if the arm's own home is unsuitable; None without a proposal.
+        Proposed home (n,), rad, with its outlook; None if the arm's own home is suitable or no proposal was found.
     poses
-        Poses files of this arm, and the identifiability from their poses.
+        Names of the poses files for this arm and fixture, each with the identifiability from its poses.
     unfit
-        Poses files that do not fit this fixture, and why.
+        Names of the poses files that do not fit this fixture, each with the reason.
     """
 
     arm: ArmModel

@@ -142,7 +142,7 @@ class Forecast:
     reachable
         (w,) bool: the loop closes there and every joint is inside its range.
     scaled_condition_number
-        Scaled condition number of the first `poses` reachable ones; inf if they do not determine all parameters.
+        Scaled condition number of as many reachable poses as are planned; inf if they do not determine all parameters.
     """
 
     q_rad: FloatArray
@@ -155,7 +155,7 @@ class Forecast:
         return not bool(self.reachable.any())
 
     def span_rad(self, joint: int, poses: int) -> tuple[float, float]:
-        """Return the lowest and highest angle of a joint (1-based) over the first reachable `poses`.
+        """Return the lowest and highest angle of a joint (1-based) over the first `poses` reachable poses.
 
         Raises `ValueError` if no pose can be reached.
         """
@@ -219,7 +219,10 @@ def most_informative(
     forecast: Forecast,
     open_waypoints: Sequence[int],
 ) -> int | None:
-    """Return the open waypoint (index) that adds most information to the poses `taken_rad` (m, n); None for none."""
+    """Return the open waypoint (index) that adds most information to the poses `taken_rad` (m, n).
+
+    None if no open waypoint is reachable, or no pose is taken.
+    """
     candidates = [k for k in open_waypoints if forecast.reachable[k]]
     if not candidates or not len(taken_rad):
         return None

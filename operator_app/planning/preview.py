@@ -1,4 +1,4 @@
-"""Preview of a plan (drive joints, poses, paths, predicted precision), made with the planner of planned captures."""
+"""Preview of a plan (drive joints, poses, paths, predicted precision), made by the planner that captures use."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Preview:
     mobility
         Degrees of freedom of the closed chain.
     estimate
-        Estimate with which the plan was made; None: nominal values.
+        Estimate with which the plan was made; None if it was made with nominal values.
     checks
         Checks of the fixture at the start position.
     identifiability

@@ -1,6 +1,6 @@
 """Proposes home poses, and fixtures from measured lines and points.
 
-In a good home pose every joint takes part in the motion of the closed chain; in a stretched arm some do not. Uses
+In a good home pose every joint moves if the closed chain moves; if the arm is stretched, some joints do not. Uses
 nominal geometry.
 """
 
@@ -62,7 +62,7 @@ def closing_home(
 ) -> tuple[FloatArray, Outlook] | None:
     """Return a home pose (n,) for the fixture, near the arm's home, within a degree of a closed pose, and its outlook.
 
-    None if the arm file's home is good (by `from_home`) or if no pose was found.
+    None for an open arm, if the arm file's home is good (`from_home`: its outlook), or if no pose was found.
     """
     home_to_closed_rad = from_home.home_to_closed_rad
     if not fixture.holds_hand or (
@@ -106,9 +106,9 @@ def _closed(arm: ArmModel, model: ClosureModel, x: FloatArray) -> Iterator[Float
 
 
 def _least_motion(columns: FloatArray, joints: int | None = None) -> FloatArray:
-    """Return the motion (m,) of the joint that moves least in chains whose joints have these velocities (m, k, joints).
+    """Return, for closed chains with the Jacobians `columns` (m, k, d), the motion (m,) of the joint that moves least.
 
-    0 means that a joint does not move. The value is reduced near singularities of the chain.
+    Only the first `joints` columns count, by default all. 0: a joint does not move. Reduced near singularities.
     """
     rows, freedoms = columns.shape[1:]
     if freedoms <= rows:
@@ -119,7 +119,7 @@ def _least_motion(columns: FloatArray, joints: int | None = None) -> FloatArray:
 
 
 def _in_a_hinge(arm: ArmModel, q: FloatArray, axis: FloatArray) -> FloatArray:
-    """Return the tool's velocities (m, 6, n + 1) at `q` (m, n): per joint and, last, for a hinge on its `axis` (3,)."""
+    """Return the Jacobian (m, 6, n + 1) of the tool at `q` (m, n); the last column is for a hinge along `axis` (3,)."""
     theta_off, *rest = arm.table.stacked()
     frames = forward(q + theta_off, *rest)
     z, at = frames.axes[:, :-1, :, 2], frames.origins_m[:, :-1]
@@ -152,7 +152,7 @@ def _whole_degrees(q: FloatArray) -> FloatArray:
 
 
 def ball_between(arm: ArmModel, hand_m: FloatArray, base_m: FloatArray | None) -> Ball:
-    """Return the ball with centre `hand_m` (3,), tool frame, and socket `base_m` (3,); None: as at the home pose."""
+    """Return the ball with centre `hand_m` (3,), tool frame, and socket `base_m` (3,); None: where it is at home."""
     if base_m is None:
         R, p = _hand_at_home(arm)
         base_m = p + R @ hand_m
@@ -162,10 +162,10 @@ def ball_between(arm: ArmModel, hand_m: FloatArray, base_m: FloatArray | None) -
 
 
 def hinge_between(arm: ArmModel, hand: Line, base: Line | None) -> Hinge:
-    """Return the hinge in which a line of the tool frame and a line of the base, and their points, coincide.
+    """Return the hinge that makes a line in the tool frame coincide with a line in the base frame, point on point.
 
-    Of the two directions of the base's line, the one whose loop closes nearer to the arm's home is used. If `base` is
-    None, it is the tool's line at the home pose.
+    Of the two directions of the line in the base, the one whose loop closes nearer to the arm's home is used. If `base`
+    is None, the tool's line at the home pose is used.
     """
     if base is None:
         return Hinge.between(arm, hand.in_frame(*_hand_at_home(arm)), hand)

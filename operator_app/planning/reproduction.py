@@ -31,7 +31,7 @@ SIGMA_POS_M, SIGMA_ORI_RAD, PUBLISHED_CONDITION = 2.7e-3, 6.6e-3, 28.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """Closure error with a single source of error: rms of eqs. 14 and 15 in m and rad."""
+    """Closure error with one source of error (or all together): rms of eqs. 14 and 15 in m and rad."""
 
     source: str
     position_m: float
@@ -41,7 +41,7 @@ class Share:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Remedy:
-    """True errors after a remedy: rms of the offsets (rad) and of the lengths (m)."""
+    """True errors after a remedy: rms errors of the offsets (rad) and of the lengths (m)."""
 
     name: str
     paragraph: str
@@ -53,8 +53,8 @@ class Remedy:
 class Published:
     """The reproduced results.
 
-    `solution`: by the paper's estimator, with all sources of error. `printed`: table 2 of the paper: value (rad or m)
-    by parameter. `shares`, `remedies`: section 4, in its order.
+    `solution`: by the paper's estimator, with all sources of error. `printed`: values (rad, m) in table 2 of the paper,
+    by parameter. `shares`, `remedies`: sources of error and remedies in the order of section 4.
     """
 
     solution: Solution
@@ -78,7 +78,7 @@ def published(*, poses: int = PUBLISHED_POSES) -> Published:
     noise_only = replace(all_three, linearity_of_full_scale=0.0, lengths=None, loads=STIFF)
     poses_taken = capture_specimen(procedure, all_three, poses=poses)
     solution = _calibrated(procedure, poses_taken)
-    # Table 2, the true values of the specimen without length errors.
+    # Table 2 holds the specimen's true values, without length errors.
     table2 = all_three.truth.table.stacked()
     entries = {p.name: DhEntry.parse(p.name) for p in solution.estimate.parameters}
     printed = {name: float(table2[entry.kind, entry.row]) for name, entry in entries.items()}

@@ -37,8 +37,7 @@ ROOM = 4
 class SimulatedPoses:
     """Simulated readings, and the true parameter values.
 
-    `parameters`, `x`: unknown parameters, with lengths and twists within tolerance, and their true values (P,), rad and
-    m.
+    `parameters`: unknowns, including lengths and twists free within tolerance. `x`: their true values (P,), rad and m.
     """
 
     poses: PoseSet
@@ -51,7 +50,7 @@ def simulated_poses(
 ) -> SimulatedPoses:
     """Draw an arm and a placement at random, and simulate readings at `poses` closed poses; reproducible by `seed`.
 
-    Raises `SessionError` if the fixture leaves the chain open, or no placement within tolerance allows that many poses.
+    Raises `SessionError` if the fixture leaves the chain open, or no drawn placement allows that many poses.
     """
     require_closed_chain(fixture.fixture)
     rng = np.random.default_rng([seed, 7])
@@ -126,9 +125,9 @@ def _drawn(
 
 
 def _sensor(arm: ArmModel, joint: int, rng: np.random.Generator) -> JointSensor | None:
-    """Return the simulated sensor of a joint (from 0), with the largest specified linearity deviation.
+    """Return the simulated sensor of a joint (0-based), with the largest specified linearity deviation.
 
-    None without a sensor.
+    None if the joint has no sensor.
     """
     stated = arm.joints[joint]
     if isinstance(stated.sensor, NoSensor):

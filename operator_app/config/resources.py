@@ -67,7 +67,7 @@ def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) ->
     Raises
     ------
     ConfigError
-        It is neither a built-in name nor a file (the message lists the built-in names), or the file cannot be read.
+        `reference` is no built-in name and no file (the message lists the built-in names), or the file cannot be read.
     """
     text = str(reference)
     names = builtin_names(kind)

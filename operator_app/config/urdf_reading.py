@@ -37,9 +37,9 @@ Matrix = FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfJoint:
-    """One revolute joint: name, range (rad), speed (rad/s) and torque (Nm); None where not stated.
+    """One revolute joint: name, range (rad), speed (rad/s) or None, torque (Nm) or None; None: not stated.
 
-    `placeholders`: limits in the file that no arm has, as text.
+    `placeholders`: the file's limits that are too large for any arm, as text.
     """
 
     name: str
@@ -52,9 +52,9 @@ class UrdfJoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfStep:
-    """One joint of the file: its pose relative to its parent, and its axis (None if it is fixed).
+    """One joint of the file: its pose relative to the parent link, and its axis (None if the joint is fixed).
 
-    `rounded` lists each angle that the file rounds by more than `REPORTED_RAD`, and the exact one, deg.
+    `rounded`: angles that the file rounds by more than `REPORTED_RAD`, as text, each with the exact angle, deg.
     """
 
     name: str
@@ -107,7 +107,7 @@ def parse_urdf(data: bytes, file: str, *, base: str = "", tip: str = "") -> Urdf
     Parameters
     ----------
     base, tip
-        Names of the links; empty: the file's root, and the only end of its revolute joints, grippers not counted.
+        Names of the links; empty: the file's root link, and the only end of its revolute joints apart from grippers.
 
     Raises
     ------
@@ -127,7 +127,7 @@ class UrdfTree:
 
     @classmethod
     def read(cls, data: bytes, file: str) -> UrdfTree:
-        """Read a file; ConfigError if it is not a URDF or has no joint."""
+        """Read a file; raises ConfigError if it is not a URDF or has no joint."""
         robot = _robot(data, file)
         # Simulators nest joints of their own in other elements.
         joints = [e for e in robot.iterfind("joint") if e.get("type")]
@@ -165,7 +165,7 @@ class UrdfTree:
         return chain_of(self.name, tuple(_step(e, file) for e in way[first:]), tip, file)
 
     def around(self, first: str, last: str) -> Iterator[tuple[str, str]]:
-        """Yield possible bases and tips of an arm from joint `first` to joint `last`: all links fixed to its ends."""
+        """Yield the possible pairs of base and tip of an arm with these end joints: all links fixed to its two ends."""
         named = {e.get("name", ""): e for e in self.elements.values()}
         if first not in named or last not in named:
             return
@@ -179,7 +179,7 @@ class UrdfTree:
 
 
 def chain_of(name: str, steps: tuple[UrdfStep, ...], tip: str, file: str) -> UrdfChain:
-    """Return the chain of these joints in D-H terms; ConfigError if none is revolute."""
+    """Return the chain of these joints in D-H terms; raises ConfigError if none is revolute."""
     joints = tuple(step.joint for step in steps if step.joint)
     if not joints:
         raise only(file, "no revolute joint is on the path to that link", "choose another --tip")
@@ -218,7 +218,7 @@ def _robot(data: bytes, file: str) -> ET.Element:
 
 
 def _links(element: ET.Element) -> tuple[str, str]:
-    """Return parent and child of a joint; empty if missing."""
+    """Return parent link and child link of a joint; empty where the file names none."""
     ends = (element.find(key) for key in ("parent", "child"))
     parent, child = ("" if e is None else e.get("link", "") for e in ends)
     return parent, child
@@ -239,7 +239,7 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
     """Return the link at the end of the only arm, not counting links that a gripper moves."""
     parents = {_links(e)[0] for e in elements.values()}
     leaves = [child for child in elements if child not in parents]
-    # A cycle has no end; `_joints_to` reports it from any of its links.
+    # A cycle has no end; `_joints_to` reports the cycle from any of its links.
     ends, turning = dict[str, int](), {"revolute", "continuous"}
     for leaf in leaves or list(elements):
         way = _joints_to(leaf, elements, file)

@@ -88,8 +88,8 @@ class ParametersDocument(StrictRecord):
     software_version, utc
         Version of the program, and time of writing (UTC, with time zone).
     joints, dh, calibrated
-        Offsets, the whole D-H table (rows 0..n), and its calibrated entries. Row 0 describes a hinge or rigid fixture; it
-        is zero for other fixtures.
+        Offsets, the whole D-H table (rows 0..n), and its calibrated entries. Row 0 describes a hinge or a rigid
+        fixture; for other fixtures it is zero.
     pose_set_sha256
         `solver.chain.poses.PoseSet.sha256` of the poses.
     correlations

@@ -200,9 +200,9 @@ class ExportChoice(StrictRecord):
 class ProcedureFile(StrictRecord):
     """The whole file, without its ``schema`` line; arm and fixture are given by name or path.
 
-    `home_deg` replaces the arm's home, for example if the loop does not close there. `held`: free entries of the arm that
-    are fixed in this procedure, each with the reason. `tracker`: the source of an instrument's measurements, as in
-    ``--tracker``.
+    `home_deg` replaces the arm's home, for example if the loop does not close there. `held`: free entries of the arm
+    that are fixed in this procedure, each with the reason. `tracker`: the source of an instrument's measurements, as
+    in ``--tracker``.
     """
 
     name: Name

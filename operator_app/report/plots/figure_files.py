@@ -73,7 +73,7 @@ class PaperFigure:
 
 
 def figure(subject: Subject, name: str) -> PaperFigure:
-    """Return the figure with this name; raises KeyError, which lists those available, if there is none."""
+    """Return the figure with this name; if there is none, raises KeyError with the names of the available figures."""
     return PaperFigure(_document(drawing(subject, name)))
 
 
@@ -206,7 +206,7 @@ def _residuals(subject: Subject, solution: Solution) -> Panels:
 
 
 def _parameters(subject: Subject, solution: Solution) -> Panels:
-    """Return panels of the changes with their intervals, beside panels of the sigmas, one row per unit."""
+    """Return, per unit, a panel of the changes with their intervals and, beside it, a panel of the sigmas."""
     estimate, limits = solution.identified, intervals(solution.identified)
     of_quantity: dict[Quantity, list[int]] = {}
     for k, p in enumerate(estimate.parameters):
@@ -240,7 +240,7 @@ def _parameters(subject: Subject, solution: Solution) -> Panels:
 
 
 def _stated(subject: Subject, solution: Solution, parameter: Parameter) -> float:
-    """Return the stated tolerance of a parameter, in the unit shown; NaN if no file states it."""
+    """Return the stated tolerance in the unit shown: the fixture's or, for the arm's angles, its zeros'; else NaN."""
     fixture, arm = subject.procedure.fixture, subject.procedure.arm
     if side_of(solution.model, parameter.name) != "arm":
         stated: float | None = fixture.tolerance_rad if parameter.is_angle else fixture.tolerance_m

@@ -47,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # The matrices are small: more threads would only compete with the bus.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     open_closed_streams()
-    process = argv is None  # otherwise called from Python code
+    process = argv is None  # False: called from Python code
     end = ProcessEnd() if process else None
     code = 1
     try:

@@ -70,7 +70,7 @@ def prepare_real_time() -> None:
     for library in COMPILED:
         import_module(library)
     # A full garbage collection takes 0.1 s or more, during which no SYNC is answered and no STOP sent. Young
-    # objects are collected as usual; old ones are closed dialogs of 0.4 MB each.
+    # objects are collected as usual; old objects are closed dialogs of 0.4 MB each.
     gc.freeze()
     young, middle, _ = gc.get_threshold()
     gc.set_threshold(young, middle, RARELY)
@@ -294,7 +294,7 @@ def _completed(choices: Choices, bus: BusSettings, *, embedded: bool) -> Choices
 def _instrument(
     procedure: Procedure, choices: Choices, controller: VirtualController | None
 ) -> Instrument | None:
-    """Return the instrument: from the options, else the virtual arm's, else from the procedure; None if none."""
+    """Return the instrument of the options, the virtual arm or the procedure, in this order; None if there is none."""
     fixture = procedure.fixture.fixture
     if not isinstance(fixture, Measured):
         return None

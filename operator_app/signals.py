@@ -92,7 +92,7 @@ class ProcessEnd:
         self._code = 0
 
     def soon(self, code: int) -> None:
-        """End the process with `code` soon after its main thread, even if another thread waits for a lost terminal."""
+        """End the process with `code` soon after its main thread ends, even if another thread waits for a terminal."""
         self._code = code
         threading.Thread(target=self._with_threads, daemon=True).start()
 

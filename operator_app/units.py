@@ -66,7 +66,7 @@ class Figure:
     value
         Value in SI units; None or not finite if unknown.
     places, digits
-        Decimal places or, if that is None, significant digits.
+        Number of decimal places or, if `places` is None, of significant digits.
     role
         ``text``, ``found`` (an identified value), ``warn``.
     key

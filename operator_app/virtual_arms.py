@@ -81,7 +81,7 @@ def run_controller(
     script: Sequence[ScriptedFault] = (),
     attended: bool = False,
 ) -> Iterator[VirtualController]:
-    """Run the virtual controller of an arm on a bus, with parameters in the folder `slots` or in memory.
+    """Run the virtual controller of an arm on a bus; it stores parameters in the folder `slots` (None: in memory).
 
     The plant is this arm in `fixture` (default: the built-in hinge) and `placement`; raises SessionError if it cannot
     be built. `script`: faults at given SYNCs. `attended`: the operator program calls `VirtualController.attend`.

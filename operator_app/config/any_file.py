@@ -86,7 +86,7 @@ def schema_file_name(kind: FileKind) -> str:
 
 
 def schema_line(kind: FileKind) -> str:
-    """Return the comment (without ``#``) at the top of a file with which editors find its schema."""
+    """Return the comment (without ``#``) at the top of a file by which editors find the file's schema."""
     return f"yaml-language-server: $schema={schema_file_name(kind)}"
 
 

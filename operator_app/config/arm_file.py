@@ -176,7 +176,7 @@ def _check_per_row(info: ValidationInfo, items: Sequence[object], name: str, rem
 
 
 class ArmFile(StrictModel):
-    """The whole file, without its ``schema`` line."""
+    """Content of an arm file, without the key ``schema``."""
 
     name: Name
     source: Text | None = None

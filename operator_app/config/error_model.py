@@ -1,4 +1,4 @@
-"""Uncertainties and masses in files, and defaults for those that are not stated.
+"""Uncertainties and masses in files, and defaults for uncertainties that are not stated.
 
 The defaults are what an ordinary workshop achieves. All are one standard deviation, 0 is exact. A mapping replaced by a
 plain 0, such as ``give: 0``, has 0 for all its uncertainties.
@@ -62,7 +62,7 @@ class ToleranceModel(Uncertain):
 
 
 class RowToleranceModel(Uncertain):
-    """Uncertainty of the lengths and twists of a single row, where it differs from that of the table."""
+    """Uncertainty of the lengths and twists of a single row, where it differs from the tolerance of the whole table."""
 
     length_mm: StatedMm | None = None
     twist_deg: StatedDeg | None = None
@@ -83,7 +83,7 @@ class GiveModel(Uncertain):
     def compliance(self, held: Sequence[str]) -> Compliance:
         """Return the compliance as a domain object.
 
-        `held` lists what the fixture constrains: ``position_mm``, ``orientation_mrad``.
+        `held`: keys of what the fixture constrains (``position_mm``, ``orientation_mrad``).
         """
         missing = (key for key in held if key not in self.model_fields_set)
         return Compliance(

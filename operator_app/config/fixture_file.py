@@ -172,7 +172,7 @@ class HingePlacement(RigidPlacement):
     """Nominal placement of a hinge.
 
     The last two keys are the offsets of the first and the last joint, measured from the common normals to the hinge
-    axis. Without them the arm's own offsets are used.
+    axis. If they are missing, the offsets in the arm file are used.
     """
 
     a_n_mm: LengthMm

@@ -118,7 +118,7 @@ def load_joint_log(
 
 
 def _placements(body: list[Row], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:
-    """Return the placement number of each row, from column `by`; if that has names, also notes with the names."""
+    """Return the placement number of each row, from column `by`; if the column has names, also notes with the names."""
     names = [row.cells[by] for row in body]
     for row, name in zip(body, names, strict=True):
         if not name:

@@ -82,7 +82,7 @@ def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
             worst = float(length[np.argmax(np.abs(length - 1.0))])
             raise ValueError(f"has a quaternion of length {worst:.4g}; the length must be 1")
         return np.asarray(Rotation.from_quat(values, scalar_first=True).as_rotvec())
-    # Lower case means fixed axes, upper case moving ones.
+    # Lower case means fixed axes, upper case moving axes.
     axes = "xyz" if group == ROLL_PITCH_YAW else group[0].split("_")[1].upper()
     return np.asarray(Rotation.from_euler(axes, values, degrees=True).as_rotvec())
 
@@ -104,7 +104,7 @@ class EndpointLine:
     pose
         Name of the pose; empty where the instrument does not send it.
     endpoint
-        Position (3,) m, followed by a rotation vector (rad) where measured: (6,); empty when lost.
+        Position (3,), m, or position and rotation vector (6,), m and rad; empty if the target is lost.
     lost
         Why there is no measurement of this pose; empty if there is one.
     """

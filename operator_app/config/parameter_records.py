@@ -73,7 +73,7 @@ class JointParameters(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DhRow(StrictRecord):
-    """One D-H row, 0 (the fixture) to n; `beta_deg` is Hayati's, written where it is not zero."""
+    """One D-H row, 0 (the fixture) to n; `beta_deg` is Hayati's angle, written if it is not zero."""
 
     row: Whole
     theta_off_deg: TurnDeg
@@ -135,7 +135,7 @@ class RvdtRemedy(StrictRecord):
     Attributes
     ----------
     theta_off_deg
-        Offset that belongs to corrected readings.
+        Joint-angle offset to be used with corrected readings.
     gain
         Change of reading per change of angle, ideally 1; included in the table.
     table

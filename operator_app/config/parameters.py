@@ -101,7 +101,7 @@ class ParametersDocument(StrictRecord):
     rvdt
         Corrections of the readings of each RVDT that the poses could determine.
     forced
-        Reason for using a calibration that was not accepted; None if it was.
+        Reason for using a calibration that was not accepted; None if it was accepted.
     """
 
     arm: WhichArm

@@ -1,8 +1,8 @@
 """The poses file (CSV): ``placement,pose,theta1_deg..thetaN_deg`` and optional columns.
 
-Angles in the file are degrees and are read with ``np.deg2rad``; lengths are metres. ``sd<j>_deg``,
-``samples``, ``utc``, ``note``, ``x_m,y_m,z_m`` and ``rx_deg,ry_deg,rz_deg`` (a rotation vector; Euler angles and others
-have other names, see `measured_endpoints`) or three targets may follow. The columns may be in any order.
+Angles in the file are degrees and are read with ``np.deg2rad``; lengths are metres. Optional columns are
+``sd<j>_deg``, ``samples``, ``utc``, ``note``, ``x_m,y_m,z_m`` and ``rx_deg,ry_deg,rz_deg`` (a rotation vector; for
+other orientations and three targets see `measured_endpoints`). The columns may be in any order.
 """
 
 from __future__ import annotations
@@ -153,7 +153,7 @@ def format_poses(poses: PoseSet) -> bytes:
 
 
 def save_poses(path: Path, poses: PoseSet) -> None:
-    """Write a poses file atomically; WriteError if the system refuses."""
+    """Write a poses file atomically; raises WriteError if the system refuses."""
     write_atomically(path, format_poses(poses))
 
 
@@ -343,7 +343,7 @@ def _warnings(poses: PoseSet) -> tuple[FileWarning, ...]:
 
 
 def _times_suspected(poses: PoseSet, file: str) -> tuple[FileWarning, ...]:
-    """Return a warning if a pose lacks a valid time: the joints' direction of approach follows from the times."""
+    """Return a warning if a pose lacks a valid time: then the joints' direction of approach is not known either."""
     given = poses.utc or ()
     if not any(given):
         return ()

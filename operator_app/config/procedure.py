@@ -1,7 +1,7 @@
 """A procedure (``sarcal/procedure/1``): the settings of ``sarcal run``.
 
 `ProcedureFile` has the content of the file, in the file's units and in SI units; `procedure_file`
-checks it against the arm. `Procedure` adds its arm and fixture, and the operator's choices.
+checks it against the arm. `Procedure` adds the arm, the fixture and the operator's choices.
 """
 
 from __future__ import annotations
@@ -45,10 +45,9 @@ DEFAULT_PROFILE = "sarcos"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AcceptanceLimits(StrictRecord):
-    """Limits for the acceptance of a calibration; None means no limit.
+    """Limits for the acceptance of a calibration, in addition to the tests of every calibration; None means no limit.
 
-    The sigmas are those of the ``rms`` interpretation of eqs. 14 and 15. Without a limit here, chi2/dof must lie below
-    the upper end of its 99.9 % band.
+    Sigmas are compared by the ``rms`` interpretation of eqs. 14 and 15. A larger condition number is only reported.
     """
 
     scaled_condition_number: Annotated[PositiveNumber, Field(ge=1.0)] = 100.0
@@ -198,7 +197,7 @@ class ExportChoice(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcedureFile(StrictRecord):
-    """The whole file, without its ``schema`` line; arm and fixture are given by name or path.
+    """Content of a procedure file, without the key ``schema``; arm and fixture are given by name or path.
 
     `home_deg` replaces the arm's home, for example if the loop does not close there. `held`: free entries of the arm
     that are fixed in this procedure, each with the reason. `tracker`: the source of an instrument's measurements, as

@@ -102,7 +102,7 @@ class JointSpec(StrictRecord):
 
     @property
     def counts_otherwise(self) -> bool:
-        """Whether direction, counts per turn or zero of the drive differ from those of the arm file's sensor."""
+        """Whether the drive's direction, counts per turn or zero differ from the sensor in the arm file."""
         return (self.direction, self.counts_per_rev, self.zero_counts) != (1, None, 0)
 
 
@@ -132,7 +132,7 @@ class HeartbeatLimits(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProfileFile(StrictRecord):
-    """The whole file, without its ``schema`` line.
+    """Content of a bus profile file, without the key ``schema``.
 
     Attributes
     ----------

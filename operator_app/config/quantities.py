@@ -150,8 +150,8 @@ Name = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0
 def degrees_for_file(angle_rad: FloatArray | float) -> FloatArray:
     """Return degrees whose ``np.deg2rad`` is exactly `angle_rad`; if there is no such double, the nearest.
 
-    If there are several, the one with the fewest digits. An angle that came from a file in degrees always has such a
-    double, so that reading, writing and reading again changes no bit.
+    If there are several, the double with the fewest digits is returned. An angle that came from a file in degrees
+    always has such a double, so that reading, writing and reading again changes no bit.
     """
     target_rad = np.asarray(angle_rad, dtype=np.float64)
     degrees = [_degrees(float(value)) for value in target_rad.reshape(-1)]

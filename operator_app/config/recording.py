@@ -217,7 +217,7 @@ def is_bag(path: str | Path) -> bool:
     where = expanded(path)
     try:
         return where.suffix in BAG_SUFFIXES or (where / "metadata.yaml").is_file()
-    except OSError:  # a name too long; opening the file reports it
+    except OSError:  # e.g. the name is too long; opening the file reports it
         return False
 
 

@@ -99,7 +99,7 @@ def expanded(reference: str | Path) -> Path:
 
 
 def read_limited(path: Path, shown: str, *, limit: int) -> bytes:
-    """Read a file, named `shown` in messages; ConfigError if it exceeds `limit` bytes or cannot be read."""
+    """Read a file, named `shown` in messages; raises ConfigError if it exceeds `limit` bytes or cannot be read."""
     try:
         if stat.S_ISFIFO(path.stat().st_mode) and not str(path).startswith(OPEN_ALREADY):
             # Opening it would wait for its writer, perhaps forever.

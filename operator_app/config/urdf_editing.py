@@ -1,4 +1,4 @@
-"""Writes a calibration as URDF: a new file, or the user's own (or UR's kinematics file) with calibrated joint origins.
+"""Writes a calibration as URDF: a new file, or the user's URDF or UR kinematics file with calibrated joint origins.
 
 A D-H link ``Rz(q + theta_off) Tz(s) Tx(a) Rx(alpha) Ry(beta)`` is a revolute joint about z and then a fixed
 step; that step is the origin of the next joint, so that every joint value is a sensor reading.
@@ -41,7 +41,7 @@ def format_urdf(
     Parameters
     ----------
     T_tip
-        Pose of the link 'tip' relative to the last link at a reading of zero, (4, 4), m; None: no such link.
+        Pose of the link 'tip' relative to the last link at a reading of zero, (4, 4), m; None: no link 'tip'.
     comment
         Lines of a comment in the file.
     """
@@ -113,7 +113,7 @@ def with_calibration(
     data, file
         A URDF, a xacro whose chain has literal numbers, or UR's ``default_kinematics.yaml``; and its name.
     arm
-        The calibrated arm, as in its file.
+        The arm that was calibrated, with the nominal values of its file.
     comment
         Lines of a comment in the file.
 

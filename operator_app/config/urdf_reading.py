@@ -23,7 +23,7 @@ ONLY_REVOLUTE = "only revolute joints are supported: exclude others with --base 
 NO_LIMIT_RAD = math.pi
 """Range of a continuous joint, in either direction."""
 PLACEHOLDER_ANGLE_RAD, PLACEHOLDER_RAD_PER_S = math.radians(3600.0), math.radians(3600.0)
-"""Larger limits of angle and speed are placeholders, such as 1e6 rad or 100 rad/s: they count as not stated."""
+"""Limits of angle and speed above these are placeholders, such as 1e6 rad or 100 rad/s: they count as not stated."""
 GRIPPER = re.compile(r"finger|grip|jaw|knuckle|thumb", re.IGNORECASE)
 """Names of joints of a gripper, not of the arm."""
 FLANGES = ("tool0", "flange")
@@ -165,7 +165,7 @@ class UrdfTree:
         return chain_of(self.name, tuple(_step(e, file) for e in way[first:]), tip, file)
 
     def around(self, first: str, last: str) -> Iterator[tuple[str, str]]:
-        """Yield the possible pairs of base and tip of an arm with these end joints: all links fixed to its two ends."""
+        """Yield the pairs of links that may be base and tip of an arm with these end joints: links fixed to them."""
         named = {e.get("name", ""): e for e in self.elements.values()}
         if first not in named or last not in named:
             return

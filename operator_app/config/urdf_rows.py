@@ -99,7 +99,7 @@ def _by_common_normal(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
 
 
 def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
-    """Return the row to a nearly parallel axis; frame j is where this axis crosses the plane z = 0 of frame j-1 [9]."""
+    """Return the D-H row to a nearly parallel axis; frame j is where it crosses the plane z = 0 of frame j-1 [9]."""
     x, z, origin = before[:3, 0], before[:3, 2], before[:3, 3]
     apart = line.point_m - origin
     apart = apart - (apart @ z) / (line.z @ z) * line.z
@@ -111,7 +111,7 @@ def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
 
 
 def _to_tip(before: FloatArray, tip: AxisLine, sine: float) -> tuple[float, ...]:
-    """Return the row to a tip whose z is nearly parallel to the last joint's axis.
+    """Return the D-H row to a tip whose z is nearly parallel to the last joint's axis.
 
     It follows the common normal if that is near; otherwise it leads to the tip's origin and omits the small tilt.
     """

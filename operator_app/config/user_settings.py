@@ -64,7 +64,7 @@ def settings_path() -> Path:
 
 
 def load_settings() -> UserSettings:
-    """Return the user's settings; all None if there is no file.
+    """Return the user's settings; if there is no file, all settings are None.
 
     Raises
     ------

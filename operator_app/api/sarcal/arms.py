@@ -4,7 +4,7 @@
 ``-i NAME -c CHANNEL`` makes `sarcal` request that arm with an `ArmOrder`. Angles are sensor readings, rad.
 
 `identity_of`, `snapshot_of` and `reading_of` make the objects that an arm returns; `SimulatedChain` is a simulated arm
-in its fixture for tests of the package. The names in ``__all__`` are as stable as those of `sarcal`; new fields may
+in its fixture for tests of the package. The names in ``__all__`` are as stable as the names of `sarcal`; new fields may
 be added to objects made by `sarcal` and, with defaults, to objects made by an arm.
 """
 
@@ -196,7 +196,7 @@ class SimulatedChain:
     Parameters
     ----------
     arm, fixture
-        Files, or names of built-in ones.
+        Files, or names of built-in files.
     seed
         Seed of the true geometry, which is drawn at random within the tolerances of the files.
     scenario

@@ -1,4 +1,4 @@
-"""`verify` tests a calibration with new poses; `compare` compares it with an earlier one."""
+"""`verify` tests a calibration with new poses; `compare` compares two calibrations."""
 
 from __future__ import annotations
 

@@ -235,7 +235,7 @@ class Result:
     def save(self, folder: str | PathLike[str], *, overwrite: bool = False) -> Path:
         """Write a session folder (journal, poses.csv, report.html, parameters.yaml) and return its path.
 
-        ``sarcal report``, ``compare``, ``verify`` and ``export`` work on it. parameters.yaml is left out
+        ``sarcal report``, ``compare``, ``verify`` and ``export`` work on this folder. parameters.yaml is left out
         if the calibration was not accepted, or has no D-H table of the whole loop (a ball).
 
         A session of the same poses, arm and fixture in the folder is replaced, and its exports are removed, so that a

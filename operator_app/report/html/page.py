@@ -132,7 +132,7 @@ def verdict_words(subject: Subject) -> str:
 
 
 def summary(subject: Subject) -> Html:
-    """Return the top of the page: verdict, next step, and the tool's accuracy."""
+    """Return the top of the page: verdict, least certain parameter, and tool position error."""
     return element(
         "div",
         element("div", banner(subject), verdict(subject), *_widest(subject)),

@@ -47,7 +47,7 @@ FONT, PDF_FONT = '"DejaVu Sans", Verdana, sans-serif', "Vera"
 
 @dataclass(frozen=True, slots=True)
 class PaperFigure:
-    """One figure: a notebook shows it, `savefig` writes it."""
+    """One figure: a notebook shows the figure, `savefig` writes it to a file."""
 
     svg: str
 
@@ -164,7 +164,7 @@ def _pdf(svg: str) -> bytes:
 
 
 MOST_SOURCES = 7
-"""Number of sources of a budget that have their own colour; the others are drawn as one."""
+"""Number of sources of a budget that have their own colour; all others are drawn as one source."""
 PERCENTS = (0.0, 20.0, 40.0, 60.0, 80.0, 100.0)
 
 
@@ -183,7 +183,7 @@ def drawing(subject: Subject, name: str) -> Panels:
     Raises
     ------
     KeyError
-        The calibration has no such figure; the message lists those that it has.
+        The calibration has no such figure; the message lists the available figures.
     """
     panels = _made(subject, name) if name in FIGURES else None
     if panels is None:

@@ -1,4 +1,4 @@
-"""Dwells of a recording that became poses, and those that were refused, as text and as JSON."""
+"""Dwells of a recording that became poses, and dwells that were refused, as text and as JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper's experiment as tables and as JSON: this program's values beside the published ones."""
+"""The paper's experiment as tables and as JSON: this program's values beside the published values."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # The matrices are small: more threads would only compete with the bus.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     open_closed_streams()
-    process = argv is None  # otherwise called from Python code
+    process = argv is None  # False: called from Python code
     end = ProcessEnd() if process else None
     code = 1
     try:
@@ -132,7 +132,7 @@ def _dispatch(argv: Sequence[str]) -> int:
 
 
 def _with_their_options(arguments: Sequence[str]) -> list[str]:
-    """Join ``--base-point -60,0,80`` into one word: argparse takes a value that begins with a minus for an option."""
+    """Join ``--base-point -60,0,80`` into one word; argparse takes a value that begins with a minus for an option."""
     joined: list[str] = []
     for word in arguments:
         if NUMBERS.fullmatch(word) and joined and OPTION.fullmatch(joined[-1]):
@@ -177,7 +177,7 @@ class _Parser(argparse.ArgumentParser):
 class _CommandParser(_Parser):
     """Parser of a command, with arguments and options in any order.
 
-    Up to Python 3.12, argparse loses an optional positional after an option: `session show --json latest`.
+    Up to Python 3.12, argparse loses an optional positional argument after an option: `session show --json latest`.
     """
 
     _underway = False

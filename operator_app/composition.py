@@ -55,10 +55,10 @@ SWITCH_INTERVAL_S = 0.0005
 """Thread switch interval of the interpreter, so that SYNC does not wait for a solver or a repaint."""
 
 RARELY = 100_000
-"""Threshold of `gc.set_threshold` with which full garbage collections are rare."""
+"""Value for `gc.set_threshold` that makes full garbage collections rare."""
 
 COMPILED = ("scipy.linalg", "scipy.special", "scipy.sparse.csgraph", "scipy.spatial")
-"""Libraries loaded before an arm is live: loading one holds the interpreter for 10 to 40 ms."""
+"""Libraries loaded before an arm is live: loading one later would block the interpreter for 10 to 40 ms."""
 
 _channels = count(1)
 
@@ -70,7 +70,7 @@ def prepare_real_time() -> None:
     for library in COMPILED:
         import_module(library)
     # A full garbage collection takes 0.1 s or more, during which no SYNC is answered and no STOP sent. Young
-    # objects are collected as usual; old ones are closed dialogs of 0.4 MB each.
+    # objects are collected as usual; old objects are closed dialogs of 0.4 MB each.
     gc.freeze()
     young, middle, _ = gc.get_threshold()
     gc.set_threshold(young, middle, RARELY)
@@ -84,7 +84,7 @@ def open_arm(
     speed: float = 1.0,
     record_to: Path | None = None,
 ) -> Iterator[Rig]:
-    """Open the arm of a session and yield it as a `Rig`; on the embedded bus, start its virtual controller too.
+    """Open the arm of a session and yield it as a `Rig`; for the embedded virtual arm, also start its controller.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def open_arm(
 def _outside_arm(
     offer: ArmOffer, opening: Opening, bus: BusSettings, record_to: Path | None
 ) -> Iterator[OutsideArm]:
-    """Open an arm of another package; it holds its position when the context ends."""
+    """Open an arm of another package; when the context ends, the arm holds its position."""
     if record_to is not None and not offer.records:
         raise SessionError(
             f"the arm {bus.interface!r} cannot record its bus",
@@ -252,7 +252,7 @@ def unattended(
             raise
         finally:
             with ending_signals_ignored():
-                # The identity is of this run: an earlier run may have had another arm.
+                # `identity` is set by this run only: an earlier run may have had another arm.
                 connected = session.identity is not None
                 held = session.close(reason)
                 not_empty = not remove_if_empty(session)
@@ -294,7 +294,7 @@ def _completed(choices: Choices, bus: BusSettings, *, embedded: bool) -> Choices
 def _instrument(
     procedure: Procedure, choices: Choices, controller: VirtualController | None
 ) -> Instrument | None:
-    """Return the instrument of the options, else of the virtual arm, else of the procedure; None without one."""
+    """Return the instrument of the options, the virtual arm or the procedure, in this order; None if there is none."""
     fixture = procedure.fixture.fixture
     if not isinstance(fixture, Measured):
         return None
@@ -305,7 +305,7 @@ def _instrument(
 
 
 def describe(arm: ArmModel) -> ArmDescription:
-    """Return the description objects expected in the drives of `arm`; SessionError for a joint without a sensor."""
+    """Return the description expected in the drives of `arm`; raises SessionError if a joint has no sensor."""
     return ArmDescription(
         model=arm.name,
         joints=tuple(

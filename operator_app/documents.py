@@ -78,9 +78,9 @@ def arm_history(
     ----------
     kept_mounted
         Whether the fixture stays mounted from one session to the next, except before a session with several placements.
-        If false, it counts as remounted for each session.
+        If false, the fixture counts as remounted for each session.
     interval
-        Time between calibrations; None: as in the past.
+        Time between calibrations, for the date of the next one; None: as in the past.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def arm_history(
 
 
 def _document_in_journal(folder: Path) -> ParametersDocument | None:
-    """Return the document of the calibration in a session's journal; None without one."""
+    """Return the document of the calibration in a session's journal; None if there is no calibration."""
     state = read_session(folder).state
     calibration = None if state is None else journal_calibration(state)
     if state is None or not isinstance(calibration, StoredCalibration):

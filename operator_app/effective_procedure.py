@@ -27,7 +27,7 @@ def effective_procedure(opening: Opening) -> Procedure:
 
 
 def named_scenario(choices: Choices) -> Scenario:
-    """Return the scenario that these choices name, or the default one."""
+    """Return the scenario that these choices name, or the default scenario."""
     from hardware.virtual.scenarios import scenario
 
     return scenario(choices.scenario or DEFAULT_SCENARIO, choices.seed or 0)

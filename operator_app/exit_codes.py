@@ -38,7 +38,7 @@ MEANING: Mapping[ExitCode, str] = MappingProxyType(
 
 
 class UsageError(Exception):
-    """Invalid or contradictory options; the text says which and what to do."""
+    """Invalid or contradictory options; the text names them and says what to do."""
 
 
 EXPECTED_ERRORS = (
@@ -54,7 +54,7 @@ EXPECTED_ERRORS = (
 
 
 def exit_code(error: BaseException) -> ExitCode:
-    """Return the code for one of `EXPECTED_ERRORS`."""
+    """Return the exit code for an error of `EXPECTED_ERRORS`."""
     match error:
         case BusSettingsError():
             return ExitCode.BAD_INPUT

@@ -1,7 +1,7 @@
-"""Checks, before importing them, that the top-level packages belong to this program.
+"""Checks that the top-level packages belong to this program, before they are imported.
 
-PyPI's `fixtures` has the same top-level name. If installed later, it replaces this program's package, and the
-failure would appear far from its cause.
+PyPI has another package `fixtures`. If it is installed later, it replaces this program's package, and the failure
+would appear far from its cause.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ REPAIR = "pip install --force-reinstall --no-deps FOLDER, the folder or wheel th
 
 
 class ForeignPackageError(ImportError):
-    """Python finds another package under the name of one of this program's.
+    """Python finds another package under the name of one of this program's packages.
 
     Attributes
     ----------
     name, found
-        The top-level name, and the file that Python finds.
+        The top-level name, and the file that Python finds under this name.
     """
 
     def __init__(self, name: str, location: str, owners: Sequence[str], *, ours: bool) -> None:
@@ -55,7 +55,7 @@ def require_own_names() -> None:
     Raises
     ------
     ForeignPackageError
-        One of them is not; the text states the remedy.
+        A package is not there, or is changed; the text states the remedy.
     """
     home = Path(__file__).resolve().parents[1]
     for name, first_words in DOCSTRING_STARTS.items():
@@ -70,7 +70,7 @@ def require_own_names() -> None:
 
 
 def _owners(name: str, location: Path) -> list[str]:
-    """Return the other distributions that installed this file."""
+    """Return the distributions, other than sarcal, that installed this file."""
     from importlib.metadata import files, packages_distributions
 
     others = {d for d in packages_distributions().get(name, []) if d != "sarcal"}

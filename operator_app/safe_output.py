@@ -35,7 +35,7 @@ def lines(texts: Iterable[str]) -> str:
 
 
 def as_json(value: object) -> str:
-    """Return a result as indented JSON; ValueError for NaN and infinity."""
+    """Return a result as indented JSON; raises ValueError for NaN and infinity."""
     return json.dumps(value, indent=2, allow_nan=False)
 
 
@@ -104,7 +104,7 @@ class Stderr:
 
 
 def silence(stream: TextIO) -> None:
-    """Redirect a stream to the null device, so that its buffer does not fail again at exit."""
+    """Redirect a stream to the null device, so that writing its buffer does not fail again at exit."""
     with suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())

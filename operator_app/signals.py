@@ -15,9 +15,9 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 INTERRUPTED = 130
 """Exit code, copied from `operator_app.exit_codes`, which takes too long to load at the start."""
 AGAIN_S = 3.0
-"""Time after a signal within which a second one counts as the same, and does not interrupt the cleanup."""
+"""Time after a signal within which a second signal counts as the same one, and does not interrupt the cleanup."""
 THREADS_S = 1.5
-"""Longest time that threads may run after the main one has ended."""
+"""Longest time that threads may run after the main thread has ended."""
 
 _first_s: float | None = None
 
@@ -40,7 +40,7 @@ def interrupted() -> bool:
 
 
 def press_ctrl_c() -> None:
-    """Interrupt this process as Ctrl-C does, even right after another one."""
+    """Interrupt this process as Ctrl-C does, even right after another signal."""
     global _first_s  # noqa: PLW0603
     _first_s = None
     os.kill(os.getpid(), signal.SIGINT)
@@ -50,7 +50,7 @@ def press_ctrl_c() -> None:
 def ending_signals_interrupt(*, for_good: bool = False) -> Iterator[None]:
     """Context in which SIGINT, SIGTERM and SIGHUP raise KeyboardInterrupt; nested contexts share one handler.
 
-    `for_good`: the process ends afterwards, and these signals are ignored, so that none changes its exit code.
+    `for_good`: the process ends after the context, so these signals are then ignored: none changes its exit code.
     """
     global _first_s  # noqa: PLW0603
     before = {number: signal.getsignal(number) for number in ENDING}
@@ -70,7 +70,7 @@ def ending_signals_interrupt(*, for_good: bool = False) -> Iterator[None]:
 
 @contextmanager
 def ending_signals_ignored() -> Iterator[None]:
-    """Context in which ending signals are ignored: the arm is held and the journal closed (well under a second)."""
+    """Context in which ending signals are ignored: for holding the arm and closing the journal (< 1 s)."""
     before = {number: signal.getsignal(number) for number in ENDING}
     while any(signal.getsignal(number) is not _ignore for number in ENDING):
         with suppress(BaseException):  # a signal that came before its handler was replaced
@@ -87,12 +87,12 @@ class ProcessEnd:
     """Ends this process with its exit code, even if other threads still run. Create it once, early."""
 
     def __init__(self) -> None:
-        # Registered first, it runs last.
+        # The function registered first runs last.
         atexit.register(self._if_interrupted)
         self._code = 0
 
     def soon(self, code: int) -> None:
-        """End the process with `code` soon after its main thread ends: another thread may wait for a lost terminal."""
+        """End the process with `code` soon after its main thread ends, even if another thread waits for a terminal."""
         self._code = code
         threading.Thread(target=self._with_threads, daemon=True).start()
 

@@ -17,7 +17,7 @@ Key = tuple[str | int, ...]
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A display unit; factors `per_si` and `json_per_si` convert from SI to it and to the unit in JSON (a contract)."""
+    """A display unit, with factors from SI to the display unit (`per_si`) and to the unit in JSON (`json_per_si`)."""
 
     unit: str
     per_si: float = 1.0
@@ -40,11 +40,11 @@ NUMBER = Quantity("")
 
 
 class Valued(Protocol):
-    """A parameter, or its values in two calibrations: an angle (rad) or a length (m)."""
+    """A parameter, or the change of a parameter between calibrations: an angle (rad) or a length (m)."""
 
     @property
     def is_angle(self) -> bool:
-        """Whether it is an angle."""
+        """Whether the value is an angle."""
 
 
 def quantity_of(parameter: Valued) -> Quantity:
@@ -66,7 +66,7 @@ class Figure:
     value
         Value in SI units; None or not finite if unknown.
     places, digits
-        Decimal places or, if that is None, significant digits.
+        Number of decimal places or, if `places` is None, of significant digits.
     role
         ``text``, ``found`` (an identified value), ``warn``.
     key
@@ -111,7 +111,7 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """Display format of one kind of quantity, the same everywhere.
+    """Display format of one kind of quantity, used wherever it is shown.
 
     Calling it with a value in SI units returns a `Figure`.
     """
@@ -128,7 +128,7 @@ class Kind:
         )
 
     def not_zero(self, value: float) -> Figure:
-        """Return the figure of a non-zero value with enough digits not to be rounded to zero."""
+        """Return the figure of a value, with enough digits that a non-zero value is not shown as zero."""
         shown = abs(self.quantity.per_si * value)
         if self.places is None or not 0.0 < shown < 0.5 * 10.0**-self.places:
             return self(value)
@@ -229,7 +229,7 @@ def typeset(text: str) -> str:
 
 
 def places_to_show(precisions: Iterable[float], *, least: int = 1, most: int = 9) -> int:
-    """Decimal places that show the smallest of these precisions with two significant digits."""
+    """Return the decimal places that show the smallest of these precisions with two significant digits."""
     finest = min((p for p in precisions if math.isfinite(p) and p > 0.0), default=0.0)
     if finest == 0.0:
         return least
@@ -237,7 +237,7 @@ def places_to_show(precisions: Iterable[float], *, least: int = 1, most: int = 9
 
 
 def places_needed(values: Iterable[float], *, least: int, most: int) -> int:
-    """Fewest decimal places that show these round values exactly."""
+    """Return the fewest decimal places that show these round values exactly."""
     listed = list(values)
     return next(
         (n for n in range(least, most) if all(abs(v - round(v, n)) < 1e-9 for v in listed)), most

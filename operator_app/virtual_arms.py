@@ -81,10 +81,10 @@ def run_controller(
     script: Sequence[ScriptedFault] = (),
     attended: bool = False,
 ) -> Iterator[VirtualController]:
-    """Run the virtual controller of an arm on a bus, with parameters in the folder `slots` or in memory.
+    """Run the virtual controller of an arm on a bus; it stores parameters in the folder `slots` (None: in memory).
 
-    The plant is this arm in `fixture` (default: the built-in hinge) and `placement`; SessionError if it cannot be
-    built. `script`: faults at given SYNCs. `attended`: the operator program calls `VirtualController.attend`.
+    The plant is this arm in `fixture` (default: the built-in hinge) and `placement`; raises SessionError if it cannot
+    be built. `script`: faults at given SYNCs. `attended`: the operator program calls `VirtualController.attend`.
     """
     fixture = load_fixture("hinge") if fixture is None else fixture
     chosen = virtual_arm(arm, fixture, choices, placement)
@@ -120,7 +120,7 @@ def run_controller(
 
 
 def slots_in(folder: Path | None) -> ParameterStore:
-    """Return the parameter slots in a folder, which are checked first, or in memory.
+    """Return the parameter slots in a folder, after checking them; None: in memory.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def slots_in(folder: Path | None) -> ParameterStore:
 
 
 def virtual_instrument(controller: VirtualController, fixture: Measured) -> Instrument:
-    """Return the tracker of a virtual arm of this process as an `Instrument`; SessionError without one."""
+    """Return the tracker of a virtual arm of this process as an `Instrument`; raises SessionError if it has none."""
     if controller.tracker is None:
         raise SessionError("this virtual arm has no tracker", "use a fixture of kind measured")
     port = CalledLines(controller.tracker.answer, "the virtual arm's tracker")
@@ -154,7 +154,7 @@ def virtual_instrument(controller: VirtualController, fixture: Measured) -> Inst
 
 
 def validated_parameters(data: bytes) -> ValidatedParameters:
-    """Parse a document for the virtual supervisor; ValueError if it is invalid."""
+    """Parse a document for the virtual supervisor; raises ValueError if it is invalid."""
     try:
         document = parse_parameters(data)
     except ConfigError as error:

@@ -1,4 +1,4 @@
-"""Reads files of any kind: finds the kind of each, and all problems of all files at once. Makes JSON Schemas."""
+"""Reads files of any kind: determines each file's kind, and lists all problems of all files. Makes JSON Schemas."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ FILES: dict[FileKind, tuple[type[StrictModel | StrictRecord], ...]] = {
 
 
 def json_schema(kind: FileKind) -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12) of a kind of file, with its ``schema`` line."""
+    """Return the JSON Schema (draft 2020-12) of a kind of file, including the key ``schema``."""
     versions = [f"sarcal/{kind}/{version}" for version in VERSIONS.get(kind, (1,))]
     line: dict[str, Any] = {"description": "The first line of the file."}
     line |= {"const": versions[0]} if len(versions) == 1 else {"enum": versions}
@@ -74,24 +74,24 @@ def json_schema(kind: FileKind) -> dict[str, Any]:
 
 @cache
 def _meanings() -> dict[str, dict[str, str]]:
-    """Return, by kind of file, descriptions of keys for which their models have no docstring."""
+    """Return, by kind of file and key, the descriptions of keys that the models do not describe."""
     text = (files("operator_app") / "data" / "key_meanings.yaml").read_text("utf-8")
     meanings: dict[str, dict[str, str]] = yaml.safe_load(text)
     return meanings
 
 
 def schema_file_name(kind: FileKind) -> str:
-    """Return the name of the JSON Schema file that is written beside files of a kind."""
+    """Return the name of the JSON Schema file that is written beside files of this kind."""
     return f"sarcal-{kind}.schema.json"
 
 
 def schema_line(kind: FileKind) -> str:
-    """Return the comment (without ``#``) at the top of a file with which editors find its schema."""
+    """Return the comment (without ``#``) at the top of a file by which editors find the file's schema."""
     return f"yaml-language-server: $schema={schema_file_name(kind)}"
 
 
 def save_with_schema(target: Path, data: bytes, kind: FileKind) -> None:
-    """Write the JSON Schema that the file's first line names, then the file beside it; raises WriteError."""
+    """Write the JSON Schema of this kind into the target's folder, then `data` to `target`; raises WriteError."""
     schema = json.dumps(json_schema(kind), indent=1) + "\n"
     write_atomically(target.parent / schema_file_name(kind), schema.encode())
     write_atomically(target, data)
@@ -157,9 +157,9 @@ def kind_of(source: Resource) -> AnyKind | None:
 
 
 def _parsed(source: Resource, kind: AnyKind | None, joints: set[int]) -> Holds:
-    """Read a file of a kind, for arms with these numbers of joints; raises ConfigError."""
+    """Read a file of this kind; `joints`: numbers of joints of the arms read so far. Raises ConfigError."""
     data, file = source.data, source.file
-    # If the arms differ in their number of joints, it is unknown which one this file belongs to.
+    # If the arms differ in their number of joints, it is unknown which arm this file belongs to.
     count = next(iter(joints)) if len(joints) == 1 else None
     match kind:
         case "arm":
@@ -199,7 +199,7 @@ def read_files(
     Parameters
     ----------
     known
-        Expected kind of some files, by name.
+        Expected kind, by file name; the kind of any other file is determined from its content.
     missing
         Problems of further files that cannot be read at all.
     """

@@ -51,7 +51,7 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 class RowModel(StrictModel):
     """One D-H row. ``fixture`` stands for an entry that the fixture determines (Table 1's asterisk).
 
-    ``beta_deg`` is Hayati's: it is identified in place of s where the row joins parallel axes; ``s_m`` may be left out.
+    ``beta_deg`` is Hayati's angle, identified in place of s where the row joins parallel axes; ``s_m`` may be left out.
     """
 
     row: Count
@@ -73,7 +73,7 @@ class RowModel(StrictModel):
 class SensorFields(StrictModel):
     """Common base of all sensors.
 
-    Apart from `kind`, its keys are the arguments of the domain object in file units.
+    Apart from `kind`, a sensor's keys are the arguments of the domain object, in the units of the file.
     """
 
     makes: ClassVar[type[Sensor]]
@@ -94,7 +94,7 @@ class EncoderModel(SensorFields):
 
 
 class RvdtModel(SensorFields):
-    """RVDT read by an ADC over its full scale."""
+    """RVDT with an ADC that covers the full scale."""
 
     makes = Rvdt
     kind: Literal["rvdt"]
@@ -156,7 +156,7 @@ class JointModel(StrictModel):
 def check_home(
     home_deg: Sequence[float], ranges_deg: Sequence[tuple[float, float]]
 ) -> Iterator[Complaint]:
-    """Yield the problems of a home that lacks a joint's angle, or has one outside the joint's range."""
+    """Yield a problem if home does not have one angle per joint, or for each angle outside the joint's range."""
     if len(home_deg) != len(ranges_deg):
         text = f"has {len(home_deg)} angles for {len(ranges_deg)} joints"
         yield ("home_deg",), text, "write one angle per joint"
@@ -176,7 +176,7 @@ def _check_per_row(info: ValidationInfo, items: Sequence[object], name: str, rem
 
 
 class ArmFile(StrictModel):
-    """The whole file, without its ``schema`` line."""
+    """Content of an arm file, without the key ``schema``."""
 
     name: Name
     source: Text | None = None
@@ -194,7 +194,7 @@ class ArmFile(StrictModel):
     @field_validator("offset_tolerance_deg", mode="before")
     @classmethod
     def _require_tolerance_or_unknown(cls, value: Any) -> Any:
-        """Refuse any wrong value with one sentence for both alternatives, which pydantic cannot do."""
+        """Refuse a value that is neither a number nor `unknown`, with one error; pydantic would report two."""
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if value == "unknown" or (number and 0.0 < value <= 180.0):
             return value

@@ -83,9 +83,9 @@ def read_columns(
     Parameters
     ----------
     columns
-        Function that reads a cell or raises `BadCell`, by name of the column in the order of the file.
+        For each column, in the order of the file: its name, and the function that reads a cell or raises `BadCell`.
     packed
-        Columns to be stored as floats of 8 bytes, a quarter of the size of objects.
+        Columns to be stored as floats of 8 bytes, which need a quarter of the memory of Python objects.
     unique, unique_remedy
         Columns whose values together have to differ between rows, and the remedy if they do not.
 

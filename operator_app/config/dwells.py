@@ -1,6 +1,6 @@
-"""Finds the dwells of a recorded arm; each gives one pose.
+"""Finds the dwells (times at rest) in a recording of an arm; each dwell becomes one pose.
 
-Over a dwell, the readings of every joint stay within the stated spread and drift by at most half of it. Long gaps
+During a dwell, every joint's readings stay within the stated spread and drift by at most half of that spread. Long gaps
 between samples do not count as time at rest.
 """
 
@@ -20,18 +20,20 @@ DWELL_SPREAD_RAD = float(np.deg2rad(0.05))
 
 LEAST_SAMPLES = 5
 GAP_STEPS, GAP_SHARE = 5.0, 0.25
-"""A gap between samples counts as observed up to this many median steps or this share of `dwell_s`, if longer."""
+"""A gap between samples counts as observed up to this many median steps or this share of `dwell_s`, whichever is
+longer."""
 
 MOST_BISECTIONS = 6
-"""Number of times that the spread is halved to separate dwells from a creep between them."""
+"""Number of times that the spread is halved to separate dwells from slow motion between them."""
 
 EDGE_SIGMAS = 5.0
-"""Samples at either end of a dwell that are farther from its median than this belong to the motion beside it."""
+"""Samples at either end of a dwell that are more standard deviations than this from its median belong to the motion
+before or after it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dwell:
-    """The arm at rest: start (s), duration (s), number of samples, and their mean and sd (n,), rad."""
+    """The arm at rest: start (s), duration (s), number of samples, mean and standard deviation (n,), rad."""
 
     start_s: float
     seconds: float
@@ -71,7 +73,7 @@ def find_dwells(
     dwell_s: float = DWELL_S,
     spread_rad: float = DWELL_SPREAD_RAD,
 ) -> tuple[tuple[Dwell, ...], tuple[RefusedDwell, ...]]:
-    """Return the dwells of samples `q_rad` (m, n) at rising times `time_s` (m,), and the refused rests."""
+    """Return the dwells of samples `q_rad` (m, n) at rising times `time_s` (m,), and the rests that are no dwells."""
     if len(time_s) < LEAST_SAMPLES:
         return (), ()
     step = np.diff(time_s)
@@ -107,7 +109,7 @@ def find_dwells(
 
 
 def smallest_spread_rad(time_s: FloatArray, q_rad: FloatArray, dwell_s: float) -> float:
-    """Return the smallest spread (rad) in any window of `dwell_s`; infinite if the recording is shorter."""
+    """Return the smallest spread (rad, largest of the joints) of any window of `dwell_s`; infinite if there is none."""
     last = np.searchsorted(time_s, time_s + dwell_s * (1.0 - 1e-9))
     return float(_ranges(q_rad, last[last < len(time_s)]).max(axis=1).min(initial=np.inf))
 
@@ -125,7 +127,7 @@ def _dwell(
     ends: tuple[int, int],
     spread_rad: float,
 ) -> Dwell | RefusedDwell:
-    """Return the dwell between two indices (both included), without motion at its edges, or why it is refused."""
+    """Return the dwell between two indices (both included), cut to exclude motion at either end, or its refusal."""
     at_rest = q_rad[ends[0] : ends[1] + 1]
     away = np.abs(at_rest - np.median(at_rest, axis=0))
     noise = 1.4826 * np.median(away, axis=0)
@@ -156,7 +158,7 @@ def _dwell(
 def _at_rest(
     at_s: FloatArray, q_rad: FloatArray, window_s: float, spread_rad: float
 ) -> Iterator[tuple[int, int]]:
-    """Yield first and last index of each region covered by windows of this length and spread."""
+    """Yield first and last index of each region covered by windows of `window_s` with at most this spread."""
     count = len(at_s)
     first = np.arange(count)
     last = np.maximum(
@@ -175,7 +177,7 @@ def _at_rest(
 
 
 def _ranges(q_rad: FloatArray, last: IntArray) -> FloatArray:
-    """Largest minus smallest value of rows k to last[k], (len(last), n), from tables over 1, 2, 4, ... rows."""
+    """Return, for each k, largest minus smallest value of rows k to last[k], (len(last), n), by sparse tables."""
     first = np.arange(len(last))
     length = last - first + 1
     ranges = np.zeros((len(last), q_rad.shape[1]))

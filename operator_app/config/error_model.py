@@ -1,4 +1,4 @@
-"""Uncertainties and masses in files, and defaults for those that are not stated.
+"""Uncertainties and masses in files, and defaults for uncertainties that are not stated.
 
 The defaults are what an ordinary workshop achieves. All are one standard deviation, 0 is exact. A mapping replaced by a
 plain 0, such as ``give: 0``, has 0 for all its uncertainties.
@@ -31,8 +31,8 @@ from solver.chain.statics import LinkMasses
 LENGTH_MM, TWIST_DEG = 0.5, 0.1
 ACCURACY_DEG = BACKLASH_DEG = SAG_DEG = 0.01
 GAIN = 0.005
-"""Gain error of an RVDT, as a share of its reading. Data sheets state linearity relative to the best-fit line, and the
-scale factor separately, trimmed to 1 % or better: two standard deviations of this."""
+"""Gain error of an RVDT, as a share of the reading; one standard deviation. Data sheets state linearity and, apart
+from it, the scale factor: trimmed to 1 % or better, which is taken as two standard deviations."""
 DEFLECTION_MM, DEFLECTION_MRAD = 0.2, 0.2
 
 
@@ -62,13 +62,13 @@ class ToleranceModel(Uncertain):
 
 
 class RowToleranceModel(Uncertain):
-    """Uncertainty of the lengths and twists of a single row, where it differs from that of the table."""
+    """Uncertainty of the lengths and twists of a single row, where it differs from the tolerance of the whole table."""
 
     length_mm: StatedMm | None = None
     twist_deg: StatedDeg | None = None
 
     def over(self, arm: ToleranceModel) -> RowTolerance:
-        """Return the row's tolerance as a domain object; values that it does not state are those of `arm`."""
+        """Return the row's tolerance as a domain object; a value that the row does not state is taken from `arm`."""
         length = arm.length_mm if self.length_mm is None else self.length_mm
         twist = arm.twist_deg if self.twist_deg is None else self.twist_deg
         return RowTolerance(length_m=length / 1e3, twist_rad=math.radians(twist))
@@ -83,7 +83,7 @@ class GiveModel(Uncertain):
     def compliance(self, held: Sequence[str]) -> Compliance:
         """Return the compliance as a domain object.
 
-        `held` lists what the fixture constrains: ``position_mm``, ``orientation_mrad``.
+        `held`: keys of what the fixture constrains (``position_mm``, ``orientation_mrad``).
         """
         missing = (key for key in held if key not in self.model_fields_set)
         return Compliance(
@@ -94,14 +94,14 @@ class GiveModel(Uncertain):
 
 
 def assumed_of_rows(arm: ToleranceModel, rows: Sequence[RowToleranceModel]) -> Iterator[str]:
-    """Yield, as text, each default uncertainty that applies to a row because the file states none."""
+    """Yield, as text, each default uncertainty that applies to a row because the file states no value."""
     for key in ToleranceModel.model_fields:
         if key not in arm.model_fields_set and any(getattr(row, key) is None for row in rows):
             yield f"tolerance.{key}: {getattr(arm, key):g}"
 
 
 def assumed_of_joints(key: str, models: Mapping[int, StrictModel]) -> Iterator[str]:
-    """Yield, as text, the default of `key` with the joints for which the file does not state it, if any."""
+    """Yield, as text, the default of `key` and the joints for which the file does not state `key`, if any."""
     silent = [j for j, model in models.items() if key not in model.model_fields_set]
     if silent:
         value = getattr(models[silent[0]], key)
@@ -109,7 +109,7 @@ def assumed_of_joints(key: str, models: Mapping[int, StrictModel]) -> Iterator[s
 
 
 MASS_PERCENT, CENTRE_MM, TILT_DEG = 20.0, 15.0, 3.0
-"""Default uncertainties of masses, centres and the mounting."""
+"""Default uncertainties of masses, of centres of mass and of the direction of gravity."""
 
 
 class LinkModel(StrictModel):

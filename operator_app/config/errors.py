@@ -1,4 +1,4 @@
-"""Problems of files, as errors. Pydantic's errors are translated into a problem and a remedy for the operator."""
+"""Errors of files that people edit. Pydantic's errors are translated into a problem and a remedy for the operator."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Problem:
         head = f"{place}: {self.key}: " if self.key else f"{place}: "
         text = self.text
         if self.remedy:
-            # A question has its own punctuation mark.
+            # After a question mark, no semicolon.
             text += f"{'' if text.endswith('?') else ';'} {self.remedy}"
         line = f"{head}{text}"
         # One line whatever the file holds, without characters that a terminal would interpret.
@@ -75,7 +75,7 @@ class WriteError(Exception):
 
 
 def decode_text(data: bytes, file: str) -> str:
-    """Decode UTF-8, with or without a byte order mark; ConfigError for anything else."""
+    """Decode UTF-8, with or without a byte order mark; raises ConfigError for anything else."""
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise only(file, "is UTF-16 text", "save it as UTF-8")
     if b"\0" in data:

@@ -51,17 +51,17 @@ class FixtureSpec:
 
     @property
     def kind(self) -> str:
-        """``hinge``, ``rigid``, ..."""
+        """Kind of the fixture: ``hinge``, ``rigid``, ..."""
         return self.fixture.kind
 
     @property
     def tolerance_m(self) -> float:
-        """Tolerance of the placement's lengths: the true placement is within it."""
+        """Tolerance of the placement's lengths, m: largest difference of a true from a nominal length."""
         return self.fixture.tolerance.position_m
 
     @property
     def tolerance_rad(self) -> float:
-        """Tolerance of the placement's angles."""
+        """Tolerance of the placement's angles, rad."""
         return self.fixture.tolerance.orientation_rad
 
 
@@ -93,7 +93,7 @@ TurnVectorDeg = tuple[TwistDeg, TwistDeg, TwistDeg]
 PlacementNumber = Annotated[int, Field(ge=1)]
 
 SMALLEST_MM = 5.0
-"""A placement whose dimensions are all smaller was probably written in metres."""
+"""A placement whose dimensions are all smaller than this was probably written in metres."""
 
 
 class CommonFields(StrictModel, ABC):
@@ -139,7 +139,7 @@ class CommonFields(StrictModel, ABC):
 
     @abstractmethod
     def own(self) -> dict[str, Any]:
-        """Return the arguments that only this kind of fixture has, for the domain object."""
+        """Return those arguments of the domain object that only this kind of fixture has."""
 
 
 class MetalFields(CommonFields):
@@ -172,7 +172,7 @@ class HingePlacement(RigidPlacement):
     """Nominal placement of a hinge.
 
     The last two keys are the offsets of the first and the last joint, measured from the common normals to the hinge
-    axis. Without them the arm's own offsets are used.
+    axis. If they are missing, the offsets in the arm file are used.
     """
 
     a_n_mm: LengthMm

@@ -56,7 +56,7 @@ def load_joint_log(
     columns: str = "",
     placement: str = "",
 ) -> LoadedPoses:
-    """Read the poses of a log; a poses file is read as by `load_poses`.
+    """Read the poses of a log; a file in the format of poses files is read with `load_poses`.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def load_joint_log(
         Columns of joints 1 to n, in this order: numbers from 1 (``2-8``, ``3,1,2``) or names of the header; empty: all
         columns.
     placement
-        The column, by number or name, with the placement of the fixture for each pose: whole numbers, or names, which
+        Number or name of the column that states the fixture's placement for each pose: a whole number, or a name; names
         are numbered in order of appearance. Empty: one placement.
 
     Raises
@@ -118,7 +118,7 @@ def load_joint_log(
 
 
 def _placements(body: list[Row], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:
-    """Return the number (from 1) of each row's placement, and the names of placements as notes."""
+    """Return the placement number of each row, from column `by`; if the column has names, also notes with the names."""
     names = [row.cells[by] for row in body]
     for row, name in zip(body, names, strict=True):
         if not name:
@@ -206,10 +206,10 @@ def find_columns(
 
 
 def numbered_series(names: Sequence[str], count: int) -> tuple[int, ...]:
-    """Return the indices of `count` names that differ only in a number that counts from 0 or 1, in its order.
+    """Return the indices of `count` names that differ only in a number (from 0 or 1), in the order of that number.
 
-    Empty unless there is exactly one such series. Case is ignored only if no series is found otherwise (`Q1` does not
-    belong to `q1` to `q7`).
+    Empty unless there is exactly one such series. Upper and lower case are distinguished, unless this leaves no series
+    (`Q1` does not belong to `q1` to `q7`).
     """
     numberings = [*range(count)], [*range(1, count + 1)]
     for spelled in (names, [name.casefold() for name in names]):

@@ -48,7 +48,7 @@ UNIT_WITHIN = 1e-3
 
 
 def group_of(name: str) -> tuple[str, ...] | None:
-    """Return all columns of the representation of orientation to which this column belongs; None if there is none."""
+    """Return all columns of the representation of orientation to which this column belongs; None for other columns."""
     for group in (ROTATION, ROLL_PITCH_YAW, QUATERNION):
         if name in group:
             return group
@@ -65,7 +65,7 @@ def groups_in(names: Collection[str]) -> tuple[tuple[str, ...], ...]:
 
 
 def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
-    """Return rotation vectors (m, 3), rad, from the values (m, 3 or 4) of these columns, deg or a quaternion.
+    """Return rotation vectors (m, 3), rad, from the values (m, 3 or 4) of these columns: deg, or quaternions.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
             worst = float(length[np.argmax(np.abs(length - 1.0))])
             raise ValueError(f"has a quaternion of length {worst:.4g}; the length must be 1")
         return np.asarray(Rotation.from_quat(values, scalar_first=True).as_rotvec())
-    # Lower case means fixed axes, upper case moving ones.
+    # Lower case means fixed axes, upper case moving axes.
     axes = "xyz" if group == ROLL_PITCH_YAW else group[0].split("_")[1].upper()
     return np.asarray(Rotation.from_euler(axes, values, degrees=True).as_rotvec())
 
@@ -104,7 +104,7 @@ class EndpointLine:
     pose
         Name of the pose; empty where the instrument does not send it.
     endpoint
-        Position (3,) m, followed by a rotation vector (rad) where measured: (6,); empty when lost.
+        Position (3,), m, or position and rotation vector (6,), m and rad; empty if the target is lost.
     lost
         Why there is no measurement of this pose; empty if there is one.
     """
@@ -143,7 +143,7 @@ def _cells(line: str) -> list[str]:
     try:
         return next(csv.reader([line]), [])
     except csv.Error as error:
-        # For example a carriage return in the middle of it.
+        # For example a carriage return in the middle of the line.
         raise BadLine(f"is not a line of CSV ({error})") from error
 
 
@@ -240,14 +240,14 @@ def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:
     An instrument that measures only points can measure a pose with three targets: columns ``x1_m,y1_m,z1_m`` to
     ``x3_m,y3_m,z3_m`` of a poses file. Their positions on the tool need not be known: the common triangle is the mean
     over all poses. Its frame has its origin in the centroid, x towards target 1, and z normal to the triangle
-    (targets 1, 2, 3 counter-clockwise). For a standard deviation of s in each coordinate and sides of length a, that of
-    the origin is s / sqrt(3), that of a rotation about a line in the triangle's plane sqrt(2) s / a, and about its
-    normal s / a.
+    (targets 1, 2, 3 counter-clockwise). If each coordinate has the standard deviation s, and the sides have length a,
+    standard deviations are s / sqrt(3) for each coordinate of the origin, sqrt(2) s / a for a rotation about a line in
+    the triangle's plane, and s / a for a rotation about its normal.
 
     Raises
     ------
     ValueError
-        The triangle is nearly a line, or that of one pose differs from those of the others; the text names the pose.
+        The targets are nearly in line, or one pose's triangle differs from the others; the text then names the pose.
     """
     points = points_m.reshape(-1, 3, 3)
     centroid = points.mean(axis=1)
@@ -262,12 +262,12 @@ def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:
 
 
 def _turns(shape: FloatArray, measured: FloatArray) -> FloatArray:
-    """Return rotations (m, 3, 3) that align a triangle (3, 3), one row for each point, with the measured ones."""
+    """Return rotations (m, 3, 3) that align `shape` (3, 3; one row per point) with each triangle in `measured`."""
     return nearest_rotation(np.swapaxes(measured, -1, -2) @ shape)
 
 
 def _frame(shape: FloatArray) -> FloatArray:
-    """Return axes x, y, z (columns) of the frame of a triangle about its centroid, (3, 3)."""
+    """Return axes x, y, z (columns) of a triangle's frame, (3, 3); rows of `shape`: points from the centroid."""
     x = shape[0] / np.linalg.norm(shape[0])
     z = np.cross(shape[0], shape[1])
     z = z / np.linalg.norm(z)

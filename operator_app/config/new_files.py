@@ -50,7 +50,7 @@ SLOW = 0.1
 
 
 def copied(kind: Kind, packaged: str, *, name: str, **instead: str) -> bytes:
-    """Return a copy of a built-in file with another name, and with the values of the top keys `instead` replaced.
+    """Return a copy of a built-in file with another name, and with new values of the top-level keys in `instead`.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def fixture_file(fixture: Hinge | Ball, *, name: str, arm: ArmModel) -> bytes:
     comment = MEASURED_HINGE if isinstance(fixture, Hinge) else MEASURED_BALL
     keys = (HingePlacement if isinstance(fixture, Hinge) else BallPlacement).model_fields
     in_si = {key: key.replace("_mm", "_m").replace("_deg", "_rad") for key in keys}
-    # Compliance and check list are not measured: they are those of the built-in file.
+    # Compliance and check list are not measured: they are taken from the built-in file.
     packaged = load_strict(resolve("fixture", fixture.kind).data, fixture.kind).data
     data: dict[str, Any] = {
         "schema": "sarcal/fixture/1",
@@ -91,7 +91,7 @@ def fixture_file(fixture: Hinge | Ball, *, name: str, arm: ArmModel) -> bytes:
 
 
 def _placed(key: str, value: Any) -> Any:
-    """Return a length or an angle of a placement (SI units) in the unit of its key; 0 for an offset not stated."""
+    """Return a length or an angle of a placement (SI units) in the unit of its key; 0 if an offset is None."""
     if isinstance(value, tuple):
         return [_placed(key, part) for part in value]
     return _millimetres(value) if key.endswith("_mm") else _degrees(value or 0.0)

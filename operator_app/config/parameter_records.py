@@ -62,7 +62,7 @@ class JointParameters(StrictRecord):
     sigma_deg
         Standard deviation of the offset; None if it was not calibrated.
     home_offset_counts
-        The same offset in counts of the joint's sensor, for 607Ch; None for a joint without a sensor.
+        The same offset in counts of the joint's sensor, for object 607Ch; None for a joint without a sensor.
     """
 
     joint: Count
@@ -73,7 +73,7 @@ class JointParameters(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DhRow(StrictRecord):
-    """One D-H row, 0 (the fixture) to n; `beta_deg` is Hayati's, written where it is not zero."""
+    """One D-H row, 0 (the fixture) to n; `beta_deg` is Hayati's angle, written if it is not zero."""
 
     row: Whole
     theta_off_deg: TurnDeg
@@ -85,7 +85,7 @@ class DhRow(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibratedEntry(StrictRecord):
-    """An entry that was calibrated, with its standard deviation: an angle's in deg, a length's in m.
+    """An entry that was calibrated, with its standard deviation: `sigma_deg` of an angle, `sigma_m` of a length.
 
     `side` is arm, ground (table) or hand (tool): only arm entries stay valid in another mounting; None in version 1.
     """
@@ -104,7 +104,7 @@ class CalibratedEntry(StrictRecord):
 
     @property
     def sigma(self) -> float:
-        """Standard deviation, deg or m."""
+        """Standard deviation, deg for an angle, m for a length."""
         return self.sigma_deg if self.sigma_deg is not None else self.sigma_m or 0.0
 
     @field_validator("entry")
@@ -135,7 +135,7 @@ class RvdtRemedy(StrictRecord):
     Attributes
     ----------
     theta_off_deg
-        Offset that belongs to corrected readings.
+        Joint-angle offset to be used with corrected readings.
     gain
         Change of reading per change of angle, ideally 1; included in the table.
     table
@@ -161,7 +161,7 @@ class RvdtRemedy(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwoFigures(StrictRecord):
-    """One quantity by both interpretations of eqs. 14 and 15."""
+    """One quantity according to both interpretations of eqs. 14 and 15."""
 
     rms: NonNegativeNumber
     as_printed: NonNegativeNumber
@@ -195,13 +195,13 @@ Correlation = Annotated[Number, Field(ge=-1.0, le=1.0)]
 Share = Annotated[Number, Field(ge=0.0, le=1.0)]
 
 Correlations = Mapping[str, tuple[Correlation, ...]]
-"""Correlations of each calibrated entry but the first with all those before it, in order."""
+"""Correlations of each calibrated entry except the first with all entries before it, in their order."""
 Budget = Mapping[str, Mapping[str, Share]]
 """Share of each source of error in the variance of a calibrated entry."""
 
 
 def correlations_of(names: Sequence[str], covariance: FloatArray) -> dict[str, tuple[float, ...]]:
-    """Return the `Correlations` of parameters (k,) from their covariance (k, k); 0 for one without variance."""
+    """Return the `Correlations` of parameters (k,) from their covariance (k, k); 0 where a variance is 0."""
     sd = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     scale = np.where(sd > 0.0, sd, np.inf)
     correlation = np.clip(covariance / np.outer(scale, scale), -1.0, 1.0)
@@ -213,7 +213,7 @@ def correlations_of(names: Sequence[str], covariance: FloatArray) -> dict[str, t
 def budget_of(
     names: Sequence[str], variance: FloatArray, parts: Mapping[str, FloatArray]
 ) -> dict[str, dict[str, float]]:
-    """Return, by parameter, the share of each part in its variance (k,), without shares that round to zero."""
+    """Return, by parameter, each part's share of the parameter's variance, without shares that round to zero."""
     by_source = {}
     for k, name in enumerate(names):
         if variance[k] > 0.0:
@@ -225,7 +225,7 @@ def budget_of(
 def complaints_of_correlations(
     value: Mapping[str, Sequence[float]], names: Sequence[str]
 ) -> Iterator[Complaint]:
-    """Yield place, text and remedy of correlations that do not match the calibrated entries."""
+    """Yield place, text and remedy for correlations that do not match the calibrated entries."""
     if value and list(value) != list(names[1:]):
         text = (
             "must list every calibrated entry except the first, in the same order as `calibrated`"
@@ -241,7 +241,7 @@ def complaints_of_correlations(
 def complaints_of_budget(
     value: Mapping[str, Mapping[str, float]], names: Sequence[str]
 ) -> Iterator[Complaint]:
-    """Yield place, text and remedy of shares that do not match the calibrated entries, or do not add up to 1."""
+    """Yield place, text and remedy for shares that do not match the calibrated entries or do not add up to 1."""
     for name, shares in value.items():
         total = sum(shares.values())
         if name not in names:

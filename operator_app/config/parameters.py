@@ -1,7 +1,7 @@
 """The parameters document of a calibration (``sarcal/parameters/3``), for the controller.
 
-The document has the content and the units of its file (degrees, metres, millimetres, milliradians), so that writing and
-reading it changes no bit; `ParametersDocument.table` is in SI units. It is checked when it is written or read.
+The document has the content and the units of the file (degrees, metres, millimetres, milliradians), so that writing and
+reading it changes no bit; `ParametersDocument.table` is in SI units. The document is checked when written or read.
 
 Version 1 had no `side`, `rvdt` and `forced`. The first documents of version 2 had no `correlations` and `budget`, and
 programs of that time refuse these keys. Any further key needs a new version number, because old programs report an
@@ -88,20 +88,20 @@ class ParametersDocument(StrictRecord):
     software_version, utc
         Version of the program, and time of writing (UTC, with time zone).
     joints, dh, calibrated
-        Offsets, the whole D-H table (rows 0..n), and its calibrated entries. Row 0 is that of a fixture that is a D-H
-        link (hinge, rigid), otherwise zero (ball).
+        Offsets, the whole D-H table (rows 0..n), and its calibrated entries. Row 0 describes a hinge or a rigid
+        fixture; for other fixtures it is zero.
     pose_set_sha256
         `solver.chain.poses.PoseSet.sha256` of the poses.
     correlations
-        Correlations of each calibrated entry but the first with all those before it, in order. With the sigmas they
-        define the whole covariance.
+        Correlations of each calibrated entry except the first with all entries before it, in their order. Together
+        with the sigmas they define the whole covariance.
     budget
-        Share of each source of error in the variance of each calibrated entry; none for lengths and twists corrected
-        within tolerances.
+        Share of each source of error in the variance of each calibrated entry. Lengths and twists corrected within
+        tolerances have no budget.
     rvdt
         Corrections of the readings of each RVDT that the poses could determine.
     forced
-        Reason for using a calibration that was not accepted; None if it was.
+        Reason for using a calibration that was not accepted; None if it was accepted.
     """
 
     arm: WhichArm
@@ -228,7 +228,7 @@ class ParametersDocument(StrictRecord):
 def _entry_complaints(
     part: CalibratedEntry, before: list[str], joints: tuple[JointParameters, ...] | None
 ) -> Iterator[tuple[str, str]]:
-    """Yield text and remedy of the first problem of one calibrated entry."""
+    """Yield text and remedy of the first problem of one calibrated entry; `before`: names of the entries before it."""
     entry = DhEntry.parse(part.entry)
     key, other = ("sigma_deg", "sigma_m") if entry.kind.is_angle else ("sigma_m", "sigma_deg")
     if part.entry in before:

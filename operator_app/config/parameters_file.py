@@ -51,14 +51,14 @@ def load_parameters(path: str | Path) -> ParametersDocument:
 
 
 def format_parameters(document: ParametersDocument) -> bytes:
-    """Format a document so that `parse_parameters` returns the same one, bit for bit.
+    """Format a document so that `parse_parameters` returns the same document, bit for bit.
 
     Raises
     ------
     ConfigError
         The document is not valid, for instance after a diverged fit: it is checked before it is sent to a controller.
     """
-    # An entry has one of two sigmas; the other is left out.
+    # An entry has one sigma of the two (deg or m); the other is left out.
     body = adapter(ParametersDocument).dump_python(document, exclude_defaults=True)
     # Without a beta, programs of version 2 can read it.
     name = schema_name("parameters") if document.table.beta_rad.any() else WITHOUT_BETA

@@ -1,8 +1,8 @@
 """The poses file (CSV): ``placement,pose,theta1_deg..thetaN_deg`` and optional columns.
 
-Angles in the file are degrees and are read with ``np.deg2rad``; lengths are metres. ``sd<j>_deg``,
-``samples``, ``utc``, ``note``, ``x_m,y_m,z_m`` and ``rx_deg,ry_deg,rz_deg`` (a rotation vector; Euler angles and others
-have other names, see `measured_endpoints`) or three targets may follow. The columns may be in any order.
+Angles in the file are degrees and are read with ``np.deg2rad``; lengths are metres. Optional columns are
+``sd<j>_deg``, ``samples``, ``utc``, ``note``, ``x_m,y_m,z_m`` and ``rx_deg,ry_deg,rz_deg`` (a rotation vector; for
+other orientations and three targets see `measured_endpoints`). The columns may be in any order.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ from solver.arrays import FloatArray
 from solver.chain.poses import PoseSet
 
 LIMIT_BYTES = 32 * 1024 * 1024
-"""100,000 poses of seven joints with their standard deviations are some 20 MB."""
+"""Limit of a file; 100,000 poses of seven joints with standard deviations need some 20 MB."""
 
 FEWEST_POSES_FOR_UNIT = 5
-"""Least number of poses for a check of their unit."""
+"""Least number of poses for a check of the unit of their angles."""
 
 KEY = ("placement", "pose")
 OPTIONAL = ("samples", "utc", "note")
@@ -154,7 +154,7 @@ def format_poses(poses: PoseSet) -> bytes:
 
 
 def save_poses(path: Path, poses: PoseSet) -> None:
-    """Write a poses file atomically; WriteError if the system refuses."""
+    """Write a poses file atomically; raises WriteError if the system refuses."""
     write_atomically(path, format_poses(poses))
 
 
@@ -171,7 +171,7 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     joints = {int(m[1]) for name in names if (m := THETA.fullmatch(name))}
     last = joint_count if joint_count is not None else max(joints, default=1)
     theta, sd = ([f"{kind}{j}_deg" for j in range(1, last + 1)] for kind in ("theta", "sd"))
-    # Columns probably meant by misspelt ones, which do not also count as missing.
+    # Columns that were probably meant by misspelt names, and do not also count as missing.
     meant: set[str] = set()
     endpoints = (*POSITION_COLUMNS, *ROTATION, *ROLL_PITCH_YAW, *QUATERNION, *TARGETS)
     every = (*KEY, *theta, *sd, *OPTIONAL, *endpoints)
@@ -245,13 +245,13 @@ def _known(name: str) -> bool:
 
 
 def _in_our_unit(name: str, candidates: list[str]) -> str:
-    """Return the column that has this quantity in the unit of this format; empty if there is none."""
+    """Return the candidate that is `name` in this format's unit (`x_mm`: `x_m`); empty if there is none."""
     unit = UNIT.fullmatch(name)
     return next((c for c in candidates if unit and c.rpartition("_")[0] == unit[1]), "")
 
 
 def _unknown(name: str, candidates: list[str]) -> tuple[str, str, str]:
-    """Return text, remedy and the column that was probably meant."""
+    """Return text and remedy for an unknown column, and the column that was probably meant."""
     if not name:
         return "this column has no name", "name it or remove it", ""
     text = "unknown column"
@@ -293,7 +293,7 @@ def _quantity(name: str, cell: str) -> float:
 
 
 def _as_numbered(columns: Mapping[str, Sequence[Any]]) -> Mapping[str, Sequence[Any]]:
-    """Return the rows in the order of their pose numbers; poses with names keep their places."""
+    """Return the rows in order of placement and pose number, or in file order if the poses are not numbered."""
     numbers = [NUMBERED.fullmatch(label) for label in columns["pose"]]
     if not all(numbers) or len({m[1] for m in numbers if m}) > 1:
         return columns
@@ -346,7 +346,7 @@ def _warnings(poses: PoseSet) -> tuple[FileWarning, ...]:
 
 
 def _times_suspected(poses: PoseSet, file: str) -> tuple[FileWarning, ...]:
-    """Return a warning that poses lack a valid time, from which their direction of approach would follow."""
+    """Return a warning if a pose lacks a valid time: then the joints' direction of approach is not known either."""
     given = poses.utc or ()
     if not any(given):
         return ()
@@ -378,7 +378,7 @@ def _time(utc: str) -> datetime | None:
 
 
 def _euler_suspected(poses: PoseSet) -> tuple[FileWarning, ...]:
-    """Return a warning that three angles cannot be a rotation vector, whose length is at most half a turn."""
+    """Return a warning if three angles cannot be a rotation vector because they are longer than half a turn."""
     if poses.endpoint is None or poses.endpoint.shape[1] < 6:
         return ()
     longest_deg = float(np.rad2deg(np.linalg.norm(poses.endpoint[:, 3:], axis=1).max()))

@@ -1,7 +1,7 @@
 """A procedure (``sarcal/procedure/1``): the settings of ``sarcal run``.
 
 `ProcedureFile` has the content of the file, in the file's units and in SI units; `procedure_file`
-checks it against the arm. `Procedure` adds its arm and fixture, and the operator's choices.
+checks it against the arm. `Procedure` adds the arm, the fixture and the operator's choices.
 """
 
 from __future__ import annotations
@@ -45,10 +45,9 @@ DEFAULT_PROFILE = "sarcos"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AcceptanceLimits(StrictRecord):
-    """Limits for the acceptance of a calibration; None means no limit.
+    """Limits for the acceptance of a calibration, in addition to the tests of every calibration; None means no limit.
 
-    The sigmas are those of the ``rms`` interpretation of eqs. 14 and 15. Without a limit here, chi2/dof must lie below
-    the upper end of its 99.9 % band.
+    Sigmas are compared by the ``rms`` interpretation of eqs. 14 and 15. A larger condition number is only reported.
     """
 
     scaled_condition_number: Annotated[PositiveNumber, Field(ge=1.0)] = 100.0
@@ -73,7 +72,7 @@ class ProcedureBus(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Modes(StrictRecord):
-    """Drive joints, listed or chosen by the program; `trial`: the choice also uses small trial motions of the arm."""
+    """Drive joints, listed or chosen by the program; `trial`: the program also uses small trial motions to choose."""
 
     position: Literal["auto"] | Annotated[tuple[Count, ...], Field(min_length=1)]
     trial: Yes = False
@@ -86,7 +85,7 @@ class Modes(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exploration(StrictRecord):
-    """Exploration range of one drive joint, relative to its start (the check of the file assumes the arm's home)."""
+    """Exploration range of a drive joint, relative to its start angle (when the file is checked: the angle at home)."""
 
     joint: Count
     from_deg: Annotated[AngleDeg, Field(le=0.0)]
@@ -94,12 +93,12 @@ class Exploration(StrictRecord):
 
     @property
     def lower_rad(self) -> float:
-        """Lower end of the range, at most 0."""
+        """Lower end of the range, rad; at most 0."""
         return math.radians(self.from_deg)
 
     @property
     def upper_rad(self) -> float:
-        """Upper end of the range, at least 0."""
+        """Upper end of the range, rad; at least 0."""
         return math.radians(self.to_deg)
 
     @field_validator("to_deg")
@@ -198,10 +197,10 @@ class ExportChoice(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcedureFile(StrictRecord):
-    """The whole file, without its ``schema`` line; arm and fixture are given by name or path.
+    """Content of a procedure file, without the key ``schema``; arm and fixture are given by name or path.
 
-    `home_deg` replaces the arm's home, where the loop may not close in this fixture. `held` are free entries of the arm
-    that are fixed in this procedure, each with the reason. `tracker` is the source of an instrument's measurements, as
+    `home_deg` replaces the arm's home, for example if the loop does not close there. `held`: free entries of the arm
+    that are fixed in this procedure, each with the reason. `tracker`: the source of an instrument's measurements, as
     in ``--tracker``.
     """
 
@@ -221,7 +220,7 @@ class ProcedureFile(StrictRecord):
 
     @property
     def chosen_modes(self) -> Modes:
-        """The modes, from either form that the file may use."""
+        """The modes, from either form that the file may use (``auto`` or a mapping)."""
         return Modes(position="auto") if self.modes == "auto" else self.modes
 
 
@@ -234,7 +233,7 @@ class Procedure:
     name
         Name shown to the operator.
     arm, fixture
-        As read from their files; the arm has this procedure's home, and the entries in `held` are not free.
+        As read from their files, except that the arm has this procedure's home and the entries in `held` are not free.
     held
         Fixed entries by name, each with the reason.
     tracker
@@ -246,7 +245,7 @@ class Procedure:
     position_joints
         Joints (1-based) in position mode; None: chosen automatically.
     trial
-        Whether that choice also uses small trial motions of the arm.
+        Whether the automatic choice of these joints also uses small trial motions of the arm.
     unsensed_joints
         Joints whose readings are not used.
     estimator
@@ -254,7 +253,7 @@ class Procedure:
     upload
         Whether the parameters go to the controller.
     length_tolerance_m
-        Standard deviation of the maker's link lengths; None: exact.
+        Standard deviation of the maker's link lengths; None: the lengths are exact.
     placements
         Number of placements of the fixture; the poses are captured in each.
     """

@@ -33,8 +33,8 @@ def parse_procedure(
 ) -> Procedure:
     """Read a procedure with its arm, fixture and bus profile.
 
-    Names are built-in names or paths; relative paths start from the procedure's own folder. The files in `snapshot`, if
-    given, are used instead of the named ones.
+    Names are built-in names or paths; relative paths start from the procedure's own folder. Files in
+    `snapshot` (by kind) are used instead of the files that the procedure names.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def _as_here(file_model: ProcedureFile, arm: ArmModel) -> ArmModel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _NamedFiles:
-    """Reads the files that a procedure names, relative to its `folder`, and keeps them with all their problems."""
+    """Reads the files that a procedure names, relative to `folder`, and keeps the files and all their problems."""
 
     document: YamlDocument
     folder: Path | None
@@ -116,7 +116,7 @@ class _NamedFiles:
     def read(
         self, kind: Kind, name: str, parse: Callable[[bytes, str], T], *, at: KeyPath = ()
     ) -> T | None:
-        """Read a file; the procedure names it under the key `at`, by default `kind`."""
+        """Read a file that the procedure names under the key `at` (default: `kind`); None if it has problems."""
         try:
             resource = self.snapshot.get(kind) or resolve(kind, name, folder=self.folder)
         except ConfigError as error:
@@ -134,7 +134,7 @@ class _NamedFiles:
 
 
 def check_joints(file_model: ProcedureFile, arm: ArmModel | None) -> Iterator[Complaint]:
-    """Check joint numbers against each other and, if it is known, against the arm."""
+    """Check joint numbers against each other and, unless `arm` is None, against the arm."""
     modes = file_model.chosen_modes
     drives = modes.listed
     lists: tuple[tuple[KeyPath, tuple[int, ...]], ...] = (
@@ -220,7 +220,7 @@ def _check_limits(file_model: ProcedureFile, arm: ArmModel) -> Iterator[Complain
                     f"outside its range {low:.6g} to {high:.6g} deg"
                 )
                 yield ("capture", "exploration", k, key), text, "shorten the exploration range"
-    # If the program chooses, any joint may drive.
+    # If the program chooses the drive joints, any joint may drive.
     named = [item.joint for _, item in boxes]
     drives = named if file_model.chosen_modes.listed else range(1, arm.joint_count + 1)
     slowest = min(drives, key=lambda j: arm.joints[j - 1].max_speed_rad_per_s, default=None)
@@ -234,7 +234,7 @@ def _check_limits(file_model: ProcedureFile, arm: ArmModel) -> Iterator[Complain
 def check_requested(
     file_model: ProcedureFile, parameters: Sequence[Parameter]
 ) -> Iterator[Complaint]:
-    """Check that requested standard deviations name existing parameters with their units, and are used with a plan."""
+    """Check that the keys of `requested_sigma` are parameters with units, and that the capture is planned."""
     place: KeyPath = ("capture", "requested_sigma")
     requested = file_model.capture.requested_sigma
     if requested and file_model.capture.strategy != "planned":

@@ -40,7 +40,7 @@ _HEXADECIMAL = r"([0-9A-Fa-f]{1,8})h"
 def _form(
     pattern: str, what: str, example: str
 ) -> tuple[StringConstraints, object, WithJsonSchema]:
-    """Return the annotations of a text that must match a pattern, with a readable error."""
+    """Return the annotations of a text that must match `pattern`; the error calls it `what` and shows `example`."""
 
     def check(text: str) -> str:
         if not re.fullmatch(pattern, text):
@@ -89,7 +89,7 @@ class PdoSpec(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointSpec(StrictRecord):
-    """Settings of one joint; those not stated are as for all joints."""
+    """Settings of one joint; settings that are not stated are as for all joints."""
 
     joint: Annotated[Count, Field(le=MAX_JOINTS)]
     node: NodeNumber | None = None
@@ -102,7 +102,7 @@ class JointSpec(StrictRecord):
 
     @property
     def counts_otherwise(self) -> bool:
-        """Whether direction, counts per turn or zero of the drive differ from those of the arm file's sensor."""
+        """Whether the drive's direction, counts per turn or zero differ from the sensor in the arm file."""
         return (self.direction, self.counts_per_rev, self.zero_counts) != (1, None, 0)
 
 
@@ -132,7 +132,7 @@ class HeartbeatLimits(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProfileFile(StrictRecord):
-    """The whole file, without its ``schema`` line.
+    """Content of a bus profile file, without the key ``schema``.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ class ProfileFile(StrictRecord):
     sdo_timeout_s: Annotated[PositiveNumber, Field(ge=0.05, le=60.0)] | None = None
 
     def for_joints(self, count: int | None = None) -> BusProfile:
-        """Return the profile for `count` joints; None: the highest listed number, else the largest possible."""
+        """Return the profile for `count` joints; None: up to the highest joint listed, or as many as possible."""
         if count is None:
             listed = max((joint.joint for joint in self.joints), default=0)
             room = MAX_JOINTS if self.supervisor == "none" else min(MAX_JOINTS, self.supervisor - 1)
@@ -180,7 +180,7 @@ class ProfileFile(StrictRecord):
         )
 
     def own(self, number: int) -> JointSpec:
-        """Return the settings of one joint, which are the defaults if the file does not list it."""
+        """Return the settings of one joint; the default settings if the file does not list the joint."""
         return next((j for j in self.joints if j.joint == number), JointSpec(joint=number))
 
     def _joint(self, number: int, own: JointSpec) -> JointProfile:

@@ -36,10 +36,10 @@ TO_SI: Mapping[str, tuple[str, Callable[[float], float]]] = {
 }
 
 LONGEST_M = 10.0
-"""Largest length of an arm or fixture; a larger number of metres is an angle or millimetres."""
+"""Largest length of an arm or fixture; a larger number was probably written in millimetres or degrees."""
 
 LARGEST_DEG = 3600.0
-"""Sensor angles are continuous and may exceed one turn, but not ten; larger numbers are counts."""
+"""Sensor angles are continuous and may exceed one turn, but not ten; a larger number probably means counts."""
 
 
 def refuse(text: str, remedy: str = "") -> PydanticCustomError:
@@ -102,7 +102,7 @@ def _uncertainty(limit: float, unit: str) -> tuple[AfterValidator, WithJsonSchem
 
 
 def _twist_deg(value: float) -> float:
-    """Refuse a nominal twist that equals a well-known number of radians."""
+    """Return a nominal twist; refuse a multiple of pi/2, which was probably written in radians."""
     quarters = (0.5 * math.pi, math.pi, 1.5 * math.pi)
     if any(math.isclose(abs(value), known, abs_tol=2e-3) for known in quarters):
         raise refuse(f"{value:g} deg looks like radians", f"write {math.degrees(value):.6g}")
@@ -134,7 +134,7 @@ TurnDeg = Annotated[
 ]
 """An offset: within a turn."""
 TwistDeg = Annotated[TurnDeg, AfterValidator(_twist_deg)]
-"""A nominal twist: within a turn, and not pi/2."""
+"""A nominal twist: within a turn, and not a multiple of pi/2."""
 
 StatedMm = Annotated[NonNegativeNumber, *_uncertainty(50.0, "mm")]
 StatedDeg = Annotated[NonNegativeNumber, *_uncertainty(10.0, "deg")]
@@ -150,8 +150,8 @@ Name = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0
 def degrees_for_file(angle_rad: FloatArray | float) -> FloatArray:
     """Return degrees whose ``np.deg2rad`` is exactly `angle_rad`; if there is no such double, the nearest.
 
-    If there are several, the one with the fewest digits. An angle that came from a file in degrees always has such a
-    double, so that reading, writing and reading again changes no bit.
+    If there are several, the double with the fewest digits is returned. An angle that came from a file in degrees
+    always has such a double, so that reading, writing and reading again changes no bit.
     """
     target_rad = np.asarray(angle_rad, dtype=np.float64)
     degrees = [_degrees(float(value)) for value in target_rad.reshape(-1)]
@@ -174,5 +174,5 @@ def _degrees(wanted_rad: float) -> float:
 
 
 def short_degrees(angle_rad: FloatArray) -> list[float]:
-    """Round proposed angles (n,) to 1e-6 deg, so that they can be copied into a file."""
+    """Return proposed angles (n,) in degrees, rounded to 1e-6 deg so that they can be copied into a file."""
     return [round(angle, 6) + 0.0 for angle in np.rad2deg(angle_rad).tolist()]

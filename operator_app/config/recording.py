@@ -24,7 +24,7 @@ from operator_app.config.resources import expanded, read_limited
 from solver.arrays import FloatArray
 
 RECORDING_LIMIT_BYTES = 1024 * 1024 * 1024
-"""A CSV log of seven joints at 1 kHz over an hour is some 500 MB."""
+"""Limit of a recording; a CSV log of seven joints at 1 kHz over an hour has some 500 MB."""
 
 LARGEST_ANGLE_RAD = 20.0 * np.pi
 PER_SECOND = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3), (0.0, 1.0))
@@ -45,7 +45,7 @@ class JointRecording:
     source
         Topic or column of times.
     left_out
-        Number of messages or lines in which a joint's angle is missing, or which repeat the time of another one.
+        Number of messages or lines that lack a joint's angle or have the same time as another message or line.
     """
 
     file: str
@@ -57,7 +57,7 @@ class JointRecording:
 
 
 def utc_text(time_s: float) -> str:
-    """Return a time since 1970 in the format of poses files; empty if times are counted from something else."""
+    """Return a time since 1970 in the format of poses files; empty if the time does not count from 1970."""
     if time_s < SINCE_1970_S:
         return ""
     return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%dT%H:%M:%S.%f}"[:-3] + "Z"
@@ -129,7 +129,7 @@ def load_timed_log(
 
 
 def _time_s(cell: str, file: str, line: int, column: int) -> float:
-    """Read a time: a number, or ISO 8601 as seconds since 1970; without a zone it is UTC."""
+    """Return a time: a number as it is, or ISO 8601 (UTC if it has no zone) as seconds since 1970."""
     try:
         return float(cell or "nan")
     except ValueError:
@@ -155,7 +155,7 @@ def _angle(cell: str, file: str, line: int, column: int) -> float:
 def recording_of(
     time_s: FloatArray, q_rad: FloatArray, *, joints: tuple[str, ...], file: str, source: str
 ) -> JointRecording:
-    """Return samples in the order of time, without incomplete ones and repeated times.
+    """Return the samples in order of time, without incomplete samples and repeated times.
 
     Raises
     ------
@@ -185,9 +185,9 @@ def recording_of(
 def find_joints(
     names: Sequence[str], joints: Sequence[str], *, file: str, columns: str = ""
 ) -> tuple[str, ...]:
-    """Return which of `names` are joints 1 to n: those in `columns`, those in the arm file, or numbered ones.
+    """Return the names of joints 1 to n: those in `columns`; else those in `joints` (the arm file's); else a series.
 
-    Numbered names, such as panda_joint1 to panda_joint7, are used if there is exactly one series of n.
+    A series is n names that differ only in a number, such as panda_joint1 to panda_joint7; there must be only one.
     """
     count = len(joints)
     if columns:
@@ -217,7 +217,7 @@ def is_bag(path: str | Path) -> bool:
     where = expanded(path)
     try:
         return where.suffix in BAG_SUFFIXES or (where / "metadata.yaml").is_file()
-    except OSError:  # a name too long; opening the file reports it
+    except OSError:  # e.g. the name is too long; opening the file reports it
         return False
 
 
@@ -231,9 +231,9 @@ def load_bag(
     joints
         The arm's names of joints 1 to n.
     columns
-        Their names in the bag, in this order; empty: the arm's names, or the only series of numbered names.
+        Names of joints 1 to n in the bag; empty: the arm's names, or the only series of numbered names.
     topic
-        Topic of the joint states; empty: ``/joint_states``, or the only one of that type.
+        Topic of the joint states; empty: ``/joint_states``, or else the only topic of that type.
 
     Raises
     ------

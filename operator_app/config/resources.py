@@ -67,7 +67,7 @@ def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) ->
     Raises
     ------
     ConfigError
-        It is neither a built-in name nor a file (the message lists the built-in names), or the file cannot be read.
+        `reference` is no built-in name and no file (the message lists the built-in names), or the file cannot be read.
     """
     text = str(reference)
     names = builtin_names(kind)
@@ -99,7 +99,7 @@ def expanded(reference: str | Path) -> Path:
 
 
 def read_limited(path: Path, shown: str, *, limit: int) -> bytes:
-    """Read a file, named `shown` in messages; ConfigError if it exceeds `limit` bytes or cannot be read."""
+    """Read a file, named `shown` in messages; raises ConfigError if it exceeds `limit` bytes or cannot be read."""
     try:
         if stat.S_ISFIFO(path.stat().st_mode) and not str(path).startswith(OPEN_ALREADY):
             # Opening it would wait for its writer, perhaps forever.

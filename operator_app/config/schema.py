@@ -1,7 +1,7 @@
 """Converts a strict YAML document to a checked model, and reports all problems at once.
 
-Wraps pydantic: its errors become `Problem`s with file, line and key; for an unknown key the one that was probably meant
-is suggested, and a misspelt key is not also reported as missing.
+Wraps pydantic: its errors become `Problem`s with file, line and key; for an unknown key, the key
+that was probably meant is suggested, and is then not also reported as missing.
 
 A model is a `StrictModel` that builds a domain object, or a dataclass derived from `StrictRecord` that is itself a
 domain object. Such a dataclass is checked when it is read from a file or written to one, but not when it is made in the
@@ -64,7 +64,7 @@ def adapter(model: type[M]) -> TypeAdapter[M]:
 def report(info: ValidationInfo, path: Path, text: str, remedy: str = "") -> None:
     """Record a problem at `path` from inside a validator, without stopping the validation.
 
-    This is for checks between fields, which may have to name several places, as pydantic's exceptions cannot.
+    For checks that compare fields: they may have to report several places, which pydantic's exceptions cannot do.
     """
     cast("list[Complaint]", info.context).append((path, text, remedy))
 
@@ -196,10 +196,10 @@ def _problems(
 def _without_alternatives(
     document: YamlDocument, placed: list[tuple[Path, ErrorDetails]]
 ) -> list[tuple[Path, ErrorDetails]]:
-    """Keep only one problem where a value may be a word or of another type, and is neither.
+    """Keep only one problem of a value that must be a certain word or of another type, and is neither.
 
-    Pydantic lists the problems of every alternative. The problem of the word is kept if the value is nearly one of the
-    words, or if only a word may be text.
+    Pydantic lists the problems of every alternative. The problem with the words is kept if the value is nearly one
+    of the words, or is text where no number is allowed.
     """
     remaining = list(placed)
     for path, error in placed:
@@ -232,7 +232,7 @@ def _path(document: YamlDocument, error: ErrorDetails) -> Path:
 def _unknown_key(
     document: YamlDocument, model: type[M], path: Path, missing: set[Path]
 ) -> tuple[str, str, Path | None]:
-    """Return text, remedy, and the missing key that was probably meant."""
+    """Return text and remedy for an unknown key, and the missing key that was probably meant (None: no such key)."""
     key, parent = str(path[-1]), path[:-1]
     known = _keys(document, model, parent)
     present = document.at(parent)
@@ -278,7 +278,7 @@ def _keys(document: YamlDocument, model: type[M], path: Path) -> list[str]:
 
 
 def _choices(node: dict[str, Any], schema: dict[str, Any], value: Any) -> list[dict[str, Any]]:
-    """Resolve a node of a JSON Schema into models; of models with a `kind`, only that of the kind of `value`."""
+    """Resolve a node of a JSON Schema into models; models of another `kind` than that of `value` are left out."""
     if "$ref" in node:
         return [schema["$defs"][node["$ref"].rpartition("/")[2]]]
     # Older versions of pydantic write a reference with a default as allOf of one.

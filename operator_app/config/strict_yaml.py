@@ -274,7 +274,7 @@ class YamlDocument:
     def problem(
         self, path: Path, text: str, remedy: str = "", mark: tuple[int, int] | None = None
     ) -> Problem:
-        """Build a problem at `path`, or at the nearest parent that is in the file; or at another `mark`."""
+        """Build a problem at `path`; line and column: `mark`, or those of `path` or its nearest parent in the file."""
         place = path
         while place and place not in self.marks:
             place = place[:-1]

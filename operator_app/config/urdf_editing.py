@@ -1,4 +1,4 @@
-"""Writes a calibration as URDF: a new file, or the user's own (or UR's kinematics file) with calibrated joint origins.
+"""Writes a calibration as URDF: a new file, or the user's URDF or UR kinematics file with calibrated joint origins.
 
 A D-H link ``Rz(q + theta_off) Tz(s) Tx(a) Rx(alpha) Ry(beta)`` is a revolute joint about z and then a fixed
 step; that step is the origin of the next joint, so that every joint value is a sensor reading.
@@ -41,7 +41,7 @@ def format_urdf(
     Parameters
     ----------
     T_tip
-        Pose of the link 'tip' relative to the last link at a reading of zero, (4, 4), m; None: no such link.
+        Pose of the link 'tip' relative to the last link at a reading of zero, (4, 4), m; None: no link 'tip'.
     comment
         Lines of a comment in the file.
     """
@@ -81,8 +81,8 @@ def format_urdf(
 
 
 def xml_comment(lines: Iterable[str]) -> bytes:
-    """Format lines as an XML comment; empty without lines."""
-    # Two hyphens would end it.
+    """Format lines as an XML comment; empty if there are no lines."""
+    # Two hyphens would end the comment.
     text = re.sub("-(?=-)", "- ", "\n".join(f"  {_xml_text(line)}" for line in lines))
     return f"<!--\n{text}\n-->\n".encode() if text else b""
 
@@ -106,14 +106,14 @@ z."""
 def with_calibration(
     data: bytes, file: str, arm: ArmModel, table: DhTable, comment: Sequence[str]
 ) -> bytes:
-    """Return a file with the geometry of `table` in the origins of its joints, and a comment.
+    """Return the file with a comment, and with joint origins changed to the geometry of `table`.
 
     Parameters
     ----------
     data, file
         A URDF, a xacro whose chain has literal numbers, or UR's ``default_kinematics.yaml``; and its name.
     arm
-        The calibrated arm, as in its file.
+        The arm that was calibrated, with the nominal values of its file.
     comment
         Lines of a comment in the file.
 
@@ -133,7 +133,7 @@ def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray
     """Return the origins (4, 4), by joint, that have to change for the chain to match `table`.
 
     With all joints at zero, ``C_j`` leads from frame j-1 to the file's own frame of joint j. If the offset of joint j
-    changes by d_j, its link is at ``Rz(q_j + d_j) C_j`` in frame j-1, so that shapes turn with their joints.
+    changes by d_j, the joint's link is at ``Rz(q_j + d_j) C_j`` in frame j-1, so that its mesh turns with the joint.
     """
     rows, stated = table.stacked().T, chain.table.stacked().T
     turned = [
@@ -172,7 +172,7 @@ def _inverse(T: FloatArray) -> FloatArray:
 def _chains(data: bytes, file: str, arm: ArmModel) -> Iterator[UrdfChain]:
     """Yield the chains between every link fixed to the arm's base and every link fixed to its tool.
 
-    The arm is found by its joint names or, without these, as the only arm of the file.
+    The arm is found by its joint names; if the file lacks these, it must be the only arm of the file.
     """
     tree = UrdfTree.read(data, file)
     ends = list(tree.around(arm.joints[0].name, arm.joints[-1].name))
@@ -209,7 +209,7 @@ _TAG = re.compile(rb"""<[^\s>/]+(?:[^>"']|"[^"]*"|'[^']*')*>""")
 
 
 def _into_xml(data: bytes, origins: Mapping[str, FloatArray], comment: Sequence[str]) -> bytes:
-    """Return the bytes of an XML file with these joint origins, and the comment before the robot."""
+    """Return the bytes of an XML file with these origins, by joint, and with the comment before <robot>."""
     cuts, way, joint = list[tuple[int, int, bytes]](), list[str](), ""
     parser = expat.ParserCreate()
 
@@ -262,7 +262,7 @@ def _replaced(data: bytes, cuts: Sequence[tuple[int, int, bytes]]) -> bytes:
 
 
 def _ur_lines(data: bytes, file: str) -> Iterator[tuple[str, str, re.Match[bytes], int]]:
-    """Yield link, key, match of the value in its line, and position of the line in the bytes."""
+    """Yield link, key, match of the value in its line, and position of that line in the file (bytes)."""
     decode_text(data, file)
     link, at = "", 0
     for line in data.splitlines(keepends=True):

@@ -24,7 +24,7 @@ ONLY_REVOLUTE = "only revolute joints are supported: exclude others with --base 
 NO_LIMIT_RAD = math.pi
 """Range of a continuous joint, in either direction."""
 PLACEHOLDER_ANGLE_RAD, PLACEHOLDER_RAD_PER_S = math.radians(3600.0), math.radians(3600.0)
-"""Larger limits of angle and speed are placeholders, such as 1e6 rad or 100 rad/s: they count as not stated."""
+"""Limits of angle and speed above these are placeholders, such as 1e6 rad or 100 rad/s: they count as not stated."""
 GRIPPER = re.compile(r"finger|grip|jaw|knuckle|thumb", re.IGNORECASE)
 """Names of joints of a gripper, not of the arm."""
 FLANGES = ("tool0", "flange")
@@ -38,9 +38,9 @@ Matrix = FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfJoint:
-    """One revolute joint: name, range (rad), speed (rad/s) and torque (Nm); None where not stated.
+    """One revolute joint: name, range (rad), speed (rad/s) or None, torque (Nm) or None; None: not stated.
 
-    `placeholders`: limits in the file that no arm has, as text.
+    `placeholders`: the file's limits that are too large for any arm, as text.
     """
 
     name: str
@@ -53,9 +53,9 @@ class UrdfJoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfStep:
-    """One joint of the file: its pose relative to its parent, and its axis (None if it is fixed).
+    """One joint of the file: its pose relative to the parent link, and its axis (None if the joint is fixed).
 
-    `rounded` lists each angle that the file rounds by more than `REPORTED_RAD`, and the exact one, deg.
+    `rounded`: angles that the file rounds by more than `REPORTED_RAD`, as text, each with the exact angle, deg.
     """
 
     name: str
@@ -108,7 +108,7 @@ def parse_urdf(data: bytes, file: str, *, base: str = "", tip: str = "") -> Urdf
     Parameters
     ----------
     base, tip
-        Names of the links; empty: the file's root, and the only end of its revolute joints, grippers not counted.
+        Names of the links; empty: the file's root link, and the only end of its revolute joints apart from grippers.
 
     Raises
     ------
@@ -128,7 +128,7 @@ class UrdfTree:
 
     @classmethod
     def read(cls, data: bytes, file: str) -> UrdfTree:
-        """Read a file; ConfigError if it is not a URDF or has no joint."""
+        """Read a file; raises ConfigError if it is not a URDF or has no joint."""
         robot = _robot(data, file)
         # Simulators nest joints of their own in other elements.
         joints = [e for e in robot.iterfind("joint") if e.get("type")]
@@ -166,7 +166,7 @@ class UrdfTree:
         return chain_of(self.name, tuple(_step(e, file) for e in way[first:]), tip, file)
 
     def around(self, first: str, last: str) -> Iterator[tuple[str, str]]:
-        """Yield possible bases and tips of an arm from joint `first` to joint `last`: all links fixed to its ends."""
+        """Yield the pairs of links that may be base and tip of an arm with these end joints: links fixed to them."""
         named = {e.get("name", ""): e for e in self.elements.values()}
         if first not in named or last not in named:
             return
@@ -180,7 +180,7 @@ class UrdfTree:
 
 
 def chain_of(name: str, steps: tuple[UrdfStep, ...], tip: str, file: str) -> UrdfChain:
-    """Return the chain of these joints in D-H terms; ConfigError if none is revolute."""
+    """Return the chain of these joints in D-H terms; raises ConfigError if none is revolute."""
     joints = tuple(step.joint for step in steps if step.joint)
     if not joints:
         raise only(file, "no revolute joint is on the path to that link", "choose another --tip")
@@ -219,7 +219,7 @@ def _robot(data: bytes, file: str) -> ET.Element:
 
 
 def _links(element: ET.Element) -> tuple[str, str]:
-    """Return parent and child of a joint; empty if missing."""
+    """Return parent link and child link of a joint; empty where the file names none."""
     ends = (element.find(key) for key in ("parent", "child"))
     parent, child = ("" if e is None else e.get("link", "") for e in ends)
     return parent, child
@@ -240,7 +240,7 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
     """Return the link at the end of the only arm, not counting links that a gripper moves."""
     parents = {_links(e)[0] for e in elements.values()}
     leaves = [child for child in elements if child not in parents]
-    # A cycle has no end; `_joints_to` reports it from any of its links.
+    # A cycle has no end; `_joints_to` reports the cycle from any of its links.
     ends, turning = dict[str, int](), {"revolute", "continuous"}
     for leaf in leaves or list(elements):
         way = _joints_to(leaf, elements, file)

@@ -22,7 +22,7 @@ follows their common normal."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisLine:
-    """Axis of a joint in the base link's frame, all joints at zero: direction, a point, a preferred x, (3,) each."""
+    """A joint's axis in the base link's frame, all joints at zero: direction z, a point, a preferred x, (3,) each."""
 
     z: FloatArray
     point_m: FloatArray
@@ -87,7 +87,7 @@ def frame_of(x: FloatArray, z: FloatArray, origin_m: FloatArray) -> FloatArray:
 
 
 def _by_common_normal(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
-    """Return the row to an axis that is not parallel, along the common normal."""
+    """Return the D-H row from frame `before` to an axis that is not parallel to its z, along the common normal."""
     x, z, origin = before[:3, 0], before[:3, 2], before[:3, 3]
     normal = np.cross(z, line.z)
     normal /= np.linalg.norm(normal)
@@ -99,7 +99,7 @@ def _by_common_normal(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
 
 
 def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
-    """Return the row to a parallel axis; frame j is where this axis crosses the plane z = 0 of frame j-1 [9]."""
+    """Return the D-H row to a nearly parallel axis; frame j is where it crosses the plane z = 0 of frame j-1 [9]."""
     x, z, origin = before[:3, 0], before[:3, 2], before[:3, 3]
     apart = line.point_m - origin
     apart = apart - (apart @ z) / (line.z @ z) * line.z
@@ -111,9 +111,9 @@ def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
 
 
 def _to_tip(before: FloatArray, tip: AxisLine, sine: float) -> tuple[float, ...]:
-    """Return the row to a tip whose axis is nearly parallel to the joint's, along the common normal if that is near.
+    """Return the D-H row to a tip whose z is nearly parallel to the last joint's axis.
 
-    Otherwise the row leads to the tip's origin and omits the small tilt.
+    It follows the common normal if that is near; otherwise it leads to the tip's origin and omits the small tilt.
     """
     if sine > MEETING_SINE:
         row = _by_common_normal(before, tip)

@@ -64,7 +64,7 @@ def settings_path() -> Path:
 
 
 def load_settings() -> UserSettings:
-    """Return the user's settings; all None if there is no file.
+    """Return the user's settings; if there is no file, all settings are None.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def valid_settings() -> tuple[UserSettings, str]:
 
 
 def settings_bytes() -> bytes | None:
-    """Return the content of the user's file; None without one."""
+    """Return the content of the user's file; None if there is no file."""
     path = settings_path()
     try:
         if not path.exists():
@@ -107,10 +107,10 @@ def parse_settings(data: bytes, file: str) -> UserSettings:
 
 
 def usual_bus(named: str | None = None) -> BusSettings | None:
-    """Return the bus in the user's settings; None without one; raises ConfigError.
+    """Return the bus in the user's settings; None if they name none. Raises ConfigError.
 
-    If an interface has been `named` already, or is in the environment, the settings are not read, so that an invalid
-    file does not matter.
+    If an interface has been `named` already, or is in the environment, the settings are not read: None is returned
+    even if the file is invalid.
     """
     from hardware.buses.python_can import BusSettings
 

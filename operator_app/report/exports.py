@@ -1,7 +1,7 @@
 """A calibration in the formats of other tools: JSON, CSV, URDF, MATLAB, as bytes.
 
-Each format states the side of every parameter (arm, ground or tool): only the arm's remain valid when the fixture is
-dismounted. A URDF contains only the arm itself.
+Each format states the side of every parameter (arm, ground or tool): only parameters of the arm remain valid
+when the fixture is dismounted. A URDF contains only the arm itself.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Calibration:
     Attributes
     ----------
     forced
-        Reason for using a calibration that was not accepted; empty if it was.
+        Reason for using a calibration that was not accepted; empty if the calibration was accepted.
     """
 
     solution: Solution
@@ -82,7 +82,7 @@ def _json(calibration: Calibration) -> bytes:
 
 
 def _rows(calibration: Calibration) -> list[dict[str, Any]]:
-    """Return D-H rows 1..n of the arm itself, without the fixture's entries, in deg and m, as in its URDF."""
+    """Return D-H rows 1..n of the arm without its fixture (the geometry of the exported URDF), in deg and m."""
     arm = calibration.by_itself
     columns = arm.table().stacked()
     angles = [kind for kind in DhKind if kind.is_angle]
@@ -102,7 +102,7 @@ def _rows(calibration: Calibration) -> list[dict[str, Any]]:
 
 
 def _csv(calibration: Calibration) -> bytes:
-    """Return CSV: one row per parameter, in deg or mm; a forced export has its reason in a last column."""
+    """Return CSV: a row per parameter, in deg or mm; if not accepted, the last column states the reason for export."""
     estimate = calibration.solution.identified
     rows = [
         (p.name, side_of(calibration.solution.model, p.name), quantity_of(p).unit,

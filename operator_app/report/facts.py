@@ -1,7 +1,7 @@
 """Facts of a calibration: verdict, headlines, tables and notices, built once for all renderers.
 
 Text, HTML page, JSON, terminal app and plain mode render these facts and make no decisions. A table that is added to
-`facts_of` appears in all of them, in JSON only its figures with a key; further JSON data are in `calibration_data`.
+`facts_of` appears in all of them, but JSON has only the figures with a key, and further data from `calibration_data`.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def facts_of(
     Parameters
     ----------
     checks
-        Cross-validation and jackknife; None where they were not computed.
+        Cross-validation and jackknife; None if they were not computed.
     captured
         Number of captured poses, including unused ones; None if all were used.
     """
@@ -175,7 +175,7 @@ def estimate_json(estimate: Estimate) -> dict[str, Any]:
 
 
 def merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
-    """Return two JSON objects merged; where both have a value, that of the second is used."""
+    """Return two JSON objects merged; where both have a value, the value in `other` is used."""
     result = dict(one)
     for key, value in other.items():
         both = isinstance(value, Mapping) and isinstance(result.get(key), Mapping)
@@ -243,7 +243,7 @@ def side_note(solution: Solution) -> str:
 
 
 def remedy_table(solution: Solution) -> FactTable | None:
-    """Return the table of offset, gain and corrections of every RVDT that the poses determine; None without any."""
+    """Return the table of offset, gain and corrections of each RVDT that the poses determine; None if there is none."""
     rows: list[tuple[Cell, ...]] = []
     for table in reading_tables(solution):
         head: tuple[Cell, ...] = (

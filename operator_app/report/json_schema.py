@@ -126,7 +126,7 @@ def _components_data(components: VarianceComponents | None) -> dict[str, Any]:
 
 
 def _rvdt_data(verdict: RvdtVerdict) -> dict[str, Any]:
-    """Return one RVDT's diagnosis; angles in deg, its linearity deviation as a correction table."""
+    """Return one RVDT's diagnosis, with its linearity deviation as a correction table; angles in deg."""
     figures = verdict.figures
     data: dict[str, Any] = {
         "joint": verdict.joint,
@@ -158,7 +158,7 @@ def unidentifiable_data(
 ) -> dict[str, Any]:
     """Return the object for a pose set that leaves parameters undetermined (exit code 5).
 
-    Keys for the results of a calibration are empty or left out.
+    Keys for the results of a calibration are empty, null or left out.
     """
     directions = error.directions
     causes = [{"code": error.code, "probability": 1.0, "text": error.note, "remedy": ""}]

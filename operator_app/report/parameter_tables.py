@@ -33,7 +33,7 @@ SEVERAL_SIGMAS = 3.0
 
 
 def precision(estimate: Estimate) -> Callable[[Quantity], int]:
-    """Return a function that gives a quantity's decimal places: two significant digits of its smallest sigma."""
+    """Return a function from quantity (angle, length) to decimal places: two digits of the smallest sigma."""
     sigmas = estimate.standard_deviation.tolist()
     return precision_of(zip(estimate.parameters, sigmas, strict=True), most=MOST_PLACES)
 
@@ -52,7 +52,7 @@ def precision_of(
 
 
 def nominal_places(parameters: Iterable[Parameter]) -> Callable[[Quantity], int]:
-    """Return a function that gives the decimal places that show a quantity's nominal values exactly."""
+    """Return a function from quantity (angle, length) to the decimal places that show its nominal values exactly."""
     listed = tuple(parameters)
 
     def places(quantity: Quantity) -> int:
@@ -136,7 +136,7 @@ def _beside(p: Parameter, places: int, other: Estimate) -> Cell:
 def estimators_table(
     estimate: Estimate, beside: Estimate | None, *, diverged: bool = False
 ) -> FactTable | None:
-    """Return the table of both estimators' values and sigmas, and their differences; None with one estimator.
+    """Return the table of both estimators' values and sigmas, and their differences; None if `beside` is None.
 
     `diverged`: the solution diverged, and neither estimate is usable.
     """
@@ -196,7 +196,7 @@ def change_of(parameter: Parameter, value: float, reference: float) -> float:
 
 
 def dh_table(solution: Solution) -> FactTable | None:
-    """Return the D-H table, with identified beside nominal entries; None for a loop without a D-H table."""
+    """Return the D-H table with nominal and identified entries; None for a loop without a D-H table."""
     model = solution.model
     before = model.dh_table(nominal_vector(model.parameters))
     after = model.dh_table(solution.estimate.x)
@@ -248,7 +248,7 @@ def shown_kinds(*, with_beta: bool) -> tuple[DhKind, ...]:
 
 
 def jackknife_table(estimate: Estimate, spread: FloatArray | None) -> FactTable | None:
-    """Return the table of sigmas and jackknife sigmas (each pose left out in turn); None if not computed."""
+    """Return the table of sigmas and jackknife sigmas (each pose left out in turn); None if these were not computed."""
     if spread is None:
         return None
     places, rows = precision(estimate), []
@@ -268,7 +268,7 @@ def jackknife_table(estimate: Estimate, spread: FloatArray | None) -> FactTable 
 
 
 def tolerated_table(solution: Solution) -> FactTable | None:
-    """Return the table of lengths, twists and offsets corrected within their tolerances; None without any."""
+    """Return the table of lengths, twists and offsets corrected within their tolerances; None if there are none."""
     estimate = solution.estimate
     places, round_places = precision(estimate), nominal_places(estimate.parameters)
     rows = []

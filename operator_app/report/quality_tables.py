@@ -73,7 +73,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
 
 
 def trend_table(solution: Solution) -> FactTable | None:
-    """Return the table of the condition number over the number of poses; None with fewer than two values."""
+    """Return the table of the condition number over the number of poses; None if there are fewer than two values."""
     trend = solution.identifiability.trend
     if len(trend) < 2:
         return None
@@ -99,7 +99,7 @@ def trend_table(solution: Solution) -> FactTable | None:
 
 
 def hand_table(solution: Solution) -> FactTable | None:
-    """Return the table of the tool's position uncertainty at the poses of the calibration; None if not computed."""
+    """Return the table of the tool position uncertainty at the poses of the calibration; None if not computed."""
     hand = solution.hand
     if hand is None:
         return None
@@ -276,7 +276,7 @@ def closure_row(
 ) -> tuple[Cell, ...]:
     """Return one row of closure sigmas.
 
-    `key`: key of the figures in JSON; None: not in JSON. `reading`: key of the rms if only that is in JSON.
+    `key`: key of the figures in JSON; None: no figure is in JSON. `reading`: key of the rms if only the rms is in JSON.
     """
     cells: list[Cell] = [name]
     turned = sigmas.orientation_rad
@@ -296,7 +296,7 @@ def closure_row(
 
 
 def causes_table(solution: Solution) -> FactTable | None:
-    """Return the table of possible faults, most probable first, with sentences for the page only; None without any."""
+    """Return the table of possible faults, most probable first (sentences only on the page); None if there are none."""
     rows = tuple(
         (
             cause.code,
@@ -322,7 +322,7 @@ def causes_table(solution: Solution) -> FactTable | None:
 
 
 def tests_table(solution: Solution) -> FactTable | None:
-    """Return the table of the verdict's hypothesis tests, with marks at those that fired; None without any."""
+    """Return the table of the verdict's hypothesis tests, with marks at tests that fired; None if there are none."""
     rows = tuple(
         (
             t.code,

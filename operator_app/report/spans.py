@@ -25,7 +25,7 @@ short_entry = partial(entry, column=11)
 
 
 def length(of: Line) -> int:
-    """Return the number of cells that a line takes; every character used is one cell wide."""
+    """Return the number of cells that a line takes; the program uses only characters that are one cell wide."""
     return sum(len(text) for text, _ in of)
 
 
@@ -61,9 +61,9 @@ def wrapped(text: str, width: int, role: str = "text", indent: str = "") -> list
 
 
 def window(rows: Sequence[Line], first: int, height: int) -> tuple[list[Line], int, int]:
-    """Return the rows from `first` on that fit, their number, and the index of the first.
+    """Return the rows that fit, from `first` on, their number, and the index of the first row shown.
 
-    If not all rows fit, a last row states how many are below or, at the end, above.
+    If not all rows fit, an additional last row states how many are below or, at the end of the list, above.
     """
     if len(rows) <= height:
         return list(rows), len(rows), 0

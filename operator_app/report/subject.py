@@ -36,9 +36,9 @@ class Subject:
     solution
         The calibration; None if the poses do not determine every parameter, see `unidentifiable`.
     checks
-        Cross-validation and jackknife of the solution; None where they were not computed.
+        Cross-validation and jackknife of the solution; None if they were not computed.
     recalculated_because
-        Reason why the solution is not the one in the journal; empty if it is.
+        Reason why the poses were solved again; empty if the solution is from the journal.
     last_utc, events, torn
         Time of the journal's last event, number of events, and text about an incomplete line dropped from its end.
     simulated
@@ -65,7 +65,7 @@ class Subject:
 
     @property
     def facts(self) -> Facts | None:
-        """The facts of the calibration; None without a calibration."""
+        """The facts of the calibration; None if there is no calibration."""
         if self.solution is None:
             return None
         return facts_of(
@@ -110,12 +110,12 @@ class Subject:
 
     @property
     def used(self) -> tuple[CapturedPose, ...]:
-        """Poses from which the solution was made, in the order of its rows."""
+        """Poses from which the solution was made, in the order of the solution's rows."""
         return tuple(p for p in self._counting if p.number not in self.flipped)
 
     @property
     def flipped(self) -> tuple[int, ...]:
-        """Numbers of poses that were left out because they lie on the other branch."""
+        """Numbers of poses that were left out because they lie on the other branch of the hinge."""
         dropped = () if self.solution is None else self.solution.dropped_flipped
         return tuple(self._counting[k].number for k in dropped)
 
@@ -154,7 +154,7 @@ def subject_of_session(
     found
         Calibration of the session; None if the poses do not determine every parameter.
     unidentifiable
-        Error with the undetermined parameters, in that case.
+        Error with the undetermined parameters; None if all are determined.
     """
     return Subject(
         name=name,
@@ -182,17 +182,17 @@ def _simulated(events: Sequence[JournalEvent]) -> bool:
 
 
 def facts_on(s: SessionSnapshot) -> Facts | None:
-    """Return the facts of a snapshot's calibration; None if it has no calibration of its poses."""
+    """Return the facts of a snapshot's calibration; None if the present poses have no calibration."""
     return None if no_facts(s) else _facts(_Same(s))
 
 
 def subject_on(s: SessionSnapshot) -> Subject | None:
-    """Return the report subject of a snapshot; None if it has no calibration of its poses."""
+    """Return the report subject of a snapshot; None if the present poses have no calibration."""
     return None if no_facts(s) else _subject(_Same(s))
 
 
 def no_facts(s: SessionSnapshot) -> str:
-    """Return the reason why a snapshot has no calibration of its poses; empty if it has one."""
+    """Return the reason why a snapshot's present poses have no calibration; empty if they have a calibration."""
     if s.solution is None:
         return "no calibration of these poses yet"
     counting = sum(not pose.excluded for pose in s.state.poses)

@@ -25,13 +25,13 @@ class Column:
     title, unit
         Header, with the unit in brackets.
     words
-        Whether its cells are text, aligned to the left.
+        Whether the cells are text, aligned to the left.
     group
         Header above neighbouring columns that belong together.
     detail
-        Whether only the HTML page shows it.
+        Whether only the HTML page shows the column.
     summary
-        Whether it replaces detail columns where there is no room for them.
+        Whether the column replaces detail columns where there is no room for them.
     """
 
     title: str
@@ -63,7 +63,7 @@ class FactTable:
     ident, title
         Name used in links, and caption.
     detail
-        Whether only the HTML page shows it.
+        Whether only the HTML page shows the table.
     out
         Indices of rows that are not used, shown dimmed.
     """

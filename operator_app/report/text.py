@@ -51,7 +51,7 @@ def verdict_text(facts: Facts, *, failed: str = "") -> str:
 
 
 def _codes_in_verdict(facts: Facts) -> set[str]:
-    """Return the codes of notices that the verdict includes: all causes if accepted, otherwise the blocking ones."""
+    """Return the codes of notices that the verdict includes: all causes if accepted, otherwise the blocking causes."""
     return {c.code for c in facts.causes if facts.accepted or c.blocking}
 
 
@@ -98,7 +98,7 @@ def placed(table: FactTable, gap: str) -> tuple[list[list[str]], list[list[str]]
 
 
 def _groups(columns: Sequence[Column]) -> list[tuple[int, int]]:
-    """Return the index of the first column of every group, and of the column after its last."""
+    """Return, for every group, the index of its first column and of the column after its last column."""
     starts = [
         k
         for k, column in enumerate(columns)
@@ -110,7 +110,7 @@ def _groups(columns: Sequence[Column]) -> list[tuple[int, int]]:
 
 
 ROLES = {"found": "bold"}
-"""Roles of figures that the terminal app shows in the style of another role."""
+"""Roles of figures that the terminal app shows in the style of another role, with that other role."""
 
 
 def table_spans(table: FactTable) -> tuple[list[Line], list[Line]]:
@@ -133,7 +133,7 @@ def table_spans(table: FactTable) -> tuple[list[Line], list[Line]]:
 
 
 def headline_spans(headlines: Sequence[Headline], width: int) -> Line:
-    """Return headlines side by side, without the notes of the last ones where these do not fit."""
+    """Return headlines side by side, without the notes of the last headlines if these do not fit."""
     row = ""
     for with_note in range(len(headlines), -1, -1):
         texts = [h.text if k < with_note else h.figure_text for k, h in enumerate(headlines)]
@@ -181,7 +181,7 @@ def unidentifiable_text(error: UnidentifiableError) -> str:
 
 
 def aligned(rows: Sequence[Sequence[str]], *, left: bool = False) -> str:
-    """Return rows as aligned text: the first column to the left, the others to the right or, if `left`, to the left."""
+    """Return rows as text, the first column aligned to the left, the others to the right (if `left`, to the left)."""
     columns = list(zip_longest(*(map(sanitized, row) for row in rows), fillvalue=""))
     for k, cells in enumerate(columns):
         width = max(map(len, cells))

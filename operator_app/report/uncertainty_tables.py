@@ -1,4 +1,4 @@
-"""Tables of sources of error (magnitudes, shares of variance, effect of halving one) and of the posterior's results."""
+"""Tables of error sources (magnitudes, shares of variance, effect of halving them) and of the posterior's results."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ LARGEST = 3
 def components_table(
     components: VarianceComponents | None, *, diverged: bool = False
 ) -> FactTable | None:
-    """Return the table of the estimated standard deviations of the sources of error, with intervals; None without any.
+    """Return the table of the error sources' estimated standard deviations, with intervals; None if there are none.
 
     If the solution has `diverged`, the table has no note on the fixture's compliance.
     """
@@ -119,7 +119,7 @@ def budget_table(solution: Solution) -> FactTable | None:
 
 
 def sensitivity_table(solution: Solution) -> FactTable | None:
-    """Return the table of the largest sigmas, their largest sources, and the sigmas with these halved; None if none."""
+    """Return the table of the widest sigmas, their largest sources and the effect of halving these; None if unknown."""
     sensitivities = source_sensitivities(solution)
     rows: list[tuple[Cell, ...]] = []
     for h in sensitivities:
@@ -177,7 +177,7 @@ def scale_table(solution: Solution) -> FactTable | None:
 
 
 def distance_table(solution: Solution) -> FactTable | None:
-    """Return the table of the distances between the sockets of a ball; None without any."""
+    """Return the table of the distances between the sockets of a ball; None if there are none."""
     if not solution.distances:
         return None
     known = any(d.measured for d in solution.distances)
@@ -201,7 +201,7 @@ def distance_table(solution: Solution) -> FactTable | None:
 
 
 def _measured(distance: Distance) -> tuple[Cell, ...]:
-    """Return the cells of a measured distance, empty if it was not measured."""
+    """Return the cells of the measured distance and its sigma; both are empty if the distance was not measured."""
     if distance.measured is None:
         return ("", "")
     stated = distance.measured
@@ -280,7 +280,7 @@ _PER_SI = np.array([np.rad2deg(1.0) if kind.is_angle else 1.0 for kind in DhKind
 
 
 def _correction_data(c: ReadingCorrection) -> dict[str, Any]:
-    """Return one correction; coefficients are in deg, for gravity in deg/(N m) kg and deg/(N m) kg m."""
+    """Return one correction; coefficients are in deg, for gravity in deg/(N m) times kg and deg/(N m) times kg m."""
     data: dict[str, Any] = {
         "source": c.source,
         "joint": c.joint,

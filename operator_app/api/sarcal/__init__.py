@@ -31,10 +31,10 @@ Errors, besides TypeError and ValueError for a wrong argument::
     SessionError             a session cannot be read, or no plan can be made
     IncomparableError        a SessionError: two Results have no parameter in common
 
-Each has a help text: ``help(sarcal.Result)``. For a first script, type ``sarcal help scripting`` in a shell.
+Each name has a help text: ``help(sarcal.Result)``. For a first script, type ``sarcal help scripting`` in a shell.
 
 Your own readings may be an array (`poses_of`), a CSV file or a data frame (`load_poses`); an arm and a fixture are
-files, or names of built-in ones. The end of a name is its unit: ``_rad``, ``_deg``, ``_m``, ``_mm``. Angles are
+files, or names of built-in files. The end of a name is its unit: ``_rad``, ``_deg``, ``_m``, ``_mm``. Angles are
 sensor readings: joint angle = reading + theta_off.
 
 **Stability.** The names in ``sarcal.__all__``, their parameters and the attributes in their docstrings are this

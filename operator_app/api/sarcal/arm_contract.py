@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 STEP_RAD = math.radians(2.0)
 BOUNDS = Bounds(samples=10, still_rad=math.radians(0.5), near_rad=math.radians(0.5))
-"""Step of a drive joint, and limits of comparisons: both for an arm in a fixture, where the other joints follow."""
+"""Step of a drive joint, and limits of comparisons; both suit an arm in a fixture, where the free joints follow."""
 
 
 class ConnectedArm:
@@ -45,7 +45,7 @@ class ConnectedArm:
 
     @property
     def drives(self) -> tuple[int, ...]:
-        """Joints (from 1) in position mode: all in an open chain, else those of the procedure, else the best set."""
+        """Joints (from 1) in position mode: all in an open chain, else as in the procedure, else the best set."""
         fixture = self.procedure.fixture.fixture
         if not fixture.holds_hand:
             return tuple(range(1, self.n + 1))
@@ -107,7 +107,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConnectedArm]:
 
 
 def fulfils(tried: Clause | Iterable[Clause]) -> None:
-    """Assert every clause, up to the first failure; skip the test, with the reasons, if one could not be tested."""
+    """Assert every clause, up to the first failure; skip the test, with reasons, if a clause could not be tested."""
     count, unknown = 0, []
     for clause in [tried] if isinstance(tried, Clause) else tried:
         count += 1

@@ -4,8 +4,8 @@
 ``-i NAME -c CHANNEL`` makes `sarcal` request that arm with an `ArmOrder`. Angles are sensor readings, rad.
 
 `identity_of`, `snapshot_of` and `reading_of` make the objects that an arm returns; `SimulatedChain` is a simulated arm
-in its fixture for tests of the package. The names in ``__all__`` are as stable as those of `sarcal`; new fields may
-be added to objects made by `sarcal`, and, with defaults, to those made by an arm.
+in its fixture for tests of the package. The names in ``__all__`` are as stable as the names of `sarcal`; new fields may
+be added to objects made by `sarcal` and, with defaults, to objects made by an arm.
 """
 
 from __future__ import annotations
@@ -171,7 +171,7 @@ def snapshot_of(
 
 
 def reading_of(order: ArmOrder, samples_rad: ArrayLike, *, first_sample: int) -> Reading:
-    """Return mean and standard deviation of samples (k, n), rad; `first_sample` is the number of the first one."""
+    """Return mean and standard deviation of samples (k, n), rad; `first_sample` is the number of the first sample."""
     samples = np.asarray(samples_rad, dtype=float)
     mean = samples.mean(axis=0)
     scales = [joint.scale for joint in order.description.joints]
@@ -187,7 +187,7 @@ def reading_of(order: ArmOrder, samples_rad: ArrayLike, *, first_sample: int) ->
 
 
 class SimulatedChain:
-    """A simulated arm with its tool in a fixture: joints in position mode drive it, free ones follow.
+    """A simulated arm with its tool in a fixture: joints in position mode drive the arm, free joints follow.
 
     >>> chain = SimulatedChain(arm="sarcos_dextrous", fixture="hinge", seed=0)
     >>> chain.step([None] * 7, chain.angles_rad).shape
@@ -196,7 +196,7 @@ class SimulatedChain:
     Parameters
     ----------
     arm, fixture
-        Files, or names of built-in ones.
+        Files, or names of built-in files.
     seed
         Seed of the true geometry, which is drawn at random within the tolerances of the files.
     scenario
@@ -232,7 +232,7 @@ class SimulatedChain:
     def step(self, modes: Sequence[JointMode | None], targets_rad: FloatArray) -> FloatArray:
         """Simulate 10 ms and return the sensor readings (n,), rad.
 
-        `modes` has one entry per joint, None where the drive is off and the joint is blocked; `targets_rad` (n,) is
+        `modes` has one entry per joint, None if the drive is off and the joint is blocked; `targets_rad` (n,) is
         used in position mode.
         """
         state = self._plant.step(

@@ -56,14 +56,14 @@ def calibrate(
     drop_unidentifiable
         Fix parameters that the poses do not determine at their nominal values, instead of raising UnidentifiableError.
     length_tolerance_mm
-        Standard deviation of the lengths in the arm file; None: as stated there.
+        Standard deviation of the lengths in the arm file; None: as the arm file states.
     checks
         Also compute the cross-validation: jackknife and hold-out.
 
     Returns
     -------
     Result
-        Also if the calibration is not accepted, see `Result.accepted` and `Result.reasons`.
+        Returned even if the calibration is not accepted, see `Result.accepted` and `Result.reasons`.
 
     Raises
     ------
@@ -119,19 +119,19 @@ def calibrate(
 
 
 SESSIONS = Path("sessions")
-"""Folder of sessions that are referred to by name."""
+"""Folder that contains the sessions that are given by name."""
 
 
 @one_blas_thread
 def load_result(session: str | PathLike[str]) -> Result:
     """Return the calibration of a session made by ``sarcal run``, ``sarcal import`` or `Result.save`.
 
-    It is not solved again, unless the session is of a version that stored no solution.
+    The poses are not solved again, unless an early version made the session and stored no solution.
 
     Parameters
     ----------
     session
-        Its folder, or its name in the folder ``sessions``, or ``latest``.
+        Folder of the session, or its name in the folder ``sessions``, or ``latest``.
 
     Raises
     ------

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 LARGEST_TOLERANCE_MM = 100.0
-"""Largest permitted value, as for ``--length-tolerance``."""
+"""Largest permitted standard deviation of lengths, as for ``--length-tolerance``."""
 
 LONGEST_SHOWN = 80
 """Maximum number of characters of a value in an error message."""
@@ -93,7 +93,7 @@ def tolerance_m(name: str, value_mm: Any) -> float | None:
 
 
 def joints(name: str, value: Any, joint_count: int) -> tuple[int, ...]:
-    """Return joint numbers (from 1), checked, in ascending order, each once."""
+    """Return joint numbers (from 1) after checking them, in ascending order, without repetition."""
     expected = f"give a list of joint numbers from 1 to {joint_count}, such as [6, 7]"
     if isinstance(value, str | bytes) or not isinstance(value, Iterable):
         raise TypeError(f"{name}={shown(value)}: {expected}")
@@ -116,7 +116,7 @@ def one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:
 
 
 def readings_rad(name: str, value: Any, lower_rad: FloatArray, upper_rad: FloatArray) -> FloatArray:
-    """Return sensor readings (n,) or (m, n), rad, after checking that they exceed their ranges by at most one turn."""
+    """Return sensor readings (n,) or (m, n), rad; refuse readings more than a turn beyond the joint ranges."""
     readings, n = numbers(name, value), len(lower_rad)
     if readings.ndim == 0 or readings.shape[-1] != n:
         raise ValueError(f"{name} has shape {readings.shape}: {shape_wanted(readings.shape, n)}")
@@ -145,7 +145,7 @@ R = TypeVar("R")
 
 
 def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
-    """Run `function` with one BLAS thread.
+    """Return a function that runs `function` with one BLAS thread.
 
     Matrices here have some tens of rows: several threads wait for each other and, on busy cores, take seconds
     instead of a third of a second. The limit applies to the whole process until `function` returns.

@@ -1,4 +1,4 @@
-"""`verify` tests a calibration with new poses; `compare` compares it with an earlier one."""
+"""`verify` tests a calibration with new poses; `compare` compares two calibrations."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def verify(result: Result, poses: str | PathLike[str] | Poses | Any) -> Verifica
     TypeError, ConfigError
         `result` is not a `Result`, or `poses` is invalid.
     ValueError
-        Some poses were used in the calibration, are of another placement, or have measured endpoints although its
+        Some poses were used in the calibration, are of another placement, or have measured endpoints although the
         fixture is not ``measured``.
 
     Examples
@@ -141,9 +141,9 @@ def compare(
     before, after
         Results, parameters files, or session folders.
     level
-        Probability of a false alarm, over all parameters together.
+        Probability of a false alarm for all parameters together.
     remounted
-        Whether the fixture was dismounted in between; only the arm's own parameters are then compared.
+        Whether the fixture was dismounted in between; if so, only the arm's own parameters are compared.
 
     Raises
     ------

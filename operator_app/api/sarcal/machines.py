@@ -29,7 +29,7 @@ class Arm:
     name
         Model name, e.g. ``sarcos_dextrous``.
     source_file
-        File it was read from; ``packaged:...`` for a built-in arm.
+        File from which the arm was read; ``packaged:...`` for a built-in arm.
 
     Examples
     --------
@@ -55,17 +55,17 @@ class Arm:
 
     @property
     def lower_rad(self) -> FloatArray:
-        """Lower ends of the joint ranges, as sensor readings, shape (n,)."""
+        """Lower ends of the joint ranges, as sensor readings, shape (n,), rad."""
         return self._model.lower_rad
 
     @property
     def upper_rad(self) -> FloatArray:
-        """Upper ends of the joint ranges, as sensor readings, shape (n,)."""
+        """Upper ends of the joint ranges, as sensor readings, shape (n,), rad."""
         return self._model.upper_rad
 
     @property
     def home_rad(self) -> FloatArray:
-        """Home pose, as sensor readings, shape (n,)."""
+        """Home pose, as sensor readings, shape (n,), rad."""
         return self._model.home_rad
 
     def fk(self, q_rad: ArrayLike) -> FloatArray:
@@ -90,7 +90,7 @@ class Fixture:
     name, kind
         Name shown to the operator; ``hinge``, ``ball``, ``rigid`` or ``measured``.
     source_file
-        File it was read from; ``packaged:...`` for a built-in fixture.
+        File from which the fixture was read; ``packaged:...`` for a built-in fixture.
 
     Examples
     --------

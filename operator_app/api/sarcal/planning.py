@@ -36,12 +36,12 @@ class Plan:
 
     @property
     def q_rad(self) -> FloatArray:
-        """Predicted sensor readings of the planned poses, (m, n)."""
+        """Predicted sensor readings of the planned poses, (m, n), rad."""
         return np.array([p.q_rad for p in self._shown.poses])
 
     @property
     def sigmas(self) -> Mapping[str, float]:
-        """Predicted standard deviations by name and unit, as `Result.sigmas`, with errors as stated in the files."""
+        """Predicted standard deviations, with keys as in `Result.sigmas`, if errors are as large as the files state."""
         return with_units(self._shown.parameters, self._shown.plan.predicted_sigma.tolist())
 
     @property
@@ -129,7 +129,7 @@ class Simulation:
     poses
         The readings.
     truth
-        True values by name and unit, as `Result.values`.
+        True values, with keys as in `Result.values`.
     """
 
     poses: Poses
@@ -168,7 +168,7 @@ def simulate(
     TypeError, ValueError
         An argument is invalid; the text names it.
     SessionError
-        The loop does not close near the arm's home pose, or does not allow that many poses.
+        The loop does not close near the arm's home pose, or does not have that many poses.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Measured poses, from arrays, CSV files or data frames, and to CSV files."""
+"""Measured poses: made from arrays, CSV files or data frames, and written to CSV files."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Poses:
 
     @property
     def q_rad(self) -> FloatArray:
-        """Sensor readings, shape (m, n), read-only."""
+        """Sensor readings, shape (m, n), rad, read-only."""
         return self._set.q_rad
 
     @property
@@ -98,17 +98,17 @@ def poses_of(
     Parameters
     ----------
     q_rad, q_deg
-        Sensor readings (m, n), in one of the two units, continuous, without offsets.
+        Sensor readings (m, n), in one of the two units: continuous beyond a turn, offsets not added.
     placement
         Number (from 1) of the fixture placement of each pose (m,), or one number for all; None: a single placement.
     names
         Name of each pose; None: 1 to m.
     samples, sd_rad
-        Number of samples averaged in each pose (m,), and their standard deviation (m, n). Either may be one number for
-        all poses; the standard deviation may also be one number per joint (n,). None: one sample per pose.
+        Number of samples averaged in each pose (m,), and their standard deviation (m, n), rad. Each may be one number
+        for all poses; the standard deviation may also be one number per joint (n,). None: one sample per pose.
     endpoint_m
         Endpoint measured by an instrument, for a ``measured`` fixture: (m, 3), or (m, 6) with a rotation vector, rad.
-        With any other fixture it is not used, and a warning of the result says so.
+        With any other fixture, the endpoint is not used, and the result has a warning.
 
     Raises
     ------
@@ -166,7 +166,7 @@ def _one_a_pose(name: str, value: Any, poses: int) -> IntArray:
 
 
 def _spread_rad(value: Any, shape: tuple[int, ...]) -> FloatArray:
-    """Return standard deviations of the readings (m, n); one number, or one per joint, applies to all poses."""
+    """Return standard deviations of the readings (m, n), rad; one number, or one per joint, applies to all poses."""
     spread = numbers("sd_rad", value)
     if spread.shape not in (shape, shape[1:], ()):
         raise ValueError(
@@ -177,7 +177,7 @@ def _spread_rad(value: Any, shape: tuple[int, ...]) -> FloatArray:
 
 
 def _endpoint_m(value: Any, poses: int) -> FloatArray:
-    """Return the measured endpoints: points (m, 3), or points and rotation vectors (m, 6)."""
+    """Return the measured endpoints: points (m, 3), m, or points and rotation vectors (m, 6), m and rad."""
     endpoint = numbers("endpoint_m", value)
     if endpoint.shape not in ((poses, 3), (poses, 6)):
         raise ValueError(
@@ -197,7 +197,7 @@ def load_poses(
     source
         Path of a file, or a data frame (with ``to_csv``, as in pandas, or ``write_csv``, as in polars) that has the
         columns ``theta1_deg`` to ``thetaN_deg``, and optionally ``placement``, ``pose``, ``sd1_deg``.., ``samples``,
-        ``x_m``,``y_m``,``z_m``. `Poses` are returned as they are, and so are those of a `Simulation`.
+        ``x_m``,``y_m``,``z_m``. `Poses`, also those of a `Simulation`, are returned unchanged.
     joint_count
         Required number of joints; None: any.
 

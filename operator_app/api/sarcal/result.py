@@ -112,7 +112,7 @@ class Result:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Reasons why the calibration is not accepted; empty if it is."""
+        """Reasons why the calibration is not accepted; empty if it is accepted."""
         return self._solution.reasons
 
     @property
@@ -150,7 +150,7 @@ class Result:
         return tuple(t.ident for t in self._facts.tables)
 
     def table(self, name: str = "parameters") -> Table:
-        """Return the table with this name; raises KeyError, which lists the available names, if there is none."""
+        """Return the table with this name; if there is none, raises KeyError with the available names."""
         table = self._facts.table(name)
         if table is None:
             raise KeyError(f"no table {name!r}; there are {', '.join(self.tables)}")
@@ -170,7 +170,7 @@ class Result:
         Raises
         ------
         KeyError
-            There is no figure with this name; the text lists those available.
+            There is no figure with this name; the text lists the available names.
         """
         return draw_figure(self._subject, name)
 
@@ -214,9 +214,9 @@ class Result:
         return self._hand.T_base(self._readings(q_rad), frame, corrected=corrections)
 
     def tip_sigma(self, q_rad: ArrayLike) -> FloatArray:
-        """Return the standard deviation of the tip position from `fk`, over its three components together, in m.
+        """Return the standard deviation of the tip position from `fk`: root of the sum of the three variances, in m.
 
-        It follows from the covariance of the parameters, without errors of the readings.
+        It follows from the covariance of the parameters; errors of the readings are not included.
 
         Parameters
         ----------
@@ -235,7 +235,7 @@ class Result:
     def save(self, folder: str | PathLike[str], *, overwrite: bool = False) -> Path:
         """Write a session folder (journal, poses.csv, report.html, parameters.yaml) and return its path.
 
-        ``sarcal report``, ``compare``, ``verify`` and ``export`` work on it. parameters.yaml is left out
+        ``sarcal report``, ``compare``, ``verify`` and ``export`` work on this folder. parameters.yaml is left out
         if the calibration was not accepted, or has no D-H table of the whole loop (a ball).
 
         A session of the same poses, arm and fixture in the folder is replaced, and its exports are removed, so that a
@@ -252,8 +252,8 @@ class Result:
         Raises
         ------
         SessionError, WriteError
-            The folder has a session that must not be replaced or cannot be written, or this result was read from a
-            session.
+            The folder has a session that must not be replaced, the folder cannot be written, or this result was read
+            from a session.
         """
         if isinstance(self._origin, Journalled):
             raise SessionError(
@@ -290,10 +290,10 @@ class Result:
         Parameters
         ----------
         path
-            Its ending selects the format: ``.yaml`` parameters file, ``.json`` everything, ``.csv`` one row for each
+            Path whose ending selects the format: ``.yaml`` parameters file, ``.json`` everything, ``.csv`` one row per
             parameter, ``.urdf`` the arm without its mounting, ``.mat`` MATLAB.
         force
-            Reason for using a calibration that is not accepted, written into the file. Not used for an accepted one.
+            Reason for using a calibration that is not accepted, written into the file; not used if it is accepted.
         into
             Your own URDF, xacro with literal numbers or UR ``default_kinematics.yaml``: the output is that file with
             only the joint origins changed, whatever the ending.

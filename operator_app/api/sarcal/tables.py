@@ -26,7 +26,7 @@ class Table:
     Attributes
     ----------
     name, title
-        Name for `Result.table`, and heading.
+        Name by which `Result.table` finds the table, and heading.
 
     Examples
     --------

@@ -45,7 +45,7 @@ def element(tag: str, *children: str, **attributes: Attribute) -> Html:
     """Build one element.
 
     Attribute names follow Python's rules: ``class_`` is class, ``stroke_width`` is stroke-width. An attribute that is
-    None or False is left out; one that is True has no value.
+    None or False is left out; an attribute that is True is written without a value.
     """
     written = "".join(
         f" {name.rstrip('_').replace('_', '-')}"
@@ -213,7 +213,7 @@ def _header(columns: tuple[Column, ...]) -> list[Html]:
 
 
 def _class(column: Column, cell: Cell = "", *, starts: bool) -> str | None:
-    """Return the CSS classes of a cell: ``n`` for numbers, ``start`` for the first column of a group, its role."""
+    """Return the CSS classes of a cell: ``n`` for a number, ``start`` in the first column of a group, and its role."""
     classes = [] if column.words else ["n"]
     classes += ["start"] if starts else []
     if isinstance(cell, Figure) and cell.role not in ("text", "warn"):

@@ -111,7 +111,7 @@ REPORT_NAME = "report.html"
 
 
 def write_report(session: Session) -> Path:
-    """Write the report page into the session's folder and return its path; GuardError without a current calibration."""
+    """Write the report page into the session's folder, return its path; GuardError if no calibration is current."""
     calibration = journal_calibration(session.state)
     if not isinstance(calibration, StoredCalibration):
         raise GuardError("There is no calibration of these poses", "Calibrate first (step 5)")
@@ -132,7 +132,7 @@ def verdict_words(subject: Subject) -> str:
 
 
 def summary(subject: Subject) -> Html:
-    """Return the top of the page: verdict, next step, and the tool's accuracy."""
+    """Return the top of the page: verdict, least certain parameter, and tool position error."""
     return element(
         "div",
         element("div", banner(subject), verdict(subject), *_widest(subject)),
@@ -142,7 +142,7 @@ def summary(subject: Subject) -> Html:
 
 
 def _widest(subject: Subject) -> list[Html]:
-    """Return paragraphs on the least certain parameter and the remedy; empty without an uncertainty budget."""
+    """Return paragraphs on the least certain parameter and its largest source of error; empty if this is not known."""
     sensitivities = () if subject.solution is None else source_sensitivities(subject.solution)
     if not sensitivities:
         return []
@@ -282,7 +282,7 @@ def history_html(history: ArmHistory) -> bytes:
 
 
 def _chart(part: EntryHistory, j: int) -> Html:
-    """Draw entry `j` over the sessions, with both kinds of control limits where they are known."""
+    """Draw entry `j` over the sessions, with Shewhart and EWMA limits where these are known."""
     name, chart = part.names[j], part.chart
     unit = quantity(name)
     count = len(part.calibrations)

@@ -158,7 +158,7 @@ def _of_table(subject: Subject, estimate: Estimate, table: FactTable) -> Section
 
 
 def _before_and_after(subject: Subject) -> list[str]:
-    """Return pictures of the arm before and after calibration; empty if it cannot be drawn."""
+    """Return pictures of the arm before and after calibration; empty if the arm cannot be drawn."""
     pair = None if subject.solution is None else before_after.arm_pair(subject)
     if pair is None:
         return []
@@ -205,7 +205,7 @@ def _joints(subject: Subject) -> Section:
 
 
 def _rvdt(subject: Subject) -> Section | None:
-    """Return the section of RVDT readings against the angles that the loops measure; None without an RVDT."""
+    """Return the section of RVDT readings against the angles that the loops measure; None if no joint has an RVDT."""
     joints, estimate = rvdt_joints(subject), subject.implicit
     if not joints:
         return None

@@ -90,7 +90,7 @@ def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Words:
-    """Captions of the pictures of an arm; `there` labels the measured point, empty if a fixture holds the tool."""
+    """Captions of the pictures of an arm; `there` labels the measured point (empty if a fixture holds the tool)."""
 
     title: str
     worst: str

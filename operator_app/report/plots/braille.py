@@ -80,7 +80,7 @@ class Canvas:
                 self.dot(x + dx, y + dy, role)
 
     def letter(self, x: float, y: float, text: str, role: str = "text") -> None:
-        """Write text into cells, starting at the one that contains the dot (x, y)."""
+        """Write text into cells, starting at the cell that contains the dot (x, y)."""
         column, row = _whole(x) // 2, self.row(y)
         for k, character in enumerate(text):
             if 0 <= column + k < self.columns and 0 <= row < self.rows:
@@ -179,7 +179,7 @@ class Plane:
         self._low, self._size = low - room, high - low + 2.0 * room
 
     def region(self) -> None:
-        """Set one dot in every cell that can be reached."""
+        """Set one dot in every cell that contains a reachable pose."""
         for q in self._shown.plan.manifold.q[self._shown.plan.allowed]:
             x, y = self._at(q)
             self._canvas.dot(2 * (int(x) // 2), 4 * (int(y) // 4) + 1, "dim")
@@ -233,7 +233,7 @@ class Plane:
 
 
 def _axes(shown: Preview) -> tuple[int, int]:
-    """Return two joints (from 0): the first two drive joints or, with only one, also the joint that moves most."""
+    """Return two joints (from 0): the first two drives; if there is only one, it and the joint that moves most."""
     drives = [j - 1 for j in shown.choice.drives]
     if len(drives) > 1:
         return drives[0], drives[1]

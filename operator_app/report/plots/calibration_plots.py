@@ -92,7 +92,7 @@ def residuals(subject: Subject, estimate: Estimate) -> tuple[Picture, ...]:
 
 
 def misses(subject: Subject, estimate: Estimate) -> Picture:
-    """Return the plot of the distance between tool and fixture in every pose; large ones are marked."""
+    """Return the plot of the distance between tool and fixture in every pose; large distances are marked."""
     miss = np.linalg.norm(estimate.residual[:, estimate.rotation_rows :], axis=1)
     rms = float(np.sqrt(np.mean(miss**2)))
     highlighted, values = miss > FAR_OFF * rms, CLOSURE_LENGTH.per_si * miss

@@ -47,7 +47,7 @@ FONT, PDF_FONT = '"DejaVu Sans", Verdana, sans-serif', "Vera"
 
 @dataclass(frozen=True, slots=True)
 class PaperFigure:
-    """One figure: a notebook shows it, `savefig` writes it."""
+    """One figure: a notebook shows the figure, `savefig` writes it to a file."""
 
     svg: str
 
@@ -73,7 +73,7 @@ class PaperFigure:
 
 
 def figure(subject: Subject, name: str) -> PaperFigure:
-    """Return the figure with this name; raises KeyError, which lists those available, if there is none."""
+    """Return the figure with this name; if there is none, raises KeyError with the names of the available figures."""
     return PaperFigure(_document(drawing(subject, name)))
 
 
@@ -164,7 +164,7 @@ def _pdf(svg: str) -> bytes:
 
 
 MOST_SOURCES = 7
-"""Number of sources of a budget that have their own colour; the others are drawn as one."""
+"""Number of sources of a budget that have their own colour; all others are drawn as one source."""
 PERCENTS = (0.0, 20.0, 40.0, 60.0, 80.0, 100.0)
 
 
@@ -183,7 +183,7 @@ def drawing(subject: Subject, name: str) -> Panels:
     Raises
     ------
     KeyError
-        The calibration has no such figure; the message lists those that it has.
+        The calibration has no such figure; the message lists the available figures.
     """
     panels = _made(subject, name) if name in FIGURES else None
     if panels is None:
@@ -206,7 +206,7 @@ def _residuals(subject: Subject, solution: Solution) -> Panels:
 
 
 def _parameters(subject: Subject, solution: Solution) -> Panels:
-    """Return panels of the changes with their intervals, beside panels of the sigmas, one row per unit."""
+    """Return, per unit, a panel of the changes with their intervals and, beside it, a panel of the sigmas."""
     estimate, limits = solution.identified, intervals(solution.identified)
     of_quantity: dict[Quantity, list[int]] = {}
     for k, p in enumerate(estimate.parameters):
@@ -240,7 +240,7 @@ def _parameters(subject: Subject, solution: Solution) -> Panels:
 
 
 def _stated(subject: Subject, solution: Solution, parameter: Parameter) -> float:
-    """Return the stated tolerance of a parameter, in the unit shown; NaN if no file states it."""
+    """Return the stated tolerance in the unit shown: the fixture's or, for the arm's angles, its zeros'; else NaN."""
     fixture, arm = subject.procedure.fixture, subject.procedure.arm
     if side_of(solution.model, parameter.name) != "arm":
         stated: float | None = fixture.tolerance_rad if parameter.is_angle else fixture.tolerance_m

@@ -105,7 +105,7 @@ def _about(axis: Axis, size: float, step: float) -> Axis:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogAxis(Axis):
-    """A logarithmic axis; ticks are at powers of ten and, if these are few, at 2 and 5 times them."""
+    """A logarithmic axis; ticks are at powers of ten and, if these are few, at 2 and 5 times powers of ten."""
 
     def place(self, value: float, start: float, end: float) -> float:
         """Return the coordinate of a positive value, between `start` (of `low`) and `end` (of `high`)."""
@@ -169,7 +169,7 @@ class Polyline:
 class Marks:
     """Points. `class_` is a colour, ``a`` to ``d``; `tips` has a description of each point.
 
-    `sizes`: areas of the marks relative to the largest possible; empty: all of the usual area.
+    `sizes`: areas of the marks relative to the largest possible area; empty: all marks have the usual area.
     """
 
     x: Sequence[float]
@@ -188,7 +188,7 @@ Layer = Band | Ribbon | Polyline | Marks
 class Picture:
     """A plot: name, title, description, axes, and layers, of which the first is drawn lowest.
 
-    `aspect` is width over height of its frame; 0 lets the renderer choose.
+    `aspect`: width of the frame divided by its height; 0 lets the renderer choose.
     """
 
     ident: str

@@ -132,7 +132,7 @@ class Bars:
 
 
 def bars(of: Bars) -> Drawn:
-    """Draw the rows below a legend with three labels in a line."""
+    """Draw the rows below a legend with three labels per line."""
     right, bars = PLOT_WIDTH - RIGHT, list(of.bars.items())
     labels = [*of.bars, *of.marks]
     top = LEGEND * -(-len(labels) // 3) + 6.0
@@ -181,7 +181,7 @@ class Range:
 
     @property
     def covered(self) -> float:
-        """Share of the range between the outermost values."""
+        """Distance between the outermost values, as a share of the range."""
         return (max(self.values) - min(self.values)) / (self.high - self.low)
 
 
@@ -189,7 +189,7 @@ COVERAGE = "Joint ranges and the part that the poses cover"
 
 
 def ranges(rows: Sequence[Range]) -> Html:
-    """Draw each range, deg, as a bar with a tick for each value; its ends are written below it."""
+    """Draw each range, deg, as a bar with a tick for each value; the ends of the range are written below the bar."""
     right = PLOT_WIDTH - RIGHT - SCALE_WIDTH
     height = HEAD + ROW * len(rows) + 4.0
     parts = [
@@ -231,7 +231,7 @@ def ranges(rows: Sequence[Range]) -> Html:
 
 
 def corrections_by_joint(subject: Subject, estimate: Estimate | None) -> Html | None:
-    """Draw the corrections of each joint's readings that close the loops; None if there are none."""
+    """Draw the corrections to each joint's readings that close the loops; None if the estimate has no corrections."""
     if estimate is None or estimate.corrections is None:
         return None
     values = CLOSURE_ANGLE.per_si * estimate.corrections

@@ -92,7 +92,7 @@ def picture(ident: str, title: str, description: str, height: float, parts: Iter
 
 
 def mark(shape: Shape, x: float, y: float, r: float, class_: str, tip: str = "") -> Html:
-    """Draw one mark, with the tooltip `tip` unless that is empty."""
+    """Draw one mark; if `tip` is not empty, the mark has this tooltip."""
     inside = [element("title", tip)] if tip else []
     name = f"mark {class_}"
     match shape:

@@ -60,7 +60,7 @@ def problems_text(problems: Sequence[Problem]) -> str:
 
 
 def check_text(files: FilesRead, chains: Sequence[Chain]) -> str:
-    """Return text on each file and each arm, and the calibration forecast of each arm in its fixture."""
+    """Return text on each file and each arm, and a forecast of the calibration of each arm in its fixture."""
     arms = {chain.arm.name: chain.arm for chain in chains}
     for looked in files.of("arm"):
         if isinstance(looked.holds, ArmModel):
@@ -232,7 +232,7 @@ def _freedom(chain: Chain) -> list[str]:
 
 
 def _other_home(chain: Chain) -> list[str]:
-    """Return lines with a usable home pose for the arm file; empty if the arm's own is usable or none is known."""
+    """Return lines with a usable home for the arm file; empty if the file's home is usable or no other is known."""
     if chain.home is None:
         return []
     home, outlook = chain.home

@@ -121,7 +121,7 @@ def _whose(name: str, document: ParametersDocument) -> str:
 def change_cells(
     changes: Sequence[ParameterChange],
 ) -> Iterator[tuple[ParameterChange, tuple[Cell, ...]]]:
-    """Yield each change with its cells: name, unit, both values, their difference and its sigma."""
+    """Yield each change with its cells: name, unit, both values, their difference and the difference's sigma."""
     places = precision_of((d, d.sigma) for d in changes)
     for d in changes:
         quantity = quantity_of(d)
@@ -147,7 +147,7 @@ def _table(comparison: CalibrationComparison) -> FactTable:
 
 
 def change_data(change: ParameterChange, before: str, after: str) -> dict[str, Any]:
-    """Return one parameter's change as JSON, in deg or m; `before` and `after` are the keys of its two values."""
+    """Return one parameter's change as JSON, in deg or m; `before` and `after` are the keys of the two values."""
     numbers = {
         before: change.before,
         after: change.after,

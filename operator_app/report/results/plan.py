@@ -63,7 +63,7 @@ def plan_text(shown: Preview, *, title: str, ascii_only: bool) -> str:
 
 
 def _checks(shown: Preview) -> list[str]:
-    """Return one block of text on fixed entries and fixture warnings; empty without any."""
+    """Return one block of text on fixed entries and fixture warnings; empty if there are none."""
     lines = [
         paragraph(
             f"! {c.severity.value}: {c.text}: {c.remedy}"
@@ -78,7 +78,7 @@ def _checks(shown: Preview) -> list[str]:
 
 
 def _drives(shown: Preview) -> str:
-    """Return the ranked drive sets over the reachable region as text, with their leverage at the start pose."""
+    """Return the drive sets, ranked over the reachable region, as text, with their leverage at the start pose."""
     at_start = {r.drives: r for r in shown.choice.prediction.here}
     listed = list(shown.choice.prediction.region[:SHOWN_SETS])
     if all(r.drives != shown.choice.drives for r in listed):
@@ -115,7 +115,7 @@ def _drives(shown: Preview) -> str:
 
 
 def _verdict(ranked: RankedDrives, now: RankedDrives | None) -> str:
-    """Return in a few words why a set of drive joints is excluded; empty if it is not."""
+    """Return in a few words why a set of drive joints is excluded; empty if the set is usable."""
     if not ranked.usable:
         return "not usable"
     if now is not None and not now.usable:
@@ -171,7 +171,7 @@ def _sigma(parameter: Parameter, sigma: float) -> list[str]:
 def advice_text(
     ranked: tuple[PlacementReport, ...], parameters: dict[str, Parameter], joints: int
 ) -> str:
-    """Return text on ranked hinge placements: each one's difference from the present one, and predicted sigmas."""
+    """Return text on ranked hinge placements: difference from the present placement, and predicted sigmas."""
     if not ranked:
         return "No placement near the present one can be used."
     rows = [["", "tilt", "shift", "uncertainty", "condition", "mobility", "drives", "poses"]]

@@ -1,4 +1,4 @@
-"""Dwells of a recording that became poses, and those that were refused, as text and as JSON."""
+"""Dwells of a recording that became poses, and dwells that were refused, as text and as JSON."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def recording_text(
     dwell_s: float,
     spread_deg: float,
 ) -> str:
-    """Return one line about the recording, and one for each refused dwell, at most `MOST_LINES`."""
+    """Return one line about the recording, and one line for each of the first `MOST_LINES` refused dwells."""
     span_s = recording.time_s[-1] - recording.time_s[0]
     lost = f" ({recording.left_out} more left out: a joint has no angle, or a time occurs twice)"
     head = (

@@ -1,4 +1,4 @@
-"""The paper's experiment as tables and as JSON: this program's values beside the published ones."""
+"""The paper's experiment as tables and as JSON: this program's values beside the published values."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _tables(reproduction: Published) -> list[FactTable]:
 
 
 def _identified(reproduction: Published) -> FactTable:
-    """Return Table 2: the published values, and those of the paper's estimator for the simulated arm."""
+    """Return Table 2: the published values, and the values that the paper's estimator finds for the simulated arm."""
     estimate, rows = reproduction.solution.estimate, []
     for p, value, sd in zip(
         estimate.parameters, estimate.x.tolist(), estimate.standard_deviation.tolist(), strict=True

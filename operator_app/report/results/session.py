@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 def session_json(
     facts: Facts, paper: Estimate | None, folder: Path, state: SessionState
 ) -> dict[str, Any]:
-    """Return the object of `sarcal run --json`, without its capture."""
+    """Return the object of `sarcal run --json`, without the key ``capture``."""
     from operator_app.report.facts import estimate_json
 
     exported = state.exported
@@ -116,11 +116,11 @@ def session_text(folder: Path, state: SessionState, *, accepted: bool) -> str:
 
 
 MOST_POSES_LISTED = 60
-"""Maximum number of rows of the table; poses.csv has all poses."""
+"""Maximum number of rows of the table of poses; poses.csv has all poses."""
 
 
 def session_table_text(folder: Path, state: SessionState, *, procedure: str, torn: str) -> str:
-    """Return a table of the session and one of its poses, as text.
+    """Return a table about the session, and a table of its poses, as text.
 
     `torn`: text about a part dropped from the end of the journal; empty if there is none.
     """
@@ -302,7 +302,7 @@ def capture_json(
     parameters: Iterable[Parameter],
     poses: Sequence[CapturedPose],
 ) -> dict[str, Any] | None:
-    """Return the JSON object of a planned capture; None without one."""
+    """Return the JSON object of a planned capture; None if `end` is None."""
     if end is None:
         return None
     known = {p.name: p for p in parameters}

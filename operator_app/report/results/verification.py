@@ -59,7 +59,7 @@ def verification_json(verdict: VerificationResult, poses: PoseSet) -> dict[str, 
 
 
 def _shift_json(shift: CommonShift) -> dict[str, Any]:
-    """Return the common shift as JSON: of ``joint_4``, with its magnitude in deg, or of ``fixture``."""
+    """Return the common shift as JSON: what shifted (``joint_4``, ``fixture``) and, for a joint, by how much, deg."""
     joint = shift.subject != FIXTURE
     return {
         "what": f"joint_{shift.subject}" if joint else shift.subject,

@@ -175,7 +175,7 @@ def range_findings(
 
     Readings of `unsensed_joints` are not checked.
 
-    Raises `ReadingsOutOfRangeError` if readings are far outside in at least half of the poses, which rules out this arm.
+    Raises `ReadingsOutOfRangeError` if at least half of the poses have readings far outside, which rules out this arm.
     """
     q = poses.q_rad
     outside = _outside(arm, q)

@@ -185,7 +185,7 @@ def measure_with_fixed(joints: Sequence[int], joint_count: int) -> FloatArray:
 
 
 def newton_step(error: LoopError, sigma: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the smallest corrections that close linearised loops: of joints (m, n) and of unsensed angles (m, U).
+    """Return the smallest joint corrections (m, n) that close linearised loops, and the unsensed angles' step (m, U).
 
     Smallest means smallest ``|dq / sigma|``: with S = diag(sigma) and ``B = E' J_q S``, the correction divided by sigma
     is ``-B' (B B')^-1 E' c``. Where B is rank-deficient, the part that no joint can close is left open.
@@ -225,8 +225,8 @@ def left_null_space(N: FloatArray) -> FloatArray:
     """Orthonormal E (..., k, k - U) with ``E' N = 0`` for N of shape (..., k, U) and rank U.
 
     Householder's reflections turn the columns of N, one after the other, into the first axes; so they turn the
-    other axes into directions orthogonal to all columns. A hinge has one column, and the reflection a closed form: for
-    a unit column (a, b') with s = sign(a),
+    other axes into directions orthogonal to all columns. For the single column of a hinge there is a closed form. With
+    a unit column (a, b') and s = sign(a),
 
         H = [-s a  -s b'; -s b  1 - b b' / (1 + |a|)],      E = H without its first column.
     """

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 class SolverError(Exception):
-    """Base of the solver's errors. None is raised because a fit does not converge."""
+    """Base of the solver's errors. A fit that does not converge does not raise an error."""
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle by attributes instead of constructor arguments: the error may come from another process."""

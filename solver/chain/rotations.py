@@ -47,7 +47,7 @@ def rotation_vector(R: FloatArray) -> FloatArray:
 
 
 def _largest_row(R: FloatArray, w: FloatArray) -> FloatArray:
-    """Return the row of 4 q q' (m, 4) of the largest of x, y, z in the quaternion q = (w, x, y, z); `w`: its row w."""
+    """Return the row (m, 4) of 4 q q', q = (w, x, y, z), that belongs to the largest of x, y, z; `w`: the first row."""
     d = np.diagonal(R, axis1=-2, axis2=-1)
     k, every = np.argmax(d, axis=-1), np.arange(len(R))
     row = np.empty_like(w)

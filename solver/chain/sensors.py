@@ -123,8 +123,8 @@ _POWERS = _power_series()
 class SensorCurve:
     """Deviation of one sensor from the true angle: a line plus ``sum_k c_k P_k(x)``, k = 2, 3, ...
 
-    x is the angle from `middle_rad`, divided by `half_scale_rad`. The line is the gain error; the polynomials are the
-    deviation for which a specification states the linearity. P_0 is left out because the joint's offset covers it.
+    x is the angle from `middle_rad`, divided by `half_scale_rad`. The line is the gain error, the polynomials are the
+    linearity deviation. P_0 is left out because the joint's offset covers it.
 
     Attributes
     ----------
@@ -177,7 +177,7 @@ class SensorCurve:
 
 
 def powers_of(curve: SensorCurve, coefficients: FloatArray) -> FloatArray:
-    """Convert coefficients (width,) of the shapes to those of 1, x, ..., x^10: (11,), rad."""
+    """Convert coefficients (width,) of the shapes to coefficients (11,), rad, of 1, x, ..., x^10."""
     powers = np.zeros(len(_POWERS))
     if curve.bent:
         powers += _POWERS @ coefficients[curve.lines :]

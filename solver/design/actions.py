@@ -106,7 +106,7 @@ def path_watch(
 def moves_along(
     route: Sequence[Leg], drives: tuple[int, ...], goal: str, *, of: str = ""
 ) -> list[GoTo | ChangeDrives]:
-    """Return a route's moves and changes of drives, with `goal` and `of` in the reasons; at first `drives` drive."""
+    """Return a route's moves and changes of drives; `drives`: in position mode before; `goal`, `of`: for reasons."""
     moves: list[GoTo | ChangeDrives] = []
     for leg in route:
         if leg.drives != drives:

@@ -199,7 +199,7 @@ class Campaign:
             self.plan = None
 
     def _shift(self) -> float:
-        """Largest change of a predicted angle at the planned poses since the estimate of the plan, rad."""
+        """Largest change, rad, of the planned poses' predicted angles from the plan's estimate to the current one."""
         if self.plan is None or self.estimate is None or not self.plan.visits:
             return 0.0
         index = list(self.plan.visits)

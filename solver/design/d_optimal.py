@@ -123,7 +123,7 @@ def choose_poses(
 def _comparable(
     root: FloatArray, parameters: int, information: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the scale (N,) of the unknowns, and the scaled `information` plus the effects' prior, made regular.
+    """Return the scale (N,) of the unknowns, and the scaled `information` with a weak prior and the effects' prior.
 
     With columns of unit length over all candidates, the average candidate has information 1/m on the diagonal.
     """

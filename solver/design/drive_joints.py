@@ -47,7 +47,7 @@ class RankedDrives:
     still
         Passive joints that hardly move with these drives.
     reach
-        Share of the region's poses that can be reached from its pose 0; None without a region.
+        Share of the region's poses that can be reached from pose 0; None without a region.
     reasons
         Reasons as text, the most important first.
     """

@@ -1,7 +1,7 @@
 """Decides when to stop taking poses: the precision is reached, or no further pose helps.
 
-Every pose reduces noise a little, so "no pose helps" is decided by a forecast, in which each remaining pose is chosen
-for the parameter then worst: even so, the requested precision is neither reached nor noticeably approached.
+Every pose reduces noise a little, so "no pose helps" is decided by a forecast: even if each remaining pose is the best
+for the parameter that is worst at that point, the requested precision is neither reached nor noticeably approached.
 """
 
 from __future__ import annotations

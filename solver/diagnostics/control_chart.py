@@ -139,10 +139,7 @@ def control_chart(names: Sequence[str], values: FloatArray, within: FloatArray) 
 
 
 def smallest_shift(between: FloatArray, sessions: int, quantities: int) -> FloatArray:
-    """Return the shift of each quantity that `RECENT` further sessions detect with a probability of 90 %.
-
-    `between`: standard deviation of each quantity between the `sessions` so far.
-    """
+    """Return the shift of each quantity that `RECENT` further sessions detect with a probability of 90 %."""
     from scipy.special import stdtrit
 
     weights = LAMBDA * (1.0 - LAMBDA) ** np.arange(RECENT)

@@ -255,10 +255,7 @@ def predicted_residuals(
 
 
 def shifted(residuals: WhitenedResiduals, subjects: Mapping[str, FloatArray]) -> CommonShift | None:
-    """Return the most significant shift common to all poses; None if no shift is significant.
-
-    `subjects`: by name, the derivatives (m, r, c) of the misclosures with respect to the shift.
-    """
+    """Return the most significant shift common to all poses, or None; `subjects`: columns (m, r, c) by name."""
     from scipy.special import chdtri
 
     shifts = []

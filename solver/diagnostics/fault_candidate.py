@@ -33,10 +33,7 @@ class Cause(Enum):
 
 
 class PeakDeviation(NamedTuple):
-    """Largest deviation `peak` of a sensor over the poses, and its standard deviation `sd`, rad.
-
-    `from_line`: whether the deviation is from the best-fit line (without the gain error).
-    """
+    """Largest deviation of a sensor over the poses and its sigma, rad; `from_line`: whether from the best-fit line."""
 
     peak: float
     sd: float
@@ -119,10 +116,10 @@ class Candidate:
         return out
 
     def deviation(self, b: FloatArray, covariance: FloatArray) -> PeakDeviation:
-        """Largest deviation over the poses: with gain error or from the best-fit line, whichever exceeds more clearly.
+        """Largest deviation over the poses, with the gain error or from the best-fit line.
 
-        The measure is the excess over `most_stated` in standard deviations: the loop determines a sensor's linearity
-        deviation far better than its gain.
+        The deviation that exceeds `most_stated` by more standard deviations is returned, because the loop determines a
+        sensor's linearity deviation far better than its gain.
         """
         if self.measured is not None and self.measured.beyond(self.most_stated):
             return self.measured

@@ -94,7 +94,7 @@ class FaultModels:
         return Candidate(cause=cause, subject=str(j), columns=columns, expected_size=expected_size)
 
     def changes(self) -> dict[str, Candidate]:
-        """Candidates for a change during the session, by changed quantity; `Candidate.from_pose` sets its time."""
+        """Candidates for a change during the session, by changed quantity; `from_pose` of each sets the first pose."""
         design, parameters = self.design, self.design.model.parameters
         candidates = {
             f"joint {j}": Candidate(
@@ -170,7 +170,7 @@ class FaultModels:
         )
 
     def scales(self) -> Iterator[Candidate]:
-        """Yield a candidate for each encoder: a wrong number of counts per turn; no file states its uncertainty."""
+        """Yield a candidate for each encoder: a wrong number of counts per turn, an error that no file states."""
         for j in self.sensed:
             if isinstance(self.arm.joints[j - 1].sensor, Encoder):
                 turn = self.readings[:, j - 1]

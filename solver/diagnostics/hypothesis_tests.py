@@ -152,7 +152,7 @@ def without_curves_in_specification(
 
 
 def _as_stated(j: int, faults: FaultModels, residuals: WhitenedResiduals) -> bool:
-    """Whether the curve of joint j may be within specification; a measurement by the loops decides if it exists."""
+    """Whether joint j's curve may be within specification, according to the loops' measurement if there is one."""
     curve = faults.linearity_curve(j)
     if curve is None:
         return False

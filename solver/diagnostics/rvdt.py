@@ -100,8 +100,8 @@ def rvdt_verdicts(
     samples
         Number of readings averaged at each pose (m,).
     variances
-        Variances of the other sources by component, from a fit with the readings. A variance below the start value of
-        its component is replaced by it, because part of this source may have been attributed to the sensor.
+        Variances of the other sources by component, from a fit with the readings. A variance below its start value is
+        replaced by the start value, because part of this source may have been attributed to the sensor.
     x0, near
         Start: parameters (P,) and the other unknowns of a fit with the readings.
     """

@@ -142,7 +142,7 @@ class Scale:
 def learned_scales(fit: LinearFit, derivatives: Derivatives) -> tuple[Scale, ...]:
     """Return the scale of every family of errors whose scale is estimated.
 
-    The variances of `fit` are at the posterior means of the scales; `derivatives`: of the likelihood. The logarithm of
+    The variances of `fit` are at the posterior means of the scales; `derivatives`: see `with_priors`. The logarithm of
     a scale is taken as normally distributed about its mode (Laplace's approximation; method, section 10).
     """
     components = fit.design.components

@@ -1,4 +1,4 @@
-"""The implicit estimator: the noise is that of the joint sensors, and every loop closes exactly.
+"""The implicit estimator: the joint sensors have the noise, and every loop closes exactly.
 
 The unknowns are the parameters *and* each pose's joint corrections e (implicit loop method of Wampler,
 Hollerbach & Arai 1995; the Gauss-Helmert model of geodesy). At corrected joints q + e and current

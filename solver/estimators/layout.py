@@ -1,4 +1,4 @@
-"""Lists the effects of a loop with stated errors, and the variance components, with bounds, that groups of them share.
+"""Lists the effects of a loop with stated errors, and the variance components that groups of effects share.
 
 Every source of error that the files state has a group of columns, a variance component, or both. The values
 of the columns are calculated in `solver.estimators.effects`.

@@ -1,4 +1,4 @@
-"""The iteration that fits parameters, effects and joint corrections, with one scoring step of the variances in each.
+"""The iteration that fits parameters, effects, joint corrections and variances together.
 
 Each iteration solves the mixed-model equations for everything at once, moves the variances by one scoring step, and
 relinearises the loops where they close, unless the change is too small for nonlinearity to matter.
@@ -272,8 +272,8 @@ def expected_scales(fit: LinearFit, derivatives: Derivatives) -> FloatArray:
 def gravity_share(fit: LinearFit) -> float:
     """Ratio of the sag and play that the readings show to the sag and play expected from gravity.
 
-    Below one half, the fit continues with an expected sag of zero. Otherwise, with exact readings of an arm that does
-    not sag as its file states, the expected sag itself would be the error.
+    Below one half, the fit continues with an expected sag of zero: for an arm that does not sag as its file states, the
+    expected sag itself would be the error.
     """
     design = fit.design
     G = np.concatenate([fit.system.part(s).B @ design.expected[s, :, None] for s in design.parts()])

@@ -135,12 +135,12 @@ class ClosureModel(ABC):
     @property
     @abstractmethod
     def ground_side(self) -> tuple[str, ...]:
-        """Names of the unknowns of the fixture's place on the table; they change when the fixture is moved."""
+        """Names of the unknowns of the fixture's place on the table; the values change when the fixture is moved."""
 
     @property
     @abstractmethod
     def hand_side(self) -> tuple[str, ...]:
-        """Names of the unknowns of the fixture's place on the tool; they change at every mounting."""
+        """Names of the unknowns of the fixture's place on the tool; the values change at every mounting."""
 
     @abstractmethod
     def loop(self, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:
@@ -173,8 +173,8 @@ class ClosureModel(ABC):
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
         """Closure error with the unsensed angles eliminated; the loop error itself if there are none.
 
-        Without `rates` the Jacobian has no columns. Raises `ValueError` if arm joints are unsensed; only `loop` takes
-        their angles.
+        Without `rates` the Jacobian has no columns. Raises `ValueError` if arm joints are unsensed: use
+        `loop`.
         """
         if self.unsensed_joints:
             raise ValueError(

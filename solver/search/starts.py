@@ -19,7 +19,7 @@ from solver.search.inner import projectable_parts, spread_poses
 HALT_AFTER = 8
 SURVIVING_SHARE, FEWEST_SURVIVORS = 1.0 / 3.0, 30
 """After `HALT_AFTER` iterations only the best third of the starts continues. It includes 80 to 100 % of the starts
-that would have reached the solution (random hinges, a ball), so the same work allows for twice as many successes."""
+that would have reached the solution (random hinges, a ball), so with the same work twice as many starts reach it."""
 
 SEARCH_EQUATIONS = 72
 """Number of closure equations that the search uses: a few times the unknowns of any usual arm."""

@@ -52,7 +52,7 @@ class ClosedPoses:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReducedEquations:
-    """Loop equations of every pose without the unsensed angles: ``w + A dphi + B dq = 0``.
+    """Loop equations of every pose after eliminating the unsensed angles: ``w + A dphi + B dq = 0``.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class Rates:
 
     @classmethod
     def of(cls, error: LoopError, misclosure: FloatArray) -> Rates:
-        """Return the rates for linearised loops; `misclosure` (m, k) is their ``c - J_q e``."""
+        """Return the rates for linearised loops; `misclosure` (m, k) is ``c - J_q e``."""
         down = left_inverse(error.jac_u)
         return cls(
             closed=(down @ misclosure[..., None])[..., 0],
@@ -135,10 +135,10 @@ def close_loops(
     q
         Joint angles (m, n), rad.
     sigma_rad
-        Standard deviation of each joint (n,): the correction with the smallest ``|dq / sigma|`` is taken (default: all
-        joints alike). A joint with 0 does not move.
+        Standard deviation of each joint (n,), default: equal. The correction with the smallest ``|dq / sigma|`` is
+        taken; a joint with 0 does not move.
     u
-        Unsensed angles (m, U) to start from, by default the model's; they may change freely.
+        Unsensed angles (m, U) to start from (default: `initial_unsensed` of the model); they may change freely.
     """
     if len(q) > BLOCK_POSES:
         # Poses are closed in blocks, so that the Jacobians of all are never in memory at once.
@@ -185,10 +185,10 @@ def measure_with_fixed(joints: Sequence[int], joint_count: int) -> FloatArray:
 
 
 def newton_step(error: LoopError, sigma: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the joint corrections (m, n) with the smallest ``|dq / sigma|`` that close linearised loops.
+    """Return the smallest joint corrections (m, n) that close linearised loops, and the unsensed angles' step (m, U).
 
-    With ``B = E' J_q S`` the weighted correction is ``-B' (B B')^-1 E' c``. The step of the unsensed angles (m, U)
-    is returned too. Where B is rank-deficient, the part that no free joint can close is left open.
+    Smallest means smallest ``|dq / sigma|``: with S = diag(sigma) and ``B = E' J_q S``, the correction divided by sigma
+    is ``-B' (B B')^-1 E' c``. Where B is rank-deficient, the part that no joint can close is left open.
     """
     reduced = reduced_equations(error)
     w, B = reduced.w[..., None], reduced.B * sigma
@@ -224,9 +224,9 @@ def reduced_jacobian(
 def left_null_space(N: FloatArray) -> FloatArray:
     """Orthonormal E (..., k, k - U) with ``E' N = 0`` for N of shape (..., k, U) and rank U.
 
-    Householder's reflections turn the columns of N, one after the other, into the first axes; the images of the
-    other axes are then orthogonal to all columns. A hinge has one column, so its reflection has a closed form: for
-    a unit column (a, b') with s = sign(a),
+    Householder's reflections turn the columns of N, one after the other, into the first axes; so they turn the
+    other axes into directions orthogonal to all columns. For the single column of a hinge there is a closed form. With
+    a unit column (a, b') and s = sign(a),
 
         H = [-s a  -s b'; -s b  1 - b b' / (1 + |a|)],      E = H without its first column.
     """
@@ -247,7 +247,7 @@ def left_null_space(N: FloatArray) -> FloatArray:
 
 
 def left_inverse(N: FloatArray) -> FloatArray:
-    """Return ``N+`` (..., U, k): least-squares response of the unsensed angles; zero where they move nothing."""
+    """Return ``N+`` (..., U, k): least-squares response of the unsensed angles; 0 if an angle moves nothing."""
     Nt = np.swapaxes(N, -1, -2)
     if N.shape[-1] == 1:
         length = (N * N).sum(-2, keepdims=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 class SolverError(Exception):
-    """Base of the solver's errors. A fit that does not converge raises none of them."""
+    """Base of the solver's errors. A fit that does not converge does not raise an error."""
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle by attributes instead of constructor arguments: the error may come from another process."""
@@ -31,7 +31,7 @@ class UnidentifiableDirection:
     parameters
         Names of the parameters that take part, the one with the largest weight first.
     weights
-        Their components in the direction's unit vector (columns scaled), in the same order.
+        Components of these parameters in the direction's unit vector (columns scaled), in the same order.
     reason
         Reason as text, where it is known ("joint 4 does not move"); empty otherwise.
     immobile_joints
@@ -54,8 +54,8 @@ class UnidentifiableDirection:
 class UnidentifiableError(SolverError):
     """The pose set leaves some parameters undetermined; `directions` names them.
 
-    `code` and `note` are the reason where it is known: too few poses, or a stuck sensor of joint `stuck_joint`
-    (1-based, 0 if none).
+    `code` and `note` state the reason if it is known: too few poses, or the stuck sensor of joint `stuck_joint`
+    (1-based; 0: no stuck sensor).
     """
 
     def __init__(

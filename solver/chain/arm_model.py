@@ -26,7 +26,7 @@ class Joint:
     sensor
         Its angle sensor.
     backlash_rad, sag_rad
-        Play between sensor and link, and elastic twist under load: one standard deviation, 0 is none.
+        Play between sensor and link, and elastic twist under load, each as one standard deviation; 0 for none.
     max_speed_rad_per_s, max_torque_nm
         Limits of speed and torque.
     """
@@ -50,7 +50,7 @@ class Joint:
 class RowTolerance:
     """Uncertainty of one D-H row in the maker's table: standard deviations of s and a, and of alpha and beta.
 
-    0 is exact. The uncertainty matters for entries that are fixed instead of identified.
+    0 means exact. The uncertainty matters for entries that are fixed instead of identified.
     """
 
     length_m: float = 0.0
@@ -71,19 +71,19 @@ class ArmModel:
     joints
         Joints 1..n.
     free
-        Entries that calibration identifies by default, in addition to the fixture's.
+        Entries of `table` that calibration identifies by default, in addition to the fixture's unknowns.
     home_rad
         Pose the arm starts from, sensor coordinates, shape (n,).
     tolerances
         Tolerances of rows 1..n; empty where the whole table is exact.
     offset_tolerance_rad
-        Standard uncertainty of the nominal offsets; None where it is not known.
+        Standard uncertainty of the nominal offsets; None if it is not known.
     masses
-        Masses of its links; None where they are not stated.
+        Masses of the links; None if they are not stated.
     hayati_rows
         Rows that join parallel axes: they have beta_j in place of s_j, because s_j is not unique there.
     assumed
-        Values of the error model that are defaults, because the arm's file does not state them, as ``key: value``.
+        Values of the error model that the arm's file does not state, so that defaults are used, as ``key: value``.
     """
 
     name: str
@@ -130,14 +130,14 @@ class ArmModel:
         )
 
     def with_length_tolerance(self, length_m: float | None) -> ArmModel:
-        """Return the arm with this standard deviation of all lengths, m; unchanged for None."""
+        """Return the arm with `length_m` as standard deviation of every s and a; None leaves the arm unchanged."""
         if length_m is None:
             return self
         rows = self.tolerances or (RowTolerance(),) * self.joint_count
         return replace(self, tolerances=tuple(replace(row, length_m=length_m) for row in rows))
 
     def maker_entries(self, row: int) -> tuple[DhEntry, ...]:
-        """Entries for length and twist in a row of the maker's table: a, s, alpha; in a Hayati row a, alpha, beta."""
+        """Entries for lengths and twists in a row of the maker's table: a, s, alpha; in a Hayati row a, alpha, beta."""
         ours = (
             (DhKind.A, DhKind.ALPHA, DhKind.BETA)
             if row in self.hayati_rows
@@ -158,26 +158,26 @@ class ArmModel:
         )
 
     def gain_rad(self) -> FloatArray:
-        """Standard deviation due to each RVDT's gain error, rms over full scale, shape (n,); 0 for other sensors."""
+        """Standard deviation due to each RVDT's gain error, as rms over full scale, (n,); 0 for other sensors."""
         return np.array(
             [j.sensor.gain_rad if isinstance(j.sensor, Rvdt) else 0.0 for j in self.joints]
         )
 
     @property
     def length_tolerance_m(self) -> FloatArray:
-        """Standard deviation of the maker's s and a of rows 1..n, shape (n,); 0 is exact."""
+        """Standard deviation of the maker's s and a of rows 1..n, shape (n,); 0 means exact."""
         rows = self.tolerances or (RowTolerance(),) * self.joint_count
         return np.array([row.length_m for row in rows])
 
     @property
     def twist_tolerance_rad(self) -> FloatArray:
-        """Standard deviation of the maker's alpha and beta of rows 1..n, shape (n,); 0 is exact."""
+        """Standard deviation of the maker's alpha and beta of rows 1..n, shape (n,); 0 means exact."""
         rows = self.tolerances or (RowTolerance(),) * self.joint_count
         return np.array([row.twist_rad for row in rows])
 
     @property
     def accuracy_rad(self) -> FloatArray:
-        """Standard deviation of each encoder's errors once and twice per turn, shape (n,); 0 for other sensors."""
+        """Standard deviation of each encoder's errors of period 1 and 1/2 turn, shape (n,); 0 for other sensors."""
         sensors = [joint.sensor for joint in self.joints]
         return np.array([s.accuracy_rad if isinstance(s, Encoder) else 0.0 for s in sensors])
 

@@ -77,7 +77,7 @@ class Frames:
     Attributes
     ----------
     axes_of
-        (links + 1, 3, 3, ...): x, y and z of every frame, each by its three components.
+        (links + 1, 3, 3, ...): the axes x, y and z of every frame, then the three components of each axis.
     origin_of
         (links + 1, 3, ...), m.
     normal_of
@@ -170,8 +170,8 @@ link), and whether the entry is an angle."""
 class Entries:
     """Frame and axis of each of the D-H entries whose screws are needed, in the order given.
 
-    `frame`, `axis`: index (C,) of the frame, and of its axis (x 0, y 1, z 2), about or along which each entry moves the
-    links after it. `turning`, `sliding`: indices of the entries that are angles, and of those that are lengths.
+    Each entry turns or shifts the links after it: about or along axis `axis` (x 0, y 1, z 2) of frame `frame`, indices
+    (C,). `turning`, `sliding`: indices of the entries that are angles, and of the entries that are lengths.
     """
 
     frame: IntArray
@@ -196,7 +196,7 @@ NO_ENTRIES = Entries.of((), ())
 
 
 def jacobian(frames: Frames, entries: Entries) -> FloatArray:
-    """Screw Jacobian of the last frame for some D-H entries, shape (..., 6, C): `screws` with the poses' axes first."""
+    """Screw Jacobian of the last frame for some D-H entries, shape (..., 6, C): `screws` with the poses first."""
     return np.ascontiguousarray(poses_first(screws(frames, entries), 1, 0))
 
 
@@ -234,5 +234,5 @@ def _links_first(values: FloatArray, dims: int) -> FloatArray:
 
 
 def poses_first(values: FloatArray, *order: int) -> FloatArray:
-    """View with the poses' axes first, then the leading axes in the order given."""
+    """View with the pose dimensions moved from last to first, then the other dimensions in order `order`."""
     return values.transpose(*range(len(order), values.ndim), *order)

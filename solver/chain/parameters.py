@@ -18,7 +18,7 @@ from solver.arrays import FloatArray
 
 
 class DhKind(IntEnum):
-    """Column of a D-H table; members are in the order in which the Jacobian stacks them."""
+    """Column of a D-H table; the value is the index in `DhTable.stacked`."""
 
     THETA_OFF = 0
     S = 1

@@ -21,11 +21,11 @@ class PoseSet:
     label
         Name of each pose, unique within its placement, length m.
     q_rad
-        Sensor angles as read, continuous and never wrapped, shape (m, n).
+        Sensor angles as read, rad, continuous and never wrapped, shape (m, n).
     sd_rad
-        Standard deviation over the samples of one pose, shape (m, n); None where not recorded.
+        Standard deviation of the samples at each pose, shape (m, n), rad; None where not recorded.
     samples
-        Number of samples averaged, shape (m,); None where not recorded.
+        Number of samples averaged at each pose, shape (m,); None where not recorded.
     endpoint
         Measured endpoint: x, y, z (m), shape (m, 3), or also a rotation vector (rad), shape (m, 6). None
         without an instrument.

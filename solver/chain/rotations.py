@@ -19,8 +19,8 @@ def skew(v: FloatArray) -> FloatArray:
 def rotation_vector(R: FloatArray) -> FloatArray:
     """Logarithm of rotations, shape (..., 3, 3) to (..., 3), rad, length in [0, pi].
 
-    Computed through the unit quaternion: its largest component comes from the diagonal, and the other three follow.
-    This keeps full precision at zero and near pi, where the trace and the antisymmetric part lose precision.
+    Computed from the unit quaternion, of which the largest component is calculated first, from the diagonal of R. This
+    keeps full precision at zero and near pi, where the trace and the antisymmetric part of R lose precision.
     """
     d = np.diagonal(R, axis1=-2, axis2=-1)
     trace = d.sum(-1)
@@ -47,7 +47,7 @@ def rotation_vector(R: FloatArray) -> FloatArray:
 
 
 def _largest_row(R: FloatArray, w: FloatArray) -> FloatArray:
-    """Return the largest of the rows x, y and z of 4 q q', (m, 4); `w` is the first row."""
+    """Return the row (m, 4) of 4 q q', q = (w, x, y, z), that belongs to the largest of x, y, z; `w`: the first row."""
     d = np.diagonal(R, axis1=-2, axis2=-1)
     k, every = np.argmax(d, axis=-1), np.arange(len(R))
     row = np.empty_like(w)
@@ -81,7 +81,7 @@ def rotation_vector_differential(r: FloatArray) -> FloatArray:
 
 
 def rotation_matrix(r: FloatArray) -> FloatArray:
-    """Rotation about the vector `r` (..., 3), rad, by its length: ``exp([r]x)``, (..., 3, 3)."""
+    """Rotation (..., 3, 3) about the vector `r` (..., 3) by the length of `r`, rad: ``exp([r]x)``."""
     angle = np.linalg.norm(r, axis=-1)[..., None, None]
     K = skew(r)
     # sinc keeps both quotients exact down to zero: sin(t)/t and (1 - cos t)/t^2 = sinc(t/2)^2 / 2.

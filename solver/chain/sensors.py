@@ -27,8 +27,8 @@ def _variance_of_mean(resolution_rad: float, noise_counts: float, samples: int) 
 class Encoder:
     """Incremental encoder: `counts_per_rev` counts, noise in counts (rms).
 
-    `accuracy_rad` is the error of its scale once and twice per turn (an eccentric or oval disc): one standard deviation
-    of each; systematic, so not part of `sigma_rad`.
+    `accuracy_rad`: one standard deviation of each of the two scale errors, of period one turn (eccentric disc) and half
+    a turn (oval disc); they are systematic, so not part of `sigma_rad`.
     """
 
     counts_per_rev: int
@@ -55,8 +55,8 @@ class Rvdt:
     """Rotary variable differential transformer read by an ADC of `bits` over `full_scale_rad`.
 
     `linearity` is the largest deviation from the best-fit straight line, as a fraction of full
-    scale; `gain` is the deviation of that line's slope from 1, one standard deviation. Data sheets state the two
-    separately. Both are systematic and not part of `sigma_rad`.
+    scale; `gain` is one standard deviation of that line's slope about 1. Data sheets state the two separately. Both are
+    systematic and not part of `sigma_rad`.
     """
 
     bits: int
@@ -107,7 +107,7 @@ LOWEST = 2
 
 
 def _power_series() -> FloatArray:
-    """Coefficients (11, 9) of 1, x, ..., x^10 in each shape, times its relative prior standard deviation."""
+    """Coefficients (11, 9) of 1, x, ..., x^10 in P2..P10, each multiplied by its weight in `SHAPE_WEIGHTS`."""
     powers = np.zeros((len(SHAPE_WEIGHTS) + LOWEST, len(SHAPE_WEIGHTS)))
     for k, weight in enumerate(SHAPE_WEIGHTS):
         series = np.polynomial.legendre.leg2poly(np.eye(k + LOWEST + 1)[k + LOWEST])
@@ -123,8 +123,8 @@ _POWERS = _power_series()
 class SensorCurve:
     """Deviation of one sensor from the true angle: a line plus ``sum_k c_k P_k(x)``, k = 2, 3, ...
 
-    x is the angle from `middle_rad` over `half_scale_rad`. The line is an error of the gain, the polynomials are the
-    linearity deviation of a specification. P_0 is left out because the joint's offset covers it.
+    x is the angle from `middle_rad`, divided by `half_scale_rad`. The line is the gain error, the polynomials are the
+    linearity deviation. P_0 is left out because the joint's offset covers it.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class SensorCurve:
     half_scale_rad
         Half of full scale.
     gain
-        Standard deviation of its gain error; 0 leaves the line out.
+        Standard deviation of the sensor's gain error; 0 leaves the line out.
     bent
         Whether the polynomials are included.
     """
@@ -168,7 +168,7 @@ class SensorCurve:
         return np.asarray(np.clip(x, -1.2, 1.2))
 
     def basis(self, theta_rad: FloatArray) -> FloatArray:
-        """Line (rad) and polynomials at sensor angles (m,), times their prior deviations (see above): (m, width)."""
+        """Shapes (m, width) at sensor angles (m,): line, rad, times `gain`; polynomials times `SHAPE_WEIGHTS`."""
         x = self.place(theta_rad)
         shapes = [(self.gain * self.half_scale_rad * x)[:, None]] * self.lines
         if self.bent:
@@ -177,7 +177,7 @@ class SensorCurve:
 
 
 def powers_of(curve: SensorCurve, coefficients: FloatArray) -> FloatArray:
-    """Convert coefficients (width,) of the shapes to those of 1, x, ..., x^10: (11,), rad."""
+    """Convert coefficients (width,) of the shapes to coefficients (11,), rad, of 1, x, ..., x^10."""
     powers = np.zeros(len(_POWERS))
     if curve.bent:
         powers += _POWERS @ coefficients[curve.lines :]
@@ -192,7 +192,7 @@ def rms_per_amplitude() -> float:
 
 
 def curves_of(arm: ArmModel, *, unsensed_joints: tuple[int, ...] = ()) -> tuple[SensorCurve, ...]:
-    """Return the curve that each RVDT of `arm` may have; none for joints whose reading is not used."""
+    """Return a curve for each RVDT of `arm` whose reading is used."""
     return tuple(
         SensorCurve(
             joint=j,

@@ -35,7 +35,7 @@ class LinkMasses:
     mass_kg
         (n,).
     centre_m
-        (n, 3): centre of mass of link j relative to p_{j-1}, in frame j-1 rotated with joint j.
+        (n, 3): centre of mass of each link j relative to p_{j-1}, in frame j-1 rotated with joint j.
     mass_sd_kg
         (n,): standard deviation of the masses.
     centre_sd_m

@@ -26,11 +26,11 @@ class GoTo:
     Attributes
     ----------
     targets_rad
-        Target of each drive joint, by joint (1-based).
+        Target of each drive joint; the keys are joint numbers (1-based).
     why
         Reason, as text.
     trace_rad
-        (t, n) predicted readings of all joints on the way; None where no prediction exists.
+        (t, n) predicted readings of all joints on the way; None if there is no prediction.
     tolerance_rad
         Largest allowed deviation of readings from the trace.
     """
@@ -76,9 +76,9 @@ Action = GoTo | Capture | ChangeDrives | Finished
 def path_watch(
     trace_rad: FloatArray | None, tolerance_rad: float, ranges: Ranges
 ) -> Callable[[FloatArray], str | None]:
-    """Return a check of readings (n,) during one move: it returns a sentence if the move should end, otherwise None.
+    """Return a function that checks readings (n,) during one move; it returns why the move should end, or None.
 
-    `trace_rad`: predicted readings (t, n); None to watch the ranges only. `ranges`: joint ranges, narrowed by the
+    `trace_rad`: predicted readings (t, n); None to check the ranges only. `ranges`: joint ranges, narrowed by the
     stopping distance.
     """
     worst: list[FloatArray] = []
@@ -106,7 +106,7 @@ def path_watch(
 def moves_along(
     route: Sequence[Leg], drives: tuple[int, ...], goal: str, *, of: str = ""
 ) -> list[GoTo | ChangeDrives]:
-    """Return a route's moves and changes of drives; `drives` are in position mode before; `goal` and `of` are text."""
+    """Return a route's moves and changes of drives; `drives`: in position mode before; `goal`, `of`: for reasons."""
     moves: list[GoTo | ChangeDrives] = []
     for leg in route:
         if leg.drives != drives:
@@ -126,7 +126,7 @@ def moves_along(
 
 
 def straight_move(q_rad: FloatArray, drives: tuple[int, ...], why: str) -> GoTo:
-    """Return the straight move of the drives to their angles in `q_rad` (n,), without a prediction on the way."""
+    """Return the straight move of the drives to their angles in `q_rad` (n,), without a predicted trace."""
     return GoTo(targets_rad={j: float(q_rad[j - 1]) for j in drives}, why=why)
 
 

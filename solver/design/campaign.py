@@ -51,24 +51,24 @@ BACK = "to a captured pose"
 
 
 class Campaign:
-    """The policy. Repeat: call `propose`, carry out the action, report it with `observe` (moves) or `captured` (poses).
+    """Policy of a campaign. Repeat: call `propose`, carry out the action, report it with `observe` or `captured`.
 
     Parameters
     ----------
     task
-        Planning task; its first drive set is the one in position mode now.
+        Planning task; the first of its drive sets is in position mode now.
     start_rad
         Readings at the start (n,).
     poses, requested
-        Number of planned poses, in addition to those of the exploration, and standard deviations to reach by parameter
-        name (rad, m); none by default.
+        Number of planned poses, in addition to the poses of the exploration; and requested standard deviations (rad, m)
+        by parameter name (default: none requested).
     calibrate
-        Interim calibration; the implicit estimator from nominal values by default.
+        Interim calibration; by default the implicit estimator, started from nominal values.
     captured, taken
-        Poses (m, n) of an earlier campaign on the same loop that still count, and how many of them
-        were planned: with enough of them nothing is explored again.
+        Readings (m, n) at poses of an earlier campaign on the same loop that still count, and how many of these poses
+        were planned. If they suffice for a trusted estimate, nothing is explored again.
     at_rad
-        Readings at the arm's present pose (n,); those at the start by default.
+        Readings at the arm's present pose (n,); by default `start_rad`.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class Campaign:
         return np.array(self._readings).reshape(-1, len(self._q))
 
     def propose(self) -> Action:
-        """Return the next action, the same until its end is reported; `ValueError` after the end of the campaign."""
+        """Return the next action; the same one until its end is reported. `ValueError` after the campaign's end."""
         while not self._queue:
             match self.phase:
                 case Phase.EXPLORING:
@@ -199,7 +199,7 @@ class Campaign:
             self.plan = None
 
     def _shift(self) -> float:
-        """Largest change of a remaining pose of the plan if predicted from the current estimate, rad."""
+        """Largest change, rad, of the planned poses' predicted angles from the plan's estimate to the current one."""
         if self.plan is None or self.estimate is None or not self.plan.visits:
             return 0.0
         index = list(self.plan.visits)
@@ -287,9 +287,10 @@ class Campaign:
         self._node = target
 
     def _route(self, plan: PosePlan, target: int) -> tuple[Leg, ...] | None:
-        """Return a path from the current pose to a candidate of `plan`; None where none is known to be safe.
+        """Return a path from the current pose to a candidate of `plan`; None if no safe path is found.
 
-        A path must keep four fifths of the planning margin, not all: it may bulge between two candidates that keep all.
+        The path must keep four fifths of the planning margin only: between two candidates that keep the whole margin,
+        it may come nearer to the end of a range than both.
         """
         return plan.graph.route(
             self.task.model,
@@ -301,10 +302,10 @@ class Campaign:
         )
 
     def moves_to(self, captured_rad: FloatArray) -> tuple[GoTo | ChangeDrives, ...] | None:
-        """Return moves from the current pose to a captured pose (n,); None where no safe path is known.
+        """Return moves from the current pose to a captured pose (n,); None if no safe path is found.
 
-        These moves are not proposals: their end is not reported, and the same moves in reverse bring the arm back
-        before the campaign continues. During exploration the drives go straight back.
+        These moves are not proposals: do not report their end, and make the same moves in reverse before the campaign
+        continues. During exploration the result is one straight move.
         """
         if self.phase is Phase.EXPLORING:
             return (straight_move(captured_rad, self.drives, BACK),)

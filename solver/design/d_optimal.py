@@ -2,9 +2,9 @@
 
 Poses are added greedily, then exchanged for better candidates until no exchange helps
 (Fedorov 1972). With M the information so far and F the r rows of a candidate,
-``det(M + F'F) = det(M) det(I + F M^-1 F')``: one product over all candidates and a determinant of
-size r each, so a whole sweep takes milliseconds. Where the unknowns include effects (nuisance parameters), the
-determinant is that of the parameters' information alone (D_s-optimality).
+``det(M + F'F) = det(M) det(I + F M^-1 F')``: this needs one product over all candidates and a determinant of size r for
+each of them, so a whole sweep takes milliseconds. If the unknowns include effects (nuisance parameters), the
+determinant of the parameters' information alone is maximised (D_s-optimality).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class TooFewCandidatesError(ValueError):
 
 
 def log_det(information: FloatArray) -> float:
-    """Log determinant of an information matrix (P, P), computed with unit diagonal; -inf if singular."""
+    """Log determinant of an information matrix (P, P), computed with the diagonal scaled to 1; -inf if singular."""
     d = np.sqrt(np.diagonal(information))
     if np.any(d <= 0.0):
         return float("-inf")
@@ -43,10 +43,10 @@ def log_det(information: FloatArray) -> float:
 
 
 def gains(root: FloatArray, information: FloatArray, parameters: int | None = None) -> FloatArray:
-    """log det gained by adding each candidate (m,) to a regular information matrix (N, N).
+    """Increase of log det when each candidate (m,) is added to a regular information matrix (N, N).
 
-    `root` is (m, r, N): `PoseInformation.root`. Only the first `parameters` of N unknowns count; the others are
-    effects, whose prior `information` contains.
+    `root` is (m, r, N): `PoseInformation.root`. Only the first `parameters` of the N unknowns count; the others are
+    effects, and `information` must contain their prior.
     """
     gained = _gains(root, information)
     if parameters is None or parameters == root.shape[-1]:
@@ -72,26 +72,26 @@ def choose_poses(
     apart_rad: float = 0.0,
     seed: int = 0,
 ) -> tuple[int, ...]:
-    """Choose `count` different candidates whose information, with that of `fixed`, has the largest log det.
+    """Choose `count` different candidates whose information, added to `fixed`, has the largest log det.
 
-    Returns their indices in the order of choice.
+    Returns the indices of the candidates.
 
     Raises `TooFewCandidatesError` if fewer than `count` candidates are allowed and far enough apart.
 
     Parameters
     ----------
     root
-        (m, r, N) of all candidates.
+        (m, r, N): `PoseInformation.root` of all candidates.
     parameters
-        How many of the N unknowns, from the first on, are to be determined; all by default. The others are effects.
+        The first `parameters` of the N unknowns (default: all) are to be determined; the others are effects.
     fixed
         Information (N, N) of poses captured already.
     allowed
         (m,): which candidates may be chosen; all by default.
     q, apart_rad
-        Joint angles (m, n) of the candidates and the least distance (Euclidean, rad) between chosen ones. Without a
-        least distance, the best set repeats a few poses, which averages sensor noise but not a sensor's linearity
-        deviation.
+        Joint angles (m, n) of the candidates, and the least distance (Euclidean, rad) between chosen candidates.
+        Without it, the best set repeats nearly the same few poses, which averages sensor noise but not the linearity
+        deviations of sensors.
     """
     m, _, N = root.shape
     P = N if parameters is None else parameters
@@ -123,9 +123,9 @@ def choose_poses(
 def _comparable(
     root: FloatArray, parameters: int, information: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the scale (N,) of the unknowns, and the scaled information so far, regular and with the effects' prior.
+    """Return the scale (N,) of the unknowns, and the scaled `information` with a weak prior and the effects' prior.
 
-    With unit columns over all candidates the average candidate has information 1/m on the diagonal.
+    With columns of unit length over all candidates, the average candidate has information 1/m on the diagonal.
     """
     m, _, N = root.shape
     scale, prior = np.ones(N), np.ones(N)
@@ -159,7 +159,7 @@ class _Search:
         return np.asarray(rows.T @ rows)
 
     def gains(self, M: FloatArray, beside: Sequence[int]) -> FloatArray:
-        """Gain of each candidate; -inf where it is too near to a chosen one."""
+        """Gain of each candidate; -inf if it may not be chosen in addition to `beside`."""
         return np.where(self.open(beside), gains(self.root, M, self.parameters), -np.inf)
 
     def random_start(self, count: int, rng: np.random.Generator) -> list[int]:
@@ -172,7 +172,7 @@ class _Search:
         return chosen
 
     def fill(self, M: FloatArray, chosen: list[int], count: int) -> None:
-        """Add the best candidate again and again until `count` are chosen."""
+        """Add the best candidate to `chosen`, and its information to `M`, until `count` are chosen."""
         while len(chosen) < count:
             gain = self.gains(M, chosen)
             best = int(np.argmax(gain))

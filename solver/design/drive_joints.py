@@ -1,8 +1,8 @@
 """Which joints should drive a closed chain: ranking of drive sets, predicted or measured by trial motions.
 
-A ranking is predicted, at one pose or over a region, from the conditioning of the passive joints' Jacobian and from
-the poses that the drives reach. By trial, as in the paper, it follows from the measured motion of the other joints.
-Every ranking has its reasons as text.
+A predicted ranking, at one pose or over a region, uses the leverage of the drives and the share of poses that they
+reach. A ranking by trial, as in the paper, uses the measured motion of the other joints. Every rank has its reasons as
+text.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ class RankedDrives:
         Smallest singular value of the drives' share in the self-motion: 1 if the drives measure all motion, 0 at a
         singularity. Over a region: the median over the poses that the set reaches.
     passive_conditioning
-        Smallest singular value of the passive joints' closure Jacobian; over a region the median as well.
+        Smallest singular value of the passive joints' closure Jacobian, over a region its median; None by trial.
     fastest_passive, fastest_joint
-        Largest ratio of a passive joint's speed to that of the drives, and the number of that joint.
+        Largest ratio of a passive joint's speed to the drives' speed, and the number of this joint.
     still
         Passive joints that hardly move with these drives.
     reach
-        Share of the region that can be reached from its first pose; None at a single pose.
+        Share of the region's poses that can be reached from pose 0; None without a region.
     reasons
         Reasons as text, the most important first.
     """
@@ -73,7 +73,7 @@ def rank_at_pose(model: ClosureModel, x: FloatArray, q: FloatArray) -> tuple[Ran
 
 
 def rank_over_region(model: ClosureModel, manifold: Manifold) -> tuple[RankedDrives, ...]:
-    """Rank all drive sets by how much of a manifold each reaches from its first pose, best first."""
+    """Rank all drive sets by the share of a manifold that each reaches from pose 0, and by leverage; best first."""
     ranked = []
     for drives in _sets(model, manifold.motion.degrees):
         reachable = PathGraph(manifold, [drives], LIMITS).reachable(0)
@@ -102,7 +102,7 @@ class DriveTrial:
     moved_rad
         (w, n): measured displacement of every joint.
     stopped
-        Why the trial ended early, as text; empty when it did not.
+        Why the trial ended early, as text; empty if it did not end early.
     """
 
     drives: tuple[int, ...]

@@ -1,9 +1,9 @@
 """Explores with the drive joints, guided by readings alone, before any model can be trusted.
 
 A policy without an arm: `propose` returns the next targets of the drives, `observe` takes the readings at the end of a
-move and why it ended early, if it did. Small steps go out from the start along rays in drive space and back along them.
-The rate of every joint per drive is learnt from the steps themselves (Broyden's secant update) and predicts whether
-the next step would reach the end of a range or a singularity.
+move and why it ended early, if it did. The drives leave the start in small steps along a ray in drive space, return in
+one move, and take the next ray. The rate of every joint per drive is learnt from the steps (Broyden's secant update)
+and predicts whether the next step would reach the end of a range or a singularity.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ start already exceeds it, up to twice as much is allowed."""
 
 @dataclass(slots=True)
 class _Ray:
-    """A direction in drive space and its progress."""
+    """A direction in drive space, the number of steps along it, and why the ray ended early ("" if it did not)."""
 
     direction: FloatArray
     steps: int
@@ -55,7 +55,7 @@ class _Here:
 
 
 class Explorer:
-    """The policy. Alternate `propose` and `observe` until `propose` returns no step.
+    """Policy of the exploration. Alternate `propose` and `observe` until `propose` returns nothing.
 
     Parameters
     ----------
@@ -83,9 +83,9 @@ class Explorer:
         self.failure = ""
 
     def propose(self) -> tuple[GoTo | Capture, ...]:
-        """Return the next move, followed by a capture where the pose at its end is to be measured.
+        """Return the next move, followed by a capture if the pose at the end of the move is to be measured.
 
-        Empty when exploration is over (`failure` is the reason if it failed).
+        The result is empty when the exploration is over (`failure` is the reason if it failed).
         """
         if self.failure:
             return ()
@@ -159,7 +159,7 @@ class Explorer:
         return wiggles + [_Ray(direction=v, steps=steps) for v in signs]
 
     def _ahead(self, move: FloatArray, *, trusted: bool) -> str:
-        """Reason not to take the next step; empty if there is none."""
+        """Reason not to make the next step `move` (d,), rad, or "". `trusted`: whether the rates are learnt."""
         start = self._here
         change = start.rates @ move
         # Until the rates are learnt, assume the largest allowed rate.
@@ -207,7 +207,7 @@ class Explorer:
         self._finish()
 
     def _finish(self) -> None:
-        """End the ray; back at the start, the rates of the first steps apply again."""
+        """End the ray at the start, where the rates learnt from the trial motions apply again."""
         if self._ray < 2 * len(self.drives):
             self._start_rates = self._here.rates.copy()
         self._here.rates = self._start_rates.copy()

@@ -22,8 +22,8 @@ COMPLIANCE_ITERATIONS = 4
 class InterimEstimate:
     """Part of a calibration that planning needs.
 
-    `x`, `covariance`: values (P,) and covariance (P, P). `trusted`: whether planning may use them. `text`: outcome, as
-    text.
+    `x`, `covariance`: values (P,) and covariance (P, P). `trusted`: whether planning may use them. `text`: the outcome
+    in words.
     """
 
     x: FloatArray
@@ -37,7 +37,7 @@ Calibrate = Callable[[FloatArray], InterimEstimate]
 
 
 def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
-    """Return the interim calibration by the implicit estimator, from nominal values or the last trusted estimate.
+    """Return a calibration function: the implicit estimator, from nominal values or the last trusted estimate.
 
     When the closure errors are far larger than the joint sensors' noise, the excess is attributed to the fixture's
     compliance and the poses are fitted again: otherwise the covariance would be too small.
@@ -80,7 +80,7 @@ def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
 
 
 def _with_give(noise: NoiseModel, estimate: Estimate, used: NoiseModel) -> NoiseModel:
-    """Noise with fixture compliance: at first as large as the closure errors, later scaled by chi2/dof."""
+    """Return `noise` with a fixture compliance: first the size of the closure errors, later scaled by chi2/dof."""
     if used.fixture_variance is not None:
         scale = estimate.chi2_per_dof or 1.0
         return replace(noise, fixture_variance=used.fixture_variance * scale)

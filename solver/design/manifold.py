@@ -1,8 +1,8 @@
 """The self-motion manifold inside joint ranges: closed poses that cover it, and pairs of neighbours.
 
 The closed chain moves on a manifold whose dimension is its mobility (two with a hinge). It is covered from the current
-pose in waves: from each new pose tangent steps are taken, all of a wave are closed in one batch, and those too near to
-an older pose are dropped. The rest covers the part reachable inside the ranges, at nearly even spacing.
+pose in waves: from each new pose tangent steps are taken, all steps of a wave are closed in one batch, and poses too
+near to an older pose are dropped. The kept poses cover the part reachable inside the ranges, at nearly even spacing.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SPACING = 0.75
 SHORT = 0.8
 """Length of the tangent steps of the second ring, as a share of a step; just longer than the spacing."""
 TOUCHING = 1.7
-"""Poses within this many steps are neighbours: the six around a pose are, those of the next ring are not."""
+"""Poses within this many steps are neighbours: this includes the six around a pose, but not the next ring."""
 BENT = 0.35
 """A neighbour farther from the tangent plane than this share of its distance is on another sheet."""
 LEAST_SPACING_SHARE = 0.2
@@ -35,12 +35,12 @@ COARSE_STEP_RAD = 0.15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifold:
-    """Closed poses that cover the region reachable from the first of them inside the ranges.
+    """Closed poses that cover the region reachable from pose 0 inside the ranges.
 
     Attributes
     ----------
     q, u
-        Joint angles (m, n) and unsensed angles (m, U), rad. Pose 0 is where the growth started.
+        Joint angles (m, n) and unsensed angles (m, U), rad; pose 0 is the start.
     motion
         Tangents at all poses.
     neighbours
@@ -68,12 +68,12 @@ def grow_manifold(
     most: int = 8000,
     seed: int = 0,
 ) -> Manifold:
-    """Cover the manifold of the loops `x` (P,) from the closed pose nearest to `q_start` (n,), rad.
+    """Cover the manifold of loops with parameters `x` (P,), from the closed pose nearest to `q_start` (n,), rad.
 
     Raises `ValueError` if no closed pose is found near the start.
 
-    `ranges`: poses outside are dropped, except the start. `most`: growth stops at this many poses. `seed`: seed of the
-    directions; the same seed gives the same result.
+    `ranges`: poses outside are dropped, except the start. `step_rad`: length of a tangent step. `most`: growth stops at
+    this many poses. `seed`: seed of the directions; the same seed gives the same result.
     """
     start = close_loops(model, x, np.asarray(q_start, dtype=np.float64)[None, :])
     if not bool(start.closed[0]):
@@ -116,7 +116,7 @@ def candidate_poses(
     count: int = 3000,
     seed: int = 0,
 ) -> Manifold:
-    """Cover the reachable manifold with about `count` poses, whatever its size.
+    """Cover the reachable manifold with about `count` poses, whatever the manifold's size.
 
     A coarse pass measures the manifold's size, which sets the step of the fine pass.
     """
@@ -137,7 +137,7 @@ def candidate_poses(
 def _wave(
     points: FloatArray, tangent: FloatArray, step_rad: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Return tangent steps from every point of the front, (f * directions, n + U)."""
+    """Return the ends of tangent steps from each of the f `points`, (f * directions, n + U), rad."""
     poses, angles, degrees = tangent.shape
     if degrees == 1:
         directions = np.broadcast_to([[[1.0], [-1.0]]], (poses, 2, 1))
@@ -164,7 +164,7 @@ def _tree(points: FloatArray) -> cKDTree:
 
 
 def _far_from(others: FloatArray, points: FloatArray, distance: float) -> BoolArray:
-    """Whether each point (m,) is at least `distance` from all others."""
+    """Whether each of `points` (m,) is at least `distance` from all of `others`."""
     if len(points) == 0:
         return np.zeros(0, dtype=np.bool_)
     nearest, _ = _tree(others).query(points, distance_upper_bound=distance)
@@ -172,7 +172,7 @@ def _far_from(others: FloatArray, points: FloatArray, distance: float) -> BoolAr
 
 
 def _spread(points: FloatArray, distance: float) -> IntArray:
-    """Indices of points of which no two are nearer than `distance`, earlier ones first."""
+    """Indices of points of which no two are within `distance`; of two that are, the earlier is kept."""
     dropped = np.zeros(len(points), dtype=np.bool_)
     if len(points):
         pairs = _tree(points).query_pairs(distance, output_type="ndarray")

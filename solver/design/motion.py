@@ -39,14 +39,14 @@ class MotionLimits:
     """Limits of a path.
 
     `least_leverage`: least leverage of the drive joints, anywhere on the path. `most_rate`: largest ratio of the speed
-    of a passive joint to that of the faster drive joint.
+    of a passive joint to the speed of the fastest drive joint.
     """
 
     least_leverage: float
     most_rate: float
 
     def eased(self, share: float) -> MotionLimits:
-        """Return limits with the least leverage times `share`, and the largest rate divided by it."""
+        """Return limits with the least leverage multiplied by `share` and the largest rate divided by `share`."""
         return MotionLimits(
             least_leverage=share * self.least_leverage, most_rate=self.most_rate / share
         )
@@ -76,8 +76,8 @@ class ChainMotion:
     def leverage(self, drives: Sequence[int]) -> FloatArray:
         """Share of the chain's motion that the drive joints measure, (m,), 0 at a singularity, at most 1.
 
-        It is the smallest singular value of the drives' rows of the tangent: moving the drives by
-        one radian moves the whole chain by at most the inverse of the leverage.
+        The leverage is the smallest singular value of the drives' rows of `tangent`: a motion of the drives by one
+        radian moves the whole chain by at most 1 / leverage.
         """
         rows = self.tangent[:, [j - 1 for j in drives], :]
         if rows.shape[-2:] == (2, 2):
@@ -110,7 +110,7 @@ def chain_motion(model: ClosureModel, x: FloatArray, q: FloatArray, u: FloatArra
     """First-order motion at closed poses `q` (m, n), `u` (m, U), rad, for parameters `x` (P,).
 
     Raises `ValueError` if the chain has no mobility. Where the closure Jacobian loses rank, more directions exist
-    than are returned: check mobility with `fixtures.setup_checks` at the poses where it matters.
+    than are returned: where this matters, check the mobility with `fixtures.setup_checks`.
     """
     error = model.loop(x, q, u)
     J = np.concatenate((error.jac_q, error.jac_u), axis=-1)
@@ -172,7 +172,7 @@ def drive_straight(
 ) -> DriveTraces:
     """Predict b moves from closed poses `q` (b, n), `u` (b, U) to drive angles `targets_rad` (b, d).
 
-    `drives`: joints (1-based) in position mode; the rest is free. `steps`: number of steps along each line.
+    `drives`: joints (1-based) in position mode; the others are free. `steps`: number of steps along each line.
     """
     columns = [j - 1 for j in drives]
     held = measure_with_fixed(drives, q.shape[-1])

@@ -1,8 +1,8 @@
 """Paths of the drive joints from pose to pose along the manifold, with changes of drive joints on the way.
 
-A graph over the manifold's poses, one layer per drive set. Two neighbouring poses are joined in a layer if
-its drives can move the chain between them: they have leverage at both ends and cross no singularity. A route is
-computed exactly before it is accepted, and an edge that fails is removed.
+The graph has one layer per drive set, each with all poses of the manifold. Two neighbouring poses are joined in a layer
+if its drives can move the chain between them: the drives have leverage at both poses and cross no singularity. A route
+is computed exactly before it is accepted, and an edge that fails is removed.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ BETWEEN = 0.8
 CHANGE_COST_RAD = 0.5
 """Cost of a change of drive joints, as motion: stopping, switching and settling again."""
 ATTEMPTS = 20
-"""How often a path may be replaced after one of its edges fails."""
+"""Number of paths that are tried; another is searched after an edge has failed."""
 LINE_STEP_RAD = 0.03
 """Spacing at which straight drive moves are followed."""
 
@@ -91,7 +91,7 @@ class PathGraph:
         self._graph = self._assemble()
 
     def reachable(self, source: int) -> BoolArray:
-        """Poses (m,) that can be reached from `source`, with all drive sets in turn."""
+        """Whether each pose (m,) can be reached from `source`, with changes of drive set on the way."""
         from scipy.sparse.csgraph import connected_components
 
         _, label = connected_components(self._graph, directed=False)
@@ -99,7 +99,7 @@ class PathGraph:
         return np.asarray((layers == label[source]).any(axis=0))
 
     def distances(self, sources: Sequence[int]) -> FloatArray:
-        """Costs of the cheapest paths between poses, (len(sources), len(sources)), inf where there is none."""
+        """Costs of the cheapest paths between poses, (len(sources), len(sources)); inf if there is no path."""
         from scipy.sparse.csgraph import dijkstra
 
         size, layers, count = self.manifold.size, len(self.drive_sets), len(sources)
@@ -118,7 +118,7 @@ class PathGraph:
         target: int,
         drives: tuple[int, ...],
     ) -> tuple[Leg, ...] | None:
-        """Find a path, check it along its whole length, and return its legs; None if no path passes.
+        """Find a path, check it along its whole length, and return its legs; None if no path passes the check.
 
         `model`, `x`, `ranges`: loops, parameters (P,) and ranges against which the trace is checked. `drives`: the
         drive joints in position mode at the source.
@@ -189,7 +189,7 @@ class PathGraph:
     def _search(
         self, source: int, target: int, drives: tuple[int, ...]
     ) -> list[tuple[int, int]] | None:
-        """Cheapest path as (layer, pose) pairs."""
+        """Cheapest path as (layer, pose) pairs; None if there is no path."""
         from scipy.sparse.csgraph import dijkstra
 
         size = self.manifold.size
@@ -224,7 +224,7 @@ class PathGraph:
     def _leg(
         self, model: ClosureModel, x: FloatArray, ranges: Ranges, layer: int, poses: list[int]
     ) -> Leg | None:
-        """Join poses by the fewest straight moves that are safe."""
+        """Join poses by few safe straight moves; if no move is safe, remove the next edge and return None."""
         drives = self.drive_sets[layer]
         columns = [j - 1 for j in drives]
         q, u = self.manifold.q[poses], self.manifold.u[poses]

@@ -1,7 +1,7 @@
 """Makes a plan from an estimate: which poses to visit, in which order, with which drive joints.
 
-It combines manifold, drive ranking, paths and D-optimal choice, inside the region where the estimate predicts the free
-joints reliably.
+A plan combines manifold, drive ranking, paths and D-optimal choice, within the region where the estimate predicts the
+free joints reliably.
 """
 
 from __future__ import annotations
@@ -58,9 +58,9 @@ class PlanningTask:
     prior
         Standard deviations (rad, m) of parameters before any pose, by name.
     parameters
-        Names of the parameters to be determined; the others count as known. None takes all.
+        Names of the parameters to be determined; the others count as known. None: all.
     drive_sets
-        Sets of drive joints to plan with, beginning with the set in use; None takes the best of all sets.
+        Sets of drive joints to plan with, beginning with the set in use. None: the best of all sets.
     limits
         Limits of leverage and rates of every path.
     pose_leverage
@@ -69,7 +69,7 @@ class PlanningTask:
     candidates
         Number of poses to choose from.
     seed
-        Seed of the candidates.
+        Random seed for candidates and choice.
     """
 
     model: ClosureModel
@@ -98,7 +98,7 @@ class PosePlan:
     manifold, information, graph
         Candidates, their information, and the paths between them.
     allowed
-        (m,): which candidates can be reached and have a trusted prediction.
+        (m,): whether each candidate can be reached, is predicted reliably, and gives the drives enough leverage.
     visits
         Indices of the chosen candidates in visiting order.
     ranked
@@ -126,7 +126,7 @@ class PosePlan:
 
     @property
     def reach_rad(self) -> FloatArray:
-        """Lowest and highest reading (n, 2) of each joint over all reachable poses."""
+        """Lowest and highest reading (n, 2), rad, of each joint over all allowed candidates."""
         reachable = self.manifold.q[self.allowed]
         return np.stack((reachable.min(axis=0), reachable.max(axis=0)), axis=-1)
 
@@ -150,9 +150,10 @@ def make_plan(
     captured
         Joint angles (c, n) of poses captured already; their information is included.
     covariance
-        (P, P) of `x`; with None, `x` counts as reliable everywhere.
+        Covariance (P, P) of `x`; None: predictions from `x` count as reliable everywhere.
     avoid_rad
-        Readings (b, n) where a move had to be stopped: nothing is planned within `AVOID_RADIUS_RAD` of them.
+        Readings (b, n) where a move had to be stopped: nothing is planned within `AVOID_RADIUS_RAD` of them, or within
+        half their distance from `q_start` if that is less.
     """
     manifold = candidate_poses(
         task.model,
@@ -206,7 +207,7 @@ def _choose(
     allowed: BoolArray,
     count: int,
 ) -> tuple[int, ...]:
-    """Choose poses by D-optimality; they may be closer together where too few candidates are far apart."""
+    """Choose poses by D-optimality, with a smaller least distance if too few candidates are far apart."""
     choose = partial(
         choose_poses,
         information.root,
@@ -230,10 +231,10 @@ def information_of(
     closed_q: FloatArray,
     closed_u: FloatArray,
 ) -> tuple[FloatArray, PoseInformation]:
-    """Return the information (N, N) of captured readings (c, n) and priors, and that of the candidates (m, n), (m, U).
+    """Return the information (N, N) of captured readings (c, n) with priors, and the information of the candidates.
 
-    Captured poses are evaluated on the nearest closed loops. If they scatter more than stated, candidates are assumed
-    to do so too.
+    `closed_q` (m, n), `closed_u` (m, U): candidates. Captured poses are evaluated on the nearest closed loops. If their
+    errors are larger than stated, the same is assumed of the candidates.
     """
     c = len(readings)
     variance = np.broadcast_to(task.noise.joint_variance, (max(c, 1), readings.shape[-1]))
@@ -262,7 +263,7 @@ def prediction_sigma(
     covariance: FloatArray,
     drives: tuple[int, ...],
 ) -> FloatArray:
-    """Largest sigma of the free joints' readings at given drive angles, for each pose (m,), rad.
+    """Largest standard deviation of a free joint's predicted angle at given drive angles, for each pose (m,), rad.
 
     With the drives fixed, the loop moves the free joints by ``dq = -(E' J_p)^+ E' C dphi``.
     """
@@ -295,7 +296,7 @@ def _trusted(
 
 
 FAR_RAD = 1e3
-"""Replaces an infinite distance: large, but small enough that sums keep the digits of the others."""
+"""Replaces an infinite distance: large, but small enough that sums keep the digits of finite distances."""
 MOST_SWEEPS = 50
 """Largest number of sweeps of 2-opt; more than ten are rare."""
 

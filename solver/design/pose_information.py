@@ -1,8 +1,8 @@
 """Information of a pose about the parameters, for thousands of candidate poses at once.
 
-A closed pose adds ``A' V^-1 A`` to the Fisher information, in the same linearisation as the estimators' (method,
-section 3). The rows have columns for the effects of stated errors as well (lengths, twists, encoders, play, sag,
-compliance), which a thousand similar poses determine no better than one (section 10).
+A closed pose adds ``A' V^-1 A`` to the Fisher information, in the estimators' linearisation (method, section 3). The
+rows also have columns for effects of stated errors (lengths, twists, encoders, play, sag, compliance): effects that a
+thousand similar poses determine no better than one pose does (section 10).
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from solver.estimators.error_model import ErrorModel
 from solver.loops.closure import ClosureModel
 
 EFFECTS = 40
-"""Number of combinations of effects used in planning, those that the poses determine best: on the built-in arms they
-carry 99.9 % of the information, and a choice among 3,000 poses takes one second."""
+"""Number of combinations of effects used in planning. The combinations that the poses determine best are used: on the
+built-in arms they carry 99.9 % of the information, and a choice among 3,000 poses takes one second."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +63,7 @@ class PoseInformation:
         return replace(self, root=root, misclosure=self.misclosure / factor)
 
     def error_scale(self) -> float:
-        """Ratio of the errors of these poses to the stated ones, 1 where it would be smaller."""
+        """Ratio of the errors of these poses to the stated errors, at least 1."""
         P, w = len(self.parameters), self.misclosure.reshape(-1)
         dof = len(w) - P
         if dof <= 0:
@@ -78,7 +78,7 @@ class PoseInformation:
 
 
 def about_parameters(information: FloatArray, parameters: int) -> FloatArray:
-    """Information (P, P) about the first P of P + K unknowns, the others having a standard normal prior."""
+    """Information (P, P) about the first P = `parameters` of P + K unknowns; the others are standard normal."""
     pp, pe = information[:parameters, :parameters], information[:parameters, parameters:]
     ee = information[parameters:, parameters:] + np.eye(len(information) - parameters)
     return np.asarray(pp - pe @ np.linalg.solve(ee, pe.T))

@@ -1,7 +1,7 @@
 """Decides when to stop taking poses: the precision is reached, or no further pose helps.
 
-Every pose reduces noise a little, so "no pose helps" is decided by a forecast: the remaining poses, each the best for
-the worst parameter, would neither reach the requested precision nor come noticeably nearer to it.
+Every pose reduces noise a little, so "no pose helps" is decided by a forecast: even if each remaining pose is the best
+for the parameter that is worst at that point, the requested precision is neither reached nor noticeably approached.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ part leaves rounding of some 1e-13."""
 
 
 WORTHWHILE_SHARE = 0.05
-"""More poses are worth taking if all that are left reduce the largest ratio of sigma to request by this share."""
+"""More poses are worth taking if together they reduce the largest ratio of sigma to request by this share."""
 
 
 class PrecisionStatus(Enum):
@@ -37,8 +37,8 @@ class PrecisionStatus(Enum):
 class WeakParameter:
     """A parameter whose uncertainty exceeds the request.
 
-    `name`: paper notation. `sigma`, `requested`: standard deviation now and requested, rad or m; inf when not
-    determined at all. `forecast`: standard deviation if all remaining poses were chosen for this parameter.
+    `name`: paper notation. `sigma`, `requested`: standard deviation now and requested, rad or m; `sigma` is inf if the
+    parameter is not determined at all. `forecast`: standard deviation after all remaining poses.
     """
 
     name: str
@@ -49,7 +49,7 @@ class WeakParameter:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StopDecision:
-    """Whether to stop, why, and which parameters are not yet precise enough.
+    """Whether to stop, the reason, and the parameters that are not yet precise enough.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class StopDecision:
 def standard_deviations(information: FloatArray, parameters: int | None = None) -> FloatArray:
     """Standard deviations (P,) from an information matrix (N, N); inf where undetermined.
 
-    The first `parameters` of its N unknowns are to be determined, all by default; the others are effects.
+    The first `parameters` of the N unknowns (default: all) are parameters; the others are standard normal effects.
     """
     if parameters is not None:
         information = about_parameters(information, parameters)
@@ -102,7 +102,8 @@ def stop_decision(
     candidates
         Information of the candidate poses; same unknowns as `information`.
     requested
-        Standard deviations by name, rad and m; other parameters are not checked. `ValueError` for an unknown name.
+        Requested standard deviations by name, rad and m; other parameters are not checked. `ValueError` for an unknown
+        name.
     poses_left
         Number of poses that may still be taken.
     allowed
@@ -166,7 +167,7 @@ def _forecast(
     goal: FloatArray,
     poses_left: int,
 ) -> tuple[FloatArray, int | None]:
-    """Return the standard deviations that up to `poses_left` more poses give, and after how many all goals are met.
+    """Return the standard deviations after up to `poses_left` more poses, and the number of poses that meet all goals.
 
     Each pose is the one that most reduces the variance of the parameter farthest above its goal. The number is None if
     the goals are not met.

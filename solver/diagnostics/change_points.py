@@ -1,7 +1,7 @@
 """Change points: score tests for a step change of any quantity ("suspect") at any pose.
 
 A suspect is a joint's offset, a length or a side of the fixture; the test asks whether a constant added from pose k
-on explains the whitened residuals. Poses are in time order; sums from the end give all k at once.
+on explains the whitened residuals. Poses are in time order; sums from the last pose backwards give all k at once.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ FREE = 1e-7
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Suspect:
-    """Quantity that may have changed: `columns` (m, r, d) are the misclosure's derivatives with respect to it.
+    """Quantity that may have changed; `columns` (m, r, d): derivatives of the misclosures with respect to it.
 
-    `share` is its share of the false alarms, relative to other suspects. `of_reading`: only a reading may have
-    shifted, not the geometry of the loop.
+    `share`: probability of a false alarm for this suspect, relative to other suspects. `of_reading`: the change shifts
+    a reading, not the geometry of the loop.
     """
 
     name: str
@@ -52,7 +52,7 @@ class ChangePoint:
     pose
         First pose after the step, index in time order.
     size
-        Size of the step (d,), in the columns' units.
+        Size of the step (d,), in the units of the suspect's quantities.
     chi2, dof
         Reduction of chi2 when the step is fitted, and its number of unknowns.
     threshold
@@ -77,8 +77,8 @@ def steps(
 ) -> tuple[ChangePoint, ...]:
     """Test every suspect for a step at every pose, the most significant suspect first.
 
-    `residuals`: whitened residuals of the fit, poses in the order in which they were taken. `low_noise`: those whitened
-    by less noise, for suspects with `of_reading`. `scale`: factor of the variances relative to those of the fit.
+    `residuals`: whitened residuals of the fit, with poses in time order. `low_noise`: residuals whitened by less noise,
+    for suspects with `of_reading`. `scale`: factor of the variances relative to the variances of the fit.
     """
     m = len(residuals.white)
     if m < 2 * STEP_EDGE_POSES or not suspects:
@@ -137,7 +137,7 @@ def _largest(
 
 
 def _sums_from_each_pose(values: FloatArray) -> FloatArray:
-    """Sum over each pose and all that follow it (m, ...)."""
+    """Sums (m, ...) over each pose and all later poses."""
     sums = values.copy()
     # Pose by pose, whole rows at a time: several times as fast as `cumsum` along the first axis.
     for k in range(len(sums) - 2, -1, -1):
@@ -147,7 +147,7 @@ def _sums_from_each_pose(values: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=256)
 def step_threshold(poses: int, dof: int, false_alarm: float) -> float:
-    """Return the value that the largest chi2 over all poses k exceeds by chance with probability `false_alarm`.
+    """Return the value that the largest chi2 over all poses exceeds by chance with probability `false_alarm`.
 
     The statistic is the square of a standardised Brownian bridge in `dof` dimensions, evaluated between the shares h
     and 1-h of the poses. The tail of its maximum is (Csorgo & Horvath 1997, eq. 1.3.26)
@@ -155,7 +155,7 @@ def step_threshold(poses: int, dof: int, false_alarm: float) -> float:
         P(max > x) ~ x^(d/2) e^(-x/2) / (2^(d/2) Gamma(d/2)) ((1 - d/x) T + 4/x),
         T = log((1-h)^2 / h^2).
 
-    This formula also counts steps at instants between poses, more than half of its alarms; `AT_POSES` corrects it.
+    This formula also counts steps between poses, which are more than half of its alarms; `AT_POSES` corrects for them.
     """
     from scipy.special import chdtri, gammaln
 

@@ -1,12 +1,12 @@
 """Control charts of several quantities that are measured again and again: Shewhart and EWMA, with change points.
 
 NIST/SEMATECH e-Handbook of Statistical Methods, 6.3.2 (Shewhart, EWMA) and 2.3.5 (control of a measurement
-process by a check standard: within- and between-session standard deviations). Without a long history that would fix the
-limits, each session is compared with those before it, except the `RECENT` ones, so that a shift does not hide in its
-own baseline. The scatter is taken between the sessions of the history, as errors common to all sessions do not scatter.
-With few sessions the variance of a quantity is shrunk towards the common ratio of observed to stated variance, which
-counts as `PRIOR_DOF` degrees of freedom (Smyth 2004, "moderated t"). Since sessions do not all scatter equally, nearly
-all of the false-alarm probability belongs to the EWMA, which averages several sessions.
+process by a check standard: within- and between-session standard deviations). There is no long history that would fix
+the limits, so each session is compared with earlier sessions, without the last `RECENT` ones if enough remain, so that
+a shift does not hide in its own baseline. The scatter is calculated between these sessions, because errors common to
+all sessions do not scatter. With few sessions the variance of a quantity is shrunk towards the common ratio of observed
+to stated variance, which counts as `PRIOR_DOF` degrees of freedom (Smyth 2004, "moderated t"). Since sessions do not
+all scatter equally, nearly all of the false-alarm probability belongs to the EWMA, which averages several sessions.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ BASELINE = 4
 """Number of sessions before the first that is tested."""
 
 RECENT = 3
-"""Number of sessions, with the tested one, that the EWMA averages and the baseline leaves out where possible."""
+"""Number of sessions, including the tested one, that the EWMA averages and, if enough remain, the baseline omits."""
 
 LAMBDA = 0.3
 """Weight of the newest value in the EWMA; the Handbook has 0.2 to 0.3."""
@@ -42,7 +42,7 @@ LEAST_RATIO = 0.1
 class ChartSignal:
     """Detected shift of quantity `name` by `size` (standard deviation `sigma`), from session `at` on.
 
-    Session `detected_at` (from 0) is the first that shows it, by `chart`: ``shewhart`` or ``ewma``.
+    Session `detected_at` (from 0) is the first to show the shift, in chart `chart`: ``shewhart`` or ``ewma``.
     """
 
     name: str
@@ -64,11 +64,11 @@ class ControlChart:
     between
         Standard deviation between sessions.
     shewhart, ewma_limit
-        Half widths of the limits: for a single value, and for the weighted mean of recent ones.
+        Half widths of the limits: for a single value, and for the weighted mean of recent values.
     ewma
         Weighted mean of recent values.
     changes
-        Shifts in the order in which they were detected; a quantity's baseline restarts at each.
+        Shifts in the order in which they were detected; each shift of a quantity restarts its baseline.
     """
 
     centre: FloatArray
@@ -82,8 +82,8 @@ class ControlChart:
 def control_chart(names: Sequence[str], values: FloatArray, within: FloatArray) -> ControlChart:
     """Test sessions one after the other.
 
-    `values` (sessions, quantities) of the quantities `names` are in the order of time; `within`, of the same shape, is
-    the stated repeatability of each (type A).
+    `values` (sessions, quantities): values of the quantities `names`, sessions in time order. `within`, of the same
+    shape: stated repeatability of each value (type A standard uncertainty).
     """
     from scipy.special import stdtrit
 
@@ -139,7 +139,7 @@ def control_chart(names: Sequence[str], values: FloatArray, within: FloatArray) 
 
 
 def smallest_shift(between: FloatArray, sessions: int, quantities: int) -> FloatArray:
-    """Return the shift that `RECENT` further sessions detect with a probability of 90 %."""
+    """Return the shift of each quantity that `RECENT` further sessions detect with a probability of 90 %."""
     from scipy.special import stdtrit
 
     weights = LAMBDA * (1.0 - LAMBDA) ** np.arange(RECENT)
@@ -170,7 +170,7 @@ def _variances(
 
 
 def _change(values: FloatArray, baseline: int, variance: float) -> tuple[int, float, float]:
-    """Most probable first session of a shift after the baseline, its size and standard deviation."""
+    """Index of the most probable first session of a shift after the baseline, and the shift's size and sigma."""
     best = (0, 0.0, 1.0)
     for k in range(baseline, len(values)):
         size = float(values[k:].mean() - values[:k].mean())

@@ -1,7 +1,7 @@
-"""Held-out poses: parts of a pose set predicted by the rest, verification of new poses, and shifts common to them.
+"""Held-out poses: parts of a pose set predicted from the rest, verification of new poses, shifts common to new poses.
 
-Fitted and later poses form one mixed model: what the fitted poses determine of parameters and of effects that are drawn
-once (sensor curves, harmonics, sag, compliance) is the prior for the later poses, covariance included.
+Fitted and later poses form one mixed model. The prior for the later poses is the estimate, with covariance, that the
+fitted poses give of parameters and of effects common to all poses (sensor curves, harmonics, sag, compliance).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class HeldOutPoses:
     chi2
         Test of all poses together, with the parameters' own uncertainty included.
     pose_chi2, pose_probability
-        The same for each pose alone (m,), and the probability of a larger value.
+        chi2 of each pose alone (m,), and the probability of a larger chi2.
     sigmas
         sigma_pos and sigma_ori at the measured joints.
     closed
@@ -52,12 +52,12 @@ class HeldOutPoses:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HoldOut:
-    """All parts of a hold-out together.
+    """Results of a hold-out, in which each part of a pose set is predicted from the rest.
 
     Attributes
     ----------
     parts
-        Test of each part with an estimate from the rest.
+        Test of each part with the estimate from the rest.
     sigmas
         sigma_pos and sigma_ori over all poses held out, each with the parameters estimated from the rest.
     inside_sigmas
@@ -85,8 +85,8 @@ def verify(
     """Test poses `q` (m, n), rad, with parameters `x` (P,) of covariance (P, P).
 
     For the misclosure w_i of the adjusted pose, ``w_i' (V_i + A_i C A_i')^-1 w_i`` is chi2 with as many degrees of
-    freedom as a pose has equations. All poses share the error of `x`, so chi2 of the common test is not the sum of the
-    poses' own.
+    freedom as a pose has equations. All poses share the error of `x`, so chi2 of all poses is not the sum over single
+    poses.
 
     Raises `ValueError` if there is no pose.
     """
@@ -129,8 +129,8 @@ def fold_poses(q: FloatArray, folds: int) -> tuple[IntArray, ...]:
 def far_block(q: FloatArray, share: float = 0.2) -> IntArray:
     """Indices of a block of poses far from the rest, so that predicting it is extrapolation.
 
-    The block is the pose farthest from the mean, each joint divided by the spread of its readings, and its nearest
-    neighbours: `share` of all poses.
+    The block consists of the pose farthest from the mean and this pose's nearest neighbours, together `share` of all
+    poses. Distances are calculated with each joint's readings divided by their range.
 
     Raises `ValueError` if the block would be empty or contain all poses.
     """
@@ -152,7 +152,7 @@ def hold_out(
     noise: NoiseModel,
     parts: tuple[IntArray, ...],
 ) -> HoldOut:
-    """Estimate from all poses but one part, in turn for each part, and verify the part with that estimate.
+    """For each part of the poses, estimate from all other poses, and verify the part with this estimate.
 
     Raises `TooFewPosesError` if the rest is too small for an estimate.
     """
@@ -183,7 +183,7 @@ SEEN = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixedParameters:
-    """Fixed values of the h parameters without a prior: steps from the linearisation (h,), and covariance (h, h)."""
+    """Fixed values of the h parameters without a prior: steps `x` (h,) from the linearisation, covariance (h, h)."""
 
     x: FloatArray
     covariance: FloatArray
@@ -198,9 +198,9 @@ class CommonShift:
     subject
         Joint or half of the fixture that was tested.
     size, sigma
-        Size of the shift and its standard deviation, where it is one number.
+        Size of the shift and its standard deviation; None if the shift has several components.
     chi2, threshold
-        Reduction of chi2, and the value that it exceeds in a share `FALSE_ALARM_PROBABILITY` of sound sets.
+        Reduction of chi2, and the value that it exceeds with `FALSE_ALARM_PROBABILITY` if there is no shift.
     """
 
     subject: str
@@ -215,7 +215,7 @@ def predicted_residuals(
 ) -> WhitenedResiduals:
     """Return the residuals of the `later` poses (m,), predicted from the other poses of `fit`.
 
-    `given`: fixed parameters to test in place of those fitted to the other poses.
+    `given`: fixed parameters to test instead; then the other poses are not used.
     """
     width, hard = fit.design.width, fit.design.hard
     gram, right = np.zeros((width, width)), np.zeros(width)
@@ -255,7 +255,7 @@ def predicted_residuals(
 
 
 def shifted(residuals: WhitenedResiduals, subjects: Mapping[str, FloatArray]) -> CommonShift | None:
-    """Return the most significant shift common to all poses, for columns (m, r, c) by subject; None if none is."""
+    """Return the most significant shift common to all poses, or None; `subjects`: columns (m, r, c) by name."""
     from scipy.special import chdtri
 
     shifts = []

@@ -1,7 +1,7 @@
 """Diagnosis of a fit: tests against the stated error model, and the faults that best explain a failed test.
 
-All of it uses one linear fit at the stated variances. Faults are compared only when a test fires; the one that explains
-the residuals best is fitted, and this is repeated until the residuals are as stated.
+Tests and faults use one linear fit at the stated variances. Faults are compared only if a test fires; the fault that
+explains the residuals best is fitted, and this is repeated until the residuals are as stated.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class CauseRanking:
 
     @property
     def best(self) -> Explanation | None:
-        """The most probable explanation; None if an unknown cause is more probable than any."""
+        """The most probable explanation; None if an unknown cause is more probable."""
         return next((x for x in self.known if x.probability >= self.unknown), None)
 
 
@@ -104,11 +104,11 @@ class Diagnosis:
     suspected_entries
         Lengths and twists that may differ from the arm file although no test fires, the most probable first.
     residuals
-        Whitened residuals at the noise of the fit, poses in time order.
+        Whitened residuals at the smaller of estimated and stated noise, with poses in time order.
     stated_chi2_per_dof
         chi2/dof at the stated variances.
     parameter_shift
-        Estimate at stated variances minus the tested one (P,), rad and m.
+        Estimate at stated variances minus the tested estimate (P,), rad and m.
     faults
         Fault models of the system that was tested.
     """
@@ -128,7 +128,7 @@ class Diagnosis:
 
     @property
     def best(self) -> Explanation | None:
-        """The most probable single explanation; None where no test fires, or an unknown cause is more probable."""
+        """The most probable single explanation; None if no test fires, or if an unknown cause is more probable."""
         return self.rankings[0].best if self.rankings else None
 
 
@@ -144,12 +144,12 @@ def diagnose(
     Parameters
     ----------
     fit
-        The mixed model at its solution; it is tested at its *stated* variances, single readings at the estimated noise
-        where that is less.
+        The mixed model at its solution. It is tested at the *stated* variances, but single readings at the estimated
+        noise if that is less.
     taken
         (m,): position of each pose of the fit in time order.
     measured
-        Linearity deviations of sensors, by joint (1-based), where the loops have measured them.
+        Linearity deviations, by joint (1-based), of the sensors for which loops have measured them.
     """
     stated = fit.stated
     order = np.argsort(taken, kind="stable")
@@ -187,10 +187,10 @@ def _residual_tests(
 ) -> tuple[Outliers, list[HypothesisTest]]:
     """Search `residuals`, whitened by the noise of the fit, for outliers and steps.
 
-    Steps of a single reading are searched for in `low_noise`, whitened by the estimated noise where that is less. The
-    noise of the fit is not scaled down where the residuals are small: one sensor may exceed its specification while
-    most sources are below theirs. Only readings use `low_noise`: deflections that the smooth model describes badly
-    resemble a change of the geometry rather than a step of a single reading.
+    Steps of a single reading are searched for in `low_noise`, residuals whitened by less motion noise if the poses show
+    less. The noise of the fit is not scaled down if the residuals are small: one sensor may exceed its specification
+    while most sources are below theirs. Only readings use `low_noise`, because deflections that the smooth model
+    describes badly resemble a change of the geometry rather than a step of a single reading.
     """
     outliers = find_outliers(residuals)
     tests = [outliers.test]
@@ -207,9 +207,9 @@ def _residual_tests(
 def _explanations(
     faults: FaultModels, residuals: WhitenedResiduals, outliers: Outliers
 ) -> Iterator[CauseRanking]:
-    """Yield rankings of possible causes: the best one is fitted, and the next ranking is for the residuals that remain.
+    """Yield rankings of possible causes: the best cause is fitted, and the next ranking is for the remaining residuals.
 
-    It ends when no test fires, when no cause explains the residuals, or after `limits.MOST_CAUSES_FITTED` rankings.
+    The rankings end when no test fires, when no cause explains the residuals, or after `limits.MOST_CAUSES_FITTED`.
     """
     persistent_faults = tuple(faults.persistent_faults())
     for _ in range(limits.MOST_CAUSES_FITTED):
@@ -232,7 +232,7 @@ def _explanations(
 def _with_cause(
     residuals: WhitenedResiduals, cause: Candidate, sd: FloatArray
 ) -> WhitenedResiduals:
-    """Return the residuals after a cause is fitted whose coefficients have the standard deviations `sd`."""
+    """Return the residuals if coefficients of `cause` are part of the model, with prior standard deviations `sd`."""
     if cause.own is None:
         return residuals.with_drawn(cause.columns, sd)
     return OwnColumns.of(
@@ -271,7 +271,7 @@ def _evidence(residuals: WhitenedResiduals, c: Candidate) -> Evidence | None:
 
 
 def _ranked(residuals: WhitenedResiduals, candidates: Iterable[Candidate]) -> CauseRanking:
-    """Compare all candidates with each other, with no fault and with an unknown one."""
+    """Compare all candidates with each other, with no fault and with an unknown fault."""
     listed = [
         (c, e)
         for c in candidates

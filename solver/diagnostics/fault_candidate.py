@@ -33,7 +33,7 @@ class Cause(Enum):
 
 
 class PeakDeviation(NamedTuple):
-    """Largest deviation of a sensor over the poses, from its best-fit line if `from_line`, and its sigma, rad."""
+    """Largest deviation of a sensor over the poses and its sigma, rad; `from_line`: whether from the best-fit line."""
 
     peak: float
     sd: float
@@ -51,31 +51,32 @@ class Candidate:
     Attributes
     ----------
     cause, subject
-        Kind of cause, and its joint, entry or half of the fixture.
+        Kind of cause, and the joint, entry or half of the fixture concerned.
     columns, expected_size
-        Derivatives (m, r, c) of the misclosures with respect to each coefficient, and its expected magnitude (c,).
+        Derivatives (m, r, c) of the misclosures with respect to each coefficient, and the coefficients' expected
+        magnitudes (c,).
     own
-        Poses (p,) with separate columns: then `columns` are (p, r, c), each with its own coefficient, and
+        None, or indices of poses (p,) that have coefficients of their own: then `columns` are (p, r, c), and
         `expected_size` is (p * c,).
     places
-        Number of alternatives searched to find this cause (poses, for instance).
+        Number of alternatives (e.g. poses) among which this cause was found.
     poses
-        Poses concerned, indices in the order of the fit; empty for all.
+        Poses concerned, indices in time order; empty for all.
     most
-        Largest magnitude of this cause, in units of the expected one.
+        Largest magnitude of this cause, in units of the expected magnitude.
     shapes, least
-        The deviation in every pose is ``shapes @ b`` (m,), or b itself; it counts as a cause only if larger (rms) than
-        `least`.
+        The deviation in every pose is ``shapes @ b`` (m,), or b itself if `shapes` is None. It counts as a cause if its
+        rms is at least `least`.
     most_stated
-        Largest deviation that the files state, where they do: only a deviation that exceeds it by `CERTAIN_SIGMAS`
+        Largest deviation that the files state, or 0. If stated, only a deviation that exceeds it by `CERTAIN_SIGMAS`
         standard deviations counts as a cause.
     measured
-        The sensor's linearity deviation as measured by the loops without this sensor's readings, which is more
-        accurate; None if not measured.
+        The sensor's linearity deviation as loops without this sensor's readings measured it, which is more accurate;
+        None if not measured.
     lines
         (m, 2), orthonormal: the constant and the straight line of a sensor's offset and gain.
     entries
-        Names of the parameters that changed their value, one per column; empty where none did.
+        Names of the parameters whose values changed, one per column; empty if none changed.
     """
 
     cause: Cause
@@ -107,7 +108,7 @@ class Candidate:
         return float(np.sqrt(np.mean(size**2))) < self.least
 
     def moves(self, b: FloatArray, poses: int) -> FloatArray:
-        """Change of the misclosures (m, r) of all m `poses` by coefficients b."""
+        """Change of the misclosures (m, r) caused by coefficients b; `poses`: the number m of all poses."""
         if self.own is None:
             return np.asarray(self.columns @ b)
         out = np.zeros((poses, self.columns.shape[1]))
@@ -115,9 +116,10 @@ class Candidate:
         return out
 
     def deviation(self, b: FloatArray, covariance: FloatArray) -> PeakDeviation:
-        """Largest deviation over the poses, gain included or from the best-fit line, whichever is more certain.
+        """Largest deviation over the poses, with the gain error or from the best-fit line.
 
-        The loop determines a sensor's linearity deviation far better than its gain.
+        The deviation that exceeds `most_stated` by more standard deviations is returned, because the loop determines a
+        sensor's linearity deviation far better than its gain.
         """
         if self.measured is not None and self.measured.beyond(self.most_stated):
             return self.measured

@@ -21,7 +21,7 @@ from solver.estimators.effects import LinearModel, System
 from solver.estimators.linear_fit import LinearFit
 
 ANGLE_RAD, LENGTH_M = 1e-3, 1e-3
-"""Expected magnitude of faults without a stated one."""
+"""Expected magnitude (rad, m) of faults for which no file states a magnitude."""
 
 SCALE = 1e-2
 """Expected magnitude of a scale error."""
@@ -36,8 +36,8 @@ length during a session."""
 class FaultModels:
     """A fit's system with poses in the order in which they were taken.
 
-    `order` (m,): index in the fit of the k-th pose taken; `readings` (m, n) are in the order of time. `measured`:
-    linearity deviations of sensors, by joint (1-based), where the loops have measured them.
+    `order` (m,): index in the fit of the k-th pose taken. `readings` (m, n), rad, are in time order. `measured`:
+    linearity deviations, by joint (1-based), of the sensors for which loops have measured them.
     """
 
     arm: ArmModel
@@ -94,7 +94,7 @@ class FaultModels:
         return Candidate(cause=cause, subject=str(j), columns=columns, expected_size=expected_size)
 
     def changes(self) -> dict[str, Candidate]:
-        """Candidates for a change during the session, by changed quantity; `from_pose` of each sets its first pose."""
+        """Candidates for a change during the session, by changed quantity; `from_pose` of each sets the first pose."""
         design, parameters = self.design, self.design.model.parameters
         candidates = {
             f"joint {j}": Candidate(
@@ -156,7 +156,7 @@ class FaultModels:
     def _independent(
         self, cause: Cause, subject: str, joints: tuple[int, ...], most: float
     ) -> Candidate:
-        """Return the candidate of independent errors, alike in all readings of these joints (1-based)."""
+        """Return the candidate of independent errors of equal size in all readings of these joints (1-based)."""
         columns = [j - 1 for j in joints]
         stated = self.design.noise_variance(self.design.stated_variances())[:, columns]
         return Candidate(
@@ -170,7 +170,7 @@ class FaultModels:
         )
 
     def scales(self) -> Iterator[Candidate]:
-        """Yield a candidate for each encoder: a wrong number of counts per turn, whose uncertainty no file states."""
+        """Yield a candidate for each encoder: a wrong number of counts per turn, an error that no file states."""
         for j in self.sensed:
             if isinstance(self.arm.joints[j - 1].sensor, Encoder):
                 turn = self.readings[:, j - 1]
@@ -267,7 +267,7 @@ class FaultModels:
         )
 
     def _in_time(self, phi: FloatArray) -> FloatArray:
-        """Rows of a basis over the fit's poses (m, k) in time order."""
+        """Return the rows of `phi` (m, k), a basis over the fit's poses, in time order."""
         return np.asarray(phi[self.order] if phi.size else np.zeros((len(self.order), 0)))
 
     @property
@@ -280,13 +280,13 @@ class FaultModels:
 
 
 def _lines(angle: FloatArray) -> FloatArray:
-    """Constant and slope over angles (m,), orthonormal (m, 2)."""
+    """Constant and straight line over angles (m,), as orthonormal columns (m, 2)."""
     both = np.stack((np.ones_like(angle), angle - angle.mean()), axis=-1)
     return np.asarray(np.linalg.qr(both)[0])
 
 
 def constant_reading_runs(q: FloatArray, joint: int, tolerance_rad: float) -> list[tuple[int, int]]:
-    """Runs [first, last) of poses in which a joint reads the same although at least half of the others move."""
+    """Runs [first, last) of poses in which a joint reads the same although at least half of the other joints move."""
     m = len(q)
     reading = q[:, joint - 1]
     others = np.delete(q, joint - 1, axis=1)

@@ -1,6 +1,6 @@
 """Tests of a fit against the stated error model, each with threshold and false-alarm probability; tests for outliers.
 
-All use one linear fit, without a refit.
+All tests use one linear fit, without a refit.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ FOLDS, FAR_SHARE = 5, 0.2
 """Number of parts of the poses, each predicted by the rest, and share of the poses in a block far from the rest."""
 
 SEEN = 1e-6
-"""Share of a column's square that the fit must leave for it to be tested."""
+"""Share of a column's square that the fit must leave for the column to be tested."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HypothesisTest:
-    """One test: it fires when `statistic` exceeds `threshold` (in sound sets with probability `false_alarm`)."""
+    """One test. It fires if `statistic` exceeds `threshold`: on a sound pose set with probability `false_alarm`."""
 
     code: str
     statistic: float
@@ -53,7 +53,7 @@ class HypothesisTest:
         false_alarm: float = FALSE_ALARM_PROBABILITY,
         among: int = 1,
     ) -> HypothesisTest:
-        """Test a chi2 with its degrees of freedom; it is the largest of `among` values."""
+        """Test `chi2` with `dof` degrees of freedom, the largest of `among` values."""
         from scipy.special import chdtri
 
         return cls(
@@ -67,7 +67,7 @@ class HypothesisTest:
     def of_sigmas(
         cls, code: str, z: FloatArray, *, false_alarm: float = FALSE_ALARM_PROBABILITY
     ) -> HypothesisTest:
-        """Test the largest of the absolute values z (k,) of normal deviations, in sigmas."""
+        """Test the largest of `z` (k,), absolute values of normal deviations in sigmas."""
         return cls(
             code=code,
             statistic=float(z.max()),
@@ -79,7 +79,7 @@ class HypothesisTest:
 def pull_tests(
     stated: LinearFit, false_alarm: float = FALSE_ALARM_PROBABILITY
 ) -> list[HypothesisTest]:
-    """Test the largest pull of the toleranced entries, and the sum of squares of their pulls."""
+    """Test the largest pull (deviation in sigmas) of the toleranced entries, and the sum of squares of these pulls."""
     # These are the first of all effects.
     listed = [n for g in stated.design.groups if g.source in ENTRIES for n in g.names]
     own = np.array([n in stated.design.errors.tolerance for n in listed], dtype=bool)
@@ -104,7 +104,7 @@ def scale_tests(faults: FaultModels, residuals: WhitenedResiduals) -> list[Hypot
 
 
 def prediction_test(stated: LinearFit) -> HypothesisTest:
-    """Test how the other poses predict each fifth of the poses, and a block far from the rest; return the worst."""
+    """Test the prediction of each fifth of the poses, and of a block far from the rest; return the worst test."""
     q = stated.design.q
     parts = (*fold_poses(q, FOLDS), far_block(q, FAR_SHARE)) if len(q) >= 2 * FOLDS else ()
     worst = HypothesisTest(code="PREDICTION", statistic=0.0, threshold=np.inf)
@@ -117,10 +117,10 @@ def prediction_test(stated: LinearFit) -> HypothesisTest:
 
 
 def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
-    """Test every variance: whether the slope of the likelihood at the stated one exceeds chance.
+    """Test for every variance whether the slope of the likelihood at the stated variances exceeds chance.
 
-    The slope is a sum of few squares (a sensor's gain and bow, for instance) minus its expectation: it is
-    distributed as chi2 with degrees of freedom from its mean and variance (Satterthwaite), not as a normal variable.
+    The slope is a sum of few squares (a sensor's gain and bow, for instance) minus its expectation. It is not normally
+    distributed but as chi2, with degrees of freedom that follow from its mean and variance (Satterthwaite).
     """
     from scipy.special import chdtri
 
@@ -140,7 +140,7 @@ def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
 def without_curves_in_specification(
     tests: Iterable[HypothesisTest], faults: FaultModels, residuals: WhitenedResiduals
 ) -> Iterable[HypothesisTest]:
-    """Return the tests without those of linearity deviations within their specification.
+    """Return the tests without fired tests of sensor curves that are within the linearity specification.
 
     A specification bounds the largest deviation only. Ripples within the specification may exceed the standard
     deviation assumed for the whole curve.
@@ -152,7 +152,7 @@ def without_curves_in_specification(
 
 
 def _as_stated(j: int, faults: FaultModels, residuals: WhitenedResiduals) -> bool:
-    """Whether the curve of joint j may be within specification, by the loops' measurement where there is one."""
+    """Whether joint j's curve may be within specification, according to the loops' measurement if there is one."""
     curve = faults.linearity_curve(j)
     if curve is None:
         return False
@@ -173,7 +173,7 @@ FREE = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Outliers:
-    """Test of the worst pose, indices of all poses beyond the threshold (worst first), and residuals of the others."""
+    """Test of the worst pose, indices of all poses beyond the threshold (worst first), residuals of the other poses."""
 
     test: HypothesisTest
     poses: tuple[int, ...]
@@ -183,8 +183,8 @@ class Outliers:
 def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outliers:
     """Test every pose against the others; `scale` is the factor of the variances (see `noise_scale`).
 
-    The most improbable pose is set aside and the rest tested again, so that several do not hide each other; of many
-    poses several are set aside at a time, so that the work grows with their number. Nothing is excluded here.
+    The most improbable pose is set aside and the rest is tested again, so that outliers do not hide each other. Of many
+    poses, several are set aside at a time, so that the work only grows in proportion to them. No pose is excluded.
     """
     from scipy.special import chdtri
 
@@ -223,7 +223,7 @@ def pose_columns(residuals: WhitenedResiduals, poses: IntArray) -> FloatArray:
 def leave_one_out_chi2(
     residuals: WhitenedResiduals, is_kept: BoolArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Misfit of every pose to the prediction by the others, and its degrees of freedom, (m,) each.
+    """Misfit (chi2) of every pose to its prediction from the others, and its degrees of freedom, (m,) each.
 
     Both are 0 for poses where `is_kept` (m,) is false.
     """

@@ -1,7 +1,7 @@
 """Identifiability of a pose set: rank, condition number and the unidentifiable directions by name.
 
-Evaluated on poses that close exactly: away from the closed loops, sensor noise fills the null space of the
-Jacobian and an unidentifiable parameter merely looks badly conditioned.
+It is evaluated on poses that close exactly: away from the closed loops, sensor noise fills the null space of the
+Jacobian, and an unidentifiable parameter merely looks badly conditioned.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Identifiability:
     Attributes
     ----------
     rank
-        Number of parameters (or combinations) the poses determine: all but the `directions`.
+        Number of parameters, or combinations of them, that the poses determine: all but the `directions`.
     scaled_condition_number
         Ratio of largest to smallest singular value with unit columns (paper: below 100 is acceptable); inf if
         rank-deficient.
@@ -58,8 +58,8 @@ class Identifiability:
     weakest
         The weakest direction that is still determined, by name.
     trend
-        Pairs of a number k of poses and the scaled condition number of the first k, at the same parameters; only
-        where the rank is full.
+        Pairs of a number k and the scaled condition number of the first k poses, at the same parameters; without the k
+        for which the rank is not full.
     """
 
     rank: int
@@ -115,8 +115,8 @@ def _trend(J: FloatArray) -> tuple[tuple[int, float], ...]:
 def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> float | None:
     """Scaled condition number at the readings `q` (m, n), without closing the loops.
 
-    The Jacobian is the paper's C (eq. 6) at parameters `x` (P,). None where joints are unsensed, a case that the paper
-    does not treat; inf when the rank is deficient.
+    The Jacobian is the paper's C (eq. 6) at parameters `x` (P,). The result is None if joints are unsensed, a case that
+    the paper does not treat, and inf if the rank is deficient.
     """
     if model.unsensed_joints:
         return None
@@ -128,7 +128,7 @@ def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> 
 def well_conditioned_at_readings(paper: Estimate, q: FloatArray) -> bool:
     """Whether the readings `q` (m, n) show, without closing the loops, that all directions are identifiable.
 
-    This follows from the paper's estimate: its covariance is, up to a factor, the inverse of the normal equations.
+    This follows from `paper`, the paper's estimate, whose covariance is the inverse normal matrix times a factor.
     """
     sd = paper.standard_deviation
     if not (sd > 0.0).all() or _immobile(np.ptp(q, axis=0)):
@@ -142,7 +142,7 @@ def well_conditioned_at_readings(paper: Estimate, q: FloatArray) -> bool:
 def jacobian_at_closed(
     model: ClosureModel, x: FloatArray, q: FloatArray, sigma_rad: FloatArray | None
 ) -> FloatArray:
-    """Reduced Jacobian (m, r, P) on the closed loops nearest to `q` (m, n), or at `q` where none is found."""
+    """Reduced Jacobian (m, r, P) on the closed loops nearest to `q` (m, n); at `q` for poses that do not close."""
     poses = close_loops(model, x, q, sigma_rad=sigma_rad, tolerance=CLOSED)
     judged, u = poses.q, poses.u
     if not poses.closed.all():
@@ -195,8 +195,8 @@ def _observability(s: FloatArray, poses: int) -> tuple[float, float, float, floa
 def _sparse_basis(null: FloatArray) -> FloatArray:
     """Basis of the row space of `null` (k, P) with as few non-zero entries as elimination leaves.
 
-    A raw null vector mixes every unidentifiable direction with every other; pivoting separates
-    those that share no parameter, so that each can be named.
+    A raw null vector mixes all unidentifiable directions; pivoting separates directions that share no parameter, so
+    that each can be named.
     """
     basis = null.copy()
     for row in range(len(basis)):
@@ -219,11 +219,11 @@ def _immobile_offsets(
     spans_rad: FloatArray,
     known: tuple[UnidentifiableDirection, ...],
 ) -> tuple[UnidentifiableDirection, ...]:
-    """Offsets of joints that do not move.
+    """Directions for the offsets of joints that do not move, unless `known` directions include them.
 
-    The offset of such a joint is one more constant of the geometry. With the link lengths taken as exact the
-    equations still have full rank (rigid fixture, full turn of the elbow: scaled condition 9.6), but
-    a millimetre in a length is then indistinguishable from an offset. Such an offset is reported as unidentifiable.
+    The offset of such a joint is one more constant of the geometry. If the link lengths are taken as exact, the
+    equations still have full rank (rigid fixture, full turn of the elbow: scaled condition number 9.6), but an error
+    of a millimetre in a length then looks like an offset. So such an offset is reported as unidentifiable.
     """
     named = {name for direction in known for name in direction.parameters}
     return tuple(

@@ -1,11 +1,11 @@
 """Selects the unknowns of a model: model evidence of faults, all on one scale, and parameters to fix.
 
 A fault is a set of columns that were not fitted, with coefficients b ~ N(0, v D). Its log-likelihood at the most likely
-v rises with the misfit it explains and falls with its freedom to explain anything (Occam's factor). The noise scale is
-free above a floor, so that unexplained residuals make the choice less certain instead of deciding it.
+v rises with the misfit that it explains, and falls with its freedom to explain any misfit (Occam's factor). The noise
+scale is free above a floor, so that unexplained residuals make the choice less certain instead of deciding it.
 
-Any one parameter of an unidentifiable direction may be fixed without changing the loop. An entry of
-the arm's table is fixed before a parameter of the fixture: a wrong s_1 would look like an error of the arm.
+Any parameter of an unidentifiable direction may be fixed without changing the loop. An entry of the arm's table is
+fixed in preference to a parameter of the fixture: a wrong s_1 would look like an error of the arm.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from solver.estimators.paper import closure_problem
 from solver.loops.closure import ClosureModel
 
 SIZES = np.logspace(-2.0, 3.0, 21)
-"""Magnitudes of an explanation that are tried, in units of the expected one."""
+"""Magnitudes of an explanation that are tried, in units of the expected magnitude."""
 
 STRIDE = 4
 """Step through `SIZES` of a first search for the single maximum, used where each evaluation is expensive."""
@@ -60,7 +60,7 @@ class Evidence:
 
 
 def noise_scale(chi2: float, dof: int, most: float = 1.0) -> float:
-    """Scale of the variances relative to the stated ones, from `SMALLEST_NOISE_SCALE` to `most`."""
+    """Ratio of the variances to the stated variances that fits chi2, from `SMALLEST_NOISE_SCALE` to `most`."""
     return min(most, max(SMALLEST_NOISE_SCALE, chi2 / max(dof, 1)))
 
 
@@ -79,7 +79,7 @@ def evidence(
 ) -> Evidence | None:
     """Compute the evidence of columns G (m, r, c), with coefficients of expected magnitude `expected_size` (c,).
 
-    None if all of them are fitted already. `most`: largest multiple of the expected magnitude.
+    None if the fit already contains all of these columns. `most`: largest multiple of the expected magnitude.
     """
     s, C = residuals.score(G)
     s, C = expected_size * s, expected_size[:, None] * C * expected_size
@@ -173,9 +173,9 @@ def drop_unidentifiable(
     model
         The loop with all unknowns.
     x
-        Parameters (P,) that nearly close the loops; with others no direction looks unidentifiable. None: offsets and
-        fixture are fitted with the arm's lengths and twists at their nominal values (if all of those were unknown, a
-        fit might shrink the arm to zero).
+        Parameters (P,) that nearly close the loops; with other values no direction looks unidentifiable. None: offsets
+        and fixture are fitted, with the arm's lengths and twists at their nominal values (if all of these were unknown,
+        a fit might shrink the arm to zero).
     q
         Joint angles (m, n), rad.
     sigma_rad
@@ -183,8 +183,8 @@ def drop_unidentifiable(
 
     Returns
     -------
-    The loop with fewer unknowns, and the names of those now fixed at their nominal values. The others have to be
-    estimated again: `x` belongs to other values of the fixed ones.
+    The loop with fewer unknowns, and the names of the parameters now fixed at their nominal values. The remaining
+    parameters have to be estimated again, because `x` belongs to other values of the fixed parameters.
     """
     x = nearly_closing_parameters(model, q) if x is None else x
     J = jacobian_at_closed(model, x, q, sigma_rad)

@@ -1,6 +1,6 @@
 """Most probable joint corrections of poses at fixed parameters, and the resulting angles of unsensed joints.
 
-The implicit iteration with dx = 0: only the readings are adjusted.
+This is the implicit iteration with dx = 0: only the readings are adjusted.
 """
 
 from __future__ import annotations
@@ -50,9 +50,9 @@ def adjust_poses(
     *,
     near: tuple[FloatArray, FloatArray] | None = None,
 ) -> AdjustedPoses:
-    """Find the most likely joint corrections of `q` (m, n), rad, that close the loops of `x` (P,).
+    """Find the most likely corrections of joint angles `q` (m, n), rad, that close the loops with parameters `x` (P,).
 
-    `near`: corrections (m, n) and unsensed angles (m, U), rad, to start from, where known.
+    `near`: corrections (m, n) and unsensed angles (m, U), rad, to start from, if known.
     """
     variance, deflection_variance = (
         np.broadcast_to(noise.joint_variance, q.shape),
@@ -99,7 +99,7 @@ class LoopAngle:
     angle_rad
         theta' (m,), continuous, near the reading plus the nominal offset.
     scatter
-        Covariance of the angles, rad^2: due to each pose's own readings, and to the parameters, whose error is common.
+        Covariance of the angles, rad^2: `own` due to each pose's readings, `common` due to errors of the parameters.
     """
 
     joint: int
@@ -118,8 +118,8 @@ def loop_angles(
 ) -> tuple[LoopAngle, ...]:
     """Measure the unsensed arm joints of `model` at parameters `x` (P,) of `covariance` (P, P) and readings `q` (m, n).
 
-    With c + J_q e + f + N du = 0 the best estimate of du has covariance
-    ``N^+ (S - S E (E' S E)^-1 E' S) N^+'``, S the covariance of J_q e + f. `near` is as in `adjust_poses`.
+    With c + J_q e + f + N du = 0 and S the covariance of J_q e + f, the best estimate of du has the covariance
+    ``N^+ (S - S E (E' S E)^-1 E' S) N^+'``. `near`: as in `adjust_poses`.
     """
     adjusted = adjust_poses(model, x, q, noise, near=near)
     error = adjusted.error

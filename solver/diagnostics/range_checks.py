@@ -38,7 +38,7 @@ class RangeFinding:
     reading_rad
         The reading farthest outside.
     lower_rad, upper_rad
-        The range it should lie in.
+        The joint's range in the arm file.
     """
 
     joint: int
@@ -52,8 +52,8 @@ class RangeFinding:
 class ReadingsOutOfRangeError(SolverError):
     """The readings cannot be from this arm.
 
-    `findings`: joints and poses outside their range. `causes`: simple mistakes that would explain the readings, as
-    text; empty when none does.
+    `findings`: joints and poses with readings outside the range. `causes`: simple mistakes that would explain the
+    readings; empty if no simple mistake does.
     """
 
     def __init__(
@@ -156,7 +156,7 @@ def _like_radians(arm: ArmModel, q: FloatArray) -> list[int]:
 
 
 def rows_in_radians(arm: ArmModel, q: FloatArray) -> list[int]:
-    """Poses (0-based) with several readings outside their ranges, and none outside when taken as radians."""
+    """Poses (0-based) with several readings outside their ranges, but none outside if taken as radians."""
     outside = (_outside(arm, q) > 0.0).sum(axis=1) > 1
     inside = ~(_outside(arm, np.rad2deg(q)) > 0.0).any(axis=1)
     small = (np.abs(q) < np.deg2rad(2.0 * np.pi)).all(axis=1)
@@ -175,7 +175,7 @@ def range_findings(
 
     Readings of `unsensed_joints` are not checked.
 
-    Raises `ReadingsOutOfRangeError` if a joint is far outside in at least half of the poses, which rules out this arm.
+    Raises `ReadingsOutOfRangeError` if at least half of the poses have readings far outside, which rules out this arm.
     """
     q = poses.q_rad
     outside = _outside(arm, q)
@@ -209,7 +209,7 @@ def range_findings(
 
 
 def _outside(arm: ArmModel, q: FloatArray) -> FloatArray:
-    """Distance of each reading (m, n) beyond its range and its sensor's error, rad."""
+    """Distance (m, n), rad, of each reading from its range widened by the sensor's error; 0 inside."""
     slack = (
         limits.RANGE_SLACK_RAD + limits.RANGE_SLACK_SIGMAS * arm.sigma_rad() + arm.linearity_rad()
     )
@@ -220,7 +220,7 @@ def _outside(arm: ArmModel, q: FloatArray) -> FloatArray:
 
 
 def _whole_turns(arm: ArmModel, q: FloatArray, joint: int) -> bool:
-    """Whether a wrong turn count of the encoder explains the excess."""
+    """Whether a wrong turn count of the encoder explains why readings of `joint` (1-based) are outside."""
     if isinstance(arm.joints[joint - 1].sensor, Rvdt):
         return False
     middle = arm.joints[joint - 1].middle_rad

@@ -47,17 +47,17 @@ class RvdtVerdict:
     joint
         1-based.
     verdict, text
-        The verdict, and its text with the figures.
+        The verdict, and a text with verdict and figures.
     treat_as_unsensed
         Whether the calibration is better without the joint's reading.
     share
         Share of the squared closure error at the readings that is removed by a correction of this joint's readings
-        (0..1, negative if the error grows); 0 when the poses cannot decide.
+        (0..1, negative if the error grows); 0 if the poses cannot decide.
     figures
-        Measured figures; None when the poses cannot decide.
+        Measured figures; None if the poses cannot decide.
     noise
-        Noise of a single reading; known even where the poses do not determine the linearity deviation, except for an
-        unused joint without recorded spread.
+        Noise of a single reading, known even if the poses do not determine the linearity deviation; None for an unused
+        joint without recorded spread.
     """
 
     joint: int
@@ -94,14 +94,14 @@ def rvdt_verdicts(
     model
         One placement's loop with the RVDT joints unsensed, so that their readings are not used.
     errors
-        Stated errors of all other sources, which would look like noise of the RVDT.
+        Stated errors of all other sources, which would otherwise look like noise of the RVDT.
     noise
-        Noise of single readings by joint, where known.
+        Noise of single readings by joint (1-based), if known.
     samples
         Number of readings averaged at each pose (m,).
     variances
-        Variances of the other sources by component, from a fit with the readings. The larger of each of these and the
-        stated one counts, because part of a source that seems too small may have been attributed to the sensor.
+        Variances of the other sources by component, from a fit with the readings. A variance below its start value is
+        replaced by the start value, because part of this source may have been attributed to the sensor.
     x0, near
         Start: parameters (P,) and the other unknowns of a fit with the readings.
     """
@@ -156,10 +156,10 @@ def rvdt_verdicts(
 def _without_compliance(
     noise: Mapping[int, SingleNoise], fit: LinearFit
 ) -> Mapping[int, SingleNoise]:
-    """Return the noise without the part that a fixture more compliant than stated may cause.
+    """Return the noise with a lower limit of 0 if a fixture more compliant than stated may have caused it.
 
-    A fixture that turns looks like noise of the wrist, and no pose separates the two: then none of the scatter between
-    poses is attributed to the sensor.
+    A fixture that turns looks like noise of the wrist, and no pose separates the two. So if the fixture deflects more
+    than stated, none of the scatter between poses certainly belongs to the sensor.
     """
     uncertain = {j: replace(one, low=0.0) for j, one in noise.items() if not one.from_spread}
     compliance = compliance_test(fit.stated, fit.design) if uncertain else None
@@ -167,7 +167,7 @@ def _without_compliance(
 
 
 def _undecidable(reading: FloatArray, of_loops: Scatter, sensor: Rvdt) -> str:
-    """Reason why these poses cannot decide; empty when they can."""
+    """Reason why these poses cannot decide; empty if they can."""
     if len(reading) < limits.RVDT_LEAST_POSES:
         return f"{len(reading)} poses are too few, {limits.RVDT_LEAST_POSES} are needed"
     span = float(np.ptp(reading) / sensor.full_scale_rad)
@@ -186,7 +186,7 @@ def _undecidable(reading: FloatArray, of_loops: Scatter, sensor: Rvdt) -> str:
 
 
 def undecided(joint: int, sensor: Rvdt, reason: str, noise: SingleNoise | None) -> RvdtVerdict:
-    """Return the verdict "curve not determined by these poses", with the reason, and the noise where known."""
+    """Return the verdict "curve not determined by these poses", with the reason, and the noise if known."""
     noisy = noise is not None and _too_noisy(noise, sensor)
     verdict = Soundness.OUT_OF_SPECIFICATION if noisy else Soundness.CANNOT_DECIDE
     noise_texts = [] if noise is None else _noise_words(noise, sensor)
@@ -201,12 +201,12 @@ def undecided(joint: int, sensor: Rvdt, reason: str, noise: SingleNoise | None) 
 
 
 def _too_noisy(noise: SingleNoise, sensor: Rvdt) -> bool:
-    """Whether the noise of a single reading certainly exceeds its specification."""
+    """Whether the noise of a single reading certainly exceeds the sensor's specification."""
     return noise.low > limits.RVDT_NOISE_RATIO * sensor.noise_lsb
 
 
 def linearity_deviation(figures: RvdtFigures, sensor: Rvdt) -> PeakDeviation:
-    """Linearity deviation of a sensor over the poses, rad."""
+    """Largest linearity deviation of a sensor over the poses, rad."""
     scale = sensor.full_scale_rad
     return PeakDeviation(
         peak=scale * figures.linearity, sd=scale * figures.linearity_sd, from_line=True

@@ -31,25 +31,25 @@ class RvdtFigures:
     theta_off_rad
         Offset that makes the deviations average to zero over the covered range.
     gain
-        Slope of the best-fit line, reading per true angle; 1 is right.
+        Slope of the best-fit line, reading per true angle; 1 means no error.
     linearity, linearity_sd
-        Largest deviation from that line, fraction of full scale, and its standard deviation.
-        Relative to the line over the full scale the deviation may be larger, and occasionally smaller.
+        Largest deviation from the best-fit line over the covered range, as a fraction of full scale, and its standard
+        deviation. From the line over the full scale the deviation may be larger, and occasionally smaller.
     half_range
-        Half the peak-to-peak deviation from unit gain, fraction of full scale.
+        Half the peak-to-peak deviation from unit gain, as a fraction of full scale.
     noise
         Noise of a single reading.
     loop_sd_rad
-        Standard deviation (rms) of the angle of one pose as the loop measures it.
+        Standard deviation (rms over the poses) of an angle that the loop measures.
     line_probability
         Probability of so much curvature if the sensor is linear.
     angle_rad, deviation_rad
-        (m,) true sensor angle, and reading minus true angle, by pose.
+        (m,) true sensor angle of each pose, and reading minus true angle.
     curve
         Deviation as a function of the true sensor angle.
     table_rad
-        (k, 3): reading, correction to add to it, standard deviation of that correction. Corrected
-        readings and `theta_off_rad` belong together.
+        (k, 3): reading, correction to be added to the reading, standard deviation of the correction. Corrected readings
+        have to be used with `theta_off_rad`.
     """
 
     covered: float
@@ -67,7 +67,7 @@ class RvdtFigures:
     table_rad: FloatArray
 
     def corrected(self, reading_rad: FloatArray) -> FloatArray:
-        """Correct readings with the curve; beyond the covered range, with its value at the nearer end."""
+        """Correct readings with the curve; beyond the covered range, its value at the nearer end is used."""
         angle = reading_rad - self.curve(np.clip(reading_rad, self.curve.low, self.curve.high))
         # The curve is a function of the true angle, so it is evaluated again at the corrected one.
         return np.asarray(reading_rad - self.curve(np.clip(angle, self.curve.low, self.curve.high)))
@@ -94,8 +94,8 @@ def measure(
 
     Raises `ValueError` if there are too few poses to fit any curve.
 
-    `noise`: noise of a single reading; None where only the scatter about the curve is known. That scatter is an upper
-    bound, because it includes the loop's slow errors. `samples`: number of readings averaged at each pose.
+    `noise`: noise of a single reading; None if only the scatter about the curve is known. This scatter is an upper
+    bound, because it includes slowly varying errors of the loop. `samples`: number of readings averaged at each pose.
     """
     from scipy.special import chdtri
 
@@ -145,7 +145,7 @@ def _off_line(x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _shifted(curve: SmoothCurve, constant: float) -> SmoothCurve:
-    """Return the curve with `constant` subtracted from its value and added to its abscissa."""
+    """Return the curve with `constant` subtracted from its values and added to its abscissae."""
     coefficients = curve.coefficients.copy()
     coefficients[0] -= constant
     return replace(
@@ -187,14 +187,14 @@ class SingleNoise:
 def single_noise(
     sensor: Rvdt, component: Component | None, sd_rad: FloatArray | None, samples: IntArray
 ) -> SingleNoise | None:
-    """Return the noise of a single reading; None where neither spread nor component is known.
+    """Return the noise of a single reading; None if neither spread nor component is known.
 
     Parameters
     ----------
     component
         Variance component of single readings from the closed loops; None for a joint whose readings are not used.
     sd_rad
-        Spread of the single readings of each pose (m,), where recorded.
+        Standard deviation of the single readings at each pose (m,), rad; None if not recorded.
     samples
         Number of readings averaged at each pose (m,).
     """
@@ -210,7 +210,7 @@ def single_noise(
 
 
 def _of_spread(sd_lsb: FloatArray, samples: IntArray) -> SingleNoise:
-    """Pool the spreads (m,) of poses of `samples` readings each."""
+    """Return the noise from the pooled spreads `sd_lsb` (m,) of poses with `samples` (m,) readings."""
     from scipy.special import chdtri
 
     weight = (samples - 1) / (samples - 1).sum()
@@ -230,7 +230,7 @@ def _of_spread(sd_lsb: FloatArray, samples: IntArray) -> SingleNoise:
 
 
 def spread_of(noise_lsb: float) -> float:
-    """Mean square spread (LSB^2) of rounded readings of a joint at an arbitrary angle.
+    """Mean square spread (LSB^2) of rounded readings of a joint at rest at an arbitrary angle.
 
     It is half the mean square difference of two readings. Rounding turns a difference d into one of the two
     nearest integers, with mean square ``d^2 + f (1 - f)``, f the fractional part of d. As a Fourier series,
@@ -238,7 +238,7 @@ def spread_of(noise_lsb: float) -> float:
 
         S = noise^2 + 1/12 - sum_k exp(-4 pi^2 k^2 noise^2) / (2 pi^2 k^2)
 
-    S exceeds ``noise^2`` by 1/12 where the noise is large, and is 0 without noise.
+    S exceeds ``noise^2`` by 1/12 if the noise is large, and is 0 without noise.
     """
     k = np.arange(1, TERMS + 1)
     less = np.exp(-((2.0 * np.pi * k * noise_lsb) ** 2)) / (2.0 * np.pi**2 * k**2)

@@ -30,7 +30,7 @@ class Scatter:
         return np.asarray(self.own + (self.common**2).sum(-1))
 
     def also_own(self, variance: float) -> Scatter:
-        """Return the scatter with `variance` added to each point's own."""
+        """Return the scatter with `variance` added to `own` of each point."""
         return Scatter(own=self.own + variance, common=self.common)
 
     def variance_of(self, H: FloatArray) -> FloatArray:
@@ -49,14 +49,14 @@ class SmoothCurve:
     coefficients
         (degree + 1,).
     smoother
-        (degree + 1, m): maps the points to the coefficients, and so their scatter to the curve.
+        (degree + 1, m): maps the points to the coefficients.
     residual
         (m,): points minus curve.
     dof
         Number of points minus number of coefficients.
     line_probability
-        Probability of so much improvement over a straight line if the points lie on one (F test); 1
-        when the curve is a straight line.
+        Probability of so much improvement over a straight line if the points lie on a straight line (F test); 1 if the
+        curve is a straight line.
     """
 
     low: float
@@ -81,14 +81,14 @@ class SmoothCurve:
         return np.asarray(self.basis(abscissa) @ self.coefficients)
 
     def by_points(self, abscissa: FloatArray) -> FloatArray:
-        """Derivatives (k, m) of the curve at `abscissa` (k,) with respect to the points: they give its scatter."""
+        """Derivatives (k, m) of the curve at `abscissa` (k,) with respect to the points; they give its covariance."""
         return np.asarray(self.basis(abscissa) @ self.smoother)
 
 
 def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -> SmoothCurve:
     """Fit points (m,) with the degree, from `least_degree` up, whose leave-one-out error is smallest.
 
-    A higher degree must improve on the best lower one by more than the standard error of the improvement, so that
+    A higher degree must improve on the best lower degree by more than the standard error of the improvement, so that
     noise is not fitted. The chosen curve as a whole is tested against a straight line.
 
     Raises `ValueError` if there are fewer than eight points, or they cover no range.

@@ -1,4 +1,4 @@
-"""Compares stated errors with those that the poses show: motion noise, exceeded specifications, scales.
+"""Compares stated errors with the errors that the poses show: motion noise, exceeded specifications, scales.
 
 Files state upper limits, and most of a fixture's deflection and of a joint's play repeats at the same pose.
 """
@@ -18,18 +18,18 @@ from solver.estimators.linear_fit import LinearFit
 from solver.estimators.scoring import scale_spread, with_priors
 
 MOTION_NOISE = (FIXTURE_NOISE, ("joint_play",))
-"""Components of the noise of motion: that of the fixture and that of the joints."""
+"""Components of motion noise: first those of the fixture, then those of the joints."""
 
 SCORING_STEPS = 6
 """Scoring steps after which variances of noise have converged to a few per cent."""
 
 
 def with_estimated_motion_noise(fit: LinearFit) -> LinearFit:
-    """Return `fit` with the motion noise of fixture and joints as estimated from the poses.
+    """Return `fit` with the motion noise of fixture and joints reduced as far as the poses show less.
 
-    Each of the two changes by a factor from the restricted likelihood's slope and information at the stated variances:
-    one scoring step, exact where all noise is of one kind. A sensor's noise has its own component and is unchanged:
-    less motion noise implies nothing about single readings.
+    The stated noise of the fixture is multiplied by one factor, the stated noise of the joints by another. The factors
+    follow from one scoring step of the restricted likelihood at the stated variances, which is exact if all noise is of
+    one kind. The components of sensor noise are unchanged: less motion noise implies nothing about single readings.
     """
     design, stated = fit.design, fit.design.stated_variances()
     of_each = ([design.index[n] for n in names if n in design.index] for names in MOTION_NOISE)
@@ -51,8 +51,8 @@ def with_estimated_motion_noise(fit: LinearFit) -> LinearFit:
 def sensor_noise_with_found_motion(fit: LinearFit) -> tuple[FloatArray, FloatArray]:
     """Variances (K,) of `fit`, with the noise estimated again without priors, and their standard errors.
 
-    Priors at the stated values keep sigmas from being too small, but shift variance from a sensor's noise to fixture
-    and joints.
+    Priors at the stated values keep sigmas from being too small, but attribute part of a sensor's noise to fixture and
+    joints.
     """
     design, v = fit.design, fit.v.copy()
     noise = design.noise_components
@@ -131,7 +131,7 @@ FAMILIES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scale:
-    """Ratio of one family of errors to the stated ones, with its 95 % interval."""
+    """Ratio of the errors of one family to the stated errors, with its 95 % interval."""
 
     family: str
     value: float
@@ -140,10 +140,10 @@ class Scale:
 
 
 def learned_scales(fit: LinearFit, derivatives: Derivatives) -> tuple[Scale, ...]:
-    """Return the scale of every family of errors for which it is estimated.
+    """Return the scale of every family of errors whose scale is estimated.
 
-    The variances of `fit` are at the posterior means of the scales; `derivatives` are those of the likelihood. The
-    logarithm of a scale is taken as normal about its mode (Laplace's approximation; method, section 10).
+    The variances of `fit` are at the posterior means of the scales; `derivatives`: see `with_priors`. The logarithm of
+    a scale is taken as normally distributed about its mode (Laplace's approximation; method, section 10).
     """
     components = fit.design.components
     learned = [k for k, c in enumerate(components) if c.scaled]
@@ -163,8 +163,8 @@ def learned_scales(fit: LinearFit, derivatives: Derivatives) -> tuple[Scale, ...
 def shares_of_poses(fit: LinearFit) -> dict[str, float]:
     """Share of each parameter's information that comes from the poses, by name.
 
-    It is 1 minus posterior over prior variance; 1 for a parameter without a prior. The prior is the stated one, even if
-    its family's scale was found to differ.
+    The share is 1 minus posterior variance over prior variance; 1 for a parameter without a prior. The prior variance
+    is the stated one, even if the estimated scale of its family differs from 1.
     """
     design = fit.design
     names = [p.name for p in design.model.parameters]

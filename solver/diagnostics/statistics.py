@@ -26,7 +26,7 @@ class Interval:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chi2Test:
-    """chi2/dof against the band in which it lies when the noise model is right.
+    """chi2/dof, and the band in which it lies if the noise model is right.
 
     `per_dof`, `dof`: chi2 over degrees of freedom, and the degrees of freedom. `low`, `high`: central 99 % band of
     chi2/dof.
@@ -46,8 +46,8 @@ class Chi2Test:
 def intervals(estimate: Estimate, *, level: float = 0.95) -> tuple[Interval, ...]:
     """Two-sided intervals of all parameters.
 
-    They are normal where the noise is stated or estimated beforehand, and from Student's t where, as in `paper`, the
-    scale comes from the residuals.
+    They are normal intervals if the noise is stated or estimated beforehand, and Student's t intervals if the noise is
+    calculated from the residuals, as by the `paper` estimator.
     """
     from scipy.special import ndtri, stdtrit
 
@@ -69,7 +69,7 @@ def intervals(estimate: Estimate, *, level: float = 0.95) -> tuple[Interval, ...
 
 
 def correlations(covariance: FloatArray) -> FloatArray:
-    """Correlation matrix (P, P); 0 for a parameter without variance, 1 on the diagonal."""
+    """Correlation matrix (P, P), 1 on the diagonal; the other correlations of a parameter without variance are 0."""
     sd = np.sqrt(np.diagonal(covariance))
     sure = sd == 0.0
     safe = np.where(sure, 1.0, sd)
@@ -80,7 +80,7 @@ def correlations(covariance: FloatArray) -> FloatArray:
 
 
 def sigmas_at(false_alarm: float, count: int = 1) -> float:
-    """Deviation, in sigmas, that the largest of `count` normal variables exceeds with this probability (Bonferroni)."""
+    """Deviation, in sigmas, that the largest of `count` normal variables exceeds with probability `false_alarm`."""
     from scipy.special import ndtri
 
     return float(-ndtri(0.5 * false_alarm / max(count, 1)))
@@ -106,10 +106,10 @@ def chi2_test(chi2: float, dof: int) -> Chi2Test:
 
 
 def jackknife(fit: LinearFit) -> FloatArray:
-    """Standard deviation of every parameter (P,) by leaving out each pose of a mixed model in turn.
+    """Standard deviation of every parameter (P,), found by leaving out each pose of a mixed model in turn.
 
-    It is valid where errors within a pose are correlated or the noise model is wrong, but does not show errors common
-    to all poses. Variances are not estimated again.
+    It is valid even if errors within a pose are correlated or the noise model is wrong, but does not include errors
+    common to all poses. Variances are not estimated again.
 
     Raises `TooFewPosesError` if one pose fewer leaves no degree of freedom.
     """

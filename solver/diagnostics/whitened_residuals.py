@@ -8,9 +8,9 @@ with dx the parameters (those with a prior are among b) and V_i, Z_i at given va
 whitened by V_i, P = I - U U' projects out everything that dx and b explain. For further columns G the
 score is G'Pw, its covariance G'PG, and chi2 falls by s'(G'PG)^-1 s if they are fitted (Rao 1948): no refit is needed.
 
-Columns that belong to one pose each (`OwnColumns`) are block diagonal: with T the block's own square and W its
-projection on the fitted columns, C = T - W W', and the matrix inversion lemma needs only a matrix of the size of the
-fit, whatever the number of poses.
+Columns that belong to one pose each (`OwnColumns`) are block diagonal. With T = G'G in whitened coordinates and W the
+projection of G on the fitted columns, C = G'PG = T - W W', and the matrix inversion lemma needs only a matrix of the
+size of the fit, whatever the number of poses.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 
 FREE = 1e-9
-"""A direction of which the fit leaves less than this share counts as fitted already."""
+"""A direction counts as already fitted if the fit leaves less than this share of its square."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -34,7 +34,7 @@ class WhitenedResiduals:
     whitener
         (m, r, r): inverse of a root of V.
     U
-        (m, r, K): whitened fitted columns, orthonormal together with their prior's rows.
+        (m, r, K): whitened fitted columns; together with the rows of the prior they are orthonormal.
     white
         (m, r): ``L^-1 w`` minus its fitted part, P w.
     to_x
@@ -94,10 +94,10 @@ class WhitenedResiduals:
         )
 
     def without(self, poses: IntArray) -> WhitenedResiduals:
-        """Return the residuals without some poses (p,), whose whitener and rows become zero.
+        """Return the residuals without the poses `poses` (p,), whose whiteners and rows become zero.
 
-        This equals fitting separate columns to all equations of these poses, but the number of columns does not grow;
-        the columns are orthonormal over the remaining rows.
+        The result is the same as with separate columns fitted to all equations of these poses, but the number of
+        columns does not grow. The columns are orthonormal over the remaining rows.
         """
         own = self.U[poses].reshape(-1, self.U.shape[-1])
         values, vectors = np.linalg.eigh(np.eye(len(own)) - own @ own.T)
@@ -176,7 +176,7 @@ class OwnColumns:
         )
 
     def solved(self, variance: float) -> SolvedColumns:
-        """Solve for coefficients with this prior variance."""
+        """Solve for the coefficients, each with prior variance `variance`."""
         from scipy.linalg import lapack
 
         total = 1.0 / variance + self.own
@@ -240,7 +240,7 @@ class OwnColumns:
 class SolvedColumns:
     """Coefficients of the rotated columns (p * c,), the reduction of chi2, and log det (1 + variance C).
 
-    The coefficients have the covariance ``D + D W back' back W' D`` with D = diag(1 / total), W the `inside` of
+    The coefficients have the covariance ``D + D W back' back W' D``, where D = diag(1 / total), W is `inside` of
     `OwnColumns`, and ``back' back = (I - W' D W)^-1``, (K, K).
     """
 

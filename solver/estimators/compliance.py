@@ -34,8 +34,8 @@ class FixtureLoads:
     """Loads on a fixture at m poses, under uncertain masses and centres.
 
     `pull` (m, k, a): wrenches S W for a unit of each uncertain coefficient (a), in the frame of the deflection.
-    `halves`: each half's share of the compliance, and the rotation (m, k, k) of its axes in that frame; None where its
-    axes are those of the frame. A rotation acts on angles and positions separately, so it commutes with S.
+    `halves`: for each half, its share of the compliance and the rotation (m, k, k) of its axes in the same frame, or
+    None if the axes coincide. A rotation acts on angles and positions separately, so it commutes with S.
     """
 
     pull: FloatArray
@@ -48,7 +48,7 @@ class FixtureLoads:
 
 
 def compliance_sizes(stated_deflection: tuple[float, float], *, rotations: int) -> FloatArray:
-    """S (k,) for which unit moments and forces cause the stated deflection (rms of each component).
+    """S (k,) for which unit moments and forces cause the stated deflection (give_rad, give_m), rms of each component.
 
     Let a and b be the squares of the two scales in S. The covariance in the module's docstring, summed over three
     components, is
@@ -77,7 +77,7 @@ def blocks(k: int) -> list[slice]:
 def covariance(one: FixtureLoads, two: FixtureLoads, s: FloatArray) -> FloatArray:
     """Covariance (k m, k m') of the displacements at two sets of poses: the formula in the module's docstring.
 
-    Its first term does not depend on how the axes of the fixture's halves are rotated.
+    The first term of the formula does not depend on how the axes of the fixture's halves are rotated.
     """
     k, a, b = len(s), len(one.pull), len(two.pull)
     product = (one.pull.reshape(a * k, -1) @ two.pull.reshape(b * k, -1).T).reshape(a, k, b, k)
@@ -97,7 +97,7 @@ def _transposed(turn: FloatArray | None) -> FloatArray | None:
 
 
 def _turned(C: FloatArray, turn_a: FloatArray | None, turn_b: FloatArray | None) -> FloatArray:
-    """``T C T'``, C (a, k, b, k), with the rotations (a, k, k) of its rows and (b, k, k) of its columns."""
+    """C (a, k, b, k) with its rows rotated by `turn_a` (a, k, k) and its columns by `turn_b` (b, k, k)."""
     if turn_a is None or turn_b is None:
         return C
     a, k, b, _ = C.shape
@@ -107,7 +107,7 @@ def _turned(C: FloatArray, turn_a: FloatArray | None, turn_b: FloatArray | None)
 
 
 def variance(held: FixtureLoads, s: FloatArray) -> FloatArray:
-    """Diagonal (m, k) of `covariance`, which does not depend on the axes of a half."""
+    """Diagonal (m, k) of `covariance`; the diagonal does not depend on the axes of the halves."""
     squares = (held.pull**2).sum(-1)
     every = squares + (squares + squares.sum(-1, keepdims=True)) / WISHART_DOF
     return np.asarray(sum(share**2 for share, _ in held.halves) * every * s**2)
@@ -132,8 +132,8 @@ class ArmPoses:
     def arm_rows(self) -> FloatArray:
         """D-H rows 1..n (5, n) of the arm alone.
 
-        The offsets of the first and the last joint are those of the arm's file: calibrated offsets are
-        measured from the fixture's axis, which is no reference for gravity.
+        The offsets of the first and the last joint are taken from the arm's file: calibrated offsets are measured from
+        the fixture's axis, which is no reference for gravity.
         """
         rows = self.model.arm_rows().copy()
         ends = {f"{DhKind.THETA_OFF.symbol}_{j}" for j in (1, rows.shape[1])}
@@ -150,7 +150,7 @@ class ArmPoses:
         return 1 + 4 * len(self.masses.mass_kg) + len(self.masses.tilted)
 
     def torques(self, poses: slice) -> FloatArray:
-        """Gravity's torque (m, n, s), N m: of the stated masses, of each uncertain moment, of a tilted base."""
+        """Gravity's torque (m, n, s), N m; shapes: stated masses, each uncertain moment, tilts of the base."""
         arm, masses = self.arm(poses), self.masses
         rates = torque_rates(arm, np.vstack((masses.down, masses.tilted)))
         stated, *tilts = (rates * masses.moments).sum((-1, -2))

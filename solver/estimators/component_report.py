@@ -30,7 +30,7 @@ class Component:
     unit
         ``rad`` or ``m``.
     sd, low, high
-        Value and 95 % interval.
+        Estimated standard deviation and its 95 % interval.
     stated
         Value stated in the files.
     """
@@ -50,7 +50,7 @@ class ComplianceTest:
     Attributes
     ----------
     statistic
-        Square of the largest score over its standard deviation; 0 where the data show a smaller compliance.
+        Square of the largest ratio of a score to its standard deviation; 0 if the data show a smaller compliance.
     p_value
         Probability of so large a statistic if the stated value is right.
     deflects
@@ -70,7 +70,7 @@ MOST_CERTAIN = 1e6
 
 
 def components(design: LinearModel, v: FloatArray, error: FloatArray) -> tuple[Component, ...]:
-    """Report noise and curves of analogue sensors and the fixture's noise, from v (K,) and its standard errors."""
+    """Report analogue sensors' noise and curves and the fixture's noise; `error`: standard errors of `v` (K,)."""
     stated, out = design.stated_variances(), []
     for k, c in enumerate(design.components):
         kind = c.name.split("_")[0]
@@ -93,7 +93,7 @@ def components(design: LinearModel, v: FloatArray, error: FloatArray) -> tuple[C
 
 
 def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | None:
-    """Test whether one component of the fixture's noise is larger than stated; None without such a component."""
+    """Test whether a component of the fixture's noise is larger than stated; None if there is no such component."""
     from scipy.special import ndtr
 
     slots = [design.index[name] for name in FIXTURE_NOISE if name in design.index]
@@ -109,7 +109,7 @@ def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | 
 def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -> FloatArray:
     """Standard errors (K,) of variances `v` (K,), from the likelihood's `information` (K, K).
 
-    A variance at its floor does not widen the errors of the others, but the others widen its error.
+    A variance at its floor does not increase the errors of other variances, but their uncertainty increases its error.
     """
     inner = v > floor * (1.0 + 1e-9)
     size = np.sqrt(np.maximum(np.diagonal(information), 1e-300))

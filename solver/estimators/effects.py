@@ -1,12 +1,12 @@
-"""The one linear mixed model of a loop: its columns at one linearisation, in units of its noise.
+"""The linear mixed model of a loop: its columns at one linearisation, whitened by the noise.
 
 At one linearisation the reduced closure of all poses reads
 
     w + A dx + Z b + B n + E' f = 0,     n ~ N(0, S),  f ~ N(0, F),  b_l ~ N(0, g_l I),
 
 with dx the steps of the parameters without a prior; w includes the expected play and sag.
-Noise (n, f) is new in every pose, effects b are drawn once: deviations of toleranced entries, harmonics
-of encoders, curves of analogue sensors, sag and compliance as smooth functions of the pose. A variance component
+Noise (n, f) is independent from pose to pose. Effects b have one value for all poses: deviations of toleranced entries,
+harmonics of encoders, curves of analogue sensors, sag and compliance as functions of the pose. A variance component
 scales one or more groups; the stated value is the median of its prior (`solver.estimators.layout` has both).
 """
 
@@ -33,7 +33,7 @@ class System:
     """Reduced closure equations of m poses (see the module): w (m, r), A (m, r, P), B (m, r, n), E (m, k, r).
 
     `angle` (m, n) are the corrected joint angles at which curves are evaluated. `distances` are misclosures (k,) and
-    derivatives (k, P) of measured distances, which belong to no pose.
+    derivatives (k, P) of measured distances; they belong to no pose.
     """
 
     w: FloatArray
@@ -50,7 +50,7 @@ class System:
 
     @property
     def equations(self) -> int:
-        """Number of equations of all poses, and of distances."""
+        """Number of equations: closure equations of all poses, plus one for each distance."""
         return self.w.size + self.distances[0].size
 
     def part(self, poses: slice) -> System:
@@ -71,10 +71,10 @@ class System:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Whitened:
-    """Whitened columns [hard, effects] and misclosure of some poses.
+    """Whitened columns M = [hard parameters, effects] (m, r, width) and misclosure w (m, r) of some poses.
 
-    `L_inverse` (m, r, r) whitens; `C` (m, r, n + k) are the whitened columns of the noise, which has the variance
-    `noise` (m, n + k).
+    Hard parameters are those without a prior. `L_inverse` (m, r, r) whitens; `C` (m, r, n + k) are the whitened
+    columns of the noise, whose variance is `noise` (m, n + k).
     """
 
     poses: slice
@@ -93,9 +93,10 @@ class Whitened:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NoiseSource:
-    """Noise of one source, new in every pose, with the variance `rates` (m, n + k) along joints and closure components.
+    """Noise of one source, independent from pose to pose.
 
-    `component`: index of the variance component that scales `rates`; None where the variance is fixed.
+    `rates` (m, n + k): variance along joints and closure components, per unit of the variance component with the index
+    `component`; if `component` is None, `rates` is the variance itself.
     """
 
     source: str
@@ -108,7 +109,7 @@ class NoiseSource:
 
 
 class LinearModel(Layout):
-    """Noise and columns of a closure model with stated errors, for parts of the poses.
+    """Noise and columns of a closure model with stated errors, calculated for some poses at a time.
 
     `along_joints`: shapes of the effects that act along a joint.
     """
@@ -126,7 +127,7 @@ class LinearModel(Layout):
         self.along_joints = JointShapes(self)
 
     def at_poses(self, poses: IntArray) -> LinearModel:
-        """Return the design of a selection of poses; smooth functions are fitted to these only."""
+        """Return the design of a selection of poses, with smooth functions made from these poses only."""
         return LinearModel(
             self.model.at_poses(poses),
             self.q[poses],
@@ -142,10 +143,9 @@ class LinearModel(Layout):
     # ---- noise
 
     def noise_sources(self, poses: slice) -> Iterator[NoiseSource]:
-        """Yield every source of the noise that is new in every pose.
+        """Yield every source of noise, i.e. of errors that are independent from pose to pose.
 
-        The part of play, sag and deflection that smooth functions of the pose cannot follow is noise of fixed
-        variance.
+        The part of play, sag and deflection that the columns leave out is noise of fixed variance.
         """
         n, errors = self.model.joint_count, self.errors
         shape = (len(self.q[poses]), n + self.rows)
@@ -194,7 +194,7 @@ class LinearModel(Layout):
         return rates
 
     def smooth_deflection_variance(self, v: FloatArray) -> FloatArray:
-        """Variance (6,) of the deflection that repeats at the same pose."""
+        """Variance (6,), rad^2 then m^2, of the deflection that repeats at the same pose."""
         variance = np.zeros(6)
         # One group for each of `deflecting_rows` with columns (the discrepancy's too), then that of the loads.
         groups = [g for g in self.groups if g.source == "fixture_give"]
@@ -215,7 +215,7 @@ class LinearModel(Layout):
     def whiten(self, system: System, v: FloatArray, root: FloatArray, poses: slice) -> Whitened:
         """Whiten the columns of the poses of `system`.
 
-        `root` (width - hard,) scales the effects: with the root of `group_variances` they have unit variance.
+        `root` (width - hard,) scales the effects; the square root of `group_variances` gives them unit variance.
         """
         C, noise = system.noise_columns, self.noise_variance(v, poses)
         V = (C * noise[:, None, :]) @ np.swapaxes(C, -1, -2)
@@ -246,9 +246,9 @@ class LinearModel(Layout):
         return Whitened(poses=poses, M=M, w=w, L_inverse=L_inverse, C=C, noise=noise)
 
     def effects_at(self, b: FloatArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Joint corrections (m, n) and fixture displacement (m, k) caused by effect coefficients b (unscaled).
+        """Joint corrections (m, n) and fixture displacement (m, k) caused by unscaled effect coefficients b.
 
-        Corrections include the expected play and sag.
+        The corrections include the expected play and sag.
         """
         shift, deflection = self.expected.copy(), np.zeros((len(self.q), self.rows))
         at = len(self.soft_index)
@@ -271,8 +271,8 @@ class State:
     """Parameters x (P,), joint corrections e (m, n), unsensed angles u (m, U), and where loops are linearised.
 
     Loops are linearised where they close, with the fixture's deflection attributed to the joints: `closed_q` (m, n) and
-    `closed_u` (m, U). A loop left open by the deflection would close better with a smaller arm: the estimated scale
-    would have a bias of the order of the noise squared. With many poses that bias dominates.
+    `closed_u` (m, U). A loop left open by the deflection would close better with a smaller arm, so the estimated scale
+    of the arm would have a bias of the order of the noise squared, which dominates if there are many poses.
     """
 
     x: FloatArray
@@ -283,7 +283,7 @@ class State:
 
 
 class Linearisation:
-    """Equations of `design` at `state`, computed for the requested poses at each request.
+    """Equations of `design` at `state`, computed at each request for the requested poses.
 
     The Jacobians of a hundred thousand poses are never in memory together. The last result is kept; it covers all
     poses if there are few.

@@ -1,7 +1,7 @@
 """Errors that the files of an arm and a fixture state.
 
-There are no flags: every source of error has a standard deviation (0 is exact) and enters one linear mixed model
-(`solver.estimators.effects`) as noise, new in every pose, or as an effect, drawn once.
+There are no flags: every source of error has a standard deviation (0: exact) and enters one linear mixed model
+(`solver.estimators.effects`) as noise, independent from pose to pose, or as an effect, with one value for all poses.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ class AnalogueReading:
     variance
         Stated variance of one single reading, rad^2.
     share
-        (m,): share of that variance in the mean of each pose's samples.
+        (m,): the mean of each pose's samples has `share` times this variance.
     spread_variance, spread_dof
-        Mean square of the spread inside the poses, rad^2, and its degrees of freedom; dof 0 where
-        spreads were not recorded.
+        Mean square of the spread inside the poses, rad^2, and its degrees of freedom; 0 and 0 if spreads were not
+        recorded.
     curve
-        Shapes of its systematic deviation; None where it has none.
+        Shapes of the sensor's systematic deviation; None if it has none.
     curve_variance
         Variance of the coefficients of `curve` (rad^2) that corresponds to the specification.
     """
@@ -58,18 +58,19 @@ class ErrorModel:
     Attributes
     ----------
     joint_variance
-        (m, n), rad^2: variance of each mean reading from resolution and stated noise. For joints in `analogue` only the
-        part that is not estimated there.
+        (m, n), rad^2: variance of each mean reading from resolution and stated noise. For joints in `analogue`, only
+        the part that is not estimated with the noise of the sensor.
     endpoint_variance
         (6,), rad^2 then m^2: variance of an instrument that measures the end point.
     analogue
         Sensors whose noise is estimated.
     accuracy_rad, backlash_rad, sag_rad
-        (n,): standard deviations of each joint's error once and twice per turn, play, and twist under load.
+        (n,): standard deviations of each joint's encoder errors (of period one and half a turn), play, and twist under
+        load.
     give_rad, give_m
         Standard deviation of the fixture's deflection along each closure component; None without a fixture.
     tolerance
-        By name, standard deviation (rad, m) of entries of the maker's table that are corrected within it.
+        By name, standard deviation (rad, m) of the maker's table entries that are corrected within this tolerance.
     distances
         Measured distances between points of the loop.
     prior
@@ -77,9 +78,9 @@ class ErrorModel:
     discrepancy
         Whether a smooth misfit without a stated source is estimated.
     loads
-        Effects of gravity, where masses are stated; otherwise sag and compliance are smooth functions of the pose.
+        Effects of gravity if masses are stated; None: sag and compliance are smooth functions of the pose.
     approach
-        (m, n): direction in which every joint approached the pose, 1 or -1; 0 where unknown.
+        (m, n): direction in which every joint approached the pose, 1 or -1; 0 if unknown.
     signed
         Whether joints are expected to sag in the direction of gravity; otherwise either side is equally likely.
     """
@@ -126,9 +127,9 @@ def stated_errors(
     sd_rad: FloatArray | None = None,
     unsensed_joints: tuple[int, ...] = (),
 ) -> ErrorModel:
-    """Return the errors stated in the arm's file for readings that are means of `samples` (m,).
+    """Return the errors stated in the arm's file for readings that are means of `samples` (m,) samples each.
 
-    `sd_rad`: spread of the samples of each pose (m, n), where recorded.
+    `sd_rad`: standard deviation of the samples at each pose (m, n), rad; None if not recorded.
     """
     variance = variance_of_means(arm, samples)
     analogue = []
@@ -163,7 +164,7 @@ def stated_errors(
 
 
 def variance_of_means(arm: ArmModel, samples: IntArray) -> FloatArray:
-    """Variance (m, n), rad^2, of means of `samples` (m,) readings by the sensors' specifications."""
+    """Variance (m, n), rad^2, of means of `samples` (m,) readings, from the sensors' specifications."""
     variance = np.zeros((len(samples), arm.joint_count))
     counts, which = np.unique(samples, return_inverse=True)
     for j, joint in enumerate(arm.joints):
@@ -174,7 +175,7 @@ def variance_of_means(arm: ArmModel, samples: IntArray) -> FloatArray:
 
 
 def _spread(sd_rad: FloatArray, samples: IntArray) -> tuple[float, int]:
-    """Mean square (rad^2) of spreads inside poses, and its degrees of freedom."""
+    """Pooled variance (rad^2) of samples inside poses, and its degrees of freedom; 0 and 0 if not recorded."""
     dof = int((samples - 1).sum())
     if dof == 0 or not np.any(sd_rad):
         return 0.0, 0
@@ -186,7 +187,7 @@ Names = tuple[str, str, str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredDistance:
-    """Distance (m) between two points, each given by the names of its three coordinates, and its sigma (m)."""
+    """Measured distance between two points, each given by its three coordinates' names, and its uncertainty, m."""
 
     first: Names
     second: Names
@@ -209,7 +210,7 @@ def distance_and_rates(
 def distance_rows(
     distances: Sequence[MeasuredDistance], parameters: Sequence[Parameter], x: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return misclosures (k,) and their derivatives (k, P) at x (P,), in units of each distance's sigma s.
+    """Return misclosures (k,) and their derivatives (k, P) at x (P,), in units of each distance's uncertainty s.
 
     ``(d(x) - d_measured) / s + u . (dp_b - dp_a) / s,  u = (p_b - p_a) / d``: one equation for each distance.
     """

@@ -27,22 +27,22 @@ class Estimate:
     estimator
         ``paper`` or ``implicit``.
     parameters, x
-        The unknowns and their values (P,), rad and m; angles in (-pi, pi]. Of all equivalent values, those nearest to
-        the nominal ones.
+        The unknowns and their values (P,), rad and m; angles in (-pi, pi]. Of all equivalent vectors, `x` is the one
+        nearest to the nominal values.
     covariance
         (P, P) of `x` under the estimator's own noise model.
     residual, rotation_rows
         Reduced closure error at the *measured* joints (m, r), rotations (rad) before positions (m).
     sigmas
-        sigma_pos and sigma_ori of that residual.
+        sigma_pos and sigma_ori, calculated from `residual`.
     flipped
         Indices of poses on the flipped branch of the hinge.
     dof
         Degrees of freedom: equations minus parameters.
     chi2
-        Weighted sum of squared residuals; None where the estimator has no noise model.
+        Weighted sum of squared residuals; None without a noise model.
     pose_chi2
-        Each pose's share of `chi2` (m,); None where the estimator has no noise model.
+        Each pose's share of `chi2` (m,); None without a noise model.
     corrections
         Joint corrections (m, n), rad, adjusted minus measured; None without a noise model.
     iterations, converged
@@ -98,7 +98,7 @@ class Estimate:
         )
 
     def given(self, names: Collection[str]) -> Estimate:
-        """Return the estimate of the other parameters, with the covariance it has if `names` are known exactly."""
+        """Return the estimate of all parameters except `names`, with their covariance if `names` are exactly known."""
         indices = [k for k, p in enumerate(self.parameters) if p.name not in names]
         rest = self.without(names)
         if len(indices) == len(self.parameters):
@@ -110,7 +110,7 @@ class Estimate:
         return replace(rest, covariance=rest.covariance - explained)
 
     def at_poses(self, poses: IntArray) -> Estimate:
-        """Return the same estimate with the per-pose results of a selection of poses, which may repeat."""
+        """Return the same estimate with the per-pose results of some poses; a pose may be selected repeatedly."""
         return replace(
             self,
             residual=self.residual[poses],
@@ -127,7 +127,7 @@ class Estimate:
 def require_enough_poses(model: ClosureModel, poses: int, *, known: int = 0) -> int:
     """Return the degrees of freedom that `poses` poses leave; TooFewPosesError if none is left.
 
-    `known` parameters are not counted: a prior adds one equation for each of them.
+    `known`: number of parameters with a prior; they are not counted, because each prior adds an equation.
     """
     count = len(model.parameters) - known
     dof = poses * model.equations_per_pose - count
@@ -143,7 +143,7 @@ def require_enough_poses(model: ClosureModel, poses: int, *, known: int = 0) -> 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResidualSigma:
-    """One standard deviation by each of the two interpretations of the paper's formula.
+    """A standard deviation, calculated according to two interpretations of the paper's formula.
 
     `rms` divides inside the root, sqrt(sum / (k m)), the only interpretation that gives values as large as the
     paper's; `as_printed` divides outside the root, sqrt(sum) / (k m). k: components, m: poses.
@@ -157,7 +157,7 @@ class ResidualSigma:
 class ClosureSigmas:
     """Standard deviations of the closure error: position in m, orientation in rad.
 
-    `orientation_rad` is None where the loops have no orientation: a ball, measured positions.
+    `orientation_rad` is None if orientation is not part of the closure error: a ball, measured positions.
     """
 
     position_m: ResidualSigma
@@ -203,7 +203,7 @@ class ClosureAtReadings:
 
 
 def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> ClosureAtReadings:
-    """Closure error at the *measured* joints (m, n), so that all estimators share one scale.
+    """Closure error at the *measured* joint angles (m, n), so that estimators can be compared.
 
     Unsensed joints take the angles that close each loop best; their readings are not used.
     """
@@ -225,7 +225,7 @@ def _at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedEr
 
 
 def _at_unsensed_angles(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedError:
-    """Closure error of one placement with its unsensed joints at the angles that close it best."""
+    """Closure error of one placement, with the unsensed joints at the angles that close each loop best."""
     still = np.zeros(q.shape[-1])
     u = close_loops(model, x, q, sigma_rad=still, max_iterations=50).u
     filled = q.copy()

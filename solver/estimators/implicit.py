@@ -1,4 +1,4 @@
-"""The implicit estimator: the noise is that of the joint sensors, and every loop closes exactly.
+"""The implicit estimator: the joint sensors have the noise, and every loop closes exactly.
 
 The unknowns are the parameters *and* each pose's joint corrections e (implicit loop method of Wampler,
 Hollerbach & Arai 1995; the Gauss-Helmert model of geodesy). At corrected joints q + e and current
@@ -11,8 +11,8 @@ multiplied by E', the left null space of J_u, and the stacked system
     minimise sum |w + A dx|^2 in the metric (B S B' + F)^-1,
     A = E' J_x,  B = E' J_q,  F = E' S_f E,  w = E' (c - J_q e)
 
-is solved with scaled columns. Lagrange multipliers then give e_new, u and the next linearisation. Weights must be
-evaluated at the corrected joints; weights from the measured joints would make it a different estimator.
+is solved with scaled columns. Lagrange multipliers then give e_new, u and the next linearisation. The weights must be
+evaluated at the corrected joints; weights evaluated at the measured joints would define a different estimator.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class NoiseModel:
 
     @property
     def deflection_variance(self) -> FloatArray:
-        """The fixture's variance (6,), zeros if it has none."""
+        """`fixture_variance` (6,); zeros if it is None."""
         return np.zeros(6) if self.fixture_variance is None else self.fixture_variance
 
 
@@ -64,7 +64,7 @@ class NoiseModel:
 class ParameterPrior:
     """Prior knowledge of parameters, e.g. lengths from the maker's table with a tolerance.
 
-    `mean` (P,), rad and m, and `precision` (P,): one over the prior variance, 0 where nothing is known.
+    `mean` (P,), rad and m; `precision` (P,): reciprocal of the prior variance, 0 if nothing is known.
     """
 
     mean: FloatArray
@@ -190,9 +190,10 @@ def estimate_implicit(
     x0: FloatArray | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
-    """Fit `model` to joint angles `q` (m, n), rad; starts from the paper's estimator by default.
+    """Fit `model` to joint angles `q` (m, n), rad, from `x0` (P,).
 
-    Raises `TooFewPosesError` if no degree of freedom would be left.
+    By default, the start is the paper's estimate, or the nominal values if there are too few poses for it. Raises
+    `TooFewPosesError` if no degree of freedom would be left.
     """
     order = canonical_order(q)
     model, q = model.at_poses(order), q[order]
@@ -319,7 +320,7 @@ class _Loops:
         )
 
     def after(self, step: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Corrections (m, n), changes of the unsensed angles (m, U) and each pose's chi2 (m,) after a step (P,)."""
+        """New corrections (m, n), changes of unsensed angles (m, U) and each pose's chi2 (m,), after a step (P,)."""
         results = []
         for (_, poses), block in zip(self._parts, self._blocks.values(), strict=True):
             residual = block.w + block.A @ step

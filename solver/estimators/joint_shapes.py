@@ -1,7 +1,7 @@
 """Effects that act along a joint, as shapes over the poses.
 
-Harmonics of encoders, gains and curves of analogue sensors, sides of play, sag; in the order of a layout's groups.
-A curve depends on the corrected angle; all other shapes are constant during a fit.
+They are harmonics of encoders, gains and curves of analogue sensors, sides of play, and sag, in this order. A curve
+depends on the corrected angle; all other shapes are constant during a fit.
 """
 
 from __future__ import annotations

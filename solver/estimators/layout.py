@@ -1,7 +1,7 @@
-"""Lists the effects of a loop with stated errors, the variance components that groups of them share, and their bounds.
+"""Lists the effects of a loop with stated errors, and the variance components that groups of effects share.
 
 Every source of error that the files state has a group of columns, a variance component, or both. The values
-of the columns are in `solver.estimators.effects`.
+of the columns are calculated in `solver.estimators.effects`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LEAST_NOISE_SHARE = 1e-3
 """Smallest standard deviation of an analogue reading, as a share of the stated one."""
 
 SMALLEST_DEFLECTION = 1e-8
-"""Smallest deflection (rad, m) of a fixture, also assumed for one stated to be rigid."""
+"""Smallest deflection (rad, m) of a fixture, also assumed if the fixture is stated to be rigid."""
 
 LARGEST_PLACEMENT_SCALE = 100.0
 """Largest distance of a fixture from its stated place, in units of the stated tolerance."""
@@ -64,7 +64,7 @@ UNIT_DISCREPANCY = 1e-3
 NON_REPEATABLE_SHARE = 0.4
 """Share of a stated deflection or play that does not repeat at the same pose. The whole stated value enters once more
 as the repeatable part (smooth in the pose, or on one side of a joint). The data determine the non-repeatable part
-well and the repeatable one poorly, so each has a separate scale."""
+well and the repeatable part poorly, so each part has its own scale."""
 
 FIXTURE_NOISE = ("fixture_rad", "fixture_m")
 """Components of the part of a fixture's deflection that does not repeat: rotation, translation."""
@@ -77,12 +77,11 @@ SAG_COLUMNS, DEFLECTION_COLUMNS = 8, 12
 class VarianceComponent:
     """One variance to be estimated, with its start value, floor and upper limit.
 
-    `stated` is the value in the files. With `scaled`, the logarithm of the standard deviation has a normal prior about
-    that of `start` (method, section 10): it stays near `start` unless the poses determine it.
-    Where a specification bounds an amplitude, `soft` is the mean variance of a prior and `ceiling` a limit that the
-    variance never exceeds; otherwise both are ``inf``. One step may raise the variance from any lower value to
-    `raise_limit`. `spread_variance` is an estimate of the variance with `spread_dof` degrees of freedom, from spreads
-    within poses or from a specification.
+    `stated` is the value in the files. With `scaled`, the variance has a log-normal prior with median `start` (method,
+    section 10): it stays near `start` unless the poses determine it. `soft`: the variance v has a prior proportional to
+    exp(-v / (2 soft)). `ceiling`: upper limit. One step may raise the variance from any lower value to `raise_limit`.
+    `spread_variance` is an estimate of the variance with `spread_dof` degrees of freedom, from spreads within poses or
+    from a specification.
     """
 
     name: str
@@ -113,8 +112,8 @@ _OF_RVDTS = {"rvdt": "noise", "curve": "curve", "gain": "gain"}
 class Group:
     """Columns that share a variance ``fixed + sum of rates * components``.
 
-    `source` is the group's name in an uncertainty budget, `names` are the names of the columns; `rates` are pairs of a
-    component's index and its factor.
+    `source` is the group's name in an uncertainty budget, `names` are the names of the columns; each of `rates` is a
+    component's index and the factor of that component.
     """
 
     source: str
@@ -227,7 +226,7 @@ class Layout:
         self._lay_out_deflection(stated, group, process, like)
 
     def _lay_out_noise(self) -> dict[str, float]:
-        """Add the noise that is new in every pose; return the fixture's stated deflections (rad, m) by component."""
+        """Add the components of noise; return the fixture's stated deflections (rad, m) by name of component."""
         for a in self.errors.analogue:
             self._component(
                 VarianceComponent(
@@ -318,7 +317,7 @@ class Layout:
             self._group(f"rvdt_curve_{joint}", names, self._component(bend))
 
     def _lay_out_joints(self, process: Callable[[], PoseProcess], like: Layout | None) -> None:
-        """Add play and sag of every joint; `expected` (m, n), rad, is their expected value."""
+        """Add play and sag of every joint; set `expected` (m, n), rad, to the sum of their expected values."""
         self.expected = np.zeros_like(self.q)
         self.play_joints = np.flatnonzero(self.backlash)
         self.play = sides_of_play(self.q, self.errors)
@@ -409,7 +408,7 @@ class Layout:
 
     @property
     def noise_components(self) -> list[int]:
-        """Indices of the components that scale noise, which is new in every pose."""
+        """Indices of the components that scale noise, i.e. errors that are independent from pose to pose."""
         return [*range(len(self.errors.analogue)), *self.motion_components]
 
     def start_variances(self) -> FloatArray:
@@ -417,11 +416,11 @@ class Layout:
         return np.array([c.start for c in self.components])
 
     def stated_variances(self) -> FloatArray:
-        """Components (K,) as the files state them: deflection and play independent between poses, no discrepancy."""
+        """Components (K,) as the files state them, with noise of the full stated deflection and play."""
         return np.array([c.stated for c in self.components])
 
     def as_stated(self, v: FloatArray) -> FloatArray:
-        """Components (K,) as the files state them, except the fixture's placement, which is as estimated (`v`)."""
+        """`stated_variances` (K,), but the fixture's placement as estimated (`v`) if that is larger."""
         stated = self.stated_variances()
         for k, c in enumerate(self.components):
             if c.name == PLACEMENT:
@@ -442,7 +441,7 @@ _OFFSET = f"{DhKind.THETA_OFF.symbol}_"
 
 
 def _source(parameter: Parameter, fixture: Collection[str]) -> str:
-    """Return the key of `_SOFT` to which a parameter with a prior belongs.
+    """Return the element of `_SOFT` to which a parameter with a prior belongs.
 
     `fixture`: names of the fixture's parameters.
     """

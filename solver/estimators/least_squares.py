@@ -3,7 +3,7 @@
 Minimises ``|r(x)|^2`` (paper, eqs. 5 and 6, iterated). Columns are scaled to unit norm [13], which makes the damping
 independent of units and gives the scaled condition number. The undamped step is tried first and taken whenever it
 descends; damping (Levenberg-Marquardt) is used only when it does not, so the iteration never diverges. Only the
-triangular QR factor is kept (`triangle_of`): its dimensions, and the work with it, do not grow with the poses.
+triangular QR factor is kept (`triangle_of`), whose size does not grow with the number of poses.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Triangle:
         return replace(self, b=self.b + self.T @ step)
 
     def step(self, damping: float = 0.0) -> tuple[FloatArray, float]:
-        """Return the step (P,) for this damping, and the expected reduction of the cost.
+        """Return the step (P,) for `damping`, and the reduction of the cost expected from it.
 
         The step is zero along undetermined directions, and nan if the equations contain nan.
         """
@@ -107,15 +107,15 @@ class Triangle:
 def triangle_of(blocks: Iterable[tuple[FloatArray, FloatArray]]) -> Triangle:
     """QR factorisation block by block (TSQR) of residuals (..., r) and Jacobians (..., r, P).
 
-    Each block is triangularised below the triangle of those before it, so that memory does not grow with the number of
-    rows, and J'J is never formed.
+    Each block is triangularised together with the triangle of all blocks before it, so that memory does not grow with
+    the number of rows, and J'J is never formed.
     """
     triangle = stacked_triangle(np.concatenate((J, r[..., None]), axis=-1) for r, J in blocks)
     return Triangle(T=triangle[:-1, :-1], b=triangle[:-1, -1], rest=float(triangle[-1, -1] ** 2))
 
 
 def stacked_triangle(blocks: Iterable[FloatArray]) -> FloatArray:
-    """Triangle (P, P) of the QR factors of all blocks (..., P) stacked, a few at a time."""
+    """Triangle (P, P) of the QR factors of all blocks (..., P) stacked, calculated for a few rows at a time."""
     from scipy.linalg import lapack
 
     triangle: FloatArray | None = None
@@ -163,7 +163,7 @@ class Fit:
 
 
 def column_scale(J: FloatArray) -> FloatArray:
-    """Column norms (P,), 1 where a column is zero, so that ``J / scale`` has unit columns."""
+    """Column norms (P,), or 1 for a column of zeros, so that ``J / scale`` has unit columns."""
     norms = np.linalg.norm(J, axis=0)
     return np.where(norms > 0.0, norms, 1.0)
 
@@ -177,7 +177,7 @@ def solve_damped(
 ) -> Fit:
     """Minimise the sum of squared residuals from `x0` (P,) until the steps are negligible.
 
-    `problem`: residuals and their exact Jacobian, as a triangle.
+    `problem` returns residuals and their exact Jacobian, as a triangle.
     """
     x = np.array(x0, dtype=np.float64)
     current, damping, iteration, last_cost = problem(x), 0.0, 0, 0.0

@@ -1,9 +1,9 @@
 """A linear mixed model solved for given variances, and the results of one linearisation.
 
 Henderson's mixed-model equations in whitened coordinates: with M the columns [hard, effects], the
-effects scaled to unit variance, ``H = M'M + diag(0, I)``. Nothing grows with the square of the number of poses.
-Results: covariance, repeatability, uncertainty budget, misfit of a group of poses predicted by the others, score of any
-further column.
+effects scaled to unit variance, ``H = M'M + diag(0, I)``. Nothing grows with the square of the number of poses. Hard
+columns belong to parameters without a prior. Results: covariance, repeatability, uncertainty budget, misfit of a group
+of poses to its prediction from the other poses, score of any further column.
 """
 
 from __future__ import annotations
@@ -29,9 +29,7 @@ LEAST_RESOLVED_SHARE = 1e-3
 
 
 class LinearFit:
-    """The mixed model of `design` at one linearisation, solved for variance components `v` (K,).
-
-    Poses are those of `system`, in its order.
+    """The mixed model of `design` at one linearisation, solved for given variance components `v` (K,).
 
     Attributes
     ----------
@@ -43,7 +41,7 @@ class LinearFit:
     half
         Root of the inverse (width, width): ``H^-1 = half half'``.
     chi2, dof
-        ``w' P w`` and its expectation when variances are right: number of equations minus hard parameters.
+        ``w' P w``, and its expectation if the variances are right: equations minus parameters without a prior.
     """
 
     def __init__(self, design: LinearModel, system: System | Linearisation, v: FloatArray) -> None:
@@ -93,7 +91,7 @@ class LinearFit:
         return np.asarray(self.half @ self.half.T)
 
     def _distances(self) -> tuple[FloatArray, FloatArray]:
-        """Misclosures (k,) of measured distances, and their columns (k, width), effects scaled to unit variance."""
+        """Misclosures (k,) of measured distances and columns (k, width), with effects scaled to unit variance."""
         w, rates = self.system.distances
         rows = np.zeros((len(w), self.design.width))
         if len(w):
@@ -107,7 +105,7 @@ class LinearFit:
         return np.asarray(-(w + rows @ self.coefficients) / np.sqrt(np.maximum(known, 1e-12)))
 
     def _prior(self) -> FloatArray:
-        """Prior part of H's diagonal (width,): effects have unit variance."""
+        """Prior part of H's diagonal (width,): 0 for hard columns, 1 for effects."""
         hard = self.design.hard
         return np.repeat((0.0, 1.0), (hard, self.design.width - hard))
 
@@ -115,7 +113,7 @@ class LinearFit:
         return self.design.whiten(self.system.part(poses), self.v, self.root, poses)
 
     def parts(self) -> Iterator[Whitened]:
-        """Whitened poses, effects scaled to unit variance; computed again where not kept."""
+        """Yield whitened poses, with effects scaled to unit variance; they are computed again if not kept."""
         yield from self._kept or (self._whiten(poses) for poses in self.design.parts())
 
     @property
@@ -124,7 +122,7 @@ class LinearFit:
         return self.system.part(slice(0, len(self.design.q)))
 
     def at_poses(self, poses: IntArray) -> LinearFit:
-        """Return the same linearisation of a selection of poses, solved for these only."""
+        """Return the same linearisation for a selection of poses, solved from these poses only."""
         return LinearFit(self.design.at_poses(poses), self.system.at_poses(poses), self.v)
 
     @cached_property
@@ -171,14 +169,14 @@ class LinearFit:
         return np.asarray(0.5 * (block + block.T))
 
     def _gain(self) -> FloatArray:
-        """Rows of the inverse that belong to the parameters (P, width), in their units."""
+        """Rows of the inverse of H that belong to the parameters (P, width), in the parameters' units."""
         return np.asarray(self.H_inverse[self.design.column] * self.unit[:, None])
 
     def budget(self) -> dict[str, FloatArray]:
         """Contribution of each source to the variance of every parameter (P,); their sum is the covariance's diagonal.
 
-        The estimate is linear in all errors, ``H^-1 M'`` times them, so each contribution is exact: the amount by which
-        the variance would fall without this source, at the same weights.
+        The estimate is ``H^-1 M'`` times the errors, i.e. linear in them, so each contribution is exact: the amount by
+        which the variance would fall without this source, at the same weights.
         """
         design, gain = self.design, self._gain()
         variances: dict[str, FloatArray] = {}
@@ -211,7 +209,7 @@ class LinearFit:
     def score(self, G: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Score s = G' P w (k,) of further columns G (m, r, k) of the equations, and its covariance C = G' P G (k, k).
 
-        Added to the model, G would get the coefficients ``-C^-1 s``, and chi2 would fall by ``s' C^-1 s``.
+        If G were added to the model, its coefficients would be ``-C^-1 s``, and chi2 would fall by ``s' C^-1 s``.
         """
         k = G.shape[-1]
         Gw, GG, GM = np.zeros(k), np.zeros((k, k)), np.zeros((k, self.design.width))
@@ -225,7 +223,7 @@ class LinearFit:
     def moved_by(self, G: FloatArray) -> FloatArray:
         """Derivatives (P, k) of the parameters with respect to the coefficients of further columns G (m, r, k).
 
-        ``-H^-1 M'G``: their change when the coefficient of one column is 1.
+        They are rows of ``-H^-1 M'G``: the change of each parameter if the coefficient of one column is 1.
         """
         MG = np.zeros((self.design.width, G.shape[-1]))
         for part in self.parts():
@@ -234,9 +232,9 @@ class LinearFit:
         return np.asarray(-self._gain() @ MG)
 
     def held_out_chi2(self, *parts: IntArray) -> list[tuple[float, int]]:
-        """Misfit of each part of the poses (k,) to the prediction by all others: chi2 and degrees of freedom.
+        """Misfit of each group of poses (indices (k,)) to its prediction from all others: chi2, degrees of freedom.
 
-        Needs no refit: with the projector P, chi2 is ``(P w)_F' P_FF^-1 (P w)_F``, and ``P_FF = I - N N'``.
+        No refit is needed: with the projector P, chi2 is ``(P w)_F' P_FF^-1 (P w)_F``, and ``P_FF = I - N N'``.
         """
         rows = [
             (part.times(self.half), part.w + part.times(self.coefficients)) for part in self.parts()
@@ -248,7 +246,7 @@ class LinearFit:
         ]
 
     def left_out_chi2(self) -> tuple[FloatArray, IntArray]:
-        """Misfit of every single pose to the prediction by all others: chi2 and degrees of freedom, (m,) each."""
+        """Misfit of each pose to its prediction from all other poses: chi2 (m,) and degrees of freedom (m,)."""
         chi2, dof = [], []
         for part in self.parts():
             P = np.eye(part.w.shape[1]) - part.times(self.H_inverse) @ np.swapaxes(part.M, -1, -2)
@@ -263,8 +261,8 @@ class LinearFit:
     def without_each(self) -> FloatArray:
         """Changes (m, P) of the parameters when each pose in turn is left out, at the same variances.
 
-        The coefficients change by ``H^-1 M' (I - M H^-1 M')^-1 (P w)`` of that pose (the matrix
-        inversion lemma): no refit. In directions that one pose alone determines the smallest change is taken.
+        The coefficients change by ``H^-1 M' (I - M H^-1 M')^-1 (P w)``, with M and P w of the pose left out (matrix
+        inversion lemma), without a refit. In directions that this pose alone determines, the smallest change is taken.
         """
         steps = []
         for part in self.parts():
@@ -279,7 +277,7 @@ class LinearFit:
     def pulls(self) -> FloatArray:
         """Deviation of each effect from its mean, in sigmas (width - hard,): distributed N(0, 1) if the model is right.
 
-        Zero for an effect about which the poses give no information.
+        The deviation is 0 for an effect about which the poses give no information.
         """
         remaining = np.diagonal(self.H_inverse)[self.design.hard :]
         z = self.unit_b / np.sqrt(np.maximum(1.0 - remaining, 1e-12))
@@ -289,7 +287,7 @@ class LinearFit:
 def _held_out(N: FloatArray, residual: FloatArray) -> tuple[float, int]:
     """Square of `residual` (R,) in the metric ``(I - N N')^-1``, N (R, K), and the number of determined directions.
 
-    ``I - N N'`` has the eigenvalues of ``I - N'N`` and ones, so the smaller of the two suffices.
+    Apart from ones, ``I - N N'`` and ``I - N'N`` have the same eigenvalues, so the smaller matrix suffices.
     """
     few = len(N) <= N.shape[1]
     if few and (chi2 := _square_in(np.eye(len(N)) - N @ N.T, residual)) is not None:
@@ -306,7 +304,7 @@ def _held_out(N: FloatArray, residual: FloatArray) -> tuple[float, int]:
 
 
 def _square_in(V: FloatArray, w: FloatArray) -> float | None:
-    """Return ``w' V^-1 w``; None where V is so nearly singular that its rank has to be determined."""
+    """Return ``w' V^-1 w``; None if V is so nearly singular that its rank has to be determined."""
     from scipy.linalg import lapack
 
     factor, failed = lapack.dpotrf(V, lower=True)
@@ -333,9 +331,9 @@ def inverse_root(H: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _triangular_root(H: FloatArray) -> FloatArray | None:
-    """Upper triangular K with ``H^-1 = K K'``, by recursion on half the size: products are far faster.
+    """Upper triangular K with ``H^-1 = K K'``; None if H is not positive definite.
 
-    With ``H = R'R``, K is the inverse of R; None where H is not positive definite.
+    With ``H = R'R``, K is the inverse of R. H is halved recursively, because matrix products are far faster.
     """
     n = len(H)
     if n <= SMALL:

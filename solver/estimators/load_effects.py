@@ -7,9 +7,9 @@ acts on the fixture alone: joints in free mode carry no torque, so at rest, for 
 
     J_f' F + dtau_f = 0,     N' F = 0
 
-(Murray, Li & Sastry, *A Mathematical Introduction to Robotic Manipulation*, 1994, eq. 6.4; J_f are the
-free joints' columns of the closure Jacobian, N those of the fixture's own degrees of freedom, about which it carries no
-moment). Written ``F = E y`` with ``E' N = 0``, and with friction that limits the force at a singularity, that is
+(Murray, Li & Sastry, *A Mathematical Introduction to Robotic Manipulation*, 1994, eq. 6.4; of the closure Jacobian, J_f
+are the columns of the free joints, and N the columns of the fixture's own degrees of freedom, about which the fixture
+carries no moment). With ``F = E y``, ``E' N = 0``, and friction that limits the force at a singularity, the solution is
 
     F = -E (K K' + rho^2 I)^-1 K dtau_f,     K = E' J_f,
 
@@ -47,7 +47,7 @@ FRICTION_M = 0.1
 """Friction of a free joint, as a lever (m): N m for each N at the fixture."""
 
 TOOL_SIDE_COMPLIANCE = 0.5
-"""Compliance of the fixture's half on the tool, as a share of that on the table."""
+"""Compliance of the fixture's half on the tool, as a share of the compliance of the half on the table."""
 
 MOST_DRIVE_SETS = 8
 """Largest number of sets of joints in position mode that are evaluated, chosen evenly from all."""
@@ -80,17 +80,17 @@ class LoadBasis:
     sag_expected
         (m, n) expected twist of every joint; zero where gravity has no lever arm.
     sag, sag_missed
-        (m, n, c) columns of the deviation of each twist from the expected one, and (m, n) variance that these columns
-        leave out: all of it for a joint on which gravity has no lever arm.
+        (m, n, c) columns of the deviation of each twist from its expected value, and (m, n) variance that these columns
+        leave out: the whole variance for a joint on which gravity has no lever arm.
     all_deflections, rows
-        (M, k, c) deflection along the closure components in units of the stated one, and the index (m,) of each pose in
-        it. `all_deflections` is by far the largest array, and is shared by every selection of poses.
+        (M, k, c) deflection along the closure components in units of the stated deflection, and the index (m,) of each
+        pose in this array. It is by far the largest array, and is shared by every selection of poses.
     deflection_missed
         (m, k) variance of the deflection that these columns leave out.
     side
         (m, n): expected side, between -1 and 1, to which gravity moves every joint within its play.
     gravity
-        Torques on which sag and side depend, at any pose.
+        Twists and sides as functions of gravity's torque, for other poses.
     """
 
     sag_expected: FloatArray
@@ -140,8 +140,8 @@ class LoadBasis:
 class Gravity:
     """Each joint's twist as a function of gravity's torque, given as s shapes tau (m, n, s).
 
-    The first shape of the torque is its mean, the others have coefficients N(0, 1). The mean square of the twist is 1
-    over the poses of the basis.
+    The first shape of the torque is its mean; the other shapes have coefficients ~ N(0, 1). Over the poses of the
+    basis, the mean square of the twist is 1.
 
     Attributes
     ----------
@@ -180,7 +180,7 @@ class Gravity:
         return cls(part=part, size=size, turn=size[..., None] * leading, rate=rate)
 
     def sags(self, torque: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Expected twist (m, n), columns of deviations (m, n, c), variance they miss (m, n), side of play (m, n)."""
+        """Expected twist (m, n), columns of deviations (m, n, c), variance left out (m, n), side of play (m, n)."""
         blocks = []
         for cut in _cuts(len(torque)):
             block = torque[cut]
@@ -204,8 +204,8 @@ def load_basis(
 ) -> LoadBasis:
     """Return the effects of load at joint angles `q` (m, n) and unsensed angles `u` (m, U), rad.
 
-    `x`: parameters (P,), near the truth. `stated_deflection`: rad and m; their ratio is that of the effects of moments
-    and forces. Each of several placements has its own `deflection_columns` columns.
+    `x`: parameters (P,), near the truth. `stated_deflection`: rad and m, which set how much moments count relative to
+    forces. Each placement has its own `deflection_columns` columns.
     """
     m, k = len(q), model.components
     parts = model.parts()
@@ -288,7 +288,7 @@ def _wrenches(
 def _load_deflection(
     part: ArmPoses, stated_deflection: tuple[float, float], columns: int, torque: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Deflection (m, k, c) in units of the stated one, and the variance left out (m, k).
+    """Deflection (m, k, c) in units of the stated deflection, and the variance (m, k) that it leaves out.
 
     `torque`: gravity's torque at all poses if they are few, else None.
     """
@@ -361,7 +361,7 @@ def wrench_of(
 
 
 def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
-    """Sets of ``joints - equations`` 0-based joints that may have been in position mode."""
+    """Up to `MOST_DRIVE_SETS` sets of ``joints - equations`` 0-based joints that may have been in position mode."""
     every = list(combinations(range(joints), max(joints - equations, 0)))
     chosen = np.unique(
         np.linspace(0, len(every) - 1, min(MOST_DRIVE_SETS, len(every))).astype(np.int64)
@@ -370,7 +370,7 @@ def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
 
 
 def farthest(points: FloatArray, count: int) -> IntArray:
-    """Indices of `count` of the points (m, d): the nearest to their mean, then each the farthest from those before."""
+    """Indices of `count` of `points` (m, d): the nearest to the mean, then always the farthest from those chosen."""
     if len(points) <= count:
         return np.arange(len(points))
     distance = ((points - points.mean(axis=0)) ** 2).sum(-1)

@@ -1,11 +1,11 @@
 """Effects that repeat at the same pose: sides of play, sag and deflection, as shapes over the poses.
 
-Where masses are stated they follow from the load (`solver.estimators.load_effects`); otherwise they are smooth
-functions of the pose. Shapes have coefficients ~ N(0, 1); the rest of a stated variance is independent in every pose.
+If masses are stated, the shapes follow from the load (`solver.estimators.load_effects`); otherwise they are smooth
+functions of the pose. Shapes have coefficients ~ N(0, 1); the rest of a stated variance is independent between poses.
 
-The smooth functions are a Gaussian process over joint space with several scales at once and a linear part, in low rank:
-its values at all poses are ``Phi b`` with b ~ N(0, I) and ``Phi`` (m, k), made from poses far apart (Nystroem), so its
-cost grows in proportion to the number of poses and not with its square.
+The smooth functions are a low-rank Gaussian process over joint space, with several length scales and a linear part. The
+values of the process at all poses are ``Phi b`` with b ~ N(0, I); ``Phi`` (m, k) is made from poses far apart
+(Nystroem), so the cost grows in proportion to the number of poses and not with its square.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ WEIGHTS = (0.5, 0.5)
 """Shares of the variance at each scale."""
 
 CONSTANT, LINEAR = 0.5, 0.5
-"""Variance of the constant and of the linear part, in addition to that of the scales."""
+"""Variance of the constant and of the linear part, in addition to the variance at the scales."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,7 +52,7 @@ class PoseBasis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PoseProcess:
-    """Low-rank approximation of a random process over the poses; `leading` selects columns from it.
+    """Low-rank approximation of a random process over the poses.
 
     `values` (m, c): one column for each centre. `turn` (c, c): rotates `values` to orthogonal columns in order of
     decreasing variance. `variance` (m,): variance of the process itself.
@@ -69,7 +69,7 @@ class PoseProcess:
 
 
 def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess:
-    """Return the process over joint angles `q` (m, n), rad; independent in each `group` (m,) of poses."""
+    """Return the process over joint angles `q` (m, n), rad; `group` (m,): poses of different groups are independent."""
     spread = np.maximum(q.std(axis=0), 1e-9)
     moving = np.ptp(q, axis=0) > np.deg2rad(0.5)
     angle = q[:, moving]
@@ -119,12 +119,12 @@ class Shapes:
 
 
 def sides_of_play(q: FloatArray, errors: ErrorModel) -> Shapes:
-    """Shapes of play: the side to which the load acts, where it is known, and the side of approach.
+    """Shapes of play: the side to which the load acts, and the side of approach if it is known.
 
-    It is unknown which of the two a joint follows. With probability p = 1 - `BY_APPROACH` it follows the load, and the
-    link rests on the side to which gravity moves it: the expected value is p times that side, and the rest of the
-    variance, 1 - p^2, is that of the deviation from it. Otherwise the joint follows the approach, and since link or
-    drive may lead, both sides are equally likely.
+    It is unknown which of the two a joint follows. With probability p = 1 - `BY_APPROACH` the joint follows the load,
+    and the link rests on the side to which gravity moves it. Otherwise the joint follows the approach, and since link
+    or drive may lead, both sides are equally likely. So the expected value is p times the side of the load, and the
+    variance about it is 1 - p^2.
     """
     by_load = np.ones_like(q) if errors.loads is None else errors.loads.side
     signed = errors.signed and errors.loads is not None
@@ -141,7 +141,7 @@ def sides_of_play(q: FloatArray, errors: ErrorModel) -> Shapes:
 
 
 def shapes_of_sag(q: FloatArray, errors: ErrorModel, basis: PoseBasis) -> Shapes:
-    """Shapes of every joint's twist under gravity; the smooth functions `basis` where no masses are stated."""
+    """Shapes of every joint's twist under gravity; without stated masses, the smooth functions `basis`."""
     loads, (m, n) = errors.loads, q.shape
     if loads is None:
         return Shapes(
@@ -190,7 +190,7 @@ class LoadedGive:
 
 
 def loaded_give(errors: ErrorModel, sizes: FloatArray) -> LoadedGive | None:
-    """Return the deflection under load; None where loads are unknown or zero, or `sizes` (k,) are all zero."""
+    """Return the deflection under load; None if loads are unknown or zero, or `sizes` (k,) are all zero."""
     if errors.loads is None or not sizes.any() or not errors.loads.all_deflections.any():
         return None
     return LoadedGive(loads=errors.loads, sizes=sizes)

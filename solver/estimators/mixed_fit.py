@@ -1,7 +1,7 @@
-"""The iteration: parameters, effects and joint corrections together, with one scoring step in each.
+"""The iteration that fits parameters, effects, joint corrections and variances together.
 
-Each iteration linearises the loops where they close, solves the mixed-model equations for everything at once, moves the
-variances by one scoring step and relinearises, unless the change is too small for nonlinearity to matter.
+Each iteration solves the mixed-model equations for everything at once, moves the variances by one scoring step, and
+relinearises the loops where they close, unless the change is too small for nonlinearity to matter.
 `solver.estimators.implicit` has the derivation: its iterations are the same, without effects.
 """
 
@@ -135,9 +135,10 @@ def fit_mixed(
     group
         Placement of each pose (m,): deflections of the fixture in different placements are independent.
     variances
-        Fixed variances (K,) of a layout; gravity's sign is fixed too. None: both are estimated.
+        Function that returns the variances (K,) for a layout; they are fixed, and so is `errors.signed`. None: both are
+        estimated.
     near
-        Start of the fit, where known; only with fixed variances.
+        Start of the fit, if known; only with fixed variances.
     """
     if variances is None and len(q) > 2 * POSES_FOR_VARIANCES:
         # Evenly over the poses in canonical order, so that the selection does not depend on their order.
@@ -174,7 +175,7 @@ def _iterate(
     *,
     derivatives: Derivatives | None = None,
 ) -> MixedFit:
-    """Iterate to convergence; given `variances` (K,) stay fixed, and `derivatives` belong to them."""
+    """Iterate to convergence. If `variances` (K,) are given, they stay fixed, and `derivatives` belong to them."""
     v = design.start_variances() if variances is None else variances
     free = variances is None and len(v) > 0
     settled = SETTLED_BESIDE_VARIANCES_SIGMA if free else SETTLED_SIGMA
@@ -238,7 +239,7 @@ def _iterate(
 
 
 def _solved(design: LinearModel, linearisation: Linearisation, v: FloatArray) -> LinearFit:
-    """Solve one linearisation; raises PosesDoNotFitError if the poses are too far from closing."""
+    """Solve one linearisation; raise PosesDoNotFitError if the poses are too far from closing."""
     try:
         return LinearFit(design, linearisation, v)
     except np.linalg.LinAlgError as error:
@@ -269,10 +270,10 @@ def expected_scales(fit: LinearFit, derivatives: Derivatives) -> FloatArray:
 
 
 def gravity_share(fit: LinearFit) -> float:
-    """Ratio of the sag and play that the readings show to those expected from gravity.
+    """Ratio of the sag and play that the readings show to the sag and play expected from gravity.
 
-    An arm without the sag that its file states is to be calibrated as exactly as one whose file states none: with exact
-    readings the expected sag would itself be the error. Below one half, no sag is expected.
+    Below one half, the fit continues with an expected sag of zero: for an arm that does not sag as its file states, the
+    expected sag itself would be the error.
     """
     design = fit.design
     G = np.concatenate([fit.system.part(s).B @ design.expected[s, :, None] for s in design.parts()])
@@ -296,9 +297,9 @@ def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: FitStart | 
 
 
 def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[State, float, float]:
-    """Return the state after one linearisation, the largest change of a parameter, and the remaining error.
+    """Return the state after one linearisation, the largest change of a parameter, and the error of linearisation.
 
-    Change and error are in standard errors of the parameter; the error is that of the linearisation.
+    Change and error are in standard errors of the parameter.
     """
     old = at.state
     x = np.where(design.soft, design.nominal, old.x) + fit.change
@@ -356,8 +357,8 @@ def expected_fit(
 ) -> LinearFit:
     """Predict the fit of a calibration from poses near `q` (m, n), rad, at parameters `x` (P,) and stated errors.
 
-    Its covariance predicts that of a calibration from such poses; its misfit has no meaning. No readings are used:
-    loops are closed at `x` as near to `q` as possible.
+    The covariance of the result predicts the covariance of such a calibration; the misfit has no meaning. No readings
+    are used: loops are closed at `x` as near to `q` as possible.
     """
     sd = np.sqrt(np.maximum(errors.joint_variance.mean(axis=0), 1e-12))
     closed = close_loops(model, x, q, sigma_rad=sd)

@@ -1,7 +1,7 @@
 """One scoring step of the variances of a mixed model, by restricted maximum likelihood.
 
 `solver.estimators.likelihood` has the derivatives. The scale of a source of errors has a log-normal prior whose median
-is the stated one (method, section 10, "Scales").
+is the stated scale (method, section 10, "Scales").
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ SCALE_SD = float(np.log(2.0))
 """Standard deviation of the logarithm of a source's scale (ratio to the stated one): a factor of two is one sigma."""
 
 FAST_SHARE = 0.3
-"""Convergence is fast where a step is below this share of the one before."""
+"""Convergence is fast if a step is below this share of the step before."""
 
 
 def with_priors(fit: LinearFit) -> Derivatives:
@@ -95,9 +95,9 @@ class ScoringStep:
 
 
 def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
-    """Newton's step of the variances; those that would leave their bounds stop there.
+    """Return Newton's step of the variances; a variance that would leave its bounds stops at the bound.
 
-    For estimated scales it is a step of ``t = log(v) / 2``, as the log-likelihood is most nearly quadratic in t.
+    An estimated scale makes a step in ``t = log(v) / 2``, because the log-likelihood is most nearly quadratic in t.
     """
     v, floor, scaled = fit.v, fit.design.floors, fit.design.scaled
     ceiling, raise_limit = fit.design.ceilings, fit.design.raise_limits
@@ -123,7 +123,7 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
         return np.where(scaled, 0.5 * np.log(np.maximum(bound, TINY) / v), bound - v) * size
 
     def bounded(metric: FloatArray) -> FloatArray:
-        """Solve for the change; variances that would leave their bounds stop there, and the others are solved again."""
+        """Solve for the change; a variance that would leave its bounds stops there, and the rest is solved again."""
         change, free = np.zeros(len(v)), moving.copy()
         ridged = metric + 1e-9 * np.eye(len(v))
         while free.any():
@@ -155,12 +155,11 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
 class VarianceSearch:
     """Maximisation of the likelihood: Newton's steps, shortened where they overshoot the maximum.
 
-    Where a variance leaves its floor the curvature changes quickly, and plain steps may oscillate forever. The slope at
-    a step's end, known anyway, locates the maximum along the step, so nothing is computed twice: the next iteration
-    starts there.
+    If a variance leaves its floor, the curvature changes quickly, and plain steps may oscillate forever. The slope at a
+    step's end, which is calculated anyway, locates the maximum along the step; the next iteration starts there.
 
-    `fast`: whether the last proposed step was so much smaller than the one before that little remains after it; after a
-    change of the likelihood it keeps its value until two steps can be compared.
+    `fast`: whether the last proposed step was so much smaller than the step before that little remains after it. The
+    given value is kept until two steps can be compared.
     """
 
     def __init__(self, *, fast: bool = False) -> None:
@@ -172,7 +171,7 @@ class VarianceSearch:
     def next_variances(
         self, fit: LinearFit, derivatives: Derivatives, newton_step: ScoringStep, *, far: bool
     ) -> FloatArray:
-        """Variances (K,) for the next iteration, `newton_step` being Newton's step from those of `fit`.
+        """Variances (K,) for the next iteration; `newton_step` is Newton's step from the variances of `fit`.
 
         `far`: whether the next linearisation will be so different that slopes cannot be compared.
         """

@@ -1,7 +1,7 @@
 """The implicit estimator with every stated source of error: parameters, effects and variances at once.
 
-The specification of an encoder can be relied upon; those of an RVDT's noise and a fixture's compliance cannot, and a
-maker's lengths are known within a tolerance. All errors form one linear mixed model (`solver.estimators.effects`),
+The specification of an encoder can be relied upon, but not the stated noise of an RVDT or compliance of a fixture, and
+a maker's lengths are known within a tolerance. All errors form one linear mixed model (`solver.estimators.effects`),
 iterated by `solver.estimators.mixed_fit`.
 """
 
@@ -50,20 +50,19 @@ class VarianceComponents:
     noise
         Noise of each pose's readings, without effects, and of the fixture's deflection, at the estimated variances.
     curves_rad
-        Predicted deviation (m,), rad, of the readings of each sensor with a curve, by joint, including play and sag.
+        By joint, for each sensor with a curve: predicted deviation of its readings (m,), rad, including play and sag.
     repeatability
         Covariance (P, P) of the parameters from noise alone: the scatter if the same poses were taken again.
     budget
-        Contribution of each source to the variance of every parameter (P,), by source; their sum is the variance of the
-        estimate.
+        By source, contribution to the variance of every parameter (P,); the sum of all is the variance of the estimate.
     stated_chi2, stated_dof
-        Misfit at the stated variances, none of them fitted, and its expectation.
+        Misfit at the stated variances instead of fitted ones, and its expectation.
     iterations, converged
         Number of iterations, and whether they converged.
     variances
         Every estimated variance component, by its name in the error model.
     signed
-        Whether the readings show that joints sag in the direction of gravity.
+        Whether joints are taken to sag in the direction of gravity; False if the readings contradict this.
     """
 
     components: tuple[Component, ...]
@@ -80,7 +79,7 @@ class VarianceComponents:
     signed: bool = True
 
     def at_poses(self, poses: IntArray) -> VarianceComponents:
-        """Return the results with only some of the poses."""
+        """Return the results with the per-pose values of some poses only."""
         variance = self.noise.joint_variance[poses]
         return replace(
             self,
@@ -89,7 +88,7 @@ class VarianceComponents:
         )
 
     def sd(self, name: str) -> float:
-        """Standard deviation of a component (rad or m), 0 where it is missing."""
+        """Standard deviation of a component (rad or m), 0 if there is no such component."""
         return next((c.sd for c in self.components if c.name == name), 0.0)
 
 
@@ -100,7 +99,7 @@ class Calibrated:
     Attributes
     ----------
     linear, order
-        The fit, with its poses in canonical order, and the caller's index of each of them (m,).
+        The fit, with its poses in canonical order, and the caller's index (m,) of each of these poses.
     found
         Derivatives of the likelihood with respect to the variances at the solution.
     unsensed
@@ -115,9 +114,9 @@ class Calibrated:
     unsensed: FloatArray
 
     def few(self, most: int) -> tuple[Calibrated, IntArray]:
-        """Return the calibration for `most` poses, evenly chosen from all, and the caller's indices of these.
+        """Return the calibration for at most `most` poses, chosen evenly, and the caller's indices of these poses.
 
-        Parameters and their covariance remain those of all poses; the linear fit covers only the chosen ones.
+        Parameters and their covariance still come from all poses; the linear fit covers only the chosen poses.
         """
         if len(self.order) <= most:
             return self, np.arange(len(self.order))
@@ -149,7 +148,8 @@ def estimate_with_errors(
     Parameters
     ----------
     x0
-        Start (P,): by default from the plain estimator, toleranced parameters at their nominal values.
+        Start (P,). Default: toleranced parameters at their nominal values, the others from the estimator without
+        effects (`solver.estimators.implicit`).
     group
         Placement of each pose (m,).
 
@@ -198,7 +198,7 @@ def estimate_of(settled: SettledFit, model: ClosureModel, q: FloatArray) -> Esti
 
 
 def _by_name(variances: Mapping[str, float], layout: Layout) -> FloatArray:
-    """Variances (K,) of a layout; those not named keep their start values."""
+    """Variances (K,) of a layout; components that are not named keep their start values."""
     v = np.array([variances.get(c.name, c.start) for c in layout.components])
     return np.asarray(np.clip(v, layout.floors, layout.ceilings))
 
@@ -223,7 +223,7 @@ def settle(
     variances: Callable[[Layout], FloatArray] | Mapping[str, float] | None = None,
     progress: Progress | None = None,
 ) -> SettledFit:
-    """Fit as `estimate_with_errors` does, without a report; `near` and `variances` are as in `fit_mixed`."""
+    """Fit as `estimate_with_errors` does, without a report. `near`, `variances`: see `fit_mixed`, or values by name."""
     if isinstance(variances, Mapping):
         variances = partial(_by_name, variances)
     order = canonical_order(q)
@@ -257,7 +257,7 @@ def _near(
 def _first(
     model: ClosureModel, q: FloatArray, errors: ErrorModel, progress: Progress | None
 ) -> FloatArray:
-    """Parameters (P,) to start from, those with a tolerance at their nominal values."""
+    """Parameters (P,) to start from; toleranced parameters are at their nominal values."""
     x = nominal_vector(model.parameters)
     hard = np.array([p.name not in errors.tolerance for p in model.parameters])
     variance = errors.joint_variance.copy()
@@ -278,7 +278,7 @@ def _pose_chi2(fit: LinearFit) -> FloatArray:
 
 
 def noise_left(fitted: MixedFit, back: IntArray) -> NoiseModel:
-    """Return the noise at the estimated variances, rows in the order of `back` (m,)."""
+    """Return the noise at the estimated variances, with poses in the order of `back` (m,)."""
     design, v = fitted.fit.design, fitted.fit.v
     joints, fixture = np.split(design.noise_variance(v), [design.model.joint_count], axis=1)
     deflection_variance = np.zeros(6)

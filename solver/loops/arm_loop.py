@@ -82,7 +82,7 @@ class ArmLoop(ClosureModel):
         object.__setattr__(self, "parameters", tuple(positions))
 
     def _own_nominal(self) -> FloatArray:
-        """Nominal values of all of `OWN`."""
+        """Nominal values (O,) of all unknowns listed in `OWN`."""
         return np.zeros(0)
 
     @property
@@ -101,7 +101,7 @@ class ArmLoop(ClosureModel):
 
     @property
     def equations_per_pose(self) -> int:
-        """Number of components minus number of unsensed degrees of freedom."""
+        """Number of closure components minus number of unsensed angles."""
         return self.components - len(self.unsensed_rows)
 
     def tables(self, x: FloatArray) -> FloatArray:
@@ -114,7 +114,7 @@ class ArmLoop(ClosureModel):
         return stacked
 
     def own_values(self, x: FloatArray) -> FloatArray:
-        """Values of all of `OWN` for parameter vectors (..., P): (..., 1, O), to broadcast over poses."""
+        """Values of all unknowns in `OWN` for parameter vectors (..., P): (..., 1, O), to broadcast over poses."""
         x = np.asarray(x, dtype=np.float64)
         values = np.broadcast_to(self._own_nominal(), (*x.shape[:-1], len(self.OWN))).copy()
         values[..., self._own_indices()] = x[..., len(self.entries) :]
@@ -179,7 +179,7 @@ class ArmLoop(ClosureModel):
     def loop_error(
         self, residual: FloatArray, J: FloatArray, jac_own: FloatArray | None = None
     ) -> LoopError:
-        """Assemble the loop error from `columns` (..., k, P_entries + links) and the columns of `OWN` (..., k, O)."""
+        """Assemble the loop error: `J` (..., k, P_entries + links) from `columns`, `jac_own` (..., k, O) for `OWN`."""
         split = len(self.entries)
         jac_x, jac_theta = J[..., :split], J[..., split:]
         jac_q = jac_theta[..., 1 - self.FIRST_LINK :]

@@ -30,9 +30,9 @@ Which = IntArray | slice
 class LoopError:
     """Closure error of every pose, with the unsensed angles as explicit variables.
 
-    `residual`: c (..., m, k): rotation vector (rad), then position (m), of the end point in the frame on the fixture.
-    Zero when the loop closes. `jac_x`, `jac_q`, `jac_u`: exact derivatives of c with respect to the parameters, the
-    paper's C = dc/dphi (..., m, k, P), to the joint angles (..., m, k, n) and to the unsensed angles (..., m, k, U).
+    `residual`: c (..., m, k): rotation vector (rad), then position (m), of the end point in the fixture's frame; zero
+    if the loop closes. `jac_x`, `jac_q`, `jac_u`: exact derivatives of c with respect to the parameters (the paper's
+    C = dc/dphi, (..., m, k, P)), the joint angles (..., m, k, n) and the unsensed angles (..., m, k, U).
     """
 
     residual: FloatArray
@@ -135,12 +135,12 @@ class ClosureModel(ABC):
     @property
     @abstractmethod
     def ground_side(self) -> tuple[str, ...]:
-        """Names of the unknowns of the fixture's place on the table; their values change when it is moved."""
+        """Names of the unknowns of the fixture's place on the table; the values change when the fixture is moved."""
 
     @property
     @abstractmethod
     def hand_side(self) -> tuple[str, ...]:
-        """Names of the unknowns of the fixture's place on the tool; their values change at every mounting."""
+        """Names of the unknowns of the fixture's place on the tool; the values change at every mounting."""
 
     @abstractmethod
     def loop(self, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:
@@ -173,8 +173,8 @@ class ClosureModel(ABC):
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
         """Closure error with the unsensed angles eliminated; the loop error itself if there are none.
 
-        Without `rates` the Jacobian has no columns. Raises `ValueError` if arm joints are unsensed: `loop` solves for
-        them.
+        Without `rates` the Jacobian has no columns. Raises `ValueError` if arm joints are unsensed: use
+        `loop`.
         """
         if self.unsensed_joints:
             raise ValueError(
@@ -209,9 +209,9 @@ class ClosureModel(ABC):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Axes (m, 3, 3) of the fixture's half on the table and of that on the tool, in the frame of the closure error.
+        """Axes (m, 3, 3) of the fixture's two halves, on the table and on the tool, in the frame of the closure error.
 
-        For a loop of one placement; identity for a half that does not turn in that frame.
+        Only for a loop of one placement; identity for a half that does not turn in that frame.
         """
         still = np.broadcast_to(np.eye(3), (len(q), 3, 3))
         return still, still
@@ -227,11 +227,11 @@ class ClosureModel(ABC):
 
     @property
     def constrained_part(self) -> ConstrainedPart | None:
-        """Part of the tool that the fixture constrains; None without a constraint."""
+        """Part of the tool that the fixture constrains; None if it does not constrain the tool."""
         return None
 
     def constraint_entries(self, at: ToolConstraint) -> dict[str, float]:
-        """Values of the fixture's unknowns, by name, for this constraint of the tool; ValueError without one."""
+        """Values of the fixture's unknowns, by name, for constraint `at`; ValueError if the tool is not constrained."""
         raise ValueError(f"{type(self).__name__} does not constrain the tool ({at})")
 
     def dh_table(self, x: FloatArray) -> DhTable | None:
@@ -241,7 +241,7 @@ class ClosureModel(ABC):
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Points (k, 3), m, and fixture's axis (3,) for a drawing of the arm, in the base frame; None: no drawing.
 
-        The last point is the one at the fixture; the axis is zero if there is none.
+        The last point is at the fixture; the axis is zero if the fixture has no axis.
         """
         return None
 

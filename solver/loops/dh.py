@@ -73,7 +73,7 @@ class DhLoop(ArmLoop):
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
         """Return the closure error in frame -1 with the hinge angle eliminated (paper, eqs. 10 to 13).
 
-        The two rotations are the swing that carries z_-1 onto z_n. To first order they equal
+        The two rotation components are the swing that carries z_-1 onto z_n. To first order they equal
         ``dx = -R23``, ``dy = R13`` of eq. 12. Unlike dx and dy, the swing does not vanish again when the tool is upside
         down, so a pose on the flipped branch does not look closed.
 
@@ -117,11 +117,11 @@ class DhLoop(ArmLoop):
         return table, hand
 
     def equivalents(self, x: FloatArray) -> FloatArray:
-        """Eight equivalent parameter vectors of a hinge loop; a rigid loop has only its own.
+        """Up to eight equivalent parameter vectors of a hinge loop; for a rigid loop only `x` itself.
 
-        (a_0, alpha_0, theta_off_1) -> (-a_0, -alpha_0, theta_off_1 + pi); likewise at link n; and the
-        hinge axis reversed: (s_0, alpha_0, alpha_n) -> (-s_0, alpha_0 + pi, alpha_n - pi).
-        An equivalent vector exists only if all entries that it changes are free.
+        They result from (a_0, alpha_0, theta_off_1) -> (-a_0, -alpha_0, theta_off_1 + pi), the same at link n, and
+        reversal of the hinge axis: (s_0, alpha_0, alpha_n) -> (-s_0, alpha_0 + pi, alpha_n - pi).
+        A change is used only if all entries in it are unknowns.
         """
         candidates = [np.asarray(x, dtype=np.float64)]
         if self.hinge:
@@ -146,7 +146,7 @@ class DhLoop(ArmLoop):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Entries of link 0, and s_1 and theta_off_1, measured from the common normal of the first two axes."""
+        """Unknown entries of link 0, and s_1 and theta_off_1, measured from the common normal of z_-1 and z_0."""
         return tuple(
             e.name
             for e in self.entries
@@ -155,7 +155,7 @@ class DhLoop(ArmLoop):
 
     @property
     def hand_side(self) -> tuple[str, ...]:
-        """All entries of link n, including its offset, which depends on the fixture's axis."""
+        """All unknown entries of link n, including theta_off_n, which depends on the fixture's axis."""
         return tuple(e.name for e in self.entries if e.row == self.joint_count)
 
     @property
@@ -193,9 +193,8 @@ def _swing(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Rotation vector in the xy plane that carries z onto a unit vector, and its rates.
 
-    With vectors perpendicular to z as complex numbers, x + iy, the swing is ``i f n``, f the angle between z and
-    the vector, divided by the sine of that angle. Spatial angular increments w turn n by ``dn = i (w_z n - n_z w)``, so
-    that
+    With vectors perpendicular to z as complex numbers, x + iy, the swing is ``i f n``, where f is the angle between z
+    and the unit vector, divided by its sine. Spatial angular increments w turn n by ``dn = i (w_z n - n_z w)``, so that
 
         d(i f n) = f (n_z w - w_z n) + i g Im(n* w) n,   g = 1 + n_z (n_z - f) / sine^2.
 
@@ -203,7 +202,7 @@ def _swing(
 
     Returns
     -------
-    The swing (...), rad: angle between z and the vector, along z x n; and its rate for each w (C, ...).
+    The swing (...), rad: angle between z and the vector, along z x n; and the swing's rate for each w (C, ...).
     """
     sine = np.abs(n)
     # Below this the quotients lose digits and their series are exact to double precision.

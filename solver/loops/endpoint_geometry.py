@@ -1,8 +1,8 @@
 """Converts the geometry of a fixture into the D-H entries of a loop.
 
-A hinge is a line fixed in the tool that coincides with a line fixed in the table. Each is a point and a direction: the
-table's in the arm's base frame, with joint 1's offset and s_1 taken as zero (they only turn that frame about z_0 and
-shift it along z_0), the tool's in the frame before the last link. The common normals of the lines with z_0 and z_{n-1}
+A hinge is a line fixed in the tool that coincides with a line fixed in the table. The table's line is given in the
+arm's base frame, with joint 1's offset and s_1 taken as zero (they only turn that frame about z_0 and shift it along
+z_0); the tool's line is given in the frame before the last link. The common normals of these lines with z_0 and z_{n-1}
 determine the D-H entries.
 """
 
@@ -32,8 +32,8 @@ class Line:
 def constrained_axis_entries(ground: Line, hand: Line, n: int) -> dict[str, float]:
     """D-H entries of links 0, 1 and n, by name, with alpha_0 and alpha_n in [0, pi], for two lines that coincide.
 
-    Where neighbouring axes are parallel (Hayati [9]) the common normal is not unique: any will do; the one through
-    the tool's or the table's point is taken.
+    Where neighbouring axes are parallel (Hayati [9]) the common normal is not unique; the
+    normal through the tool's or the table's point is taken.
 
     Parameters
     ----------

@@ -25,15 +25,15 @@ TIP_TURN = ("tip_rx", "tip_ry", "tip_rz")
 class MeasuredClosure(ArmLoop):
     """An arm of links 1..n observed by an instrument, bound to the measured poses.
 
-    base_* is the placement of the arm's base frame in the instrument's frame, and tip_* that of the target in the
-    flange frame: a point, and a rotation vector applied to the nominal rotation, ``R = exp(r) R_nominal`` (so that it
+    base_* places the arm's base frame in the instrument's frame, and tip_* places the target in the flange frame. Each
+    is a point and a rotation vector r that is applied to the nominal rotation, ``R = exp(r) R_nominal`` (so that r
     stays small and its components are ordinary angles). `own` lists which of base_x .. tip_rz are unknown;
     position-only measurements do not determine tip_r*.
 
     Attributes
     ----------
     base_m, base_rotation, tip_m, tip_rotation
-        Nominal placements: (3,) and (3, 3).
+        Nominal placements: positions (3,) and rotations (3, 3).
     full_pose
         Whether orientations are measured too.
     endpoint_m
@@ -145,7 +145,7 @@ class MeasuredClosure(ArmLoop):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Unknowns of the instrument's placement: base_*."""
+        """Unknowns of the placement of base and instrument relative to each other: base_*."""
         return tuple(name for name in self.own if name in BASE)
 
     @property
@@ -167,7 +167,7 @@ class MeasuredClosure(ArmLoop):
         return np.concatenate((frames.origins_m[0], target[None, :])), np.zeros(3)
 
     def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Measured target in the base frame, m, and a zero axis, if the model is bound to one pose; else None."""
+        """Measured position of the target in the base frame, m, and a zero axis; None unless bound to one pose."""
         if self.endpoint_m is None or len(self.endpoint_m) != 1:
             return None
         own = self.own_values(x)[0]
@@ -177,7 +177,7 @@ class MeasuredClosure(ArmLoop):
     def _own_columns(self, own: FloatArray, R_hand: FloatArray, swung: FloatArray) -> FloatArray:
         """Derivatives (..., m, 6, 12) of the target's rotation and position with respect to base_x .. tip_rz.
 
-        `R_hand` is the flange in the instrument's frame, `swung` the vector from base to target.
+        In the instrument's frame, `R_hand` is the flange's rotation and `swung` the vector from base to target, m.
         """
         inverse = np.linalg.inv(rotation_vector_differential(own[..., 3:6]))
         right = np.linalg.inv(rotation_vector_differential(own[..., 9:12]))

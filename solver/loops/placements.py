@@ -3,9 +3,9 @@
 The arm's parameters are shared; those of the fixture carry the placement's number: ``ground_x[2]``. With a single
 placement names have no number.
 
-Some entries of joints 1 and n are measured from the hinge axis: theta_off_1 from its common normal with joint 1's axis,
-s_1 from the foot of that normal, theta_off_n to its common normal with joint n's axis. So these entries belong to the
-placement (`ClosureModel.ground_side`, `hand_side`), with names like ``theta_off_1[2]``. No information is lost: a
+Some entries of joints 1 and n are measured from the hinge axis: theta_off_1 and s_1 from its common normal with joint
+1's axis, theta_off_n to its common normal with joint n's axis. So these entries belong to the placement
+(`ClosureModel.ground_side`, `hand_side`), with names like ``theta_off_1[2]``. No information is lost: a
 rotation of joint 1's zero is a rotation of all placements about joint 1's axis, which no closed loop determines. If the
 tool keeps its half of the fixture (a ball, while sockets change), `same_hand` shares the tool's unknowns too,
 including theta_off_n.
@@ -41,11 +41,11 @@ class Placements(ClosureModel):
     models
         Loop of each placement, with the same arm and the same kind of fixture.
     placement
-        Number of the placement each pose belongs to, (m,).
+        Number of the placement to which each pose belongs, (m,).
     same_hand
         Whether the fixture's half on the tool is the same in all placements.
     parameters
-        Shared unknowns first, then those of each placement, with its number in the name.
+        Shared unknowns first, then each placement's own unknowns, with the placement's number in the name.
     """
 
     numbers: tuple[int, ...]
@@ -103,11 +103,11 @@ class Placements(ClosureModel):
         return self._columns[self.numbers.index(number)]
 
     def of(self, number: int) -> tuple[ClosureModel, IntArray]:
-        """Model of one placement and the indices of its parameters in the whole vector; ValueError if none."""
+        """Model of a placement and indices of its parameters in the whole vector; ValueError for an unknown number."""
         return self.models[self.numbers.index(number)], self.columns(number)
 
     def arm_rows(self) -> FloatArray:
-        """Always raises ValueError: each placement has its own table, see `parts`."""
+        """Raise ValueError: each placement has a table of its own, see `parts`."""
         raise ValueError("several placements have no one table: ask their `parts`")
 
     def poses_of(self, number: int) -> IntArray:
@@ -138,7 +138,7 @@ class Placements(ClosureModel):
         )
 
     def initial_unsensed(self, x: FloatArray, q: FloatArray) -> FloatArray:
-        """Initial unsensed angles of every pose."""
+        """Initial unsensed angles of every pose (..., m, U), rad."""
         x = np.asarray(x, dtype=np.float64)
         self._check(q)
         angles = [
@@ -173,8 +173,8 @@ class Placements(ClosureModel):
     ) -> NDArray[Any]:
         """Put values (..., m_k, <trailing>) of each placement at the indices of its poses.
 
-        `by_parameters`: the last axis counts the placement's parameters, and is expanded to all parameters; if it is
-        empty, it stays empty.
+        With `by_parameters`, the last axis is expanded from the placement's parameters to all parameters, unless it
+        has length 0.
         """
         first, axis = parts[0], -1 - trailing
         spread = by_parameters and first.shape[-1] > 0
@@ -194,8 +194,8 @@ class Placements(ClosureModel):
     def equivalents(self, x: FloatArray) -> FloatArray:
         """Equivalent parameter vectors of all loops together (E, P).
 
-        Each placement has equivalents of its own; in a combination, all must agree on the shared entries. Beyond a few
-        thousand combinations only those that differ in one placement are listed.
+        They combine equivalents of the single placements that agree on the shared entries. If there are more than
+        `MAX_COMBINATIONS`, only combinations that differ from the first one in a single placement are listed.
         """
         x = np.asarray(x, dtype=np.float64)
         shared = self._shared_of(self.models[0])
@@ -316,8 +316,8 @@ def place(
     Parameters
     ----------
     models
-        One loop with nominal values for every placement, or one for each in ascending order. A model bound to
-        measurements (`MeasuredClosure`) is bound to those of all poses, in order.
+        One loop with the nominal values of all placements, or one loop for each placement in ascending order. A single
+        `MeasuredClosure` must be bound to the measurements of all poses, in the order of `placement`.
     placement
         Number of the placement of each pose, (m,).
     same_hand

@@ -1,7 +1,7 @@
 """A point of the tool constrained to a point of the table: the loop of a ball joint.
 
 ``p_n(q) + R_n(q) b - g = 0`` seen in the arm's base frame: b is the ball's centre in the flange frame n
-(tip_x, tip_y, tip_z), g the socket's in the base frame (ground_x, ground_y, ground_z). The ball's own three
+(tip_x, tip_y, tip_z), g the socket's centre in the base frame (ground_x, ground_y, ground_z). The ball's own three
 rotations are eliminated by leaving out the orientation: three equations for each pose [3], [5].
 """
 
@@ -70,16 +70,16 @@ class PointClosure(ArmLoop):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Those of ground_x .. ground_z that are unknown.
+        """Names of the unknowns among ground_x, ground_y and ground_z.
 
-        The arm's theta_off_1 and s_1 are not among them: no number of sockets separates them from a rotation or a lift
-        of all sockets.
+        The arm's theta_off_1 and s_1 are not included: they cannot be separated from a rotation or a lift of all
+        sockets, however many there are.
         """
         return tuple(name for name in self.own if name in GROUND)
 
     @property
     def hand_side(self) -> tuple[str, ...]:
-        """Those of tip_x .. tip_z that are unknown."""
+        """Names of the unknowns among tip_x, tip_y and tip_z."""
         return tuple(name for name in self.own if name in TIP)
 
     @property
@@ -88,7 +88,7 @@ class PointClosure(ArmLoop):
         return ConstrainedPart.POINT
 
     def constraint_entries(self, at: ToolConstraint) -> dict[str, float]:
-        """Centres of ball and socket by name, m; `at` leaves out theta_off_1, s_1, theta_off_n and row n."""
+        """Centres of ball and socket by name, m; the points in `at` do not include theta_off_1, s_1 and row n."""
         table = self.table
         # Links n and 1 have their nominal values.
         c, s = np.cos(table.theta_off_rad), np.sin(table.theta_off_rad)
@@ -117,6 +117,6 @@ class PointClosure(ArmLoop):
     def tip_position(self, x: FloatArray, q: FloatArray) -> FloatArray:
         """Centre of the ball in the base frame for every pose (..., m, 3), m.
 
-        Raises `ValueError` if arm joints are unsensed, so the readings do not determine it.
+        Raises `ValueError` if arm joints are unsensed: then the readings do not determine the position.
         """
         return np.asarray(self.reduced(x, q).residual + self.own_values(x)[..., 3:])

@@ -1,14 +1,14 @@
 """The D-H table that, without corrections of readings, comes closest to the tool position of the full model.
 
-Part of a fit is in corrections of readings, which a controller or a URDF cannot apply. The best table T minimises the
-mean square of fk_T(q) - fk(q), fk being the posterior mean with its corrections r(q) = S(q) b, over the poses where the
-arm is used (method, section 10, "Best table"). With J_T and J_q the derivatives of the tool position with respect to
-entries and joint angles, this is one linear least-squares problem,
+Part of a fit consists of corrections of readings, which a controller or a URDF cannot apply. The best table T minimises
+the mean square of fk_T(q) - fk(q) over the poses where the arm is used; fk is the posterior mean of the tool position,
+with corrections r(q) = S(q) b of the readings (method, section 10, "Best table"). With J_T and J_q the derivatives of
+the tool position with respect to entries and joint angles, this is one linear least-squares problem,
 
     min_dT  sum_q w_q |J_T dT - J_q r|^2 / s^2 + |dT / d|^2,      dT = G b,
 
-where d is the largest plausible error of an entry. The table's covariance is that of the parameters and of G's part of
-the corrections; the part that no table can represent, J_q S - J_T G, is in `left_m`.
+where d is the largest plausible error of an entry. The table's covariance includes the parameters and the part of the
+corrections that G represents; the part that no table can represent, J_q S - J_T G, is in `left_m`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LENGTH_M, TWIST_RAD, OFFSET_RAD = 1e-3, radians(0.2), radians(1.0)
 
 NEAR_RAD, NEAR_SHARE, ANYWHERE_SHARE, TIMES = np.deg2rad(20.0), 0.25, 0.01, 2
 """Poses within `NEAR_RAD` of the session's poses, and poses anywhere in the ranges (where a table could otherwise be
-arbitrary), have these shares of the weight; there are `TIMES` as many of each as poses of the session."""
+arbitrary), have these shares of the weight; the number of each is `TIMES` the number of the session's poses."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,7 +49,7 @@ class BestTable:
     entries, covariance
         Entries and tip coordinates that the fit determines (k,), and their covariance (k, k), rad and m.
     left_m
-        Root mean square of the part of the tool corrections that no table can represent, its uncertainty included.
+        Root mean square, including uncertainty, of the part of the tool corrections that no table can represent.
     sigma_m
         Expected root mean square of the tool's distance from its true position, where the arm is used.
     """
@@ -117,10 +117,10 @@ def where_used(
 
 
 def even_steps(count: int, n: int) -> FloatArray:
-    """Points (count, n) of the unit cube, spread far more evenly than random ones.
+    """Points (count, n) of the unit cube, spread far more evenly than random points.
 
-    They follow an additive recurrence (Roberts' R_n: steps are powers of 1/g, with ``g^(n+1) = g + 1``), the same on
-    every machine.
+    They follow an additive recurrence (Roberts' R_n: steps are powers of 1/g, with ``g^(n+1) = g + 1``) and are the
+    same on every machine.
     """
     g = 2.0
     for _ in range(60):
@@ -148,12 +148,12 @@ def best_table(
     readings, weight
         Poses where the arm is used, and their weights (m,), of sum 1; see `where_used`.
     known, covariance
-        Fitted entries of `table` and of the tip (k,), and the covariance (k + c, k + c) of these and the coefficients
-        of the corrections.
+        Names of the fitted entries of `table` and coordinates of the tip (k,), and the covariance (k + c, k + c) of
+        these values and of the coefficients of the corrections.
     fixed
-        Entries that do not change: those that describe the fixture's placement.
+        Entries that do not change, because they describe the fixture's placement.
     tip
-        Whether the tool's point may move in the last frame as well: needed for a ball, whose centre is no D-H entry.
+        Whether the tool's point may move in the last frame too, as needed for a ball, whose centre is no D-H entry.
     """
     m = len(weight)
     point = tool_point(table, tip_m, every_entry(table.links, hayati))

@@ -7,8 +7,8 @@ True angle = reading + theta_off + the sum of a joint's corrections, each a func
     gravity    sum_k z_j . ((p_k - p_j) m_k + R_k h_k) x g,  k >= j         twist under load; m_k, h_k per joint
     offset     c1                                                           play that lies to one side
 
-`tests/solver/posterior/reference_corrections.py` computes them in plain Python. `JointCorrections` has their mean and
-covariance at any pose. A fixture's deflection belongs to the mounting and is not a correction of the arm.
+`tests/solver/posterior/reference_corrections.py` computes the corrections in plain Python. `JointCorrections` gives
+their mean and covariance at any pose. A fixture's deflection belongs to the mounting; it is no correction of the arm.
 """
 
 from __future__ import annotations
@@ -46,11 +46,12 @@ class ReadingCorrection:
     joint
         1-based.
     coefficients
-        (c,), rad; for gravity (4 n,): mass and first moment of each link, rad/(N m) times kg and kg m.
+        (c,), rad; for gravity (4 n,): mass (kg) and first moment (kg m) of each link, each multiplied by the joint's
+        compliance, rad/(N m).
     middle_rad, half_scale_rad
         For linearity: the sensor's electrical zero and half of its full scale.
     down
-        For gravity: its direction in the base frame (3,).
+        For gravity: direction of gravity in the base frame (3,), or the direction's change by a tilt of the base.
     """
 
     source: str
@@ -66,8 +67,7 @@ class ReadingCorrection:
 class Corrections:
     """All corrections of an arm.
 
-    `each`: the single corrections. `rows`: D-H rows 1..n (5, n), rad and m, for gravity's lever arms: those of the arm
-    file.
+    `each`: the single corrections. `rows`: D-H rows 1..n (5, n) of the arm file, rad and m, for gravity's lever arms.
     """
 
     each: tuple[ReadingCorrection, ...]
@@ -149,7 +149,7 @@ def corrections_of(joints: JointCorrections, readings: CorrectionShapes) -> Corr
 def _play(
     design: Layout, joints: JointCorrections, readings: CorrectionShapes, columns: slice
 ) -> Iterator[ReadingCorrection]:
-    """Mean correction of play over the readings, expected plus fitted."""
+    """Yield each joint's correction for play: expected plus fitted part, as mean over the readings."""
     mean = (readings.shapes[:, columns] * joints.coefficients[columns]).mean(axis=0)
     for k, j in enumerate(joints.joint_of[columns]):
         size = float(mean[k])
@@ -187,7 +187,7 @@ class CorrectionShapes:
     shapes
         (m, c), rad for a unit of each coefficient.
     expected
-        Expected correction (m, n), rad, before the fit.
+        Correction (m, n), rad, expected before the fit.
     side
         Expected side (m, n) of every joint's play, which `expected` includes.
     """
@@ -209,8 +209,8 @@ class CorrectionShapes:
 class JointCorrections:
     """The effects in a fit that act along joints.
 
-    `fit`: the linear fit, at its solution. `first`, `end`: half-open range of their columns among all columns of the
-    fit.
+    `fit`: the linear fit at the solution. `first`, `end`: half-open range of these effects' columns among all columns
+    of the fit.
     """
 
     fit: LinearFit
@@ -257,7 +257,7 @@ class JointCorrections:
         )
 
     def with_parameters(self, index: IntArray) -> FloatArray:
-        """Covariance (k + c, k + c) of parameters (k,), by their indices, and the coefficients; rad, m, 1."""
+        """Covariance (k + c, k + c) of the parameters with indices `index` (k,) and of the coefficients; rad, m, 1."""
         fit, hard = self.fit, self.fit.design.hard
         columns = np.concatenate((fit.design.column[index], np.arange(self.first, self.end)))
         size = np.concatenate((fit.unit[index], fit.root[self.first - hard : self.end - hard]))

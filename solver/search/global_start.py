@@ -1,9 +1,8 @@
 """Calibration without a first guess: offsets anywhere in +-180 deg, the fixture unknown.
 
-Many starts are minimised in one batch, on a few poses far apart; where the fixture can be projected out
-(`solver.search.inner`) only the inner joints' offsets are guessed. The best minima are then refined with all unknowns
-on all poses and compared: how many starts led to the best, and whether a solution that is not equivalent fits as well.
-The same seed gives the same result.
+Many starts are minimised in one batch. If the fixture can be projected out (`solver.search.inner`), only the inner
+joints' offsets are guessed, and a few poses far apart suffice. The best minima are then refined with all unknowns on
+all poses. The result states how many starts led to each, and whether a solution that is not equivalent fits as well.
 """
 
 from __future__ import annotations
@@ -57,13 +56,13 @@ class LocalMinimum:
     Attributes
     ----------
     x
-        Parameters (P,); of all equivalent ones, those nearest to the nominal values.
+        Parameters (P,): of all equivalent vectors, the one nearest to the nominal values.
     rms
         Root mean square of the reduced closure error over all poses (1 m : 1 rad).
     starts
         Number of starts that ended here.
     flipped
-        Poses (indices) that this solution puts on the flipped branch, which makes it invalid.
+        Poses (indices) that this solution puts on the flipped branch; a solution with such poses is invalid.
     """
 
     x: FloatArray
@@ -79,7 +78,7 @@ class GlobalStart:
     Attributes
     ----------
     minima
-        Distinct solutions, the best first, none on the flipped branch unless all are.
+        Distinct solutions, the best first; solutions with poses on the flipped branch come last.
     starts
         Number of starts.
     set_aside
@@ -121,7 +120,8 @@ def global_start(
     Parameters
     ----------
     starts
-        Number of starts; the first is the nominal one, the rest are random. By default enough for the kind of fixture.
+        Number of starts (default: 500, or 1500 if only positions are constrained). The first starts from the nominal
+        values, the others at random.
     seed
         Seed of the random starts; the same seed gives the same result.
     progress
@@ -130,7 +130,7 @@ def global_start(
     Raises
     ------
     TooFewPosesError
-        The poses leave no degree of freedom.
+        The poses do not give more equations than unknowns.
     ValueError
         `starts` is less than 1.
     """
@@ -213,8 +213,8 @@ def _main_branch(
 ) -> BoolArray:
     """Whether each pose is on the majority branch (m,), from fits to a few poses at a time.
 
-    A few poses taken with the tool upside down spoil a fit of all poses. Some small sample has none of them: its loop
-    closes at the poses of its own branch and is upside down at the others.
+    A few poses taken with the tool upside down spoil a fit of all poses. Some small sample contains none of them; the
+    loop fitted to it closes at the poses of the same branch and is upside down at the other poses.
     """
     best = np.ones(len(q), dtype=np.bool_)
     score = (0, -np.inf)

@@ -10,7 +10,7 @@ p_i the origin of frame n-1 at pose i,
 For given offsets of joints 2 .. n-1 the tool's h and t and the constants follow in closed form: h is the
 dominant right singular vector of the mean of M_i, t solves linear equations, the constants are means. So a
 hinge problem with 14 unknowns is a search over 5 angles (variable projection, Golub & Pereyra, with
-Kaufman's Jacobian), in which nothing has to be guessed about the fixture. The direction of the line is common to all
+Kaufman's Jacobian), without any guess about the fixture. The direction of the line is common to all
 poses, so a pose on the flipped branch never looks closed.
 """
 
@@ -42,7 +42,7 @@ class InnerProblem:
         D-H rows 1..n, with the offsets of joints 1 and n, s_1 and all lengths and twists of row n zero.
         Offsets of joints that are not searched keep their values.
     searched
-        Joints (1-based) whose offsets are sought, none of them 1 or n.
+        Joints (1-based) whose offsets are sought; joints 1 and n are never among them.
     q
         Joint angles (m, n), rad.
     per_m
@@ -152,7 +152,7 @@ def _tangents(h: FloatArray) -> FloatArray:
 def spread_poses(q: FloatArray, count: int) -> FloatArray:
     """Choose `count` of the poses (m, n), far from each other; the order of the poses does not matter.
 
-    Farthest-point selection over the points (cos q, sin q), from the pose farthest from their mean.
+    Farthest-point selection over the points (cos q, sin q); the first is the pose farthest from the mean.
     """
     if len(q) <= count:
         return q
@@ -167,7 +167,7 @@ def spread_poses(q: FloatArray, count: int) -> FloatArray:
 
 
 def projectable_parts(model: ClosureModel, q: FloatArray) -> list[InnerProblem]:
-    """Inner problem of each placement; none if any fixture cannot be projected out."""
+    """Return the inner problem of each placement; an empty list if a fixture cannot be projected out."""
     parts = []
     n = model.joint_count
     for piece, columns, poses in model.parts():

@@ -19,7 +19,7 @@ from solver.search.inner import projectable_parts, spread_poses
 HALT_AFTER = 8
 SURVIVING_SHARE, FEWEST_SURVIVORS = 1.0 / 3.0, 30
 """After `HALT_AFTER` iterations only the best third of the starts continues. It includes 80 to 100 % of the starts
-that would have reached the solution (random hinges, a ball), so for the same work twice as many starts reach it."""
+that would have reached the solution (random hinges, a ball), so with the same work twice as many starts reach it."""
 
 SEARCH_EQUATIONS = 72
 """Number of closure equations that the search uses: a few times the unknowns of any usual arm."""
@@ -98,7 +98,7 @@ def _best_of_all_unknowns(
 def _minima(
     x: FloatArray, cost: FloatArray, *, angles: Sequence[int]
 ) -> list[tuple[FloatArray, int]]:
-    """The best minima, by rising cost, with the number of starts that reached each."""
+    """The best minima, in order of increasing cost, with the number of starts that reached each."""
     order = np.argsort(cost, kind="stable")
     minima: list[tuple[FloatArray, int]] = []
     while len(order) and len(minima) < REFINED_MINIMA:
@@ -114,8 +114,8 @@ def _minimised(
 ) -> tuple[FloatArray, FloatArray]:
     """Minimise the sum of squares from every row of `x0` (S, K); return the last unknowns (S, K) and sums (S,).
 
-    After `HALT_AFTER` iterations only the starts of least cost continue: those that will reach the solution are nearly
-    always among them.
+    After `HALT_AFTER` iterations only the starts of least cost continue; the starts that would reach the solution are
+    nearly always among them.
     """
     survivors = max(FEWEST_SURVIVORS, int(SURVIVING_SHARE * len(x0)))
     x = np.array(x0, dtype=np.float64)

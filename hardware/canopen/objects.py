@@ -187,7 +187,7 @@ class ParameterCommand(IntEnum):
 
 
 class Slot(IntEnum):
-    """Parameter slots as 2003h sub 1 names them."""
+    """Parameter slots, with the numbers that 2003h sub 1 gives them."""
 
     NONE = 0
     A = 1
@@ -260,7 +260,7 @@ EMERGENCY_TEXT: Final = {
 
 
 def emergency_text(code: int) -> str:
-    """Return a text for an EMCY error code, known or not."""
+    """Return a text for an EMCY error code; for an unknown code, ``error`` and the code."""
     try:
         return EMERGENCY_TEXT[EmergencyCode(code)]
     except ValueError:

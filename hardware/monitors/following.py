@@ -37,7 +37,7 @@ class Divergence:
 
 
 class FollowingMonitor:
-    """Compares samples with commands; `windows_counts` limits each joint's distance from its target; empty: no check."""
+    """Compares samples with commands; `windows_counts` limits each joint's distance from target; empty: no check."""
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
         self._windows = tuple(windows_counts)

@@ -373,7 +373,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
         "lost-enable": FaultDescription(
             broken="a drive loses its enable for a moment: it switches off, and sends no emergency",
-            # A drive that drops out before it reports enabled gets the command until it does.
+            # A drive that drops out before it reports enabled gets the command again until it reports enabled.
             expected_texts=("the drive is in",),
             goes_on=True,
             remedy="Find out who switched it off, and why: it is not enabled again automatically. Reset (R, or "

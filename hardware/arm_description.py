@@ -82,7 +82,7 @@ class JointDescription:
     lower_rad, upper_rad
         Range in sensor coordinates.
     max_speed_rad_per_s, max_torque_nm
-        Limits of commands, and trip levels.
+        Limits of commands; above them a drive trips.
     sensor
         Sensor that 608Fh and 2100h should report.
     """

@@ -31,7 +31,7 @@ CHUNK_BYTES = 64 * 1024
 KEPT_BYTES = 1024 * 1024
 """Most bytes that are buffered; if more arrive unread, all are dropped."""
 IN_TRANSIT = 16 * 1024 * 1024
-"""More bytes than a connection can buffer: any that follow were sent after the question."""
+"""More bytes than a connection can buffer: bytes beyond these were sent after the question."""
 
 
 class LineStream:
@@ -213,7 +213,7 @@ class TcpLines(LinePort):
             self._socket.sendall(question.encode() + b"\n")
 
     def line(self, wait_s: float) -> str | None:
-        """Return the next line."""
+        """Return the next line; None if there is none within `wait_s`."""
         if self._stream is None:
             raise self._gone()
         try:
@@ -258,7 +258,7 @@ class StdinLines(LinePort):
         self._stream.forget()
 
     def line(self, wait_s: float) -> str | None:
-        """Return the next line."""
+        """Return the next line; None if there is none within `wait_s`."""
         try:
             return self._stream.line(wait_s, self.name)
         except EOFError:

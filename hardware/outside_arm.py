@@ -40,7 +40,7 @@ from hardware.monitors.admission import admit_move
 
 
 class OutsideArm:
-    """An `ArmInterface` that wraps the one returned by `make`, which is called at `connect`.
+    """An `ArmInterface` that wraps the arm returned by `make`, which `connect` calls.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ class OutsideArm:
 
         def watching(snapshot: ArmSnapshot) -> str | None:
             if self._latch.latched:
-                self._connected.stop()  # the move may have begun after the first one
+                self._connected.stop()  # the move may have begun after the first STOP
                 return "STOP"
             try:
                 return None if watch is None else watch(snapshot)

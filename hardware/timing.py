@@ -107,7 +107,7 @@ def real_time_priority() -> Iterator[None]:
 
 
 def raise_loop_priority() -> None:
-    """Give this thread priority over the program's other threads, if it has real-time scheduling."""
+    """Give this thread priority over the program's other threads, if this thread has real-time scheduling."""
     if sys.platform == "linux" and os.sched_getscheduler(0) == os.SCHED_RR:
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(LOOP_PRIORITY))

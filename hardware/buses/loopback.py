@@ -285,7 +285,7 @@ def enlarge_receive_buffer(receiver: socket.socket) -> None:
 
 
 def _receiving_socket(group: str | None) -> socket.socket:
-    """Open a socket that receives `group` on the loopback interface only; nothing if `group` is None."""
+    """Open a socket that receives `group` on the loopback interface only, or that receives nothing if None."""
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         made.setblocking(False)

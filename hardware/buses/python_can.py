@@ -35,7 +35,7 @@ for _library in ("can", "canopen"):
 
 DEFAULT_INTERFACE = "virtual"
 _SERIAL = frozenset({"slcan", "serial", "robotell", "seeedstudio"})
-"""Adapters on a serial line: opening a second handle, or closing it, closes the first as well."""
+"""Adapters on a serial line: opening or closing a second handle closes the first handle as well."""
 _HOST_STAMPED = frozenset({"socketcan", "loopback", "udp_multicast", "virtual"})
 """Interfaces whose frames this computer stamps on arrival, with its time of day."""
 _OWN_CHANNEL = frozenset({"virtual", "loopback"})

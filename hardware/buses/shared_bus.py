@@ -155,7 +155,7 @@ class Frame(can.Message):
 
 
 class SharedBus:
-    """Sends from any thread, receives in one, and records every frame if asked to.
+    """Sends from any thread, receives in one thread, and records every frame if `record_to` is given.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ class SharedBus:
         message = Frame(arbitration_id=identifier, data=data, is_extended_id=False)
         try:
             with self._send_lock:
-                message.timestamp = time.time()  # before sending, so that it precedes the answer's
+                message.timestamp = time.time()  # before sending: earlier than the answer's stamp
                 self._send_with_retries(message)
         except (can.CanError, OSError) as error:
             raise BusError(

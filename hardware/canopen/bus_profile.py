@@ -24,7 +24,7 @@ FEEDBACK_OBJECTS: Final = (objects.STATUSWORD, objects.POSITION_ACTUAL, objects.
 ZERO_OBJECTS: Final = frozenset({0x6071, 0x60B0, 0x60B1, 0x60B2, 0x60FF, *range(0x0001, 0x0020)})
 """Further objects allowed in an RPDO, always sent as 0: target torque, velocity, offsets, dummy entries."""
 FIELD_BITS: Final = (8, 16, 32, 64)
-"""Allowed widths of the objects above; other mapped objects may have any whole number of bytes."""
+"""Allowed widths in bits of command and feedback objects; other mapped objects may have any whole number of bytes."""
 MAX_HEARTBEAT_MS: Final = 10_000
 """Upper bound of `slowest_heartbeat_ms` in any profile."""
 DEFAULT_HEARTBEAT_LIMIT_MS: Final = 1000

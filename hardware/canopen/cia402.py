@@ -190,7 +190,7 @@ def _decoded(status: int) -> DriveState | None:
 
 
 def reached(state: DriveState, target: TargetState) -> bool:
-    """Whether a drive in `state` is in the requested `target` state."""
+    """Whether a drive in `state` fulfils the request `target`."""
     match target:
         case TargetState.ENABLED:
             return state is _S.OPERATION_ENABLED

@@ -1,4 +1,4 @@
-"""Cyclic data of one SYNC on the operator's side: setpoints out, a sample in, and their frames."""
+"""Cyclic data of one SYNC on the operator's side: setpoints sent, sample received, and the frames that carry them."""
 
 from __future__ import annotations
 

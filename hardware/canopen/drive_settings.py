@@ -34,7 +34,7 @@ DESCRIPTION_OBJECTS: Final = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrivePdo:
-    """A PDO of a drive: a TPDO if `sent`, otherwise an RPDO. Transmission type and map are read if the PDO is valid."""
+    """A PDO of a drive: a TPDO if `sent`, otherwise an RPDO. Transmission type and map are read only if it is valid."""
 
     sent: bool
     number: int

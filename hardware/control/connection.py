@@ -263,7 +263,7 @@ class Connection:
         return late if late.times > self._late_before_control else None
 
     def release_token(self) -> None:
-        """Release control."""
+        """Release the control token."""
         if self.profile.supervisor is not None:
             self.access.write_unsigned(self.profile.supervisor, TOKEN, 0, 0, 4)
         self.token, self.in_control = 0, False

@@ -169,7 +169,7 @@ def move(
     )
     reason, first, incomplete = "", sample.sync_count, 0
     ending: Exception | None = None
-    faulted = False  # once a drive tripped or dropped out, whichever error is raised
+    faulted = False  # true once a drive tripped or dropped out, whichever error is raised
     loop.moving = True
     try:
         while not path.finished:

@@ -2,7 +2,7 @@
 
 Order: listen for another operator or master before a frame is sent; check by SDO that no operator uses the arm;
 reset the communication of the arm's nodes only, and wait for every boot-up; compare the arm with its
-description; heartbeat; NMT start; SYNC.
+description; start the heartbeat, the nodes (NMT) and SYNC.
 """
 
 from __future__ import annotations
@@ -163,8 +163,8 @@ class StartUp:
         ControlDenied
             The holder of the token is heard.
         ArmInUse
-            A drive stays enabled beyond its time-out, or is stopped while the token is still held. A stopped drive
-            whose token is free raises nothing: no operator uses that drive, and connecting enables nothing.
+            A drive stays enabled beyond its time-out, or is stopped while the token is still held. If the token is
+            free, a stopped drive does not raise it: no operator uses that drive, and connecting enables nothing.
         """
         access, profile, timeout_s = self._access, self._profile, self._timing.operator_timeout_s
         statuswords = [(node, objects.STATUSWORD) for node in profile.drives]
@@ -221,7 +221,7 @@ class StartUp:
     def _check_drives(self, identity: ArmIdentity) -> tuple[int, ...]:
         """Compare the PDOs with the profile and the arm with its description; write the PDOs if the profile says so.
 
-        Returns the joints whose drives do not monitor the operator.
+        Returns the joints whose drives do not monitor the operator's heartbeat.
         """
         access, profile = self._access, self._profile
         if profile.configures_pdos:

@@ -1,9 +1,9 @@
 """Detects drives that leave *operation enabled*, or stop following, without a command from this program.
 
 A drive that trips sends an emergency. A drive that is disabled at the drive itself reports that in its statusword only,
-and the next repeated command would enable it again, although it may have been switched off on purpose. So that drive is
-not enabled again, and all other drives stop as after a trip: in a closed chain they would push against a joint that
-does not follow.
+and the next repeated command would enable it again, although it may have been switched off on purpose. Therefore that
+drive is not enabled again, and all other drives stop as after a trip: in a closed chain they would push against a joint
+that does not follow.
 """
 
 from __future__ import annotations

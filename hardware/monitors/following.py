@@ -37,7 +37,7 @@ class Divergence:
 
 
 class FollowingMonitor:
-    """Compares samples with commands; `windows_counts` limits each joint's distance from target; empty: no check."""
+    """Compares samples with commands; `windows_counts`, if not empty, limits each joint's distance from its target."""
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
         self._windows = tuple(windows_counts)
@@ -50,7 +50,7 @@ class FollowingMonitor:
         self._stretch_syncs = 0
 
     def update(self, sample: Sample, commands: Setpoints | None) -> Divergence | None:
-        """Take in a sample and the commands sent before it; return the divergence of the first such joint, or None."""
+        """Take in a sample and the commands sent before it; return the divergence of the first joint off target, or None."""
         if commands is None:
             return None
         self._stretch_syncs += 1

@@ -30,7 +30,7 @@ SPECIMEN_OFFSET_RAD = float(np.deg2rad(3.0))
 OFFSET_TOLERANCE_RAD = float(np.deg2rad(10.0))
 """Largest difference of offsets with which a file may describe an arm."""
 NEAR_HOME_RAD = float(np.deg2rad(15.0))
-"""Largest difference of a specimen's start pose from that of the nominal files."""
+"""Largest difference of a specimen's start pose from the start pose of the nominal files."""
 RANGE_MARGIN_RAD = float(np.deg2rad(3.0))
 """Smallest distance of the start pose from the ends of the ranges."""
 MAX_DRAWS = 200

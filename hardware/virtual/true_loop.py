@@ -214,7 +214,7 @@ SMALLEST_CROSSING_RAD = float(np.deg2rad(20.0))
 
 # Motion that a `wild` truth must allow, relative to home, without a singularity.
 WILD_DRIVES = [0, 4]
-"""The two drive joints (indices from 0); below, the ranges of their angles, from home, that the arm must cover."""
+"""The two drive joints (indices from 0), which must cover the angles from LOWEST_RAD to HIGHEST_RAD from home."""
 LOWEST_RAD, HIGHEST_RAD = frozen(np.deg2rad([-30.0, -70.0])), frozen(np.deg2rad([48.0, 0.0]))
 ROOM_RAD = frozen(np.deg2rad([72.0] * 5 + [57.0] * 2))
 """Largest distance of each joint from home while the drives cover their ranges."""

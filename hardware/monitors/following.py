@@ -50,7 +50,7 @@ class FollowingMonitor:
         self._stretch_syncs = 0
 
     def update(self, sample: Sample, commands: Setpoints | None) -> Divergence | None:
-        """Take in a sample and the commands sent before it; return the divergence of the first joint off target, or None."""
+        """Take in a sample and the commands before it; return the divergence of the first joint, None if all follow."""
         if commands is None:
             return None
         self._stretch_syncs += 1

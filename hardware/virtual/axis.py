@@ -55,7 +55,7 @@ class AxisSettings:
     max_torque_nm, following_window_counts
         Trip levels of torque (also the rated torque) and of the following error (6065h).
     max_speed_counts_per_s
-        607Fh.
+        Value of 607Fh.
     home_offset_limit_counts
         Largest home offset of a revolute joint, in either direction.
     sensor_kind, full_scale_microdeg, converter_bits

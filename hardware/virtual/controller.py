@@ -1,7 +1,7 @@
 """The virtual controller: drive nodes and supervisor, one control loop, one plant step per SYNC.
 
-One thread receives, steps the plant, answers, monitors the operator's heartbeat and sends those of the nodes; if this
-thread hangs, the nodes' heartbeats stop. A second thread checks parameter documents and writes them to disk.
+One thread receives, steps the plant, answers, monitors the operator's heartbeat and sends the nodes' heartbeats, which
+stop if this thread hangs. A second thread checks parameter documents and writes them to disk.
 
 If operator and arm are in one process, the operator's thread handles the frames while it waits for an answer
 (`VirtualController.attend`), which halves the time. The heartbeat of an operator with the control token is monitored;

@@ -32,7 +32,7 @@ class JointMode(Enum):
 
 
 class DriveState(Enum):
-    """CiA 402 drive states, in the standard's words."""
+    """States of a drive, named as in CiA 402."""
 
     NOT_READY_TO_SWITCH_ON = "not ready to switch on"
     SWITCH_ON_DISABLED = "switch on disabled"
@@ -68,13 +68,13 @@ class ArmIdentity:
     speaks
         Protocol of the arm's nodes, as text for the operator.
     by_hand
-        Whether only a person moves the arm. Then no hardware stop is required, and `ArmInterface.move` waits until the
-        joints have reached their targets.
+        Whether a person, not drives, moves the arm. Then no hardware stop is required, and `ArmInterface.move` waits
+        until the person has moved the joints to their targets.
     unwatching
         Joints whose drives do not report that they monitor the operator's heartbeat.
     configured, zeroed
-        Sentences on what was written into drives. `zeroed` are those on torques and offsets set to 0; a communication
-        reset may not restore the former values.
+        Sentences on all that was written into drives; `zeroed` has only the sentences on torques and offsets set to 0,
+        whose former values a communication reset may not restore.
     keeps_parameters
         Whether a controller stores a parameter document; if not, nothing is uploaded.
     """
@@ -113,7 +113,7 @@ class Fault:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointState:
-    """One joint as latched on the last SYNC it answered, `age_s` ago.
+    """State of one joint, latched on the last SYNC that the joint answered, `age_s` ago.
 
     `mode` is the drive's 6061h; None if it is neither position nor free.
     """
@@ -130,14 +130,14 @@ class JointState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HostLatency:
-    """Latencies of this host above the reporting limit: number, last and longest, s."""
+    """Latencies of this host above the reporting limit: their number, and the last and the longest in s."""
 
     times: int = 0
     last_s: float = 0.0
     longest_s: float = 0.0
 
     def with_event(self, by_s: float, *, new: bool) -> HostLatency:
-        """Return a copy with a `new` latency of `by_s`, or with the last one extended to `by_s`."""
+        """Return a copy with one more latency, of `by_s`, if `new`; otherwise with the last one extended to `by_s`."""
         last_s = by_s if new else max(by_s, self.last_s)
         return HostLatency(
             times=self.times + new, last_s=last_s, longest_s=max(last_s, self.longest_s)
@@ -154,13 +154,13 @@ class ArmSnapshot:
     Attributes
     ----------
     heartbeat_age_s
-        Time since each node's last heartbeat.
+        Time since each node's last heartbeat, by node number.
     token
-        Node in control; 0 if none.
+        Number of the node in control; 0 if none.
     stopped, stopped_for
-        Whether STOP is latched, and why if no person pressed it.
+        Whether STOP is latched; the reason if it was not pressed by a person, otherwise empty.
     late_s
-        Host latency contained in the age of the oldest joint state.
+        Part of the oldest joint state's age that is host latency.
     lateness
         Host latencies since the connection began.
     """
@@ -200,7 +200,7 @@ class Reading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MoveResult:
-    """Result of a move; `reason` is set if it ended before its target."""
+    """Result of a move; `reason` says why it ended if the joints did not reach their targets."""
 
     reached: bool
     reason: str
@@ -210,7 +210,7 @@ class MoveResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UploadReceipt:
-    """Content of the controller after an upload, as read back."""
+    """What the controller holds after an upload, as read back from it."""
 
     slot: str
     sha256: str
@@ -225,11 +225,12 @@ Watch = Callable[[ArmSnapshot], str | None]
 class ArmInterface(Protocol):
     """An arm that can be connected, moved, read and given parameters.
 
-    Calls raise `hardware.errors.HardwareError` only. All but `stop` and `snapshot` come from one thread.
+    Calls raise `hardware.errors.HardwareError` only. Only `stop` and `snapshot` may be called from any thread; all
+    other calls must come from one thread.
     """
 
     def connect(self) -> ArmIdentity:
-        """Find the arm's nodes, check them against the arm file, start heartbeats and SYNC."""
+        """Find the arm's nodes, check that they agree with the arm file, start heartbeats and SYNC."""
 
     def snapshot(self) -> ArmSnapshot:
         """Return the latest state; never blocks."""
@@ -238,7 +239,7 @@ class ArmInterface(Protocol):
         """Take the control token and enable all drives at their current positions."""
 
     def set_modes(self, modes: Sequence[JointMode]) -> None:
-        """Set one mode per joint; return when 6061h of every drive confirms it, or raise an error."""
+        """Set one mode per joint; return when every drive reports its mode (6061h), or raise an error."""
 
     def move(
         self,
@@ -247,10 +248,10 @@ class ArmInterface(Protocol):
         speed_rad_per_s: float,
         watch: Watch | None = None,
     ) -> MoveResult:
-        """Move joints in position mode synchronously and straight in joint space to their targets."""
+        """Move joints in position mode to their targets, in a straight line in joint space; all arrive together."""
 
     def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
-        """Wait until every joint's positions lie within `spread_rad` over `window` SYNCs; false on time-out."""
+        """Wait until each joint's positions at `window` SYNCs span no more than `spread_rad`; false on time-out."""
 
     def capture(self, samples: int) -> Reading:
         """Average `samples` samples, each latched on one SYNC."""
@@ -262,10 +263,10 @@ class ArmInterface(Protocol):
         """Send quick stop to all drives and latch STOP; waits for no lock and no queue."""
 
     def reset_stop(self) -> None:
-        """Clear the latch and drive faults; causes no motion, and the drives stay disabled."""
+        """Clear the STOP latch and the drives' faults; causes no motion, and the drives stay disabled."""
 
     def upload_parameters(self, document: bytes) -> UploadReceipt:
-        """Stage a document, read it back and commit it; the drives may be off.
+        """Stage a parameter document in the controller, read it back and commit it; the drives may be off.
 
         May raise `UploadRefused` with the reason.
         """
@@ -292,6 +293,6 @@ class PowerReporting(Protocol):
 
 @runtime_checkable
 class Recordable(Protocol):
-    """An arm that records its bus to the file `record_to` from the next connection on; no recording if None."""
+    """An arm that, from its next connection on, records its bus to the file `record_to`; None: no recording."""
 
     record_to: Path | None

@@ -13,7 +13,7 @@ class JointScale:
     Attributes
     ----------
     counts_per_rad
-        Encoder: counts per revolution / 2 pi; RVDT: 1 / one bit in rad. Negative if the drive counts backwards.
+        Encoder: counts per turn / 2 pi; RVDT: 1 / (one count in rad). Negative if the drive counts backwards.
     zero_counts
         Count at sensor coordinate 0.
     """
@@ -27,7 +27,7 @@ class JointScale:
 
     @property
     def density(self) -> float:
-        """Counts per radian, positive."""
+        """Counts per radian, without the sign of the counting direction."""
         return abs(self.counts_per_rad)
 
     def counts_of(self, angle_rad: float) -> float:
@@ -82,7 +82,7 @@ class JointDescription:
     lower_rad, upper_rad
         Range in sensor coordinates.
     max_speed_rad_per_s, max_torque_nm
-        Limits of commands, and trip levels.
+        Limits of commands; above them a drive trips.
     sensor
         Sensor that 608Fh and 2100h should report.
     """

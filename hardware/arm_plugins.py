@@ -5,8 +5,8 @@ With an `ArmOffer` named OFFER and the lines::
     [project.entry-points."sarcal.arm"]
     my_arm = "my_package:OFFER"
 
-a package offers an arm that is selected with ``-i my_arm -c CHANNEL``. Interface names of python-can keep their
-meaning.
+a package offers an arm that is selected with ``-i my_arm -c CHANNEL``. If the name is also an interface of python-can,
+that interface is used.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class ArmOrder:
     bitrate
         Bit rate of ``-b``; None if absent.
     record_to
-        File of ``--record``; None if absent.
+        File of ``--record``, to which the bus is recorded; None if absent.
     """
 
     description: ArmDescription
@@ -75,7 +75,7 @@ def offered_names() -> tuple[str, ...]:
 
 
 def offer(name: str) -> ArmOffer | None:
-    """Return the offer with this name, or None; `BusError` if two packages offer it or it cannot be loaded."""
+    """Return the offer with this name, None if there is none; `BusError` if there are two or it cannot be loaded."""
     if name in can.VALID_INTERFACES:
         return None
     points = {(_package(p), p.value): p for p in entry_points(group=GROUP, name=name)}

@@ -67,7 +67,7 @@ def joint_limits(
 def refuse_command(
     joint: int, *, in_control: bool, drive: DriveState, mode: JointMode | None
 ) -> str:
-    """Return why a joint in this state may not get a target, empty if it may; `mode` is its 6061h."""
+    """Return why a joint may not get a target in this drive state and `mode` (6061h); empty if it may."""
     if not in_control:
         return f"joint {joint}: the program that sent this target does not control the arm"
     if drive is not DriveState.OPERATION_ENABLED:
@@ -79,9 +79,9 @@ def refuse_command(
 
 
 def refuse_target(limits: JointLimits, target_counts: float, previous_counts: float) -> str:
-    """Return why a target is refused one control period after the previous one; empty if it is allowed.
+    """Return why a target is refused that is sent one control period after the previous target; empty if allowed.
 
-    A joint outside its range may only move towards it.
+    A joint that is outside its range may only move towards the range.
     """
     if not (math.isfinite(target_counts) and math.isfinite(previous_counts)):
         return f"joint {limits.joint}: the target is not a finite number"
@@ -95,7 +95,7 @@ def refuse_target(limits: JointLimits, target_counts: float, previous_counts: fl
 
 
 def refuse_move(limits: JointLimits, target_counts: float, speed_rad_per_s: float) -> str:
-    """Return why a whole move is refused, empty if it is allowed; its target must be in range."""
+    """Return why a move to this target at this speed is refused, empty if allowed; the target must be in range."""
     if not math.isfinite(target_counts):
         return f"joint {limits.joint}: the target is not a finite number"
     if not math.isfinite(speed_rad_per_s):
@@ -111,7 +111,7 @@ def refuse_move(limits: JointLimits, target_counts: float, speed_rad_per_s: floa
 
 
 def _distance_outside(limits: JointLimits, counts: float) -> float:
-    """Distance of a position from the range; 0 inside."""
+    """Return the distance of a position from the joint's range, counts; 0 if it is in the range."""
     return max(limits.lower_counts - counts, counts - limits.upper_counts, 0.0)
 
 

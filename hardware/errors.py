@@ -10,7 +10,7 @@ from enum import Enum
 class HardwareError(Exception):
     """Base of all errors between the operator and the arm.
 
-    `kept_writes` describes what was written into drives before the error and not undone.
+    `kept_writes`: sentences on what was written into drives before the error and was not undone.
     """
 
     kept_writes: tuple[str, ...] = ()
@@ -32,7 +32,7 @@ class BusSettingsError(BusError):
 
 
 class FramesLost(BusError):
-    """Nodes on the bus do not answer in time; `requests` maps each to its numbers of unanswered and of all requests."""
+    """Nodes on the bus do not answer in time; `requests` maps each node to its (unanswered, total) requests."""
 
     def __init__(self, requests: Mapping[int, tuple[int, int]]) -> None:
         self.requests = dict(requests)
@@ -85,7 +85,7 @@ class ProfileRemedy(Enum):
 
 @dataclass(frozen=True, slots=True)
 class ObjectMismatch:
-    """An object of a node (or one sub-index of it) that differs from what is required."""
+    """An object of a node, or one sub-index of the object, that differs from what is required."""
 
     node: int
     index: int
@@ -96,7 +96,7 @@ class ObjectMismatch:
 
     @property
     def object(self) -> str:
-        """Index as in messages: ``1A00h``."""
+        """Index as written in messages, e.g. ``1A00h``."""
         return f"{self.index:04X}h"
 
     def __str__(self) -> str:
@@ -105,7 +105,7 @@ class ObjectMismatch:
 
 
 class MappingMismatch(HardwareError):
-    """Nodes differ from the profile; `differences` are sentences, also on nodes that do not answer."""
+    """Nodes differ from the profile; `differences`: one text for each difference and each node that does not answer."""
 
     def __init__(self, differences: Sequence[ObjectMismatch], silent: Sequence[str] = ()) -> None:
         self.found = tuple(differences)
@@ -118,7 +118,7 @@ class MappingMismatch(HardwareError):
 
 
 class MappingChanged(HardwareError):
-    """The set-up of nodes was changed during the connection; `differs` are the differences now."""
+    """The set-up of nodes was changed during the connection; `differs` contains the present differences."""
 
     def __init__(self, differs: MappingMismatch) -> None:
         self.differs = differs
@@ -191,7 +191,7 @@ class SdoRefused(HardwareError):
 
 
 class ControlDenied(HardwareError):
-    """Another node (`holder`) is in control, or (0) control was not granted; `reason` is the supervisor's."""
+    """Node `holder` is in control or, if `holder` is 0, the supervisor refused control and gave `reason`."""
 
     def __init__(self, holder: int, reason: str = "") -> None:
         self.holder = holder
@@ -298,7 +298,7 @@ class OtherMaster(HardwareError):
 
 
 class ArmInUse(OtherMaster):
-    """The arm's drives are enabled by another program, which was not heard for `listened_s`."""
+    """Another program has enabled the arm's drives, but no operator's heartbeat was heard during `listened_s`."""
 
     def __init__(self, enabled: Sequence[str], listened_s: float) -> None:
         self.enabled, self.listened_s = tuple(enabled), listened_s

@@ -1,7 +1,7 @@
 """Text lines from an instrument: over TCP, from standard input, or from a growing file.
 
-Each measurement starts with a question to the instrument. Lines received before it belong to another pose and are
-discarded. Over TCP the question is sent as a line; an instrument may ignore it.
+Each measurement starts with a question to the instrument. Lines received before the question belong to another pose
+and are discarded. Over TCP the question is sent as a line; an instrument may ignore it.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from typing import BinaryIO
 from hardware.errors import InstrumentError
 
 END_S = 3.0
-"""Time-out for the reader to end."""
+"""Time-out for the reading thread to end."""
 LONGEST = 64 * 1024
 """Maximum length of a line, bytes."""
 CHUNK_BYTES = 64 * 1024
 """Bytes read at once."""
 KEPT_BYTES = 1024 * 1024
-"""Bytes buffered; older ones are dropped."""
+"""Most bytes that are buffered; if more arrive unread, all are dropped."""
 IN_TRANSIT = 16 * 1024 * 1024
-"""More bytes than a connection can buffer: any that follow were sent after the question."""
+"""More bytes than a connection can buffer: bytes beyond these were sent after the question."""
 
 
 class LineStream:
@@ -44,7 +44,7 @@ class LineStream:
         self._unended = 0
         self._skipping = False
         self._ended = False
-        # Reads the descriptor: a lock on sys.stdin held at exit would abort the interpreter.
+        # The thread reads the descriptor: if it held the lock of sys.stdin at exit, the interpreter would abort.
         self._reader = threading.Thread(target=self._read, name="sarcal-lines", daemon=True)
         self._reader.start()
 
@@ -57,7 +57,7 @@ class LineStream:
             self._drop()
 
     def line(self, wait_s: float, name: str) -> str | None:
-        """Return the next whole line; None on time-out; `EOFError` with the last line at the end."""
+        """Return the next whole line; None on time-out; at the end, `EOFError` whose text is the last line dropped."""
         with self._news:
             self._news.wait_for(
                 lambda: self._ended or self._unended >= LONGEST or b"\n" in self._came, wait_s
@@ -72,7 +72,7 @@ class LineStream:
             return None
 
     def end(self, connection: socket.socket) -> None:
-        """End the reader and close the connection."""
+        """End the reading thread and close the connection."""
         self._ended = True
         with contextlib.suppress(OSError):  # the other end hung up first
             connection.shutdown(socket.SHUT_RDWR)
@@ -124,7 +124,7 @@ class LineStream:
 
 
 def require_short(length: int, name: str) -> None:
-    """Raise `InstrumentError` if `length` characters came from the port `name` without an end of line."""
+    """Raise `InstrumentError` if port `name` sent `LONGEST` or more bytes (`length`) without an end of line."""
     if length >= LONGEST:
         raise InstrumentError(
             f"{name} sends no lines: {length} characters without an end of line. It must send one JSON "
@@ -172,17 +172,17 @@ class CalledLines(LinePort):
         self._answer: str | None = None
 
     def ask(self, question: str) -> None:
-        """Call the function."""
+        """Call the function with the question; `line` returns the answer."""
         self._answer = self._function(question)
 
     def line(self, wait_s: float) -> str | None:
-        """Return the answer, once."""
+        """Return the answer to the last question; None if it was returned before."""
         answer, self._answer = self._answer, None
         return answer
 
 
 class TcpLines(LinePort):
-    """A program that listens at `host`:`port` and sends lines, with or without questions."""
+    """A program that listens at `host`:`port` and sends lines, either when asked or on its own."""
 
     def __init__(self, host: str, port: int) -> None:
         super().__init__(f"tcp:{host}:{port}")
@@ -205,7 +205,7 @@ class TcpLines(LinePort):
         return ""
 
     def ask(self, question: str) -> None:
-        """Discard earlier lines, send the question."""
+        """Discard earlier lines and send the question as a line."""
         if self._socket is None or self._stream is None:
             raise self._gone()
         self._stream.forget()
@@ -213,7 +213,7 @@ class TcpLines(LinePort):
             self._socket.sendall(question.encode() + b"\n")
 
     def line(self, wait_s: float) -> str | None:
-        """Return the next line."""
+        """Return the next line; None if there is none within `wait_s`."""
         if self._stream is None:
             raise self._gone()
         try:
@@ -237,7 +237,7 @@ class TcpLines(LinePort):
 
 
 class StdinLines(LinePort):
-    """Lines that another program writes to this program's standard input; the reader ends with this program."""
+    """Lines that another program writes to this program's standard input; the reading thread ends with this program."""
 
     def __init__(self, descriptor: int = 0) -> None:
         super().__init__("stdin")
@@ -245,7 +245,7 @@ class StdinLines(LinePort):
 
     @cached_property
     def _stream(self) -> LineStream:
-        """The reader, started on first use."""
+        """The line reader; its thread starts on first use."""
         return LineStream(self._descriptor)
 
     def open(self) -> str:
@@ -254,11 +254,11 @@ class StdinLines(LinePort):
         return ""
 
     def ask(self, question: str) -> None:
-        """Discard earlier lines."""
+        """Discard earlier lines; the question is not sent, since standard input cannot carry it."""
         self._stream.forget()
 
     def line(self, wait_s: float) -> str | None:
-        """Return the next line."""
+        """Return the next line; None if there is none within `wait_s`."""
         try:
             return self._stream.line(wait_s, self.name)
         except EOFError:
@@ -277,7 +277,7 @@ class GrowingFile(LinePort):
         self._skip_next = False
 
     def open(self) -> str:
-        """Return the heading."""
+        """Return the heading line; `InstrumentError` if it is not complete yet."""
         with self._open_regular_file() as file:
             heading = file.readline(LONGEST)
         if not heading.endswith(b"\n"):
@@ -288,7 +288,7 @@ class GrowingFile(LinePort):
         return heading.decode(errors="replace").strip("\r\n\ufeff")
 
     def ask(self, question: str) -> None:
-        """Start from the current end of the file; skip an incomplete row."""
+        """Have `line` read from the present end of the file on; if a row is incomplete there, it will be skipped."""
         self._at = self._size()
         self._skip_next = False
         if self._at:
@@ -297,7 +297,7 @@ class GrowingFile(LinePort):
                 self._skip_next = file.read(1) != b"\n"
 
     def line(self, wait_s: float) -> str | None:
-        """Return the next whole row."""
+        """Return the next whole row; None if there is none within `wait_s`."""
         until_s = time.monotonic() + wait_s
         while True:
             if row := self._next():
@@ -325,7 +325,7 @@ class GrowingFile(LinePort):
 
     @contextmanager
     def _open_regular_file(self) -> Iterator[BinaryIO]:
-        """Open a regular file; a pipe could block, and cannot be read again."""
+        """Open the file; `InstrumentError` unless it is a regular file: a pipe could block and cannot be read again."""
         try:
             descriptor = os.open(self._path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
             with os.fdopen(descriptor, "rb") as file:

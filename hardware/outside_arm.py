@@ -1,7 +1,7 @@
 """Wraps an arm of another package with this program's limits, STOP latch and error messages.
 
-Commands that the limits refuse do not reach the arm, nothing moves while STOP is latched, a STOP pressed during a
-command is sent again after it, and exceptions and invalid readings become errors that name the package.
+Commands that the limits refuse do not reach the arm, and nothing moves while STOP is latched. A STOP pressed during a
+command is sent again after the command. Exceptions and invalid readings become errors that name the package.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from hardware.monitors.admission import admit_move
 
 
 class OutsideArm:
-    """An `ArmInterface` that wraps the one returned by `make`, which is called at `connect`.
+    """An `ArmInterface` that wraps the arm returned by `make`, which `connect` calls.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class OutsideArm:
     keeps_parameters
         Whether the arm stores a parameter document, according to its `ArmOffer`.
     record_to
-        File to record the next connection to; None for none.
+        File to record the next connection to; None: no recording.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class OutsideArm:
         )
 
     def connect(self) -> ArmIdentity:
-        """Make the arm, connect it and compare its joints with the arm file; an error closes it again."""
+        """Make the arm, connect it and compare its joints with the arm file; on an error, close the arm again."""
         if self._arm is not None:
             raise ValueError("this arm is connected already")
         with self._translated_errors():
@@ -100,7 +100,7 @@ class OutsideArm:
         return replace(identity, keeps_parameters=self._keeps_parameters)
 
     def close(self) -> bool:
-        """Hold the arm, switch the drives off; false if it did not answer. May be called twice and from any thread."""
+        """Close the arm; false if that failed or a drive may follow commands. May be called twice, by any thread."""
         with self._close_lock:
             arm = self._arm
             if arm is None or self._closing:  # closing: re-entered by the closing thread
@@ -112,7 +112,7 @@ class OutsideArm:
             except HardwareError:
                 pass
             finally:
-                # Last: STOP needs the arm until now.
+                # Not before: STOP needs the arm until it is closed.
                 self._arm, self._in_control, self._closing = None, False, False
             return self._left_held
 
@@ -150,7 +150,7 @@ class OutsideArm:
         speed_rad_per_s: float,
         watch: Watch | None = None,
     ) -> MoveResult:
-        """Move; raises `CommandRefused` before the arm gets the command if a limit forbids it."""
+        """Move to the targets; if a limit forbids it, raise `CommandRefused` and send nothing to the arm."""
         self._require_no_stop()
         joints = self._checked_snapshot(self._connected).joints
         admit_move(
@@ -165,7 +165,7 @@ class OutsideArm:
 
         def watching(snapshot: ArmSnapshot) -> str | None:
             if self._latch.latched:
-                self._connected.stop()  # the move may have begun after the first one
+                self._connected.stop()  # the move may have begun after the first STOP
                 return "STOP"
             try:
                 return None if watch is None else watch(snapshot)
@@ -179,7 +179,7 @@ class OutsideArm:
             )
 
     def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
-        """Wait until every joint's positions lie within `spread_rad` over `window` samples."""
+        """Wait until each joint's positions in `window` samples span no more than `spread_rad`; false on time-out."""
         if len(spread_rad) != len(self._limits) or window < 1:
             raise ValueError("settling needs one spread per joint and a window of at least 1")
         with self._translated_errors():
@@ -264,7 +264,7 @@ class OutsideArm:
 
     @contextmanager
     def _repeated_stop(self) -> Iterator[None]:
-        """After a command during which STOP was pressed, send STOP again and raise: the command may have undone it."""
+        """If STOP is pressed during a command, send STOP once more, as the command may undo it; raise `StopLatched`."""
         try:
             yield
         finally:
@@ -279,7 +279,7 @@ class OutsideArm:
 
     @contextmanager
     def _translated_errors(self, own: Sequence[BaseException] = ()) -> Iterator[None]:
-        """Pass on `HardwareError` and the errors in `own`; raise other errors of the arm as `BusError`."""
+        """Pass on `HardwareError` and the errors in `own`; turn all other exceptions into `BusError`."""
         try:
             yield
         except HardwareError:

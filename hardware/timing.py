@@ -1,7 +1,7 @@
 """Timing of the cyclic traffic: pace, time-outs, host latency, real-time scheduling of the process.
 
-`REAL_TIME`: a SYNC every control period. `FAST_FORWARD`: SYNCs only while steps run, each as soon as all joints
-have answered the one before; a run on a seeded virtual arm is then reproducible.
+`REAL_TIME`: a SYNC every control period. `FAST_FORWARD`: SYNCs only while a motion step runs, each as soon as all
+joints have answered the previous SYNC; a run on a seeded virtual arm is then reproducible.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from hardware.canopen.objects import CONTROL_PERIOD_S, HEARTBEAT_PERIOD_S
 
 
 class Pace(Enum):
-    """When the next SYNC is sent."""
+    """Rule for when the next SYNC is sent (see the module)."""
 
     REAL_TIME = "real time"
     FAST_FORWARD = "fast forward"
@@ -36,13 +36,13 @@ class Timing:
     boot_timeout_s
         Time-out for a node to boot, and to start.
     operator_timeout_s
-        Silence after which another operator counts as gone, for nodes that do not state their time-out.
+        Shortest silence after which another operator counts as gone; longer if a node states a longer time-out.
     upload_retry_s
         Pause between attempts to upload; a lapsed token is granted again after the next heartbeat (100 ms).
     answer_timeouts_s
-        Time-out of a joint's answer to SYNC; longer in fast forward, where simulated time stands still meanwhile.
+        Time-out of a joint's answer to SYNC, by pace; longer in fast forward: simulated time stands still meanwhile.
     min_misses, lost_after_s
-        A joint is lost after this many consecutive misses and this length of silence; until then a move waits.
+        A joint is lost after this many consecutive unanswered SYNCs and this silence; until then a move waits.
     idle_poll_s
         First wait for a task when the loop is idle; later waits are longer.
     speed
@@ -75,16 +75,16 @@ class Timing:
 
 
 PRIORITY: Final = 1
-"""The lowest real-time priority: above all ordinary programs, below other real-time ones."""
+"""The lowest real-time priority: above all ordinary programs, below other real-time programs."""
 
 LOOP_PRIORITY: Final = 2
-"""Priority of the loops, which compute little; threads of equal priority wait up to 0.1 s for each other. The rest
-of the program is real-time too, since the thread that holds the interpreter blocks the loop."""
+"""Priority of the loops' threads, which compute little; threads of equal priority wait up to 0.1 s for each other. The
+program's other threads are real-time too, since the thread that holds the interpreter blocks the loop."""
 
 
 @contextmanager
 def real_time_priority() -> Iterator[None]:
-    """Give this thread and those it starts real-time scheduling; no change if that is not allowed.
+    """Context in which this thread, and threads it starts, have real-time scheduling; no change if it is not allowed.
 
     Niceness is not enough: Linux shares the processor between terminal sessions (autogroup), so a low-priority (niced)
     program in another session still gets as much time as the program that moves the arm. Root may use real-time
@@ -107,7 +107,7 @@ def real_time_priority() -> Iterator[None]:
 
 
 def raise_loop_priority() -> None:
-    """Give this thread priority over all others of its program, if the program has real-time scheduling."""
+    """Give this thread priority over the program's other threads, if this thread has real-time scheduling."""
     if sys.platform == "linux" and os.sched_getscheduler(0) == os.SCHED_RR:
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(LOOP_PRIORITY))
@@ -120,7 +120,7 @@ def normal_priority() -> None:
 
 
 MAX_POLL_GAP_S = 0.1
-"""Longest time between two polls of the bus that is not host latency: the loop's longest wait plus scheduling."""
+"""Longest time between two polls that does not count as host latency: the loop's longest wait, plus scheduling."""
 REPORTED_S = 0.3
 """Smallest latency that is reported; drives trip after 0.5 s without the operator's heartbeat."""
 
@@ -128,17 +128,17 @@ REPORTED_S = 0.3
 class LatencyMonitor:
     """Accumulates host latency; the receiving thread calls it for every poll of the bus.
 
-    On a busy computer the receiving thread may be suspended for a second while frames wait in a queue. Silences exclude
-    that time, and a frame's age counts from its arrival: the difference between its stamp and now on the stamping
-    clock. Since the stamping clock may be set, no frame counts as older than the last moment at which the queue was
-    empty; without a usable stamp it counts as arrived when it is read.
+    On a busy computer the receiving thread may be suspended for a second while frames wait in a queue. That time does
+    not count as silence of the arm, and a frame's age counts from its arrival, as stamped on the stamping clock. Since
+    that clock may be set, no frame counts as older than the last moment at which the queue was empty. A frame without
+    a usable stamp counts as having arrived when it is read.
 
     Parameters
     ----------
     clock
-        Monotonic time, s.
+        Function that returns monotonic time, s.
     stamps
-        Clock that stamps frames; None if it is not a clock of this computer.
+        Function that returns the time (s) of the clock that stamps frames; None if that is no clock of this computer.
     arm_waits
         Whether the arm's time stands still while the host is busy (`Pace.FAST_FORWARD`), so that there is no latency.
     """
@@ -162,7 +162,7 @@ class LatencyMonitor:
         self._late_now = False
 
     def frame_read(self, stamp_s: float = 0.0) -> float:
-        """Record that a frame was read now; return how long it had waited, s. A stamp of 0 means no stamp."""
+        """Record that a frame was read now; return how long it waited to be read, s. A stamp of 0 means no stamp."""
         now = self._clock()
         waited_s = 0.0
         if self._stamps is not None and stamp_s:
@@ -171,7 +171,7 @@ class LatencyMonitor:
         return waited_s
 
     def queue_empty(self, polled_at_s: float) -> None:
-        """Record that a poll begun at `polled_at_s` found no frame within its wait."""
+        """Record that a poll that began at `polled_at_s` found no frame until it timed out."""
         self._note(self._clock(), 0.0)
         self._queue_empty_at_s = polled_at_s
         self._late_now = False

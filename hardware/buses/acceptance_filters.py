@@ -1,7 +1,7 @@
 """Acceptance filters of both ends of an arm's bus.
 
-Adapters, kernels and the loopback bus drop frames that no filter passes before these wake a process. Where none of
-these can filter, every frame is received, and unknown ones are ignored.
+Adapters, kernels and the loopback bus drop frames that no filter passes, so that such frames wake no process. Where
+nothing can filter, every frame is received, and unknown frames are ignored.
 """
 
 from __future__ import annotations
@@ -21,13 +21,12 @@ _FUNCTION_CODE = 0x780
 
 
 def set_hardware_filters(bus: can.BusABC, filters: list[CanFilter]) -> None:
-    """Set filters on a bus whose adapter or kernel applies them; other buses get none.
+    """Set filters on a bus whose adapter or kernel applies them, and on the in-process bus; other buses get none.
 
-    python-can's own software filter is not used: its non-waiting `recv` returns None for a dropped frame, so a
-    reader that empties the queue would stop while answers are left. The in-process bus has no such readers.
-
-    Adapters with room for fewer filters (Kvaser, SYSTEC and Vector have room for one) fall back to python-can's filter,
-    which `_is_filtered` then shows. The filters of such adapters are removed again.
+    python-can's own software filter is used on the in-process bus only: its non-waiting `recv` returns None for a
+    dropped frame, so a reader that empties the queue would stop while answers are left (the in-process bus has no
+    such readers). Adapters with room for fewer filters (Kvaser, SYSTEC and Vector: one) fall back to python-can's
+    filter, as `_is_filtered` then shows; their filters are removed again.
     """
     if isinstance(bus, VirtualBus):
         bus.set_filters(filters)
@@ -57,7 +56,7 @@ def operator_filters(profile: BusProfile) -> list[CanFilter]:
 
 
 def controller_filters(joints: int) -> list[CanFilter]:
-    """Return the filters of the arm's end: commands, and heartbeats of all nodes that may hold the token."""
+    """Return the filters of the arm's end: commands, and heartbeats of all nodes, as any may hold the token."""
     return [
         _single(objects.COB_SYNC),
         *(
@@ -77,7 +76,7 @@ def _nodes_of(profile: BusProfile, base: int) -> Iterator[CanFilter]:
 
 
 def _covering(identifiers: Iterable[int]) -> CanFilter:
-    """Return one filter that passes all of these identifiers, and possibly others."""
+    """Return one filter that passes all `identifiers` and possibly some others."""
     first, *others = identifiers
     differing = functools.reduce(lambda bits, other: bits | (first ^ other), others, 0)
     mask = _ALL_BITS & ~((1 << differing.bit_length()) - 1)

@@ -3,8 +3,8 @@
 python-can finds it as interface ``loopback`` through the entry point group ``can.interface``. Nothing leaves the
 machine: datagrams use the loopback interface alone, with a time-to-live of 0.
 
-A channel is any name, hashed to a multicast group and, because names may share a group, to a tag in every
-datagram. Classic frames only: CANopen has no others.
+A channel may have any name, which is hashed to a multicast group and, because names may share a group, to a tag in
+every datagram. Only classic frames are supported: CANopen uses no others.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def channel_group(channel: str) -> str:
 
 
 def encode_frame(message: can.Message, tag: bytes) -> bytes:
-    """Return the datagram of a frame on the channel with this tag."""
+    """Return the datagram that carries a frame on the channel with this tag."""
     flags = (
         _EXTENDED * message.is_extended_id
         | _REMOTE * message.is_remote_frame
@@ -72,7 +72,7 @@ def encode_frame(message: can.Message, tag: bytes) -> bytes:
 
 
 def decode_frame(datagram: bytes, tag: bytes) -> can.Message | None:
-    """Return the frame in a datagram; None if it is no valid frame of this channel."""
+    """Return the frame in a datagram; None if the datagram holds no valid frame of the channel with this tag."""
     if len(datagram) < _HEADER.size:
         return None
     magic, its_tag, flags, length, arbitration_id = _HEADER.unpack_from(datagram)
@@ -96,10 +96,10 @@ def decode_frame(datagram: bytes, tag: bytes) -> can.Message | None:
 
 
 def filter_program(filters: CanFilters) -> bytes:
-    """Return a classic BPF program (struct sock_filter, Linux) that passes datagrams whose frame a filter matches.
+    """Return a classic BPF program (struct sock_filter, Linux) that passes frames that match at least one filter.
 
-    python-can's rule: ``identifier & mask == id & mask``, and the identifier length (11 or 29 bits) if the filter
-    states it.
+    A frame matches by python-can's rule: ``identifier & mask == id & mask``, and the same identifier length (11 or 29
+    bits) if the filter states one.
     """
     code = list[bytes]()
     for can_filter in filters:
@@ -129,7 +129,7 @@ class LoopbackBus(can.BusABC):
     receive_own_messages
         Also deliver this bus object's own frames to itself, with ``is_rx`` false.
     send_only
-        Receive nothing, so that no queue fills behind a handle that only sends.
+        Receive nothing, so that no queue of unread frames fills for a handle that only sends.
     can_filters
         As in python-can; on Linux the kernel applies them.
 
@@ -190,7 +190,7 @@ class LoopbackBus(can.BusABC):
             ) from error
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        """Receive a frame; None after `timeout` s, or for a datagram that is not delivered."""
+        """Receive a frame; None after `timeout` s, or if the datagram received is not for this bus object."""
         self._check_open()
         try:
             try:
@@ -219,7 +219,7 @@ class LoopbackBus(can.BusABC):
         return message, False
 
     def _apply_filters(self, filters: CanFilters | None) -> None:
-        """Let the kernel filter, or python-can if the kernel cannot."""
+        """Have the kernel filter; if it cannot, python-can does."""
         self._is_filtered = False  # read by python-can
         if not _IS_LINUX:
             return
@@ -234,7 +234,7 @@ class LoopbackBus(can.BusABC):
             self._is_filtered = True
 
     def fileno(self) -> int:
-        """Descriptor that becomes readable when a frame has arrived; -1 when shut down."""
+        """Return the descriptor that becomes readable when a frame has arrived; -1 after shutdown."""
         return self._receiver.fileno()
 
     def shutdown(self) -> None:
@@ -262,7 +262,7 @@ def _arrival_s(ancillary: list[tuple[int, int, bytes]]) -> float:
 
 
 def _sending_socket() -> socket.socket:
-    """Open a socket whose port identifies the frames of one bus object."""
+    """Open a socket to send from; its port tells which bus object sent a frame."""
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         made.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(HOST))
@@ -277,7 +277,7 @@ def _sending_socket() -> socket.socket:
 
 
 def enlarge_receive_buffer(receiver: socket.socket) -> None:
-    """Enlarge the kernel's queue of unread frames; as root, beyond net.core.rmem_max."""
+    """Enlarge the kernel's queue of unread frames; only root can exceed net.core.rmem_max."""
     receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
     if _IS_LINUX:
         with contextlib.suppress(PermissionError):
@@ -285,7 +285,7 @@ def enlarge_receive_buffer(receiver: socket.socket) -> None:
 
 
 def _receiving_socket(group: str | None) -> socket.socket:
-    """Open a socket that receives `group` on the loopback interface only; nothing if `group` is None."""
+    """Open a socket that receives `group` on the loopback interface only, or that receives nothing if None."""
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         made.setblocking(False)
@@ -298,7 +298,7 @@ def _receiving_socket(group: str | None) -> socket.socket:
         enlarge_receive_buffer(made)
         if _IS_LINUX:
             made.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
-            # Without this a socket also hears groups that other programs joined elsewhere.
+            # Otherwise the socket would also receive groups that other programs joined on other interfaces.
             made.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
         made.bind((group, MULTICAST_PORT))
         membership = socket.inet_aton(group) + socket.inet_aton(HOST)

@@ -35,7 +35,7 @@ for _library in ("can", "canopen"):
 
 DEFAULT_INTERFACE = "virtual"
 _SERIAL = frozenset({"slcan", "serial", "robotell", "seeedstudio"})
-"""Adapters on a serial line: opening a second handle, or closing it, closes the first as well."""
+"""Adapters on a serial line: opening or closing a second handle closes the first handle as well."""
 _HOST_STAMPED = frozenset({"socketcan", "loopback", "udp_multicast", "virtual"})
 """Interfaces whose frames this computer stamps on arrival, with its time of day."""
 _OWN_CHANNEL = frozenset({"virtual", "loopback"})
@@ -59,7 +59,7 @@ class BusSettings:
     options
         Other options from ``can.conf`` or ``CAN_CONFIG``, passed to python-can.
     named_in
-        File that named the interface, for error messages; empty if none did.
+        File that names the interface, for error messages; empty if no file does.
     """
 
     interface: str = DEFAULT_INTERFACE
@@ -73,7 +73,7 @@ class BusSettings:
 
 
 def known_interfaces() -> tuple[str, ...]:
-    """Return the valid interface names: python-can's, this project's, and arms of installed packages."""
+    """Return the valid interface names: those of python-can, this project and the arms of installed packages."""
     return tuple(sorted({*can.VALID_INTERFACES, *_OWN_CHANNEL, *offered_names()}))
 
 
@@ -84,7 +84,7 @@ def bus_settings(
     *,
     otherwise: BusSettings | None = None,
 ) -> BusSettings:
-    """Return settings from options, the environment and ``can.conf``; `otherwise` if none names an interface.
+    """Return settings from options, the environment and ``can.conf``; if none names an interface, use `otherwise`.
 
     Raises `BusSettingsError` for an unknown interface, an invalid bitrate or a missing channel.
     """
@@ -272,7 +272,7 @@ class _VirtualSender(virtual.VirtualBus):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusOpeners:
-    """Functions that open the two handles on a bus."""
+    """Functions that open the two handles on a bus: the main one, and the one that sends STOP."""
 
     main: Callable[[BusSettings], can.BusABC] = open_bus
     stop: Callable[[BusSettings], can.BusABC] = open_sender

@@ -1,4 +1,4 @@
-"""One bus handle shared by threads; recording of a bus to a file, also while another program uses the bus."""
+"""A bus handle that threads share; records a bus to a file, also while another program uses the bus."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from hardware.canopen.objects import CONTROL_PERIOD_S
 from hardware.errors import BusError
 
 REORDER_S: Final = 0.5
-"""Longest delay of a frame that is still written in order."""
+"""Longest delay with which a frame may arrive and still be written in order."""
 _WRITE_ERRORS = (OSError, ValueError, struct.error)
 
 
 class Recording:
-    """Writes frames to a file in bus order; safe from any thread.
+    """Writes frames to a file in the order of their time stamps; any thread may call.
 
-    Sent frames are stamped when sent, but received ones may wait in a queue, so all are held back for `REORDER_S`.
+    A received frame may have waited in a queue, so each frame is held back until `REORDER_S` after its stamp.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Recording:
         self._noted.append(message)
 
     def record(self, message: can.Message) -> None:
-        """Record a frame, and those queued by `note`."""
+        """Record a frame and the frames queued by `note`."""
         with self._lock:
             if self._writer is None:
                 return
@@ -120,7 +120,7 @@ class Recording:
 
 
 def _unused(path: Path) -> Path:
-    """Return this path, or if it exists the path with the first free number added."""
+    """Return `path` if no such file exists, otherwise `path` with the first free number added."""
     candidate, k = path, 2
     while os.path.lexists(candidate):
         candidate, k = path.with_name(f"{path.stem}-{k}{path.suffix}"), k + 1
@@ -143,9 +143,9 @@ def queue_is_full(error: BaseException) -> bool:
 
 
 class Frame(can.Message):
-    """A frame that nobody changes after sending, so that receivers in this process may share its data.
+    """A frame that is not changed after it was sent, so that receivers in this process may share its data.
 
-    python-can's virtual bus makes deep copies, which took a sixth of the processor time of a simulated calibration.
+    python-can's virtual bus copies frames deeply, which took a sixth of a simulated calibration's processor time.
     """
 
     __slots__ = ()
@@ -155,7 +155,7 @@ class Frame(can.Message):
 
 
 class SharedBus:
-    """Sends from any thread, receives in one, and records every frame if asked to.
+    """Sends from any thread, receives in one thread, and records every frame if `record_to` is given.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ class SharedBus:
     record_to
         File to record to, see `Recording`.
     send_timeout_s
-        How long sending is retried while the transmit queue is full.
+        Time for which sending is retried while the transmit queue is full.
 
     Attributes
     ----------
@@ -196,7 +196,7 @@ class SharedBus:
         message = Frame(arbitration_id=identifier, data=data, is_extended_id=False)
         try:
             with self._send_lock:
-                message.timestamp = time.time()  # before sending, so that it precedes the answer's
+                message.timestamp = time.time()  # before sending: earlier than the answer's stamp
                 self._send_with_retries(message)
         except (can.CanError, OSError) as error:
             raise BusError(
@@ -236,7 +236,7 @@ class SharedBus:
             raise BusError(f"The bus no longer takes frames: {error}.") from error
 
     def note_sent(self, message: can.Message) -> None:
-        """Record a frame that was sent by another handle, with its own time stamp; never blocks."""
+        """Record a frame that was sent through another handle and carries a time stamp; never blocks."""
         if self._recording is not None:
             message.is_rx = False
             self._recording.note(message)
@@ -271,9 +271,9 @@ class SharedBus:
 
 @contextmanager
 def record_bus(settings: BusSettings, path: Path) -> Iterator[Callable[[], str | None]]:
-    """Context in which a bus is recorded, through a handle and a thread of its own.
+    """Context in which a separate thread records the bus through a handle of its own.
 
-    Yields a function that returns why recording ended early, None if it did not. Raises `BusError` if the bus cannot
+    Yields a function that returns why recording ended early, or None if it did not. Raises `BusError` if the bus cannot
     be opened a second time, or the file cannot be created.
     """
     bus = SharedBus(open_bus(settings), record_to=path)

@@ -24,7 +24,7 @@ FEEDBACK_OBJECTS: Final = (objects.STATUSWORD, objects.POSITION_ACTUAL, objects.
 ZERO_OBJECTS: Final = frozenset({0x6071, 0x60B0, 0x60B1, 0x60B2, 0x60FF, *range(0x0001, 0x0020)})
 """Further objects allowed in an RPDO, always sent as 0: target torque, velocity, offsets, dummy entries."""
 FIELD_BITS: Final = (8, 16, 32, 64)
-"""Allowed widths of the objects above; other mapped objects may have any whole number of bytes."""
+"""Allowed widths in bits of command and feedback objects; other mapped objects may have any whole number of bytes."""
 MAX_HEARTBEAT_MS: Final = 10_000
 """Upper bound of `slowest_heartbeat_ms` in any profile."""
 DEFAULT_HEARTBEAT_LIMIT_MS: Final = 1000
@@ -86,7 +86,7 @@ class BusProfile:
     mode_codes
         Value of 6060h for each joint mode.
     configures_pdos
-        Whether PDOs that differ are rewritten in the drives at every connection; otherwise the drives are refused.
+        Whether a drive's PDOs that differ are rewritten at every connection; if not, such a drive is refused.
     compared
         Objects that are compared with the arm file.
     slowest_heartbeat_ms
@@ -126,7 +126,7 @@ class BusProfile:
         return {node: joint for joint, node in enumerate(self.drives, 1)}
 
     def is_drive(self, device_type: int) -> bool:
-        """Whether this value of 1000h is that of a supported drive."""
+        """Whether a node with this value of 1000h is a supported drive."""
         return device_type & self.device_type_mask == self.device_type & self.device_type_mask
 
     def mode_of(self, code: int) -> JointMode | None:
@@ -134,7 +134,7 @@ class BusProfile:
         return next((mode for mode, known in self.mode_codes.items() if known == code), None)
 
     def who(self, node: int) -> str:
-        """Return the name of a node for messages: joint and node number."""
+        """Return the name of a node for messages, e.g. ``joint 1 (node 1)``."""
         joint = self.joint_of.get(node)
         return f"node {node}" if joint is None else f"joint {joint} (node {node})"
 

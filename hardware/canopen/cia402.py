@@ -1,11 +1,11 @@
 """The CiA 402 drive state machine as pure functions, for the drive and for its operator.
 
-Drive side: state and controlword (or event) to state, state to statusword. Operator side: statusword
-and target state to the next controlword. After quick stop (605Ah = 6) a drive holds in *quick stop active*.
+For the drive, they return the next state after a controlword or event, and the statusword of a state; for the operator,
+the next controlword on the way to a target state. After quick stop (605Ah = 6) a drive holds in *quick stop active*.
 
 Two choices make a delayed frame harmless. Transition 16 (*quick stop active* to *operation enabled*) is not
-implemented: the standard advises against it, and a command sent before STOP could restart the arm. A fault
-is reset by the rising edge of bit 7 only.
+implemented: the standard advises against it, and a command sent before STOP could restart the arm. Only a rising edge
+of bit 7 resets a fault.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class ControlBit(IntEnum):
 
 
 class StatusBit(IntEnum):
-    """Bits of 6041h other than those that code the state."""
+    """Bits of 6041h other than the bits that code the state."""
 
     VOLTAGE_ENABLED = 1 << 4
     WARNING = 1 << 7
@@ -139,7 +139,7 @@ def command_of(controlword: int) -> Command:
 
 
 def after_controlword(state: DriveState, controlword: int, previous: int) -> DriveState:
-    """Return the state after a controlword; `previous` is the one before, for the edge of bit 7 (fault reset)."""
+    """Return the state after a controlword; `previous`, the last controlword, shows the edge of bit 7 (fault reset)."""
     if controlword & ControlBit.FAULT_RESET:
         edge = not previous & ControlBit.FAULT_RESET
         return _S.SWITCH_ON_DISABLED if state is _S.FAULT and edge else state
@@ -147,7 +147,7 @@ def after_controlword(state: DriveState, controlword: int, previous: int) -> Dri
 
 
 def raises_power(before: DriveState, after: DriveState) -> bool:
-    """Whether a transition is a step towards *operation enabled*; only those need the control token."""
+    """Whether a transition is a step towards *operation enabled*; only such steps need the control token."""
     ladder = (_S.SWITCH_ON_DISABLED, _S.READY_TO_SWITCH_ON, _S.SWITCHED_ON, _S.OPERATION_ENABLED)
     return before in ladder and after in ladder and ladder.index(after) > ladder.index(before)
 
@@ -190,7 +190,7 @@ def _decoded(status: int) -> DriveState | None:
 
 
 def reached(state: DriveState, target: TargetState) -> bool:
-    """Whether a drive in `state` fulfils the request."""
+    """Whether a drive in `state` fulfils the request `target`."""
     match target:
         case TargetState.ENABLED:
             return state is _S.OPERATION_ENABLED
@@ -201,10 +201,10 @@ def reached(state: DriveState, target: TargetState) -> bool:
 
 
 def next_controlword(status: int, target: TargetState, *, previous: int = 0) -> int:
-    """Return the controlword for the next step towards the target state, or for staying in it.
+    """Return the controlword that takes the drive one step closer to the target state, or keeps it there.
 
-    `status` is the drive's statusword; `previous` the controlword sent last: a fault reset needs a rising
-    edge of bit 7. `ValueError` if the statusword shows no CiA 402 state.
+    `status` is the drive's statusword, `previous` the controlword sent last: a fault reset needs a rising edge of
+    bit 7. Raises `ValueError` if the statusword shows no CiA 402 state.
     """
     state = drive_state(status)
     match target:

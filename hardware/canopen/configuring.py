@@ -2,8 +2,8 @@
 
 PDOs are written by the procedure of CiA 301 in pre-operational: PDO invalid, map count 0, entries, count, PDO valid.
 PDOs that already agree are not written. Nothing is stored (1010h), so a communication reset restores the drive's own
-PDOs. `hardware.canopen.maps` compares afterwards. Torques and offsets are read before anything is enabled: in free mode
-a joint obeys target torque and torque offset, which the RPDOs need not carry.
+PDOs; `hardware.canopen.maps` compares the PDOs after writing. Torques and offsets are read before anything is enabled:
+in free mode a joint obeys target torque and torque offset, which the RPDOs need not carry.
 """
 
 from __future__ import annotations
@@ -50,18 +50,18 @@ from hardware.errors import (
 )
 
 _NO_REMOTE_REQUEST: Final = GENERATES_SYNC
-"""Bit 30 of a PDO's identifier (no remote request): kept as the drive has it."""
+"""Bit 30 of a PDO's COB-ID (no remote request), which is left as it is in the drive."""
 _ADDED_OBJECTS: Final = (TARGET_TORQUE, TORQUE_OFFSET, POSITION_OFFSET)
 """Objects that a drive adds to its commands."""
 
 
 ObjectWrite = tuple[int, int, int, int, str]
-"""Index, sub-index, value, size in bytes, and the requirement, which ends the message if the drive refuses."""
+"""Index, sub-index, value, size in bytes, and the requirement as text, to end the message if the drive refuses."""
 
 
 @dataclass(frozen=True, slots=True)
 class PdoChange:
-    """Change of one PDO of a drive: text on the change, and the writes that invalidate, set up and validate the PDO."""
+    """Change of one PDO of a drive: a sentence on it, and the writes that invalidate, set up and validate the PDO."""
 
     text: str
     node: int
@@ -81,7 +81,7 @@ def configure(
         return ()
     command(NmtCommand.ENTER_PRE_OPERATIONAL)  # some drives start by themselves
     try:
-        # All invalid first: two PDOs of a drive may swap identifiers.
+        # First all PDOs are made invalid: two PDOs of a drive may swap identifiers.
         for step in range(3):
             for change in changes:
                 for index, sub, value, size, purpose in change.steps[step]:
@@ -98,10 +98,10 @@ def configure(
 
 
 def zero_residual_torques(access: ObjectAccess, profile: BusProfile) -> Iterator[str]:
-    """Check that every drive adds 0 to its commands; write 0 where the profile configures drives.
+    """Check that no drive adds a torque or an offset to its commands; set them to 0 if the profile configures drives.
 
-    Yields one sentence for each object written. Raises `MappingMismatch` naming every object that is not 0,
-    if the profile only compares, and `ZeroingFailed` if a drive refuses the 0.
+    Yields one sentence for each object set to 0; `ZeroingFailed` if a drive refuses. If the profile only compares,
+    raises `MappingMismatch` that names every object that is not 0.
     """
     nonzero = [
         nonzero_object
@@ -127,7 +127,7 @@ def zero_residual_torques(access: ObjectAccess, profile: BusProfile) -> Iterator
 def _nonzero_objects(
     access: ObjectAccess, joint: JointProfile
 ) -> Iterator[tuple[int, int, int, int]]:
-    """Yield node, index, value and size in bytes of each added object that is not 0 and that no RPDO sends as 0."""
+    """Yield node, index, value and size (bytes) of each of `_ADDED_OBJECTS` that is not 0 and that no RPDO carries."""
     sent = frozenset[int]().union(*(pdo.carried for pdo in joint.commands))
     for index in _ADDED_OBJECTS:
         if index in sent:
@@ -164,7 +164,7 @@ def plan_changes(access: ObjectAccess, profile: BusProfile) -> tuple[PdoChange, 
 def _change(
     access: ObjectAccess, profile: BusProfile, node: int, records: PdoRecords
 ) -> PdoChange | str | None:
-    """Return the change that makes a PDO that of the profile; None if equal, a sentence if the drive lacks it."""
+    """Return the change that gives a PDO the profile's settings; None if it has them, a sentence if it is absent."""
     pdo, communication, mapping, types = records
     cob_id, entries = read_number(access, node, communication, 1), read_map(access, node, mapping)
     if cob_id is None or entries is None:

@@ -1,4 +1,4 @@
-"""Cyclic data of one SYNC on the operator's side: setpoints out, a sample in, and their frames."""
+"""Cyclic data of one SYNC on the operator's side: setpoints sent, sample received, and the frames that carry them."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _LETTERS: Final = {8: "b", 16: "h", 32: "i", 64: "q"}
 _UNSIGNED: Final = (*FEEDBACK_OBJECTS[:1], CONTROLWORD)
 
 MAX_LATE_SYNCS: Final = 100
-"""Age of the oldest answer that a busy computer may still deliver, in SYNCs."""
+"""Greatest age, in SYNCs, of an answer that a busy computer delivers late."""
 
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """Command of one joint: 6040h, 607Ah and 6060h, the mode in CiA 402's codes."""
+    """Command of one joint: 6040h, 607Ah and 6060h; the mode is a code of CiA 402, not of the maker."""
 
     controlword: int
     target_counts: int
@@ -59,7 +59,7 @@ class Sample:
 
     @property
     def complete(self) -> bool:
-        """Whether all joints answered once: all values were latched on the same SYNC."""
+        """Whether every joint answered exactly once, so that all values were latched on the same SYNC."""
         return not self.missing
 
 
@@ -79,11 +79,11 @@ class PdoFields:
         self._struct, self._indices = struct.Struct(form), tuple(known)
 
     def pack(self, values: Mapping[int, int]) -> bytes:
-        """Encode values, given by object index."""
+        """Encode `values`, which maps object indices to values."""
         return self._struct.pack(*(values[index] for index in self._indices))
 
     def unpack(self, data: bytes | bytearray) -> dict[int, int] | None:
-        """Decode data to values by object index; None for data of the wrong length."""
+        """Return the value of each object index in `data`; None if `data` has the wrong length."""
         if len(data) != self._struct.size:
             return None
         return dict(zip(self._indices, self._struct.unpack(data), strict=True))
@@ -115,11 +115,11 @@ class JointFrames:
         return tuple((command.cob_id, command.pack(values)) for command in self._commands)
 
     def pack_controlword(self, setpoint: Setpoint) -> tuple[tuple[int, bytes], ...]:
-        """Return those frames of `pack` that carry the controlword: all that STOP needs."""
+        """Return the frames of `pack` that carry the controlword; STOP needs no others."""
         return tuple(frame for frame in self.pack(setpoint) if frame[0] in self._controlling)
 
     def decode_command(self, identifier: int, data: bytes) -> dict[int, int]:
-        """Decode a received RPDO: values by index, the mode in CiA 402's codes."""
+        """Return the value of each object index in a received RPDO, with the mode as a code of CiA 402."""
         values: dict[int, int] = {}
         for command in self._commands:
             if command.cob_id == identifier:

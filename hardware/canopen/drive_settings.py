@@ -34,7 +34,7 @@ DESCRIPTION_OBJECTS: Final = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrivePdo:
-    """A PDO of a drive (a TPDO if `sent`, otherwise an RPDO); type and map are read only if it is valid."""
+    """A PDO of a drive: a TPDO if `sent`, otherwise an RPDO. Transmission type and map are read only if it is valid."""
 
     sent: bool
     number: int
@@ -45,7 +45,7 @@ class DrivePdo:
 
     @property
     def name(self) -> str:
-        """``TPDO1``, ``RPDO3``."""
+        """Name of the PDO, e.g. ``TPDO1``."""
         return f"{'T' if self.sent else 'R'}PDO{self.number}"
 
 
@@ -74,7 +74,7 @@ def read_pdos(access: ObjectAccess, node: int) -> tuple[DrivePdo, ...]:
 
 
 def read_widths(access: ObjectAccess, node: int) -> dict[int, int]:
-    """Read the widths (bits), by index, of a drive's objects that PDOs must carry."""
+    """Return, by index, the width in bits of each object of a drive that its PDOs must carry."""
     widths = {}
     for index in (*COMMAND_OBJECTS, *FEEDBACK_OBJECTS):
         with suppress(SdoRefused):
@@ -103,14 +103,14 @@ MIN_WINDOW_COUNTS = 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveFacts:
-    """Settings of one joint's drive; None if the object is absent.
+    """Settings of one joint's drive; each is None if the drive lacks the object.
 
     Attributes
     ----------
     unsupported_modes
         6060h codes that the profile uses and 6502h does not list.
     quick_stop_option
-        605Ah: from 5 on, the drive holds after a quick stop.
+        605Ah: if 5 or more, the drive holds after a quick stop.
     operator_timeout_s
         1016h: silence of node 127 after which the drive stops by itself.
     """
@@ -146,7 +146,7 @@ def _unsupported_modes(
 
 
 def operator_timeout_s(access: ObjectAccess, node: int) -> float | None:
-    """Read the silence of node 127 after which a drive stops by itself (1016h), s; None if it does not monitor it."""
+    """Read after what silence of node 127 a drive stops by itself (1016h), s; None if it does not monitor that node."""
     for entry in _heartbeat_consumers(access, node) or ():
         if entry >> 16 & 0x7F == objects.OPERATOR_NODE and entry & 0xFFFF:
             return (entry & 0xFFFF) * 1e-3
@@ -167,7 +167,7 @@ def _heartbeat_consumers(access: ObjectAccess, node: int) -> tuple[int, ...] | N
 def heartbeat_timeout_s(access: ObjectAccess, profile: BusProfile, min_s: float) -> float:
     """Return the silence after which a node is lost, s: 2.5 periods (1017h) of the slowest node, at least `min_s`.
 
-    Raises `MappingMismatch` for nodes without a heartbeat, or with too long a period.
+    Raises `MappingMismatch` for nodes that send no heartbeat or whose period is too long.
     """
     mismatches, longest_s = [], 0.0
     for node in profile.nodes:
@@ -223,7 +223,7 @@ def operator_monitoring_differences(
 def following_windows_counts(
     access: ObjectAccess, profile: BusProfile, scales: Sequence[JointScale]
 ) -> tuple[float, ...]:
-    """Return each joint's largest distance from its target, counts: a third of 6065h, at least 10, at most 1 deg."""
+    """Return each joint's limit of distance from its target, counts: 6065h / 3, at most 1 deg, at least 10 counts."""
     windows = []
     for node, scale in zip(profile.drives, scales, strict=True):
         drive_window = read_number(access, node, objects.FOLLOWING_WINDOW, 0)

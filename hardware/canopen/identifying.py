@@ -26,7 +26,7 @@ def read_identity(
 ) -> ArmIdentity:
     """Read identities of all nodes (1008h, 1018h) and of the arm (2020h of the supervisor).
 
-    Without a supervisor, model and serial number are those of the files.
+    Without a supervisor, the model is taken from the arm file and the serial number from the bus profile.
     """
     supervisor = profile.supervisor
     nodes = [(node, f"joint {joint}") for joint, node in enumerate(profile.drives, 1)]
@@ -65,7 +65,7 @@ def check_arm(
     description: ArmDescription,
     profile: BusProfile,
 ) -> None:
-    """Compare the arm on the bus with its description, in the objects named by the profile.
+    """Compare the arm on the bus with its description: model, joints, device types and what the profile compares.
 
     Raises `WrongArm` with all differences.
     """
@@ -93,7 +93,7 @@ def check_arm(
 
 
 def scale_of(joint: JointDescription, drive: JointProfile) -> JointScale:
-    """Return the scale of a joint's counts: that of its sensor, unless the profile gives another."""
+    """Return the scale of a joint's counts: the sensor's, unless the profile states counts per turn."""
     per_rad = joint.sensor.counts_per_rad
     if drive.counts_per_rev is not None:
         per_rad = drive.counts_per_rev / math.tau
@@ -117,7 +117,7 @@ def limits_of(description: ArmDescription, profile: BusProfile) -> tuple[JointLi
 
 
 def read_rated_torques_nm(access: ObjectAccess, profile: BusProfile) -> tuple[float, ...]:
-    """Return every joint's torque (N m) at 1000 per mille in 6077h: profile or 6076h; `WrongArm` if neither has it."""
+    """Return each joint's torque (N m) at 1000 per mille in 6077h, from profile or 6076h; `WrongArm` if in neither."""
     torques = []
     for number, joint in enumerate(profile.joints, 1):
         if joint.rated_torque_nm is not None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from hardware.canopen.sdo import ObjectAccess
 
 POSITION_AGREEMENT_RAD = 0.01
-"""Largest difference between position by PDO and by SDO: RVDT noise, and creep of a joint between the two readings."""
+"""Largest allowed difference between positions by PDO and SDO: RVDT noise, and creep between the two readings."""
 
 NOT_VALID, EXTENDED, GENERATES_SYNC = 1 << 31, 1 << 29, 1 << 30
 """Flag bits of a COB-ID."""
@@ -31,8 +31,8 @@ EVERY_SYNC = (objects.TPDO_EVERY_SYNC,)
 _SYNC_COUNTER = 0x1019
 """Synchronous counter overflow value; if not 0, SYNC carries a counter."""
 MAX_PDOS, PDOS_PER_AXIS, MAX_ABSENT_PDOS = 512, 64, 16
-"""CiA 301 has 512 PDOs in each direction, CiA 402 assigns 64 of them to each axis. To find those that exist, each must
-be read: on the first axis until MAX_ABSENT_PDOS in a row are absent, on the others likewise if their first PDO
+"""CiA 301 has 512 PDOs in each direction, CiA 402 assigns 64 of them to each axis. To find which exist, they are read
+one by one: on the first axis until MAX_ABSENT_PDOS in a row are absent, on the other axes likewise if the first PDO
 exists."""
 INHIBIT_S, MAX_INHIBIT_S = 1e-4, 0.5 * objects.CONTROL_PERIOD_S
 """Unit of 1800h sub 3, and the inhibit time from which a TPDO may miss a SYNC."""
@@ -51,10 +51,10 @@ ABSENT = frozenset({Abort.NO_OBJECT, Abort.NO_SUBINDEX})
 
 
 def check_mapping(access: ObjectAccess, profile: BusProfile, silent: Iterable[int] = ()) -> None:
-    """Compare the PDOs of all drives with the profile; `silent` nodes are reported with the differences.
+    """Compare the PDOs of all drives with the profile; nodes that are no drives are skipped.
 
-    Raises `MappingMismatch` with node, object, expected and found value of every difference. Nodes other than
-    drives are skipped.
+    Raises `MappingMismatch` with node, object, expected and found value of every difference; it also names the
+    `silent` nodes.
     """
     absent = sorted(silent)
     differences = [
@@ -70,7 +70,7 @@ def check_mapping(access: ObjectAccess, profile: BusProfile, silent: Iterable[in
 def check_positions(
     access: ObjectAccess, profile: BusProfile, counts: Sequence[int], scales: Sequence[JointScale]
 ) -> None:
-    """Compare positions by PDO with 6064h by SDO while the joints are at rest; raises `MappingMismatch`."""
+    """Compare positions received by PDO (`counts`) with 6064h read by SDO, at rest; raises `MappingMismatch`."""
     differences = []
     for joint, by_pdo, scale in zip(profile.joints, counts, scales, strict=True):
         by_sdo = access.read_signed(joint.node, objects.POSITION_ACTUAL)
@@ -87,7 +87,7 @@ def check_positions(
 
 
 def check_communication(access: ObjectAccess, profile: BusProfile) -> None:
-    """Compare the objects that no profile can change, before PDOs are written; raises `MappingMismatch`."""
+    """Check the SYNC and EMCY objects, which must be as expected with any profile; raises `MappingMismatch`."""
     if differences := [text for node in profile.drives for text in _communication(access, node)]:
         raise MappingMismatch(differences)
 
@@ -165,10 +165,10 @@ def read_records(access: ObjectAccess, node: int, communication: int) -> Iterato
 def conflicting_pdos(
     access: ObjectAccess, node: int, profile: BusProfile, joint: JointProfile
 ) -> Iterator[tuple[int, int, int]]:
-    """Yield each valid PDO that the profile does not use and whose identifier other frames of the arm have.
+    """Yield the valid PDOs that the profile does not use, and whose identifiers other frames of the arm have.
 
-    A drive with such a PDO could obey another drive's commands. Yields its number, the index of its communication
-    record, and its COB-ID.
+    A drive with such a PDO could obey another drive's commands. Each is yielded as number, index of the communication
+    record, and COB-ID.
     """
     in_use = _RESERVED | {
         pdo.cob_id for each in profile.joints for pdo in (*each.commands, *each.answers)
@@ -197,7 +197,7 @@ def _on_every_sync(access: ObjectAccess, node: int, index: int) -> Iterator[Obje
 
 
 def inhibit_s(access: ObjectAccess, node: int, index: int) -> float:
-    """Read the inhibit time of a TPDO, s; `index` is that of its communication record."""
+    """Read the inhibit time of a TPDO, s, from its communication record at `index`."""
     return INHIBIT_S * (read_number(access, node, index, INHIBIT) or 0)
 
 
@@ -213,7 +213,7 @@ def read_map(access: ObjectAccess, node: int, index: int) -> tuple[Entry, ...] |
 def _cob_id(
     access: ObjectAccess, node: int, index: int, sub: int, expected: int, *, refused: int
 ) -> Iterator[ObjectMismatch]:
-    """Compare a COB-ID, in which flag bit `refused` must not be set."""
+    """Yield a mismatch if a COB-ID is not the expected one, or its flag bit `refused` is set."""
     value = read_number(access, node, index, sub)
     wrong = value is None or value & (IDENTIFIER | EXTENDED | refused) != expected
     if wrong:

@@ -73,7 +73,7 @@ HEARTBEAT_TIMEOUT_S: Final = 0.5
 MAX_OPERATOR_TIMEOUT_S: Final = 10.0
 """Limit of a drive's time-out for the operator's heartbeat (1016h); a longer one is refused."""
 ADVISED_OPERATOR_TIMEOUT_S: Final = 2.0
-"""Advised limit of that time-out; `sarcal arm-check` reports a longer one."""
+"""Advised limit of a drive's time-out for the operator's heartbeat; `sarcal arm-check` reports longer time-outs."""
 CONTROL_PERIOD_S: Final = 0.01
 """Period of SYNC (60C2h)."""
 
@@ -181,13 +181,13 @@ class ParameterCommand(IntEnum):
     STAGE = 1
     """Check the document in 2000h against the schema, this arm and its limits."""
     COMMIT = 2
-    """Write the staged document to the spare slot, make that one active, set 607Ch everywhere."""
+    """Write the staged document to the spare slot, make that slot active, set 607Ch of every drive."""
     ROLL_BACK = 3
     """Drop the written or staged document; if there is none, activate the other slot."""
 
 
 class Slot(IntEnum):
-    """Parameter slots as 2003h sub 1 names them."""
+    """Parameter slots, with the numbers that 2003h sub 1 gives them."""
 
     NONE = 0
     A = 1
@@ -260,7 +260,7 @@ EMERGENCY_TEXT: Final = {
 
 
 def emergency_text(code: int) -> str:
-    """Return a text for an EMCY error code, known or not."""
+    """Return a text for an EMCY error code; for an unknown code, ``error`` and the code."""
     try:
         return EMERGENCY_TEXT[EmergencyCode(code)]
     except ValueError:

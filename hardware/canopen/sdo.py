@@ -1,4 +1,4 @@
-"""Object access by SDO: one transfer at a time per node, from any thread but the receiving one."""
+"""Object access by SDO: one transfer at a time per node, from any thread except the receiving thread."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ COMMAND_TIMEOUT_FACTOR = 5.0
 disk."""
 MIN_UNANSWERED, MAX_UNANSWERED_FRACTION = 8, 0.1
 """Access stops when at least this number, and more than this fraction, of all requests are unanswered. A connection
-needs 600 requests: if 1 % of all frames are lost, 2 connections in 10,000 are refused; if 10 % are lost, all."""
+needs 600 requests: with 1 % of all frames lost, 2 connections in 10,000 are refused; with 10 % lost, all are."""
 UNIQUENESS_REQUESTS, DUPLICATE_FRACTION = 20, 0.75
 """Test requests to a node, and the fraction answered twice that shows two devices. If every tenth frame is doubled in
 each direction, one single device in 10^8 reaches this fraction."""
@@ -121,7 +121,7 @@ class ObjectAccess:
         )
 
     def read(self, node: int, index: int, subindex: int = 0) -> bytes:
-        """Read an object's bytes."""
+        """Read an object's bytes, in up to `READ_ATTEMPTS` attempts."""
         for _ in range(READ_ATTEMPTS - 1):
             # Frames may be lost or doubled; reading again changes nothing.
             with suppress(DuplicateNodeId):
@@ -130,7 +130,7 @@ class ObjectAccess:
                 except BusError:
                     self._unanswered[node] += 1
                     self._require_answers()
-            # A late answer would be taken for that of the next request.
+            # Without this pause, a late answer would be taken for the answer to the next request.
             self._pause.wait(_IN_TRANSIT_S)
         return self.read_once(node, index, subindex)
 
@@ -173,7 +173,7 @@ class ObjectAccess:
         self.write(node, index, subindex, value.to_bytes(size, "little"))
 
     def command(self, node: int, index: int, subindex: int, value: int) -> None:
-        """Write one byte that starts an action; the time-out is `COMMAND_TIMEOUT_FACTOR` times as long."""
+        """Write one byte that starts an action; the time-out is `COMMAND_TIMEOUT_FACTOR` times the usual one."""
 
         def download(client: Any) -> None:
             timeout_s = client.RESPONSE_TIMEOUT
@@ -186,7 +186,7 @@ class ObjectAccess:
         self._exclusive(node, index, subindex, download)
 
     def _exclusive(self, node: int, index: int, subindex: int, access: Callable[[Any], Any]) -> Any:
-        """Run one access at a time per node and translate its errors."""
+        """Run an access, only one at a time per node, and translate its errors."""
         outer = sys.exception()  # handled by the caller, not part of this access
         with self._locks[node]:
             try:
@@ -198,7 +198,7 @@ class ObjectAccess:
     def _translated(
         self, node: int, index: int, subindex: int, chain: tuple[BaseException, ...]
     ) -> HardwareError | KeyboardInterrupt:
-        """Return the error to raise for a failed access; `chain` holds its exceptions, the last first."""
+        """Return the error to raise for a failed access; `chain` holds the exceptions it raised, the latest first."""
         if any(isinstance(error, KeyboardInterrupt) for error in chain):
             # The client failed to abort the transfer after the interrupt.
             self._network.send_message(
@@ -212,7 +212,7 @@ class ObjectAccess:
         if silence is None and isinstance(chain[0], SdoAbortedError):
             text = str(chain[0]).partition(",")[2].strip() or "refused"
             return SdoRefused(node, index, subindex, chain[0].code, text)
-        # After a time-out the client aborts its transfer; a refusal of that is not the cause.
+        # After a time-out the client aborts its transfer; if the node refuses the abort, that is not the cause.
         remedy = "Check its power and the bus."
         if self._answered[node]:
             remedy = (
@@ -227,7 +227,7 @@ class ObjectAccess:
 def _context_chain(
     error: BaseException | None, outer: BaseException | None
 ) -> Iterator[BaseException]:
-    """Yield an exception and those that it was raised in (`__context__`), the latest first, as far as `outer`."""
+    """Yield an exception, then the one during whose handling it was raised, and so on; end before `outer`."""
     while error is not None and error is not outer:
         yield error
         error = error.__context__

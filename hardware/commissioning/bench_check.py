@@ -55,7 +55,7 @@ class Bench:
     step_rad, speed_rad_per_s
         Angle and speed of the test motion of each joint.
     interrupt
-        Function that simulates Ctrl-C; None if not possible.
+        Function that simulates Ctrl-C; None if that is not possible.
     """
 
     arm: ArmInterface
@@ -73,7 +73,7 @@ class Bench:
 
     @property
     def moving(self) -> Bounds:
-        """Limits for motions of `step_rad`: half a step from the target."""
+        """Limits for test motions: a joint may end at most half of `step_rad` from its target."""
         return replace(self.bounds, near_rad=0.5 * self.step_rad)
 
     def step_target(self, joint: int) -> float:

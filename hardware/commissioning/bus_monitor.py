@@ -72,7 +72,7 @@ class BusMonitor:
             yield from self._sdo(identifier, data)
 
     def time_passes(self, now_s: float) -> Iterator[str]:
-        """Yield one sentence for each node that has fallen silent."""
+        """Yield one sentence for each node that has fallen silent since the last call."""
         for node, heard in self._heard_s.items():
             if now_s - heard > SILENT_S and node not in self._silent:
                 self._silent.add(node)
@@ -149,7 +149,7 @@ class BusMonitor:
 
     def _sdo_request(self, node: int, data: bytes, place: str) -> Iterator[str]:
         if node in self._in_block:
-            # The first byte of a block's segment is its number, and may look like any request.
+            # The first byte of a block's segment is the segment's number, and may look like any request.
             if data[0] == _ABORT or data[0] & 0xE1 == _BLOCK_DOWNLOAD << 5 | 1:
                 self._in_block.discard(node)
             return

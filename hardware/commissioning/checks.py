@@ -1,6 +1,6 @@
-"""Requirements on a moving arm (reaches targets; is halted by a watch, Ctrl-C and STOP) and on an arm on a CAN bus.
+"""Checks of a moving arm (it reaches targets; a watch, Ctrl-C and STOP halt it) and of an arm on a CAN bus.
 
-Like `hardware.commissioning.clauses`, used by `sarcal arm-check` and by the contract test for other packages.
+`sarcal arm-check` and the contract test for arms of other packages use them, and `hardware.commissioning.clauses`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ ENOUGH: Final = "that is enough"
 
 @dataclass(slots=True)
 class MidwayWatch:
-    """A watch that acts once after part of the motion, and stores the joint's position at that moment."""
+    """A watch that calls `act` once, after the joint has moved by `after_rad`, and stores the position then reached."""
 
     joint: int
     after_rad: float
@@ -49,7 +49,7 @@ class MidwayWatch:
     at_rad: float | None = None
 
     def __call__(self, snapshot: ArmSnapshot) -> str | None:
-        """Check a sample of the move."""
+        """Call `act` if the joint has moved far enough for the first time; return a reason to end the move, or None."""
         position_rad = float(snapshot.positions_rad[self.joint - 1])
         if self.at_rad is not None or abs(position_rad - self.start_rad) < self.after_rad:
             return None
@@ -80,7 +80,7 @@ class Turn:
         return MidwayWatch(joint=self.joint, after_rad=self.part_rad, act=act, start_rad=start)
 
     def overtravel(self, watch: MidwayWatch) -> str:
-        """Return a clause that says how far the joint moved after the watch acted."""
+        """Return a text that says how far the joint moved after the watch acted."""
         position_rad = float(self.arm.capture(1).mean_rad[self.joint - 1])
         at = watch.start_rad if watch.at_rad is None else watch.at_rad
         return f"the joint came to rest after a further {deg(abs(position_rad - at))}"
@@ -144,7 +144,7 @@ def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause
 
 
 def is_stopped(turn: Turn) -> Iterator[Clause]:
-    """Check that STOP from another thread ends a move and latches; its reset causes no motion, and drives stay off."""
+    """Check that STOP from another thread ends a move and latches, and that its reset moves and enables nothing."""
     arm, joint, bounds = turn.arm, turn.joint, turn.bounds
 
     def press() -> None:
@@ -178,7 +178,7 @@ def is_stopped(turn: Turn) -> Iterator[Clause]:
 
 
 def moved_alone(before: np.ndarray, after: np.ndarray, joint: int, bounds: Bounds) -> Clause:
-    """Check that no other joint moved."""
+    """Check that no joint except `joint` moved between two readings (n,), rad."""
     others = np.delete(np.abs(after - before), joint - 1)
     most = float(others.max(initial=0.0))
     return Clause(
@@ -257,7 +257,7 @@ def keeps_time(arm: CanopenArm, bounds: Bounds) -> Iterator[Clause]:
 
 
 def excludes_others(arm: CanopenArm) -> Clause:
-    """Check that a second program is refused before it sends anything, and that the first one goes on."""
+    """Check that a second program is refused before it sends anything, and that this program can go on."""
     other = arm.another()
     try:
         other.connect()
@@ -270,7 +270,7 @@ def excludes_others(arm: CanopenArm) -> Clause:
         passed = False
         text = "a second program was let in, and this program's frames no longer reach the arm"
     if passed is not False:
-        # It may have sent frames before it was refused or failed.
+        # The second program may have sent frames before it was refused or failed.
         try:
             arm.capture(2)
         except HardwareError as error:
@@ -279,7 +279,7 @@ def excludes_others(arm: CanopenArm) -> Clause:
 
 
 def stops_alone(arm: CanopenArm, ask: Ask, bounds: Bounds) -> Iterator[Clause]:
-    """Check that the drives stop and hold without the operator's heartbeat."""
+    """Check that the drives stop and hold by themselves when the operator's heartbeat ends."""
     guards = [drive.operator_timeout_s for drive in arm.drive_facts()]
     longest = max((guard for guard in guards if guard is not None), default=0.0)
     if longest == 0.0 or None in guards:
@@ -297,7 +297,7 @@ def stops_alone(arm: CanopenArm, ask: Ask, bounds: Bounds) -> Iterator[Clause]:
     before = arm.capture(bounds.samples).mean_rad
     arm.fall_silent()
     threading.Event().wait(2 * longest)
-    # Before connecting: its communication reset would stop drives too.
+    # Read before connecting again: the communication reset of a connection would stop the drives too.
     states = arm.read_states_unconnected()
     on = [j for j, state in enumerate(states, 1) if state is DriveState.OPERATION_ENABLED]
     arm.connect()

@@ -158,7 +158,7 @@ def is_refused(
     kind: type[HardwareError] = CommandRefused,
     joint: int | None = None,
 ) -> Clause:
-    """Check that an action is refused with an error of type `kind`; it must do no harm if it is carried out."""
+    """Check that an action is refused with an error of type `kind`; the action must be harmless if carried out."""
     try:
         act()
     except kind as error:
@@ -221,7 +221,7 @@ def keeps_its_document(arm: ArmInterface) -> Iterator[Clause]:
 
 
 def stays_stopped(arm: ArmInterface, joint: int, speed_rad_per_s: float) -> Iterator[Clause]:
-    """Check that STOP is latched, and that moves and enabling are refused."""
+    """Check that STOP is latched, and that a move and the enabling of drives are refused."""
     position_rad = arm.snapshot().joints[joint - 1].position_rad
     yield Clause(
         name="STOP latches",
@@ -240,7 +240,7 @@ def stays_stopped(arm: ArmInterface, joint: int, speed_rad_per_s: float) -> Iter
 
 
 def resets_unmoved(arm: ArmInterface, before: FloatArray, bounds: Bounds) -> Iterator[Clause]:
-    """Check that after the reset of STOP the drives are off and the joints still at `before`, apart from settling."""
+    """Check that a reset of STOP leaves the drives off and, except for settling, the joints at `before` (n,), rad."""
     arm.reset_stop()
     snapshot = arm.snapshot()
     on = [j.joint for j in snapshot.joints if j.drive is DriveState.OPERATION_ENABLED]
@@ -257,7 +257,7 @@ def resets_unmoved(arm: ArmInterface, before: FloatArray, bounds: Bounds) -> Ite
 
 
 def leaves_and_returns(arm: ArmInterface, identity: ArmIdentity) -> Iterator[Clause]:
-    """Check that an arm, closed twice, refuses a snapshot, and connects again as the same arm with drives off."""
+    """Check that an arm can be closed twice, then refuses a snapshot, and reconnects as the same arm, drives off."""
     results = [arm.close(), arm.close()]
     yield Clause(
         name="closes",

@@ -43,7 +43,7 @@ NO_OPERATOR_MONITORING: Final = (
 )
 _POLL_S: Final = 0.02
 _MAX_ANSWER_PERIODS: Final = 10
-"""Longest wait for answers, as a multiple of the silence that ends the wait."""
+"""Longest wait for answers, as a multiple of the silence that ends a wait."""
 _READ_DEVICE_TYPE: Final = bytes(
     [0x40, objects.DEVICE_TYPE & 0xFF, objects.DEVICE_TYPE >> 8, 0, 0, 0, 0, 0]
 )
@@ -62,7 +62,7 @@ class FoundNode:
     position_counts
         6064h of a drive.
     problems, unread, notes
-        Differences from the profile; why reading the node stopped early (also one of the problems); remarks.
+        Differences from the profile; why reading the node stopped early, if it did (also in `problems`); remarks.
     pdos, widths
         PDOs of a drive, and the width in bits of each object that its PDOs must carry.
     described
@@ -91,8 +91,8 @@ class FoundNode:
 class Probe:
     """Result of a probe.
 
-    `busy` describes another master that was heard, in which case nothing was sent; `meanwhile` describes one that was
-    heard later: some answers may have been to its requests.
+    `busy` describes another master that was heard first, so that nothing was sent; `meanwhile` describes a master that
+    was heard later: some of the answers may be answers to its requests. Each is empty if no master was heard.
     """
 
     busy: str
@@ -116,7 +116,7 @@ class _Listener:
         self._thread.start()
 
     def listen(self, seconds: float) -> None:
-        """Wait while the thread goes on receiving."""
+        """Wait for this time while the thread goes on receiving."""
         self._closing.wait(seconds)
 
     def wait_for_answers(self, quiet_s: float) -> None:
@@ -176,8 +176,7 @@ def probe(
 ) -> Probe:
     """Find the nodes on a bus and compare its drives with a profile; `BusError` if the bus fails.
 
-    `listen_s`: time to listen before anything is sent; `answers_s`: silence after which all answers are assumed
-    received.
+    `listen_s`: time to listen before anything is sent; `answers_s`: silence after which no more answers are expected.
     """
     wire = SharedBus(opener(settings), record_to=record_to)
     listener = _Listener(wire, profile)
@@ -250,7 +249,7 @@ def _ask(access: ObjectAccess, profile: BusProfile, node_found: FoundNode) -> No
         node_found.supervises = all(_number(access, node, i, s) is not None for i, s in _SUPERVISES)
         return
     if node in profile.drives:
-        # One by one: the node may fall silent meanwhile.
+        # Added one by one, to keep those found so far if the node falls silent.
         for difference in maps.pdo_differences(access, node, profile):
             node_found.problems += (str(difference),)
     else:

@@ -36,8 +36,8 @@ class DraftRefused(Exception):
 def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> BusProfile:
     """Return a profile of the drives among `nodes`, in order of node numbers; `DraftRefused` if none is possible.
 
-    The profile uses the drives' current PDOs or, with `configure`, the fewest PDOs that carry the objects needed, with
-    CiA 301's identifiers, to be written at every connection.
+    The profile uses the drives' current PDOs. With `configure` it uses new PDO maps, filled with the objects needed,
+    and CiA 301's identifiers, to be written into the drives at every connection.
     """
     drives = [node for node in nodes if node.drive]
     if not drives:
@@ -63,7 +63,7 @@ def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> 
 
 
 def _current(node: FoundNode, *, sent: bool) -> tuple[Pdo, ...]:
-    """Choose usable PDOs, few if possible, that carry the needed objects, or as many of these as possible."""
+    """Choose usable PDOs, always the next one that carries most of the objects still missing, until none helps."""
     usable = [pdo for pdo in node.pdos if pdo.valid and pdo.sent is sent and not _unusable(pdo)]
     missing, chosen = set(_NEEDED[sent]), list[DrivePdo]()
     while missing:
@@ -128,7 +128,7 @@ def _read_problem(node: FoundNode) -> str:
 
 
 def _frames(node: FoundNode, *, sent: bool) -> list[tuple[Entry, ...]]:
-    """Return PDO maps that carry the needed objects in frames of at most 8 bytes."""
+    """Return the PDO maps that carry the needed objects, each of at most 8 bytes."""
     frames, free_bits = list[tuple[Entry, ...]](), 0
     for index in _NEEDED[sent]:
         entry = (index, 0, node.widths.get(index, 0))

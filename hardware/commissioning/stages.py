@@ -13,7 +13,7 @@ Ask = Callable[[str], bool]
 
 
 class Stage(Enum):
-    """Stage of the check, in order; each needs the ones before it."""
+    """Stages of the bench check, in order; each stage requires that all earlier stages have passed."""
 
     LOOK = "look"
     """No drive is enabled."""
@@ -31,7 +31,7 @@ class Stage(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Clause:
-    """Result of one requirement; `passed` is None if it could not be tested."""
+    """Result of the check of one requirement; `passed` is None if the requirement could not be tested."""
 
     name: str
     passed: bool | None
@@ -41,7 +41,7 @@ class Clause:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckFinding(Clause):
-    """A clause with its stage."""
+    """A clause, with the stage in which it was checked."""
 
     stage: Stage
 
@@ -52,7 +52,7 @@ SCATTER_RAD: Final = math.radians(0.5)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:
-    """Samples per reading, and largest change of a joint at rest and distance from a target."""
+    """Samples per reading, largest change at rest (`still_rad`) and distance from target (`near_rad`) of a joint."""
 
     samples: int
     still_rad: float
@@ -69,7 +69,7 @@ BENCH: Final = Bounds(samples=100, still_rad=math.radians(0.1), near_rad=math.ra
 
 
 def declined(joint: int | None = None) -> Clause:
-    """Return the result of a check that the operator declined."""
+    """Return the result of a check that the person beside the arm declined."""
     return Clause(name="agreed", passed=None, text="not tried: declined", joint=joint)
 
 

@@ -49,15 +49,15 @@ class CanopenArm(ConnectableArm):
     description, settings, profile
         The expected arm, its bus, and how its nodes are set up.
     pace
-        `Pace.FAST_FORWARD` is for simulated arms only: a real one needs SYNC at all times.
+        `Pace.FAST_FORWARD` is for simulated arms only: a real arm needs SYNC at all times.
     record_to
-        File to record the bus to (``.blf`` or another format of python-can); None for none.
+        File to record the bus to (``.blf`` or another format of python-can); None: no recording.
     timing
         Periods and time-outs of the control loop.
     openers
-        Functions that open the bus; by default from its settings.
+        Functions that open the bus; by default those that use `settings`.
     clock
-        Monotonic time of this computer, s.
+        Function that returns this computer's monotonic time, s.
     """
 
     def __init__(
@@ -147,9 +147,9 @@ class CanopenArm(ConnectableArm):
         speed_rad_per_s: float,
         watch: Watch | None = None,
     ) -> MoveResult:
-        """Move joints in position mode synchronously on a straight line in joint space.
+        """Move joints in position mode to their targets, in a straight line in joint space; all arrive together.
 
-        Raises `CommandRefused` before anything moves; any other error once the joints are at rest.
+        Raises `CommandRefused` before anything moves; errors other than STOP only after the joints came to rest.
         """
         link = self._link
         self._raise_if_stopped(link)
@@ -169,7 +169,7 @@ class CanopenArm(ConnectableArm):
         return result
 
     def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
-        """Wait until every joint's positions lie within `spread_rad` over `window` SYNCs; false on time-out."""
+        """Wait until each joint's positions at `window` SYNCs span no more than `spread_rad`; false on time-out."""
         if len(spread_rad) != self._n or window < 1:
             raise ValueError("settling needs one spread per joint and a window of at least 1")
         link = self._link
@@ -181,7 +181,7 @@ class CanopenArm(ConnectableArm):
         return settled
 
     def capture(self, samples: int) -> Reading:
-        """Average `samples` samples, each latched on one SYNC; `MappingChanged` if a drive's map changed."""
+        """Average `samples` samples, each latched on one SYNC; `MappingChanged` if a drive's PDO map was changed."""
         if samples < 1:
             raise ValueError("a reading needs at least one sample")
         link = self._link
@@ -190,12 +190,12 @@ class CanopenArm(ConnectableArm):
         return reading
 
     def hold(self) -> None:
-        """Put all joints into position mode: free ones at their position, the others at their last target."""
+        """Put all joints into position mode: free joints at their positions, the others at their last targets."""
         # A sensor fault or another master is no reason not to hold.
         self._set_modes([JointMode.POSITION] * self._n, despite=(SensorFault, OtherMaster))
 
     def reset_stop(self) -> None:
-        """Clear the latch and drive faults; the drives stay disabled until `take_control`.
+        """Clear the STOP latch and the drives' faults; the drives stay disabled until `take_control`.
 
         Raises `Stopped` if STOP was pressed again during the reset, `DriveFault` if a fault cannot be cleared.
         """
@@ -213,7 +213,7 @@ class CanopenArm(ConnectableArm):
         return read_drive_facts(self._link.access, self._link.profile)
 
     def another(self) -> CanopenArm:
-        """Return an unconnected second arm object for the same arm and bus, as another program would have."""
+        """Return a second arm object for the same arm and bus, not connected, such as another program would have."""
         setup = self.on_bus
         return CanopenArm(
             setup.description,
@@ -227,9 +227,8 @@ class CanopenArm(ConnectableArm):
     def upload_parameters(self, document: bytes) -> UploadReceipt:
         """Stage, read back and commit a document, and read the home offsets back.
 
-        Errors as in `hardware.control.uploading.upload`.
-
-        The drives may be off; control is taken if no other node has it.
+        The drives may be off; control is taken if no other node has it. Raises the errors of
+        `hardware.control.uploading.upload`.
         """
         link = self._link
         if not link.in_control:
@@ -252,7 +251,7 @@ class CanopenArm(ConnectableArm):
 
     @staticmethod
     def _raise_for_drives(link: Connection, joints: tuple[int, ...], required: str) -> None:
-        """Raise the error of the first joint whose drive did not reach the state."""
+        """Raise an error for the first of `joints`, which could not be brought into the `required` state."""
         for joint in joints:
             state = state_of(link.loop.sample.statuswords[joint - 1])
             if state is DriveState.FAULT:

@@ -1,4 +1,4 @@
-"""Opens one connection to an arm at a time, and releases the arm: holds it, switches drives off, verifies that.
+"""Opens at most one connection to an arm, and releases the arm: holds it, switches its drives off and verifies that.
 
 STOP reaches the arm at any moment, also while connecting and closing. A release relies only on what the drives
 report: a drive may ignore a command.
@@ -51,9 +51,9 @@ class ConnectableArm:
     on_bus
         The expected arm and its bus.
     record_to
-        File to record the bus to from the next connection on; None for none.
+        File to record the bus to from the next connection on; None: no recording.
     left_powered
-        Joints whose drives reported power when the arm was closed last, including those that hold after STOP.
+        Joints whose drives reported power when the arm was last closed, including drives that hold after STOP.
     """
 
     def __init__(
@@ -85,15 +85,14 @@ class ConnectableArm:
         return self._recording_failure if link is None else link.recording_failure
 
     def take_over(self) -> None:
-        """Let the next connection reset enabled drives whose operator has been silent for the drives' time-out."""
+        """Allow the next connection to reset drives that stay enabled although no operator's heartbeat is heard."""
         self._takes_over = True
 
     def connect(self) -> ArmIdentity:
-        """Find the nodes, check that they are the arm described, start heartbeats and SYNC.
+        """Find the nodes, check that they are the expected arm, start heartbeats and SYNC.
 
         A STOP latched before the call remains latched; a STOP pressed during the call cancels the connection.
-
-        If a `HardwareError` is raised, the connection is closed again.
+        After an error, the connection is closed again.
         """
         if self._connection is not None:
             raise ValueError("this arm is connected already")
@@ -115,7 +114,7 @@ class ConnectableArm:
     def close(self) -> bool:
         """Hold the arm, switch its drives off, release control, end heartbeats and recording.
 
-        May be called twice and from any thread. False if the arm did not answer or a drive still follows commands.
+        May be called twice, by any thread. Returns false if the arm did not answer or a drive still follows commands.
         """
         with self._close_lock:
             link = self._connection
@@ -125,7 +124,7 @@ class ConnectableArm:
             try:
                 self._release(link)
             finally:
-                # Last: STOP needs the connection until now.
+                # Not before: STOP needs the connection until it is closed.
                 self._connection, self._closing = None, False
             return self._left_held
 
@@ -163,7 +162,7 @@ class ConnectableArm:
         return Connection(self.on_bus, record_to=record_to, latch=self._latch, clock=self._clock)
 
     def _release(self, link: Connection) -> None:
-        """Hold, disable, verify, release the token."""
+        """Have the arm hold, switch its drives off, verify that, release the token and end the connection."""
         try:
             if not link.in_control:
                 self._left_held = not link.is_lost()
@@ -183,12 +182,12 @@ class ConnectableArm:
 
 
 def release_arm(loop: ControlLoop) -> Sample | None:
-    """Set all joints to position mode, then switch the drives off, which blocks the valves. Does not release STOP.
+    """Set all joints to position mode, then switch the drives off, which blocks the valves; does not reset STOP.
 
     Returns the last sample; None if the arm did not answer.
     """
-    # A latched STOP holds the drives by itself; a stop that the supervisor reports does not. With a silent node
-    # the others are still switched off.
+    # A latched STOP holds the drives by itself; a stop that the supervisor reports does not. If one node is silent,
+    # the other drives are switched off nevertheless.
     ignored = (*_IGNORED_ALARMS, BusError, *(() if loop.stop_latched else (Stopped,)))
     try:
         with contextlib.suppress(Stopped):  # by the latch: only quick stop is sent from now on
@@ -213,7 +212,7 @@ def _wait_until_off(loop: ControlLoop) -> Generator[Setpoints | None, Sample, Sa
 
 
 def _following(sample: Sample) -> tuple[int, ...]:
-    """Return the joints whose drives may follow a command."""
+    """Return the joints whose drives may still follow a command: neither off nor stopped."""
     states = enumerate(map(state_of, sample.statuswords), 1)
     return tuple(joint for joint, state in states if not reached(state, TargetState.STOPPED))
 

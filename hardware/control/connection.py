@@ -40,18 +40,18 @@ from hardware.monitors.admission import admit
 from hardware.monitors.joint_monitor import ENCODER_COUNTS, RVDT_COUNTS, JointMonitor
 
 POSITION_RECHECKS: Final = 3
-"""How often positions by PDO and SDO that differ are compared again, if the maps are unchanged."""
+"""How many times differing positions by PDO and SDO are compared again if the maps are unchanged."""
 
 
 class Connection:
-    """An open connection.
+    """A connection to an arm.
 
     Attributes
     ----------
     on_bus, wire
-        The expected arm, and its bus.
+        The expected arm with its settings, and the opened bus.
     loop, access, stop_line
-        Cyclic traffic, object access, STOP.
+        Control loop, object access, and the path by which STOP is sent.
     limits, scales
         Limits and scales of joints 1..n.
     rated_torques_nm
@@ -61,7 +61,7 @@ class Connection:
     token
         Holder of the control token as last read or written; OPERATOR_NODE may also mean an earlier operator.
     in_control, took_control
-        Whether this program is in control now, and whether it has been in this connection.
+        Whether this program is in control now, and whether it was in control at any time in this connection.
     """
 
     def __init__(
@@ -119,7 +119,7 @@ class Connection:
 
     @staticmethod
     def _second_handle(on_bus: ArmOnBus) -> can.BusABC | None:
-        """Open the second handle, for STOP; None if the adapter opens only once."""
+        """Open the second handle, for STOP; None if it cannot be opened, as with adapters that open only once."""
         try:
             return on_bus.openers.stop(on_bus.settings)
         except BusError:
@@ -128,8 +128,8 @@ class Connection:
     def open(self, press: object | None = None, *, takes_over: bool = False) -> ArmIdentity:
         """Find the nodes, check them, start heartbeat and SYNC.
 
-        A STOP newer than `press` cancels the connection; with `takes_over`, drives that stay enabled although no
-        operator is heard may be taken over.
+        A STOP pressed after `press` cancels the connection. With `takes_over`, drives that stay enabled although no
+        operator is heard are taken over; otherwise `ArmInUse` is raised.
         """
         start_up = StartUp(self)
         try:
@@ -178,7 +178,7 @@ class Connection:
     def require_same_maps(self) -> None:
         """Raise `MappingChanged` if a drive's TPDOs no longer carry its position (6064h); the joints must be at rest.
 
-        A node without SDO answers is skipped.
+        If a node does not answer by SDO, nothing is checked.
         """
         differs = self._differing_positions()
         if differs is None:
@@ -199,7 +199,7 @@ class Connection:
         raise MappingChanged(differs)
 
     def _differing_positions(self) -> MappingMismatch | None:
-        """Return which positions differ between SDO and PDO; None if none does, or a node does not answer."""
+        """Return the differences between positions by SDO and PDO; None if there is none or a node does not answer."""
         counts = self.loop.view.sample.counts
         try:
             if self._compares_positions:
@@ -234,9 +234,9 @@ class Connection:
         self.token, self.in_control, self.took_control = OPERATOR_NODE, True, True
 
     def may_repeat(self, error: HardwareError) -> bool:
-        """Whether to repeat a step after this error: not if the arm is silent, or control has lapsed.
+        """Whether to repeat a step after this error: not if the arm is silent or control lapsed without host latency.
 
-        Control that lapsed because of host latency is requested again, and the step may be repeated.
+        If control lapsed because of host latency, it is requested again.
         """
         if self.is_lost():
             return False
@@ -250,7 +250,7 @@ class Connection:
         return True
 
     def explain(self, error: HardwareError) -> HardwareError:
-        """Return `error`, or `HostLatencyExceeded` if host latency since control was taken explains it."""
+        """Return `HostLatencyExceeded` if host latency since control was taken explains `error`; otherwise `error`."""
         late = self._late_since_control()
         refused = isinstance(error, SdoRefused) and error.code != Abort.LOCAL_CONTROL
         if late is None or refused or isinstance(error, DuplicateNodeId | FramesLost):
@@ -263,7 +263,7 @@ class Connection:
         return late if late.times > self._late_before_control else None
 
     def release_token(self) -> None:
-        """Release control."""
+        """Release the control token."""
         if self.profile.supervisor is not None:
             self.access.write_unsigned(self.profile.supervisor, TOKEN, 0, 0, 4)
         self.token, self.in_control = 0, False

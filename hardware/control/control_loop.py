@@ -1,7 +1,7 @@
 """The thread that owns all cyclic traffic: SYNC, samples, commands, heartbeat; it also receives all frames.
 
 Motions are given as steps (`hardware.control.tasks.Steps`), one motion at a time; rates and time-outs are in
-`hardware.timing`. A sample is closed when all joints have answered, or their time is up and the queue is
+`hardware.timing`. A sample is closed when all joints have answered, or when their time-out has passed and the queue is
 empty, so that the next SYNC does not overtake a late answer.
 
 STOP sets `latch` and sends its own frames. The loop itself stops the arm only after uncommanded motion.
@@ -51,13 +51,13 @@ class ControlLoop:
     on_sdo
         Called in the loop's thread with identifier and data of every SDO answer; must not wait.
     allow
-        Called before sending, with the sample, the last commands and the new ones; raises `CommandRefused`.
+        Called before new commands are sent, with (sample, last commands, new commands); may raise `CommandRefused`.
     quick_stop
         Sends quick stop to all drives; must not wait.
     watch, latch
         Monitors of the joints, and the STOP latch, which may outlive the connection.
     clock, stamps
-        Monotonic time, s; and the clock that stamps frames, if this computer has it.
+        Functions that return monotonic time and the time on the clock that stamps frames, s; see `LatencyMonitor`.
 
     Attributes
     ----------
@@ -115,12 +115,12 @@ class ControlLoop:
 
     @property
     def stop_latched(self) -> bool:
-        """Whether STOP is latched: only quick stop is sent."""
+        """Whether STOP is latched, so that only quick stop is sent."""
         return self.latch.latched
 
     @property
     def view(self) -> CyclicView:
-        """The latest sample, with the host latency at each joint's answer."""
+        """The latest sample, with the time and the accumulated host latency at each joint's answer."""
         return self._sampler.view
 
     def start(self) -> None:
@@ -150,9 +150,7 @@ class ControlLoop:
     def run(self, steps: Steps, *, despite: tuple[type[HardwareError], ...] = ()) -> Any:
         """Run steps and return their result, or raise the error that ended them.
 
-        Alarms of the types in `despite` are ignored.
-
-        On Ctrl-C the arm is first brought to rest.
+        Alarms of the types in `despite` are ignored. On Ctrl-C the arm is first brought to rest.
         """
         return self._tasks.run(LoopTask(steps, despite))
 
@@ -162,7 +160,7 @@ class ControlLoop:
         return self._sampler.view.sample
 
     def alarm(self) -> HardwareError | None:
-        """Return the alarm for which the current steps should bring the arm to rest and end; None if there is none."""
+        """Return the alarm that requires the current steps to bring the arm to rest and end; None if there is none."""
         task = self._tasks.first
         every = alarms(
             self.nodes,
@@ -208,8 +206,8 @@ class ControlLoop:
     def _must_resample(self) -> bool:
         """Whether, because of host latency, the sample is too old for the next command.
 
-        If so, a new sample is taken first while the drives hold; never twice in a row, so that the steps see alarms and
-        interrupts.
+        If so, a new sample is taken first while the drives hold, but never twice in a row, so that the steps run and
+        can react to alarms and interrupts.
         """
         late = (
             self._pace is Pace.REAL_TIME
@@ -261,7 +259,7 @@ class ControlLoop:
         frames_left = FRAMES_AT_A_TIME
         while self._sampler.waiting > 0 and not self._closing and frames_left > 0:
             remaining_s = deadline - self._clock()
-            # After the deadline: frames that arrived during host latency.
+            # After the deadline, only frames that arrived during host latency are still read.
             wait_s = min(max(remaining_s, 0.0), 0.5 * self._timing.heartbeat_period_s)
             if remaining_s <= 0.0:
                 frames_left -= 1

@@ -1,7 +1,7 @@
 """Motions and readings as steps, SYNC by SYNC: enable, change modes, move, hold, reset, settle, read.
 
-Each is a generator (`hardware.control.tasks.Steps`): it yields the commands of the next SYNC, receives the sample of
-that SYNC, and returns a result. If the steps end early, joints in position mode stay at their last targets.
+Each function is a generator (`hardware.control.tasks.Steps`): it yields the commands of the next SYNC, receives the
+sample of that SYNC, and returns a result. If it ends early, joints in position mode stay at their last targets.
 """
 
 from __future__ import annotations
@@ -47,12 +47,12 @@ MODE_SYNCS = 5
 
 
 def follows_command(statusword: int) -> bool:
-    """Whether the drive is in position mode and follows its target (bit 12)."""
+    """Whether a statusword reports, by bit 12, that the drive in position mode follows its target."""
     return bool(statusword & StatusBit.FOLLOWS_COMMAND)
 
 
 def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
-    """Return the first joint in position mode whose enabled drive does not report that it follows; None if all do."""
+    """Return the first joint in position mode whose enabled drive does not report bit 12 (follows); None if all do."""
     for joint, (status, mode) in enumerate(zip(sample.statuswords, modes, strict=True), 1):
         enabled = state_of(status) is DriveState.OPERATION_ENABLED
         if mode is JointMode.POSITION and enabled and not follows_command(status):
@@ -61,7 +61,7 @@ def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
 
 
 def first_complete_sample(loop: ControlLoop) -> Generator[Setpoints | None, Sample, Sample]:
-    """Exchange SYNCs without commands, at least two, until a sample is complete."""
+    """Exchange SYNCs without commands until a sample is complete, but at least two; return that sample."""
     sample = loop.sample
     for syncs in range(INCOMPLETE_SYNCS):
         sample = yield None
@@ -106,8 +106,8 @@ def reset(
 ) -> Generator[Setpoints | None, Sample, tuple[int, ...]]:
     """Release the STOP latch and clear drive faults; the drives end disabled.
 
-    `clear`: clears the known emergencies; `press`: the STOP to release. Returns the joints that stay in fault.
-    Raises `Stopped`, without any change, if STOP was pressed after `press`.
+    `clear` clears the known emergencies; `press` is the press of STOP to release. Returns the joints that are not
+    disabled at the end. Raises `Stopped`, and changes nothing, if STOP was pressed after `press`.
     """
     if not loop.latch.release(press):
         raise Stopped("STOP was pressed again before it was reset: reset it once more")
@@ -152,10 +152,10 @@ def move(
     speed_rad_per_s: float,
     watch: Watch | None,
 ) -> Generator[Setpoints | None, Sample, MoveResult]:
-    """Move joints synchronously along a straight line in joint space.
+    """Move joints along a straight line in joint space, so that all arrive together.
 
-    A non-empty result of `watch` ends the move with that reason. Alarms other than STOP first bring the joints to
-    rest along the line, then are raised; if a drive trips, all others hold their positions.
+    A non-empty result of `watch` ends the move and becomes its reason. On an alarm other than STOP, the joints first
+    come to rest along the line, then the alarm is raised; if a drive trips, all others hold their positions.
     """
     loop, scales = link.loop, link.scales
     sample = yield None
@@ -169,7 +169,7 @@ def move(
     )
     reason, first, incomplete = "", sample.sync_count, 0
     ending: Exception | None = None
-    faulted = False  # once a drive tripped or dropped out, whichever error is raised
+    faulted = False  # true once a drive tripped or dropped out, whichever error is raised
     loop.moving = True
     try:
         while not path.finished:
@@ -224,7 +224,7 @@ def incomplete_samples(sample: Sample) -> BusError:
 
 
 def hold_all(loop: ControlLoop) -> Generator[Setpoints | None, Sample, None]:
-    """Put all joints into position mode: free ones at their position, the others at their last target."""
+    """Put all joints into position mode: free joints at their positions, the others at their last targets."""
     sample = yield None
     yield tuple(
         command
@@ -235,7 +235,7 @@ def hold_all(loop: ControlLoop) -> Generator[Setpoints | None, Sample, None]:
 
 
 def raise_alarm(loop: ControlLoop) -> None:
-    """Raise the alarm for which the steps should end, if any."""
+    """Raise the alarm that requires the steps to end, if there is one."""
     alarm = loop.alarm()
     if alarm is not None:
         raise alarm
@@ -248,10 +248,10 @@ def _last_commands(loop: ControlLoop) -> Setpoints:
 
 
 def _higher_priority(alarm: HardwareError | None, ending: Exception | None) -> Exception | None:
-    """Return the error with which to end a move: the first one, unless `alarm` requires more than coming to rest."""
+    """Return the error that ends a move: the earlier one, `ending`, unless `alarm` is STOP, a trip or its cause."""
     if ending is None or isinstance(alarm, Stopped):
         return alarm
-    # A trip, or a node cut off, often shows first as a drive (or its neighbours) that is not enabled.
+    # The first sign of a trip or a lost node is often that its drive, or a neighbour's, is not enabled.
     if isinstance(ending, DriveDropout) and isinstance(alarm, DriveFault | BusError):
         stopped = ending.state == DriveState.QUICK_STOP_ACTIVE.value
         own = isinstance(alarm, DriveFault) and alarm.joint == ending.joint
@@ -283,7 +283,7 @@ SYNCS_PER_SAMPLE, EXTRA_SYNCS = 20, 100
 def settle(
     link: Connection, *, window: int, spread_rad: Sequence[float], timeout_syncs: int
 ) -> Generator[Setpoints | None, Sample, bool]:
-    """Wait until every joint's spread over the last `window` complete samples is within `spread_rad`."""
+    """Wait until each joint's last `window` complete samples span no more than `spread_rad`; false on time-out."""
     bounds = np.array([s * scale.density for s, scale in zip(spread_rad, link.scales, strict=True)])
     recent: deque[tuple[int, ...]] = deque(maxlen=window)
     for _ in range(timeout_syncs):

@@ -1,4 +1,4 @@
-"""Traffic of each SYNC: sends commands or quick stop, collects answers in a sample, builds the arm's snapshot."""
+"""Traffic of each SYNC: sends commands or quick stop, collects the answers in a sample, builds the arm's snapshot."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class CommandSender:
     """Sends commands in the control loop's thread.
 
     STOP sends its own frames; its latch is checked before and after the commands, so that quick stop is the last
-    command on the bus. If a joint moves uncommanded, its drive is switched off, as it may not hold the joint; this
-    blocks the joint's valve. All other drives are stopped. A drive that was switched off at the drive itself is not
+    command on the bus. If a joint moves uncommanded, its drive may be unable to hold it and is switched off, which
+    blocks the joint's valve; all other drives are stopped. A drive that was switched off at the drive itself is not
     enabled again.
 
     Parameters
@@ -56,7 +56,7 @@ class CommandSender:
         self._sent: list[Setpoint | None] = [None] * len(self._frames)
 
     def send(self, commands: Setpoints, sync_count: int, *, moving: bool) -> None:
-        """Send changed commands, and one joint's unchanged command (each joint in turn) in case a frame was lost."""
+        """Send changed commands and, in case a frame was lost, one joint's unchanged command (each joint in turn)."""
         repeated = sync_count % len(self._frames)
         dropout = self._watch.dropout
         for joint, joint_command in enumerate(commands):
@@ -74,9 +74,9 @@ class CommandSender:
             self.stop_all(commands)
 
     def stop_all(self, commands: Setpoints | None) -> None:
-        """Switch off the drives of `watch.switched_off`, then quick stop to all.
+        """Switch off the drives of the joints in `watch.switched_off`, then send quick stop to all drives.
 
-        Raises `BusError` if a frame could not be sent; quick stop is sent in any case by its own handle.
+        Raises `BusError` if a frame could not be sent; quick stop is sent in any case.
         """
         self._sent = [None] * len(self._frames)
         try:
@@ -84,7 +84,7 @@ class CommandSender:
                 if at + 1 not in self._watch.switched_off:
                     continue
                 switch_off = replace(command, controlword=CONTROLWORD_DISABLE_VOLTAGE)
-                # By this handle: commands from STOP's handle other than quick stop count as another master's.
+                # Not through STOP's handle: commands from there other than quick stop count as another master's.
                 for identifier, data in self._frames[at].pack_controlword(switch_off):
                     self._send(identifier, data)
         finally:
@@ -108,9 +108,9 @@ SPEED_SYNCS = 5
 
 @dataclass(frozen=True, slots=True)
 class CyclicView:
-    """Latest sample for other threads; a new one replaces the whole object.
+    """Latest sample for other threads; with the next sample, a new object replaces this one.
 
-    `late_at_s` is the accumulated host latency when each joint answered.
+    `late_at_s` is the accumulated host latency when each joint answered, s.
     """
 
     sample: Sample
@@ -131,7 +131,7 @@ class Sampler:
     waiting
         Number of joints whose answer to the current SYNC is still expected.
     answered_late
-        Whether a joint answered after the previous sample was closed: that sample may hold an earlier answer.
+        Whether a joint answered after the previous sample was closed, which may hold an answer to an earlier SYNC.
     """
 
     def __init__(self, frames: Sequence[JointFrames], *, max_misses: int, now_s: float) -> None:
@@ -164,8 +164,8 @@ class Sampler:
             received != closed
             for received, closed in zip(self._received, self._closed, strict=True)
         )
-        # A second answer may come after its sample was closed, or after the next SYNC, and count there: a surplus
-        # is kept, and reduced by one for each sample with one answer.
+        # A second answer may come after its sample was closed, or after the next SYNC, and then counts in that sample.
+        # So the surplus of answers is accumulated, and reduced by one for each sample with one answer.
         for at, received in enumerate(self._received):
             answers = max(received)
             # A delayed node delivers overdue answers later, all at once or one by one: they are no surplus.
@@ -180,7 +180,7 @@ class Sampler:
     def note(
         self, identifier: int, data: bytes | bytearray, now_s: float, late_s: float = 0.0
     ) -> bool:
-        """Take in a frame; return whether it is a TPDO of a joint. `late_s` is the accumulated host latency.
+        """Take in a frame; return whether the frame is a TPDO of a joint. `late_s`: accumulated host latency, s.
 
         A TPDO of the wrong length is ignored.
         """
@@ -210,7 +210,7 @@ class Sampler:
         sample = Sample(
             sync_count=self.view.sample.sync_count + 1,
             **self._columns(),
-            # Of two answers one belongs to another SYNC.
+            # If a joint answered twice, one of its answers belongs to another SYNC.
             missing=tuple(
                 j
                 for j, received in enumerate(self._received, 1)
@@ -276,7 +276,7 @@ def build_snapshot(link: Connection, clock: Callable[[], float]) -> ArmSnapshot:
 
 
 def _fault(nodes: NodeMonitor, dropout: Dropout) -> Fault:
-    """Return the fault to report for a drive that sent no emergency."""
+    """Return the fault to report for a drive that dropped out and sent no emergency."""
     return Fault(
         node=nodes.profile.drives[dropout.joint - 1],
         joint=dropout.joint,

@@ -1,8 +1,8 @@
-"""Starts the nodes of an arm and checks that they are the ones expected.
+"""Starts the nodes of an arm and checks that they are the expected nodes.
 
 Order: listen for another operator or master before a frame is sent; check by SDO that no operator uses the arm;
 reset the communication of the arm's nodes only, and wait for every boot-up; compare the arm with its
-description; heartbeat; NMT start; SYNC.
+description; start the heartbeat, the nodes (NMT) and SYNC.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def _read_all(access: ObjectAccess, needed: Sequence[_Object]) -> dict[_Object, 
 
 
 def _stated_timeout_s(access: ObjectAccess, nodes: Iterable[int]) -> float:
-    """Longest operator time-out that these nodes state, times `MARGIN`; 0 if none states one."""
+    """Return `MARGIN` times the longest operator time-out (s) that these nodes state; 0 if no node states one."""
     timeout_s = 0.0
     for node in nodes:
         try:
@@ -116,7 +116,7 @@ class StartUp:
         loop.nodes.cancelled = lambda: self._pressed() or loop.failure is not None
         loop.start()
         self._listen(self._timing.listen_s)
-        # In fast forward no time passes for the drives, and no other program has that arm.
+        # In fast forward no time passes for the drives, and no other program can use the simulated arm.
         if self._link.on_bus.pace is Pace.REAL_TIME:
             self._require_unused(takes_over=takes_over)
             self._listen(0.0)  # other programs' commands so far, before they are cleared
@@ -154,17 +154,17 @@ class StartUp:
     def _require_unused(self, *, takes_over: bool) -> None:
         """Check that no other operator can be using the arm; arguments as in `Connection.open`.
 
-        An operator may be silent for the drives' time-out (1016h), and a communication reset would then hit a moving
-        arm. So if drives are enabled or the token is held, it listens for that time (`Timing.operator_timeout_s` for
-        nodes that do not state theirs): either an operator is heard, or the drives stop.
+        An operator may be silent for up to the drives' time-out (1016h), and a communication reset would then hit a
+        moving arm. So if drives are enabled or the token is held, this program listens for that time (at least
+        `Timing.operator_timeout_s`): either an operator is heard, or the drives stop.
 
         Raises
         ------
         ControlDenied
             The holder of the token is heard.
         ArmInUse
-            A drive stays enabled beyond its time-out, or is stopped while the token is still held. A stopped drive with
-            a free token does not raise it: no operator uses that drive, and connecting enables nothing.
+            A drive stays enabled beyond its time-out, or is stopped while the token is still held. If the token is
+            free, a stopped drive does not raise it: no operator uses that drive, and connecting enables nothing.
         """
         access, profile, timeout_s = self._access, self._profile, self._timing.operator_timeout_s
         statuswords = [(node, objects.STATUSWORD) for node in profile.drives]
@@ -211,7 +211,7 @@ class StartUp:
             )
 
     def undo(self, failure: BaseException) -> None:
-        """After a failure restore the drives' own PDOs; objects set to 0 remain 0 and are listed in the error."""
+        """After a failure, restore the drives' own PDOs; objects set to 0 remain 0 and are listed in `failure`."""
         if self._configured:
             with suppress(BusError):
                 self._command_nodes(NmtCommand.RESET_COMMUNICATION)
@@ -219,9 +219,9 @@ class StartUp:
             failure.kept_writes = tuple(self._zeroed)
 
     def _check_drives(self, identity: ArmIdentity) -> tuple[int, ...]:
-        """Compare PDOs and arm with profile and description; write the PDOs first if the profile requires it.
+        """Compare the PDOs with the profile and the arm with its description; write the PDOs if the profile says so.
 
-        Returns the joints whose drives do not monitor the operator.
+        Returns the joints whose drives do not monitor the operator's heartbeat.
         """
         access, profile = self._access, self._profile
         if profile.configures_pdos:
@@ -238,7 +238,7 @@ class StartUp:
         return self._check_arm(identity)
 
     def _check_arm(self, identity: ArmIdentity) -> tuple[int, ...]:
-        """Compare all but the PDOs; set heartbeat time-out, following windows and rated torques."""
+        """Compare everything except the PDOs; set heartbeat time-out, following windows and rated torques."""
         access, profile, loop, link = self._access, self._profile, self._loop, self._link
         identifying.check_arm(access, identity, link.on_bus.description, profile)
         loop.heartbeat_timeout_s = heartbeat_timeout_s(access, profile, loop.heartbeat_timeout_s)
@@ -263,8 +263,8 @@ class StartUp:
     ) -> tuple[int, ...]:
         """Send an NMT command; return the nodes that `wait` still reports after a second attempt.
 
-        NMT commands are not acknowledged, and command or heartbeat may be lost. So nodes that are heard but have not
-        complied get the command again.
+        NMT commands are not acknowledged, and a command or a heartbeat may be lost. So the command is sent again to
+        nodes that are heard but have not complied.
         """
         self._command_nodes(command)
         missing = wait(self._timing.boot_timeout_s)
@@ -277,7 +277,7 @@ class StartUp:
         return missing
 
     def _command_nodes(self, command: NmtCommand, nodes: Iterable[int] = ()) -> None:
-        """Send an NMT command to these nodes, or to all of the arm, but never to others on the bus."""
+        """Send an NMT command to each of `nodes`, by default to all nodes of the arm; never to other devices."""
         for node in nodes or self._profile.nodes:
             self._link.wire.send(objects.COB_NMT, bytes([command, node]))
 

@@ -25,7 +25,7 @@ class _Press:
 
 
 class StopLatch:
-    """Latch of STOP, which outlives a connection. A reset releases only the press for which it was made.
+    """Latch of STOP, which outlives a connection. A reset releases only the press that it names.
 
     Lock-free: pressing and releasing write one attribute each, so that no press is lost.
     """
@@ -51,11 +51,11 @@ class StopLatch:
         return None if pressed is None or pressed is self._released else pressed.cause
 
     def press(self, cause: Divergence | None = None) -> None:
-        """Latch STOP. May be called from any thread; a second press keeps the cause of the first one."""
+        """Latch STOP. May be called from any thread; while STOP is latched, a further press keeps the first cause."""
         self._pressed = _Press(self.cause or cause)
 
     def release(self, press: object | None) -> bool:
-        """Release if `press` is the latest press; return whether the latch is released."""
+        """Release the latch if `press` is the latest press; return whether the latch is released."""
         if self._pressed is press:
             self._released = press
         return not self.latched
@@ -83,9 +83,9 @@ class StopLine:
         self._ways: tuple[Callable[[can.Message], None], ...] = (*own, spare.send_at_once)
 
     def send(self, last: Setpoints | None, counts: Sequence[int]) -> None:
-        """Send quick stop to every drive, with target and mode of the `last` setpoints, or with the positions `counts`.
+        """Send quick stop to every drive, with its target and mode in `last` or, if None, its position in `counts`.
 
-        Raises `BusError` if a frame could not be sent; the others were sent.
+        Raises `BusError` if a frame could not be sent; all other frames were sent.
         """
         failure: Exception | None = None
         deadline_s = time.monotonic() + CONTROL_PERIOD_S
@@ -113,7 +113,7 @@ class StopLine:
             raise BusError(f"STOP could not be sent: {text}. Use the emergency stop.") from failure
 
     def _send_one(self, message: can.Message) -> Exception | None:
-        """Send a frame by the first handle that takes it; return the last error if none does."""
+        """Send a frame through the first handle that accepts it; return the last error if no handle does."""
         problem: Exception | None = None
         for way in self._ways:
             try:

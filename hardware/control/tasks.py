@@ -1,4 +1,4 @@
-"""Passes steps from the caller's thread to the control loop, and their results back; handles Ctrl-C meanwhile."""
+"""Passes steps from the caller's thread to the control loop, and results back; handles Ctrl-C in the meantime."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class LoopTask:
     _started: bool = False
 
     def advance(self, sample: Sample) -> Setpoints | None:
-        """Run the steps to their next SYNC; StopIteration at their end."""
+        """Run the steps up to their next SYNC and return its commands; raises `StopIteration` when the steps end."""
         if self._started:
             return self.steps.send(sample)
         self._started = True
@@ -47,7 +47,7 @@ class LoopTask:
             self.outcome.set_exception(error)
 
     def wait(self, loop_alive: Callable[[], bool]) -> bool:
-        """Wait for `finish`; false if the loop has ended without it."""
+        """Wait until `finish` was called; return false if the loop ended without calling it."""
         while not wait([self.outcome], _ALIVE_POLL_S).done:
             if not loop_alive():
                 return self.outcome.done()
@@ -55,9 +55,9 @@ class LoopTask:
 
 
 class TaskQueue:
-    """Tasks in order of request; the loop works on the first.
+    """Tasks in the order in which they were requested; the control loop works on the first.
 
-    `closed_error` makes the error to raise after the loop has ended.
+    `closed_error` returns the error to raise after the loop has ended.
     """
 
     def __init__(
@@ -88,10 +88,10 @@ class TaskQueue:
         return self._tasks[0] if self._tasks else None
 
     def finish_first(self, *, result: Any = None, error: BaseException | None = None) -> None:
-        """End the first task."""
+        """Remove the first task and pass its result or error to its caller."""
         self._tasks.popleft().finish(result=result, error=error)
 
     def finish_all(self, error: HardwareError) -> None:
-        """End all tasks with an error."""
+        """End all tasks with the same error."""
         while self._tasks:
             self.finish_first(error=error)

@@ -1,8 +1,8 @@
 """Synchronised straight move of several joints with bounded jerk, which can brake at any time.
 
-Distance along the straight line in joint space is that of the joint that moves farthest, and follows a trapezoidal
-speed profile. A moving average over `SMOOTHING_PERIODS` positions bounds the jerk; the joints
-stay on the line and come to rest exactly at its end.
+The distance along the straight line in joint space is the angle turned by the joint that moves farthest; its speed
+follows a trapezoidal profile. A moving average over `SMOOTHING_PERIODS` positions bounds the jerk; the joints stay on
+the line and come to rest exactly at its end.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ SMOOTHING_PERIODS = 10
 def coming_to_rest_s(speed_rad_per_s: float) -> float:
     """Return the braking distance of a joint divided by its speed, s, in a move at `speed_rad_per_s`.
 
-    The sum of half the deceleration time (the mean speed is half), half the length of the moving average, and two
-    control periods of delay. Valid for a free joint too, as long as its motion is proportional to that of the drives.
+    It is the sum of half the deceleration time (the mean speed is half), half the length of the moving average, and two
+    control periods of delay. It also holds for a free joint whose motion is proportional to that of the driven joints.
     """
     delay_s = (0.5 * (SMOOTHING_PERIODS - 1) + 2.0) * CONTROL_PERIOD_S
     return 0.5 * speed_rad_per_s / ACCELERATION_RAD_PER_S2 + delay_s
@@ -52,7 +52,7 @@ class Trapezoid:
         self.end_s = 2.0 * self._ramp_s + self._cruise_s
 
     def at(self, time_s: float) -> tuple[float, float]:
-        """Return distance (rad) and speed (rad/s) at a time (s) after the start."""
+        """Return distance (rad) and speed (rad/s) at `time_s` after the start."""
         if time_s <= self._brake_from_s:
             return self._planned(time_s)
         distance, speed = self._planned(self._brake_from_s)
@@ -88,7 +88,7 @@ class StraightMove:
     Parameters
     ----------
     start_rad, end_rad
-        Joint vectors of equal length, rad.
+        Joint angles at the start and at the end, shape (n,), rad.
 
     Attributes
     ----------
@@ -127,14 +127,14 @@ class StraightMove:
         return self._braking
 
     def next(self) -> FloatArray:
-        """Return the target of the next period, shape (n,), rad; after the end, the final one."""
+        """Return the target of the next control period, shape (n,), rad; after the end, the final target."""
         if self.finished:
             return self._place(self._window[-1])
         self._step += 1
         time_s = self._step * CONTROL_PERIOD_S
         distance, _ = self._line.at(time_s)
         self._window.append(distance)
-        # At rest once the window is constant; the mean would leave a rounding error.
+        # Once the window is constant the joints are at rest; its mean would have a rounding error.
         if time_s >= self._line.end_s and self._window[0] == distance:
             self.finished = True
             return self._place(distance)

@@ -46,7 +46,8 @@ def upload(link: Connection, document: bytes) -> UploadReceipt:
     """Write a document, stage it, read it back and commit it.
 
     Steps are repeated if an answer is missing or control has lapsed, since nothing is active before the commit, and
-    2003h and 2001h show whether a commit was carried out. After an error, the previous document stays active.
+    2003h and 2001h show whether a commit was carried out. After any error but `UploadUnknown`, the previous document
+    stays active.
 
     Raises
     ------
@@ -105,7 +106,7 @@ class _Attempt:
         self.commit_sent = False
 
     def is_transient(self, error: HardwareError) -> bool:
-        """Whether a further attempt may succeed.
+        """Whether a further attempt may succeed after this error.
 
         A refusal after a missed answer is transient: the earlier command may have been carried out.
         """
@@ -115,7 +116,7 @@ class _Attempt:
         return not isinstance(error, DuplicateNodeId | FramesLost)
 
     def stage(self) -> None:
-        """Write, stage and compare the document, unless it is still staged for a commit."""
+        """Write, stage and compare the document, unless it is still staged because a commit was not carried out."""
         if self.commit_pending():
             return
         self.commit_sent = False
@@ -163,7 +164,7 @@ class _Attempt:
         )
 
     def _compare(self) -> None:
-        """Compare the staged document with the one sent, byte for byte and by digest; if it differs, drop it."""
+        """Compare the staged document with the document sent, by bytes and by digest; if they differ, drop it."""
         document, staged = self._document, self._access.read(self._supervisor, objects.DOCUMENT)
         sha256, length = self._read_sha256(), self._read_length()
         if staged == document and length == len(document) and sha256 == self._sha256:

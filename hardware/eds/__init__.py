@@ -26,14 +26,14 @@ EDS_FILES: Final[Mapping[int, Path]] = {
 
 
 def node_dictionary(node: int) -> ObjectDictionary:
-    """Return the object dictionary of a node of the arm: the supervisor's or a joint's."""
+    """Return the object dictionary of a node of the arm: that of the supervisor or that of a joint's drive."""
     return product_dictionary(
         SUPERVISOR_PRODUCT if node == SUPERVISOR_NODE else JOINT_PRODUCT, node
     )
 
 
 def product_dictionary(product: int, node: int) -> ObjectDictionary:
-    """Return a copy of a device type's object dictionary for a node number; the caller may change it."""
+    """Return a device type's object dictionary for a node number, as a copy that the caller may change."""
     dictionary = copy.deepcopy(_parsed(product))
     dictionary.node_id = node
     for variable in variables(dictionary).values():
@@ -43,7 +43,7 @@ def product_dictionary(product: int, node: int) -> ObjectDictionary:
 
 
 def variables(dictionary: ObjectDictionary) -> dict[tuple[int, int], ODVariable]:
-    """Return all entries by index and sub-index; a plain variable has sub-index 0."""
+    """Return all entries by (index, sub-index); an object without sub-indices has sub-index 0."""
     by_index: dict[tuple[int, int], ODVariable] = {}
     for index, item in dictionary.indices.items():
         subs = {0: item} if isinstance(item, ODVariable) else item.subindices

@@ -1,9 +1,9 @@
 """Detects drives that leave *operation enabled*, or stop following, without a command from this program.
 
 A drive that trips sends an emergency. A drive that is disabled at the drive itself reports that in its statusword only,
-and the next repeated command would enable it again, although it may have been switched off on purpose. So it is not
-enabled again, and all others stop as after a trip: in a closed chain they would push against a joint that does not
-follow.
+and the next repeated command would enable it again, although it may have been switched off on purpose. Therefore that
+drive is not enabled again, and all other drives stop as after a trip: in a closed chain they would push against a joint
+that does not follow.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from hardware.canopen.cyclic import Sample, Setpoint, Setpoints
 from hardware.canopen.objects import CYCLIC_POSITION
 
 CONFIRMED_SYNCS: Final = 10
-"""After this many answers as commanded, no answer from before the command can still arrive."""
+"""After a drive has answered this many times as commanded, no answer from before the command can still arrive."""
 DROPOUT_SYNCS: Final = 2
-"""Before that, number of consecutive *disabled* answers that count as a dropout; meanwhile the joint gets no
+"""Consecutive *disabled* answers that count as a dropout, before `CONFIRMED_SYNCS`; meanwhile the joint gets no
 command."""
 NOT_FOLLOWING_SYNCS: Final = 50
 """0.5 s without bit 12: longer than a mode change, during which a drive may set or clear that bit."""
@@ -48,14 +48,14 @@ class Dropout:
 
     @property
     def controlword(self) -> int:
-        """Controlword that does not enable the drive: quick stop if it may be holding, otherwise disable voltage."""
+        """Controlword that does not enable the drive: quick stop if the drive may hold, otherwise disable voltage."""
         holds = self.not_following or self.state is DriveState.QUICK_STOP_ACTIVE
         return CONTROLWORD_QUICK_STOP if holds else CONTROLWORD_DISABLE_VOLTAGE
 
 
 @dataclass(slots=True)
 class _Joint:
-    """Numbers of SYNCs since the command to enable, by what the drive reported."""
+    """Numbers of SYNCs, since the command to enable, at which the drive reported each condition."""
 
     enabled_syncs: int = 0
     disabled_syncs: int = 0
@@ -63,7 +63,7 @@ class _Joint:
     not_following_syncs: int = 0
 
     def update(self, status: int, command: Setpoint) -> DriveState | None:
-        """Take in a statusword; return the drive's state if it is a dropout."""
+        """Take in a statusword; return the drive's state if the drive has dropped out, otherwise None."""
         if command.controlword != CONTROLWORD_ENABLE_OPERATION:
             self.enabled_syncs = self.disabled_syncs = 0
             self.following_syncs = self.not_following_syncs = 0
@@ -138,7 +138,7 @@ class DropoutMonitor:
 
 
 def _priority(dropout: Dropout) -> int:
-    """Return the rank as a cause, 0 first: a drive in fault stops its neighbours, so a stopped drive ranks last."""
+    """Return how likely a dropout is the cause of others, 0 the likeliest: a drive in fault stops its neighbours."""
     if dropout.state in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE):
         return 0
     return 2 if dropout.state is DriveState.QUICK_STOP_ACTIVE else 1

@@ -1,11 +1,11 @@
 """Detects uncommanded motion: joints away from the commanded position, or moving after a quick stop.
 
-A drive checks its following error (6065h) against its own target and sensor. If another program sends it
-targets, or its reports are wrong, only the operator, who knows the commands, can detect it.
+A drive checks its following error (6065h) with its own target and sensor. If another program sends targets to the
+drive, or the drive's reports are wrong, only the operator, who knows the commands, can detect that.
 
-A joint is checked from the moment its drive reports that it follows (6041h, bit 12) until its mode changes or it leaves
-*operation enabled*, even if bit 12 drops. If a drive never reports it, setting its mode fails
-(`hardware.control.motion_steps`).
+A joint is checked from the moment its drive reports that it follows (6041h, bit 12) until its mode changes or the drive
+leaves *operation enabled*, even if bit 12 drops. If a drive never sets bit 12, setting its mode fails
+(`hardware.control.canopen_arm`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from hardware.canopen.cyclic import MAX_LATE_SYNCS, Sample, Setpoints
 from hardware.canopen.objects import CYCLIC_POSITION
 
 DIVERGED_SYNCS: Final = 10
-"""Consecutive SYNCs outside the window; fewer may be a target just sent, or a late frame."""
+"""Consecutive SYNCs outside the window that show uncommanded motion; a new target or a late frame causes fewer."""
 
 _EMPTY_RANGE: Final = (math.inf, -math.inf)
 
@@ -37,20 +37,20 @@ class Divergence:
 
 
 class FollowingMonitor:
-    """Compares every sample with the commands; `windows_counts` limits distances from target, empty for no check."""
+    """Compares samples with commands; `windows_counts`, if not empty, limits each joint's distance from its target."""
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
         self._windows = tuple(windows_counts)
         self._outside_syncs = [0] * len(self._windows)
         self._followed = [False] * len(self._windows)
-        # Range of each joint's targets in this and the previous interval of MAX_LATE_SYNCS: a late answer
-        # gives an earlier position.
+        # Range of each joint's targets in the present and in the previous interval of MAX_LATE_SYNCS: a late answer
+        # belongs to an earlier target.
         self._targets = [_EMPTY_RANGE] * len(self._windows)
         self._earlier_targets = list(self._targets)
         self._stretch_syncs = 0
 
     def update(self, sample: Sample, commands: Setpoints | None) -> Divergence | None:
-        """Take in a sample and the commands sent before it; return the first divergence."""
+        """Take in a sample and the commands before it; return the divergence of the first joint, None if all follow."""
         if commands is None:
             return None
         self._stretch_syncs += 1
@@ -85,9 +85,9 @@ class FollowingMonitor:
 MIN_BRAKING_SYNCS: Final = 30
 """0.3 s: time allowed for every stopped joint to come to rest."""
 MAX_BRAKING_SYNCS: Final = 200
-"""2 s: time allowed while it keeps slowing down; the deceleration (6085h) is the drive maker's choice."""
+"""2 s: time allowed to a joint that keeps slowing down; the deceleration (6085h) is the drive maker's choice."""
 STRETCH_SYNCS: Final = 10
-"""Length of the intervals whose displacements are compared: a joint brakes while they decrease."""
+"""Length of the intervals whose displacements are compared: a joint brakes while its displacements decrease."""
 
 
 @dataclass(slots=True)
@@ -102,7 +102,7 @@ class _Joint:
     last_travel_counts: float = math.inf
 
     def brake(self, counts: int) -> None:
-        """Take in a position before rest; the joint is at rest once it no longer slows down."""
+        """Take in a position while the joint brakes; it counts as at rest once it no longer slows down."""
         if self.stopped_syncs == 0:
             self.at_rest = False
             self.stretch_start_counts, self.last_travel_counts = counts, math.inf
@@ -117,11 +117,11 @@ class _Joint:
 
 
 class StandstillMonitor:
-    """Checks every sample after a quick stop; `windows_counts` limits the distance from rest, empty for no check.
+    """Checks every sample after a quick stop; `windows_counts` limits each joint's distance from its rest position.
 
-    A stopped drive holds a target of its own, which the operator does not know, so the reference is the position where
-    the joint came to rest. A drive whose quick stop ends without power (605Ah below 5) reports that in its state
-    and is not checked; neither is a joint in free mode, which the others may move.
+    If `windows_counts` is empty, nothing is checked. A stopped drive holds at a target of its own, which the operator
+    does not know, so the reference is the position where the joint came to rest. A drive that is without power after a
+    quick stop (605Ah below 5) reports that in its state and is not checked, nor is a joint in free mode.
     """
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
@@ -129,7 +129,7 @@ class StandstillMonitor:
         self._joints = tuple(_Joint() for _ in self._windows)
 
     def update(self, sample: Sample, commands: Setpoints | None) -> Divergence | None:
-        """Take in a sample and the commands sent last; return the first joint that moved."""
+        """Take in a sample and the commands sent last; return the divergence of the first joint that moved, or None."""
         if commands is None:
             return None
         divergence = None

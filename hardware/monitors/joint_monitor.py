@@ -1,8 +1,8 @@
 """Monitors of the samples, including one for count loss, and the alarms that end a command, by priority.
 
-Position is smooth from SYNC to SYNC: the increment of one period follows from the two before and the two
-after it. A single outlying increment in one joint alone, with no other outlier nearby, is neither noise
-nor motion, because no joint of a closed chain moves alone: counts were lost or a coupling slipped.
+Position is smooth from SYNC to SYNC: the increment of one period can be predicted from the two increments before and
+the two after. A single outlying increment in one joint alone, with no other outlier shortly before or after, is neither
+noise nor motion, because no joint of a closed chain moves alone: counts were lost or a coupling slipped.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ COUPLED_FRACTION, COUPLED_NOISE = 0.1, 0.6
 """A real jerk moves another joint by more than COUPLED_FRACTION of the jump plus COUPLED_NOISE of that joint's
 threshold."""
 MOTION_FACTOR = 6.0
-"""Ratio of the threshold in motion to that at rest: targets arrive with some jitter."""
+"""Ratio of the threshold in motion to the threshold at rest: targets arrive with some jitter."""
 JERK_SYNCS = 15
-"""After a drive is enabled or its mode changes its joint may jerk for this long: no detection."""
+"""SYNCs without detection after a drive is enabled or its mode changes: the joint may jerk."""
 QUIET_SYNCS, ECHO_SYNCS = 10, 2
-"""No other outlier may lie within QUIET_SYNCS; the jump itself shows in ECHO_SYNCS around it."""
+"""No other outlier may lie within QUIET_SYNCS of a jump; outliers within ECHO_SYNCS belong to the jump itself."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,7 +78,7 @@ class ContinuityMonitor:
         self._candidate = None
 
     def restart_history(self) -> None:
-        """Discard earlier samples: the last one may hold answers to an earlier SYNC."""
+        """Discard the samples so far: the last of them may hold answers to an earlier SYNC."""
         self._recent.clear()
 
     def update(self, sample: Sample) -> CountJump | None:
@@ -113,7 +113,7 @@ class ContinuityMonitor:
         return None if any(ECHO_SYNCS < away <= QUIET_SYNCS for away in distances) else candidate
 
     def _test_increment(self, sync_count: int) -> None:
-        """Test the increment that ended with the answer to this SYNC."""
+        """Test the increments that ended with SYNC `sync_count`; a jump becomes the candidate to be confirmed."""
         jumps: list[CountJump] = []
         relative = []
         at_rest = all(
@@ -152,14 +152,14 @@ class JointMonitor:
     Parameters
     ----------
     allowed_counts
-        Each joint's threshold for count jumps; empty for no check.
+        Each joint's threshold for count jumps at rest; if empty, jumps are not checked.
     divergence
         The uncommanded motion for which STOP was latched in an earlier connection, if it is still latched.
 
     Attributes
     ----------
     jump, divergence
-        The first count jump and the first uncommanded motion, for which the arm was stopped; None if none.
+        The first count jump and the first uncommanded motion, for which the arm was stopped; None if there was none.
     switched_off
         Joints with uncommanded motion: their drives are switched off.
     dropout
@@ -207,7 +207,7 @@ class JointMonitor:
     ) -> bool:
         """Take in a sample and the commands sent before it; return whether a joint just diverged.
 
-        `answered_late`: the sample may hold answers to earlier SYNCs; `stopped`: STOP was latched before it.
+        `answered_late`: the previous sample may hold answers to earlier SYNCs; `stopped`: STOP is latched.
         """
         if self.jump is None and self._detects_jumps:
             if answered_late:
@@ -257,7 +257,7 @@ def alarms(
 ) -> Iterator[HardwareError]:
     """Yield all alarms, highest priority first.
 
-    `lost_joints`, `duplicate_joints`: joints without answers to SYNC, and joints with two answers to each.
+    `lost_joints`: joints that do not answer SYNC; `duplicate_joints`: joints that answer each SYNC twice.
     """
     if watch.divergence is not None:  # the cause of a STOP comes before the STOP
         yield divergence_error(watch.divergence)

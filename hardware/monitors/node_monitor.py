@@ -1,6 +1,6 @@
-"""State of the nodes from their heartbeats and emergencies, and the frames that only a CANopen master sends.
+"""State of the nodes from their heartbeats and emergencies; recognition of frames that only a CANopen master sends.
 
-Written by the receiving thread; public attributes may be read from any thread. Times exclude host latency
+The receiving thread updates the state; any thread may read the public attributes. Times exclude host latency
 (`hardware.timing`).
 """
 
@@ -34,7 +34,7 @@ NMT_NAMES: Final = {
 
 
 def describe_master_frame(profile: BusProfile, identifier: int, data: bytes) -> str:
-    """Describe a frame that only a master sends, with its identifier; empty for frames of the nodes.
+    """Describe a frame that only a master sends, with its identifier; empty for a frame that the nodes send.
 
     TPDOs of the profile count as frames of the nodes, whatever their identifiers.
     """
@@ -66,7 +66,7 @@ def _describe_nmt(data: bytes) -> str:
 
 
 def initiated_transfer(data: bytes) -> tuple[bool, int] | None:
-    """Return whether an SDO request initiates a write, and the index; None if it initiates no transfer."""
+    """Return (whether an SDO request initiates a write, object index); None if it initiates no transfer."""
     kind = data[0] >> 5 if len(data) == 8 else None
     if kind not in _WRITES or data[0] & _CONTINUED_BLOCK.get(kind, 0):
         return None
@@ -82,20 +82,20 @@ def _describe_sdo(data: bytes) -> str:
 
 
 _CANCEL_POLL_S = 0.05
-"""How soon a wait notices `cancelled`."""
+"""Longest time in which a wait notices `cancelled`."""
 _TIMEOUT_FACTOR = 5
 """Longest wait in wall-clock time, as a multiple of its time-out, in case no thread receives any more."""
 
 
 class NodeMonitor:
-    """State of the nodes of `profile`; `clock` (s) excludes host latency and times the waits.
+    """State of the nodes of `profile`; `clock` returns the time in s, without host latency, by which waits are timed.
 
     Attributes
     ----------
     heard_at_s
         Time of each node's last heartbeat or boot-up.
     nmt_state
-        NMT state in that heartbeat.
+        NMT state in each node's last heartbeat.
     faults
         Active emergencies, oldest first.
     other_operator_at_s
@@ -105,7 +105,7 @@ class NodeMonitor:
     restarted
         Nodes that booted without a command.
     cancelled
-        Whether waits should end: STOP was pressed, or no thread receives any more.
+        Function that returns whether waits should end: STOP was pressed, or no thread receives any more.
     foreign_command
         Description of the first command from another master on this bus; empty if none.
     """
@@ -129,7 +129,7 @@ class NodeMonitor:
         self._changed = threading.Condition()
 
     def note_command(self, identifier: int, data: bytes | bytearray) -> None:
-        """Record a received command: no other program on this bus should send one."""
+        """Record the first command received from another program: no other program on this bus should send commands."""
         if not self.foreign_command and self._is_command(identifier, bytes(data)):
             self.foreign_command = describe_master_frame(self.profile, identifier, bytes(data))
 
@@ -154,17 +154,17 @@ class NodeMonitor:
         self.faults = ()
 
     def expect_no_boot_up(self) -> None:
-        """Count a boot-up from now on as a restart."""
+        """From now on, record every node that boots as restarted."""
         self._boot_expected = False
 
     def wait_for_boot_up(self, timeout_s: float) -> tuple[int, ...]:
-        """Wait until every node has booted; return those that have not within `timeout_s`."""
+        """Wait until every node has booted; return the nodes that have not booted within `timeout_s`."""
         with self._changed:
             self._wait_for(lambda: self._booted.issuperset(self.nodes), timeout_s)
             return tuple(node for node in self.nodes if node not in self._booted)
 
     def wait_for_state(self, state: NmtState, timeout_s: float) -> tuple[int, ...]:
-        """Wait until every node's heartbeat reports `state`; return those that do not in time."""
+        """Wait until every node's heartbeat reports `state`; return the nodes in another state after `timeout_s`."""
 
         def others() -> tuple[int, ...]:
             return tuple(node for node in self.nodes if self.nmt_state.get(node) != state)
@@ -187,7 +187,7 @@ class NodeMonitor:
         )
 
     def not_operational(self) -> tuple[int, ...]:
-        """Return the nodes whose last heartbeat reports another NMT state than *operational*."""
+        """Return the nodes whose last heartbeat reports an NMT state other than *operational*."""
         return tuple(
             node
             for node in self.nodes
@@ -199,7 +199,7 @@ class NodeMonitor:
         return self.other_operator_at_s is not None and now_s - self.other_operator_at_s <= limit_s
 
     def assume_fault(self, node: int, code: int, sync_count: int) -> None:
-        """Add a fault whose emergency was sent before this program listened, unless the node has one."""
+        """Add a fault whose emergency was sent before this program listened, unless a fault of the node is known."""
         if all(fault.node != node for fault in self.faults):
             self._emergency(node, code, sync_count)
 
@@ -209,7 +209,7 @@ class NodeMonitor:
         self.foreign_command = ""
 
     def _wait_for(self, happened: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait until `happened` or `cancelled`; polls, since STOP takes no lock and cannot notify."""
+        """Wait until `happened` or `cancelled` is true, by polling: STOP takes no lock and cannot notify."""
         end_s = self._clock() + timeout_s
         latest_s = time.monotonic() + _TIMEOUT_FACTOR * timeout_s
         while not happened() and not self.cancelled():
@@ -255,7 +255,7 @@ class NodeMonitor:
         self.faults = (*self.faults, fault)
 
     def _is_command(self, identifier: int, data: bytes) -> bool:
-        """Whether a frame is a command to this arm; not a quick stop, which STOP's handle may have sent."""
+        """Whether a frame is a command to this arm other than quick stop, which STOP's handle may have sent."""
         if identifier == objects.COB_SYNC:
             return len(data) <= 1  # with a counter or without
         if frames := self._commanded.get(identifier):

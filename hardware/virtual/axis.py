@@ -19,8 +19,8 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt
 class JointCommand:
     """Command of one joint for a control period.
 
-    `mode` None: drive off, joint held by its blocked valve. `target_rad` is in sensor coordinates and used in POSITION
-    mode only.
+    If `mode` is None, the drive is off and the joint's blocked valve holds it. `target_rad` is in sensor coordinates
+    and is used in POSITION mode only.
     """
 
     mode: JointMode | None
@@ -55,15 +55,15 @@ class AxisSettings:
     max_torque_nm, following_window_counts
         Trip levels of torque (also the rated torque) and of the following error (6065h).
     max_speed_counts_per_s
-        607Fh.
+        Value of 607Fh.
     home_offset_limit_counts
         Largest home offset of a revolute joint, in either direction.
     sensor_kind, full_scale_microdeg, converter_bits
-        2100h.
+        Values of 2100h.
     increments, revolutions
-        608Fh.
+        Values of 608Fh.
     lowest_counts, highest_counts
-        Ends of the converter, at which the sensor counts as failed; infinite without ends.
+        Ends of an RVDT's converter, at which the sensor counts as failed; infinite for an encoder.
     mode_switch_cycles
         Control periods from a new 6060h to the new 6061h.
     trip_cycles

@@ -1,11 +1,11 @@
 """The virtual controller: drive nodes and supervisor, one control loop, one plant step per SYNC.
 
-One thread receives, steps the plant, answers, monitors the operator's heartbeat and sends its own; if it hangs,
-the heartbeats stop. A second thread checks parameter documents and writes them to disk.
+One thread receives, steps the plant, answers, monitors the operator's heartbeat and sends the nodes' heartbeats, which
+stop if this thread hangs. A second thread checks parameter documents and writes them to disk.
 
 If operator and arm are in one process, the operator's thread handles the frames while it waits for an answer
-(`VirtualController.attend`), which takes half the time. While the operator holds the control token its heartbeat is
-monitored; when it is lost, all drives hold and raise 8130h, and the token lapses.
+(`VirtualController.attend`), which halves the time. The heartbeat of an operator with the control token is monitored;
+when the heartbeat is lost, all drives hold and raise 8130h, and the token lapses.
 """
 
 from __future__ import annotations
@@ -65,16 +65,16 @@ class VirtualController:
     heartbeat_timeout_s
         Silence after which the operator counts as lost.
     clock
-        Monotonic time, s.
+        Function that returns monotonic time, s.
     script
-        Faults at given SYNCs; those of SYNC 0 occur before the first one.
+        Faults at given SYNCs; faults of SYNC 0 occur before the first SYNC.
     attended
         Whether the operator is in this process and calls `attend` while it waits for frames.
 
     Attributes
     ----------
     drives, supervisor
-        The nodes; other threads need their `lock`.
+        The nodes; threads other than the control loop must hold a node's `lock` to use it.
     group
         Drives and plant, which step together.
     sync_count
@@ -173,7 +173,7 @@ class VirtualController:
             raise self.failure
 
     def post(self, action: Callable[[], object]) -> None:
-        """Run an action in the control loop; at once if called from it."""
+        """Run an action in the control loop; if called from the loop itself, at once."""
         if threading.get_ident() == self._in_turn:
             action()
         else:
@@ -330,14 +330,14 @@ class VirtualController:
             if number in self._joints and now - since > self._timeout_s:
                 self.group.lose_heartbeat_at(number)
         if now >= self._next_beat_s:
-            # From now: a late loop sends no burst.
+            # Counted from now, so that a late loop sends no burst.
             self._next_beat_s = now + HEARTBEAT_PERIOD_S
             for node in self._nodes:
                 if self.disturbances.sends_heartbeat(node.number, now):
                     node.beat()
 
     def _lost(self, node: int) -> bool:
-        """Whether a node was silent for too long, host latency excluded, as the node runs on this computer too."""
+        """Whether a node was silent for too long; host latency is excluded, as a node on this computer has it too."""
         return self._latency.listened_s - self._heard_s.get(node, -math.inf) > self._timeout_s
 
     def _run_work(self) -> None:

@@ -21,7 +21,7 @@ LATE_S = (0.005, 0.05)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameFaults:
-    """Fraction of frames (0 to 1) with each fault; after every frame, `babble` foreign frames are sent."""
+    """For each fault, the fraction (0 to 1) of frames that have it; `babble`: foreign frames sent after every frame."""
 
     lost: float = 0.0
     doubled: float = 0.0
@@ -47,7 +47,7 @@ class FaultyWire:
         self.delays = faults.late > 0.0
 
     def passed(self, message: can.Message) -> Iterator[can.Message]:
-        """Yield the frames that come out of the wire when this one is put in."""
+        """Yield the frames that come out of the wire when `message` is put in."""
         faults = self._faults
         lost, doubled, swapped, flipped, late = self._rng.random(5)
         if lost < faults.lost:
@@ -99,7 +99,7 @@ class Disturbances:
     frozen_counts, lost_counts, ripple_counts
         Sensor readings: fixed value, offset (the drive follows it), added noise (one standard deviation).
     diverged_counts
-        Distance of a joint from its drive's target; it grows.
+        Distance of a joint from its drive's target, which grows every control period.
     blocked, sagging
         Joints that do not move in free mode, and joints that do not hold in position mode.
     storming
@@ -107,9 +107,9 @@ class Disturbances:
     stalled_sdo, refused_sdo
         Nodes that do not answer SDO, and nodes that abort it.
     off_until_s
-        Until when no frame passes; None if frames pass.
+        Time until which no frame passes (the controller's clock); None if frames pass.
     wire_out, wire_in
-        Faults of frames from and to the arm; None for none.
+        Faults of frames from and to the arm; None if these frames have no faults.
     """
 
     cut_since_s: dict[int, float] = field(default_factory=dict)

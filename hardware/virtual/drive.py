@@ -1,7 +1,7 @@
 """Behaviour of one drive: states, modes, limits, trips.
 
-Time is counted in control periods: `command` is the joint's command for the next period, `read` takes in the sensors at
-its end.
+Time is counted in control periods: `command` returns the joint's command for the next period, `read` takes in the
+sensors at the end of that period.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from hardware.virtual.axis import AxisSettings, JointCommand
 class Drive:
     """A CiA 402 axis in cyclic position or cyclic torque mode.
 
-    After a quick stop or the loss of the operator's heartbeat the drive holds: position mode at the measured position.
+    After a quick stop or the loss of the operator's heartbeat the drive holds the measured position in position mode.
     After any other trip the joint's valve is blocked.
 
     Parameters
@@ -122,7 +122,7 @@ class Drive:
     # ---- events ----------------------------------------------------------------------------------
 
     def quick_stop(self) -> None:
-        """Stop and hold without a controlword, if enabled."""
+        """Stop and hold, if enabled, although no controlword commands it."""
         after = cia402.after_event(self.state, DriveEvent.QUICK_STOP)
         if after is not self.state:
             self.state = after
@@ -144,7 +144,7 @@ class Drive:
         self._begin(code)
 
     def finish_reaction(self) -> None:
-        """End *fault reaction active* at the next event."""
+        """Change from *fault reaction active* to *fault*; no effect in other states."""
         self.state = cia402.after_event(self.state, DriveEvent.FAULT_REACTION_DONE)
 
     # ---- every control period --------------------------------------------------------------------
@@ -169,7 +169,7 @@ class Drive:
 
     @property
     def flags(self) -> int:
-        """Bits of 6041h other than those that code the state."""
+        """Bits of 6041h other than the bits that code the state."""
         flags = int(StatusBit.VOLTAGE_ENABLED)
         if self.in_control:
             flags |= StatusBit.REMOTE
@@ -238,7 +238,7 @@ class Drive:
             self.trip(code)
 
     def _reset(self) -> bool:
-        """Clear the errors; false if the cause of one persists."""
+        """Clear all errors; return false, and clear none, if the cause of an error persists."""
         persists = {
             EmergencyCode.EXTERNAL_STOP: self.external_stop,
             EmergencyCode.SENSOR: self.sensor_failed,

@@ -1,6 +1,6 @@
 """Joint drives on the bus (frames and objects of a `Drive`), and the group of all drives with the plant they move.
 
-TPDO1 and RPDO1 are packed by `struct`, as the EDS file maps them, since every SYNC needs them.
+TPDO1 and RPDO1 are packed by `struct`, for speed, in the layout that the EDS file defines.
 """
 
 from __future__ import annotations
@@ -161,8 +161,8 @@ _FAULTED = (DriveState.FAULT_REACTION_ACTIVE, DriveState.FAULT)
 class DriveGroup:
     """Drives of joints 1..n, their plant and its faults.
 
-    Beyond CiA 402: a drive that trips stops its neighbours, since in a closed chain they would push against a joint
-    that does not follow, and none moves until the fault is reset; drives that lose the operator's heartbeat hold
+    In addition to CiA 402: a drive that trips stops all others, since in a closed chain they would push against a joint
+    that does not follow, and no drive moves until the fault is reset; drives that lose the operator's heartbeat hold
     and raise 8130h; when the control token is released all drives stop and hold without a fault.
     """
 
@@ -189,7 +189,7 @@ class DriveGroup:
             self.quick_stop()
 
     def _command_of(self, node: DriveNode) -> JointCommand:
-        """Command of a drive, with its active faults; it follows its own sensor, including the sensor's errors."""
+        """Return the command of a drive, changed by its active faults; a drive follows its sensor, errors included."""
         command, faults = node.drive.command(), self._disturbances
         if command.mode is JointMode.FREE and node.number in faults.blocked:
             return replace(command, mode=None)
@@ -220,7 +220,7 @@ class DriveGroup:
                 node.drive.lose_heartbeat()
 
     def control_changed(self, holder: int) -> None:
-        """Report to all drives that node `holder` took control, or (0) that control was released."""
+        """Report to all drives that node `holder` took control or, if `holder` is 0, that control was released."""
         for node in self.drives:
             with node.lock:
                 node.drive.in_control = holder != 0

@@ -91,14 +91,14 @@ class AttendingBus(EmbeddedBus):
         self._awaited = False
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send a frame, and wake the reader."""
+        """Send a frame, and wake a reader that waits for a frame."""
         super().send(msg, timeout)
         if self._awaited:
             self.queue.put(_SENT)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         until = None if timeout is None else time.monotonic() + timeout
-        # Before `attend`: a frame sent during it would otherwise wait for the time-out.
+        # Set before `attend`, so that a frame sent while it runs wakes the reader before the time-out.
         self._awaited = True
         try:
             while True:
@@ -116,5 +116,5 @@ class AttendingBus(EmbeddedBus):
 
 
 def attended_openers(controller: VirtualController) -> BusOpeners:
-    """Return the openers for an operator in the process of an `attended` controller."""
+    """Return the bus openers for an operator in the same process as a controller that is `attended`."""
     return BusOpeners(main=lambda settings: AttendingBus(settings.channel, controller.attend))

@@ -86,7 +86,7 @@ _DIVERGED = (
     "reset (R, or `sarcal reset`) and go on: the first pose is measured again before anything else."
 )
 _COUNT_LOSS = ("joint {joint} jumped", "joint {joint} has shifted by")
-"""The second one appears when the first pose is repeated: in position mode the drive moves the joint by the lost
+"""The second text appears when the first pose is repeated: in position mode the drive moves the joint by the lost
 counts."""
 _COUNT_LOSS_KEPT = (
     f"{ALL_POSES}; if a joint in position mode is reported when the first pose is repeated, none since then "
@@ -373,7 +373,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
         "lost-enable": FaultDescription(
             broken="a drive loses its enable for a moment: it switches off, and sends no emergency",
-            # A drive that drops out before it reports enabled gets the command until it does.
+            # A drive that drops out before it reports enabled gets the command again until it reports enabled.
             expected_texts=("the drive is in",),
             goes_on=True,
             remedy="Find out who switched it off, and why: it is not enabled again automatically. Reset (R, or "

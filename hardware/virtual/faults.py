@@ -1,8 +1,8 @@
 """Fault injection into the virtual controller, for tests and demonstrations.
 
-`FAULT_KINDS` are the faults of `fault_messages` by name. Each changes the controller, most of them its
-`hardware.virtual.disturbances`, in the control loop; a `ScriptedFault` does so at a given SYNC, so that a run with
-faults is reproducible.
+`FAULT_KINDS` are the faults of `fault_messages` by name. Each changes the controller in its control loop, mostly its
+`hardware.virtual.disturbances`. A `ScriptedFault` is injected at a given SYNC, so that a run with faults is
+reproducible.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ MISSED_ANSWERS = 10
 SLIP_M = 1e-3
 
 FaultAction = Callable[["VirtualController", int], object]
-"""Changes the controller; the number is the joint's, for faults of one joint."""
+"""Function that injects a fault into the controller; for a fault of one joint, the number is the joint's."""
 
 
 def inject(arm: VirtualController, kind: str, joint: int) -> None:
@@ -43,20 +43,20 @@ def inject(arm: VirtualController, kind: str, joint: int) -> None:
 
 
 def disturb_frames(arm: VirtualController, faults: FrameFaults) -> None:
-    """Lose, double, delay or damage frames of all nodes, in both directions; `FrameFaults()` ends this."""
+    """Lose, double, delay or damage frames of all nodes, in both directions; `FrameFaults()` stops all that."""
     clean = faults == FrameFaults()
     arm.disturbances.wire_out = None if clean else FaultyWire(faults, 0, clock=arm.now_s)
     arm.disturbances.wire_in = None if clean else FaultyWire(faults, 1, clock=arm.now_s)
 
 
 def lose_counts(arm: VirtualController, joint: int, counts: int) -> None:
-    """Shift a joint's reading by a further `counts`."""
+    """Shift a joint's reading by `counts`, in addition to earlier shifts."""
     lost = arm.disturbances.lost_counts
     lost[joint] = lost.get(joint, 0) + counts
 
 
 def external_stop(arm: VirtualController, *, pressed: bool) -> None:
-    """Press or release the external stop: all drives trip, valves blocked (5441h)."""
+    """Press or release the external stop; when it is pressed, all drives trip (5441h) and block their valves."""
     for node in arm.drives:
         with node.lock:
             node.drive.external_stop = pressed
@@ -74,17 +74,17 @@ def _leave_bus(seconds: float) -> FaultAction:
 
 
 def _add(faulty: str) -> FaultAction:
-    """Add the joint to a set of `Disturbances`."""
+    """Return the action that adds the joint to a set of `Disturbances`."""
     return lambda arm, joint: getattr(arm.disturbances, faulty).add(joint)
 
 
 def _set_of_joint(faulty: str, value: float) -> FaultAction:
-    """Set the joint's value in a mapping of `Disturbances`."""
+    """Return the action that sets the joint's value in a mapping of `Disturbances`."""
     return lambda arm, joint: getattr(arm.disturbances, faulty).update({joint: value})
 
 
 def _flag(name: str) -> FaultAction:
-    """Set a flag of the joint's `Drive`."""
+    """Return the action that sets a flag of the joint's `Drive`."""
 
     def act(arm: VirtualController, joint: int) -> None:
         node = arm.drives[joint - 1]
@@ -110,7 +110,7 @@ def _slow_heartbeat(arm: VirtualController, joint: int) -> None:
 
 
 def _swap_tpdo_id(arm: VirtualController, joint: int) -> None:
-    """Send TPDO1 with the identifier of the next joint (for the last joint, of the first)."""
+    """Make a joint send its TPDO1 with the identifier of the next joint (the last joint: of the first joint)."""
     other = joint_node(joint % len(arm.drives) + 1)
     arm.drives[joint - 1].tpdo1_id = objects.COB_TPDO1 + other
 
@@ -122,7 +122,7 @@ def _report_speed(arm: VirtualController, joint: int) -> None:
 
 
 def _restart_node(arm: VirtualController, joint: int) -> None:
-    """Power-cycle one drive: it starts by itself, its counter at zero."""
+    """Power-cycle one drive, which then starts by itself with its counter at zero."""
     node = arm.drives[joint - 1]
     with node.lock:
         lose_counts(arm, joint, -node.drive.counts)
@@ -153,7 +153,7 @@ def _collide(arm: VirtualController, joint: int) -> None:
 
 
 def _diverge(arm: VirtualController, joint: int) -> None:
-    """Let a joint move 5 deg from its target; the drive reports no following error."""
+    """Make a joint move 5 deg away from its target; the drive reports no following error."""
     _flag("sees_no_following_error")(arm, joint)
     arm.disturbances.diverged_counts[joint] = 0
 
@@ -209,7 +209,7 @@ FAULT_KINDS: Mapping[str, FaultAction] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScriptedFault:
-    """A fault at a SYNC, before the plant's step; SYNCs count from 1, and 0 is before the first."""
+    """A fault to inject at a SYNC, before the plant's step; SYNCs count from 1, and 0 means before the first SYNC."""
 
     at_sync: int
     happen: Callable[[VirtualController], None]

@@ -1,7 +1,7 @@
-"""Closure error and Jacobian at one pose, tuned for the plant's inner loop.
+"""Closure error and Jacobian at one pose, optimised for speed in the plant's inner loop.
 
-`solver.loops.dh.DhLoop.loop` does the same for many poses at once, and is ten times slower for one. A test compares
-both to 1e-12.
+`solver.loops.dh.DhLoop.loop` does the same for many poses at once, and is ten times slower for one pose. A test
+compares both to 1e-12.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _CYCLIC = np.array([0, 1, 2, 0, 1])
 
 
 class ChainPoint(ABC):
-    """Evaluates ``A_0(theta_0) A_1 ... A_n`` at one pose; every call overwrites the result of the one before.
+    """Evaluates ``A_0(theta_0) A_1 ... A_n`` at one pose; every call of `at` overwrites the previous result.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class ChainPoint(ABC):
         """Evaluate at true angles theta_0, theta'_1 .. theta'_n, shape (n + 1,), rad."""
 
     def _place(self, theta_rad: FloatArray) -> FloatArray:
-        """Compute all frames at these angles (n + 1,); return the last one (4, 4)."""
+        """Compute all frames at these angles (n + 1,), rad; return the last frame (4, 4)."""
         cosine, sine = np.cos(theta_rad), np.sin(theta_rad)
         np.multiply(self._even, cosine[:, None, None], out=self._links)
         self._links += self._odd * sine[:, None, None]

@@ -32,8 +32,8 @@ _NUMBERS = frozenset(ODVariable.STRUCT_TYPES)
 class VirtualNode(canopen.LocalNode):
     """A node on the bus; `serial_number` is 1018h sub 4.
 
-    Objects are read by `serve` and written by `accept` callbacks; others keep their defaults. Methods called for
-    frames take `lock`.
+    Reads of an object call its reader (`serve`), or else return its default; writes call its writer (`accept`), or else
+    are refused. Methods that handle frames take `lock`.
     """
 
     def __init__(self, node: int, *, serial_number: int) -> None:
@@ -62,7 +62,7 @@ class VirtualNode(canopen.LocalNode):
     # ---- network -----------------------------------------------------------------------------------
 
     def associate_network(self, network: canopen.Network) -> None:
-        """Subscribe to SDO requests; NMT commands come through `on_nmt`."""
+        """Subscribe to SDO requests only: the controller passes NMT commands to `on_nmt`."""
         super().associate_network(network)
         network.unsubscribe(objects.COB_NMT, self.nmt.on_command)
 
@@ -100,7 +100,7 @@ class VirtualNode(canopen.LocalNode):
                 self.left_operational()
 
     def power_up(self) -> None:
-        """Clear the volatile state."""
+        """Clear what a power cycle clears: error register and error history."""
         self._history.clear()
         self.error_register = ErrorBit(0)
 

@@ -44,7 +44,7 @@ class Disk:
         self.files[name] = data
 
     def rename(self, old: str, new: str) -> None:
-        """Rename a file over another."""
+        """Rename a file, replacing any file of the new name."""
         self.files[new] = self.files.pop(old)
 
 
@@ -57,7 +57,7 @@ class FolderDisk(Disk):
         tempfile.TemporaryFile(dir=folder).close()
 
     def read(self, name: str) -> bytes | None:
-        """See `Disk`."""
+        """Return the content of a file, at most 1 MiB; None if there is none."""
         try:
             descriptor = self._descriptor(name, os.O_RDONLY)
         except FileNotFoundError:
@@ -66,14 +66,14 @@ class FolderDisk(Disk):
             return file.read(_LONGEST)
 
     def write(self, name: str, data: bytes) -> None:
-        """See `Disk`."""
+        """Write a file, and return when it is on the disk."""
         with os.fdopen(self._descriptor(name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), "wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
 
     def rename(self, old: str, new: str) -> None:
-        """See `Disk`."""
+        """Rename a file, replacing any file of the new name, and return when that is on the disk."""
         (self._folder / old).replace(self._folder / new)
         folder = os.open(self._folder, os.O_RDONLY)
         try:
@@ -99,7 +99,7 @@ class ParameterStore:
 
     @property
     def active(self) -> Slot:
-        """The active slot; `NONE` if there is none or if it is damaged."""
+        """The active slot; `NONE` if no slot is active or if the active slot is damaged."""
         pointer = self._disk.read(_POINTER)
         for slot in _FILE:
             if pointer == slot.name.encode() and self.state(slot) is SlotState.WHOLE:
@@ -119,19 +119,19 @@ class ParameterStore:
         return SlotState.DAMAGED if _unwrap(stored) is None else SlotState.WHOLE
 
     def document(self, slot: Slot) -> bytes | None:
-        """Return the document in a slot; None if there is none or if it is damaged."""
+        """Return the document in a slot; None if the slot has no document or is damaged."""
         stored = None if slot is Slot.NONE else self._disk.read(_FILE[slot])
         return None if stored is None else _unwrap(stored)
 
     def commit(self, document: bytes) -> Slot:
-        """Write a document to the spare slot and make that one active."""
+        """Write a document to the spare slot, make that slot active and return it."""
         slot = self.spare
         self._replace(_FILE[slot], _wrap(document))
         self._replace(_POINTER, slot.name.encode())
         return slot
 
     def roll_back(self) -> Slot:
-        """Make the spare slot active; `ValueError` if it has no intact document."""
+        """Make the spare slot active and return it; `ValueError` if it has no intact document."""
         slot = self.spare
         if self.state(slot) is not SlotState.WHOLE:
             raise ValueError(f"slot {slot.name} holds no whole document")
@@ -155,7 +155,7 @@ def _unwrap(stored: bytes) -> bytes | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ValidatedParameters:
-    """Content of a valid document: the arm's serial number, and offsets of joints 1..n as 607Ch and in radians."""
+    """Content of a valid document: the arm's serial number, and offsets of joints 1..n in counts (607Ch) and in rad."""
 
     arm_serial: str
     home_offset_counts: tuple[int, ...]
@@ -167,7 +167,7 @@ Validate = Callable[[bytes], ValidatedParameters]
 
 
 def refuse_documents(_document: bytes) -> ValidatedParameters:
-    """Refuse every document: the `Validate` of a controller without schema."""
+    """Refuse every document; used as `Validate` of a controller that has no schema."""
     raise ValueError("this controller was started without a parameter schema and takes no document")
 
 

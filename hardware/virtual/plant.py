@@ -7,7 +7,7 @@ D of the true angles (first the hinge's, or an unused angle without a hinge; the
         + 1/2 sum d D^2 / dt - gravity' D + friction(D)
 
 with e the closure error and K the fixture's stiffness (backward Euler of the overdamped chain). With a hinge two
-drives move the arm; with one drive it sags, and a third with an inconsistent target builds up torque.
+drives move the arm; with one drive the arm sags, and a third drive with an inconsistent target builds up torque.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from solver.arrays import FloatArray, frozen
 from solver.chain.arm_model import ArmModel
 
 CONVERGED_RAD = 1e-9
-"""Newton stops after a step this small; convergence is fast, the next one would be far smaller."""
+"""Newton's method stops after a step this small; as it converges fast, the next step would be far smaller."""
 MAX_NEWTON_STEPS = 12
 RESTING_RAD = 1e-13
 """Increment below which a chain under unchanged commands stays where it is: far below a count."""
@@ -77,9 +77,10 @@ class Loads:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def of(self, arm: ArmModel) -> Loads:
-        """Return loads for another arm: masses halfway along it, masses and friction in proportion to drive torque.
+        """Return loads for another arm, with any friction in proportion to each drive's torque.
 
-        Masses are scaled by the weakest drive: in a closed chain any drive may carry them.
+        If the number of joints differs, the largest mass is placed at mid-arm and near the wrist. Masses are reduced in
+        proportion to the weakest drive: in a closed chain any drive may have to carry them.
         """
         weakest = min(joint.max_torque_nm for joint in arm.joints) / PAPER_TORQUE_NM
         n, payload = arm.joint_count, self.payload_kg * min(1.0, weakest)
@@ -125,7 +126,7 @@ class Plant:
         self._point = truth.point()
         self._slip = np.zeros(len(self._point.error))
         self._bound_at: float | None = None
-        # Rotations, then positions; of a ball positions only, and nothing of an open arm.
+        # Rotations, then positions; a ball has positions only, an open arm no components.
         stiffness = [loads.fixture_nm_per_rad] * 3 + [loads.fixture_n_per_m] * 3
         self._fixture = np.diag(stiffness[6 - len(self._point.error) :])
         self._point.at(self._angles)
@@ -144,16 +145,16 @@ class Plant:
 
     @property
     def closure_error(self) -> FloatArray:
-        """Deflection of the fixture: closure components (k,), rotation vector (rad), then position (m)."""
+        """Deflection of the fixture, (k,): its closure components, i.e. rotation vector (rad), then position (m)."""
         return self._point.error + self._slip
 
     def slip(self, slip_m: float) -> None:
-        """Shift the fixture along x of its frame; no effect without one."""
+        """Shift the fixture by `slip_m` along x of its frame; no effect without a fixture."""
         self._slip[-3:-2] += slip_m
         self._drive = None
 
     def bind_hinge(self) -> None:
-        """Block the hinge; no effect without one."""
+        """Block the hinge; no effect without a hinge."""
         self._bound_at = float(self._angles[0])
 
     def step(self, commands: Sequence[JointCommand]) -> PlantReading:
@@ -241,7 +242,7 @@ class Plant:
         self._angles = angles
 
     def _rub(self, increment: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return dry friction (N m), elastic, then sliding, and its derivative by increment (N m/rad); (n + 1,)."""
+        """Return (n + 1,) dry friction (N m), elastic before it slides, and its derivative by `increment` (N m/rad)."""
         deflection = (self._bristle + increment) / PRESLIDING_RAD
         slope = np.where(np.abs(deflection) < 1.0, self._friction / PRESLIDING_RAD, 0.0)
         return self._friction * np.clip(deflection, -1.0, 1.0), slope
@@ -264,7 +265,7 @@ def _gravity_levers(loads: Loads) -> tuple[FloatArray, FloatArray]:
     mass, g = loads.payload_kg, GRAVITY_M_PER_S2 * loads.down
     n = len(mass)
     lever = np.zeros((n, n + 2))
-    # Everything from frame j on hangs on joint j, about the origin before it.
+    # Joint j carries all masses from frame j on; their levers count from the origin of frame j - 1.
     lever[:, 2:] = np.triu(np.broadcast_to(mass, (n, n)))
     lever[np.arange(n), np.arange(n) + 1] -= np.cumsum(mass[::-1])[::-1]
     return lever, np.cross(np.eye(3), g)

@@ -3,8 +3,8 @@
 The truth is the paper's arm in the paper's hinge if the files allow it; otherwise a specimen drawn by seed within the
 tolerances of the files (`scenario_of`).
 
-The paper's three error sources (section 4), RVDTs, fixed lengths and fixture, are one field of a `Scenario` each,
-drawn from separate streams, so that switching one off does not change the others.
+Each of the paper's three error sources (section 4: RVDTs, fixed lengths, fixture) is one field of a `Scenario`. They
+are drawn from separate streams, so that switching one off does not change the others.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class Scenario:
     lengths
         Smallest and largest magnitude of the errors of the fixed lengths, m, of either sign; None for no errors.
     placement
-        Number of this mounting of the fixture; each has different noise.
+        Number of this mounting of the fixture, from 1; each mounting has different noise.
     """
 
     name: str
@@ -107,14 +107,14 @@ class Scenario:
     placement: int = 1
 
     def arm(self, arm: ArmModel) -> ArmModel:
-        """Return `arm` with the sensors of this virtual arm."""
+        """Return `arm`, its sensors replaced by those of this virtual arm."""
         if not self.encoders_only:
             return arm
         encoder = Encoder(counts_per_rev=ENCODER_COUNTS_PER_REV)
         return replace(arm, joints=tuple(replace(j, sensor=encoder) for j in arm.joints))
 
     def true_loop(self) -> Truth:
-        """Return the true geometry with length errors."""
+        """Return the true geometry, including the length errors."""
         if self.lengths is None:
             return self.truth
         smallest_m, largest_m = self.lengths
@@ -122,7 +122,7 @@ class Scenario:
         return with_length_errors(self.truth, smallest_m=smallest_m, largest_m=largest_m, rng=rng)
 
     def curves(self, arm: ArmModel) -> tuple[LinearityDeviation | None, ...]:
-        """Return the linearity deviation of every joint of `arm`; None for an encoder, or without such deviations."""
+        """Return each joint's linearity deviation; None for an encoder, or if this scenario has no such deviations."""
         rng = self._rng(_Stream.CURVES)
         return tuple(
             LinearityDeviation.drawn(
@@ -207,11 +207,11 @@ def scenario(name: str, seed: int = 0) -> Scenario:
 def scenario_of(name: str, seed: int, stated: SpecimenFiles, placement: int = 1) -> Scenario:
     """Return a scenario for an arm and a fixture: the paper's own if the files allow it.
 
-    Otherwise the truth is drawn by seed within the tolerances of the files, including lengths and twists that the
-    calibration does not identify (not in ``exact``). From the second `placement` on, the fixture is drawn again and the
+    Otherwise the truth is drawn by seed within the tolerances of the files, including (except in ``exact``) lengths and
+    twists that the calibration does not identify. From the second `placement` on, the fixture is drawn again and the
     arm stays the same.
 
-    `ValueError` if there is no such scenario, or no plant can be built from these files.
+    Raises `ValueError` if there is no such scenario, or if no plant can be built from these files.
     """
     mounted = _first_mounted(name, seed, stated)
     if placement == 1:

@@ -29,12 +29,12 @@ class _Step(IntEnum):
 
 
 class BlockDownload:
-    """A block download; `head` and `announced` are from the initiating frame.
+    """A block download; the initiating frame has the first byte `head` and announces the size `announced`.
 
     Attributes
     ----------
     announced
-        Announced size in bytes; None if not announced.
+        Size in bytes; None if `head` says that no size is announced.
     data
         Received bytes, in whole segments.
     done
@@ -50,11 +50,11 @@ class BlockDownload:
 
     @staticmethod
     def begin(index: int, subindex: int) -> bytes:
-        """Answer to the initiating frame."""
+        """Return the answer to the initiating frame."""
         return _BEGIN.pack(_DOWNLOAD | _CRC, index, subindex, SEGMENTS)
 
     def take(self, segment: bytes) -> bytes | None:
-        """Take a segment; return the answer if it ends a block. A segment out of sequence is requested again."""
+        """Take in a segment; return the answer at the end of a block, else None. Lost segments are requested again."""
         number, last = segment[0] & ~_LAST, bool(segment[0] & _LAST)
         in_sequence = number == self._taken + 1
         if in_sequence:
@@ -67,7 +67,7 @@ class BlockDownload:
         return bytes([_TAKEN, segments, SEGMENTS, *bytes(5)])
 
     def end(self, frame: bytes) -> bytes:
-        """Take the final frame with the checksum; return the document."""
+        """Take in the final frame, check length and checksum, and return the document."""
         head, crc = _END.unpack(frame)
         if head & 0xE3 != _UPLOAD | _Step.END:
             raise SdoAbortedError(Abort.UNKNOWN_COMMAND)
@@ -90,7 +90,7 @@ class BlockUpload:
         self._started = False
 
     def begin(self, index: int, subindex: int) -> bytes:
-        """Answer to the initiating frame."""
+        """Return the answer to the initiating frame."""
         return _BEGIN.pack(_UPLOAD | _CRC | _SIZED, index, subindex, len(self._data))
 
     def answer(self, frame: bytes) -> list[bytes]:

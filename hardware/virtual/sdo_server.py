@@ -22,7 +22,7 @@ _HEAD: Final = struct.Struct("<BHB")
 _ABORT: Final = struct.Struct("<BHBI")
 _SIZE: Final = struct.Struct("<I")
 LONGEST_DOCUMENT: Final = 256 * 1024
-"""Bytes a client may send in one transfer."""
+"""Most bytes that a client may send in one transfer."""
 
 
 class _Ask(IntEnum):
@@ -118,7 +118,7 @@ class NodeSdoServer(SdoServer):
                 self._abort(index, subindex, error.code)
 
     def answer_later(self, abort: Abort | None) -> None:
-        """Answer the deferred request, unless the client has abandoned it."""
+        """Answer the deferred request (with `abort` if given), unless the client has abandoned the request."""
         with self._owner.lock:
             if self._waiting is None:
                 return

@@ -22,10 +22,10 @@ LEGENDRE_DEGREES = (2, 3, 4, 5)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinearityDeviation:
-    """Deviation of an RVDT from its best-fit line: ``sum_k c_k P_k(x)``, x the angle over half of full scale.
+    """Deviation of an RVDT from its best-fit line: ``sum_k c_k P_k(x)``, where x is the angle / half of full scale.
 
-    Without P_0 and P_1 the least-squares line is zero, so that the peak is the maker's linearity. `coefficients_rad`
-    (4,) are c_k for `LEGENDRE_DEGREES`.
+    As P_0 and P_1 are absent, the least-squares line is zero, so that the peak is the linearity that a maker states.
+    `coefficients_rad` (4,) are c_k for `LEGENDRE_DEGREES`.
     """
 
     coefficients_rad: FloatArray
@@ -40,7 +40,7 @@ class LinearityDeviation:
     def drawn(
         cls, rng: np.random.Generator, *, full_scale_rad: float, peak: float
     ) -> LinearityDeviation:
-        """Draw a random shape with peak deviation `peak` (fraction of full scale) and weaker higher degrees."""
+        """Draw a random shape with peak deviation `peak` (fraction of full scale), in which high degrees are weaker."""
         shape = rng.choice((-1.0, 1.0), 4) * rng.uniform(0.4, 1.0, 4) * (1.0, 1.0, 0.4, 0.2)
         unit = cls(coefficients_rad=shape, half_scale_rad=0.5 * full_scale_rad)
         largest = unit.peak_rad()
@@ -77,7 +77,7 @@ class JointSensor:
     Attributes
     ----------
     resolution_rad
-        One count.
+        Angle of one count.
     noise_counts
         Standard deviation of the noise before rounding.
     lowest_counts, highest_counts

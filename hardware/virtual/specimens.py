@@ -30,7 +30,7 @@ SPECIMEN_OFFSET_RAD = float(np.deg2rad(3.0))
 OFFSET_TOLERANCE_RAD = float(np.deg2rad(10.0))
 """Largest difference of offsets with which a file may describe an arm."""
 NEAR_HOME_RAD = float(np.deg2rad(15.0))
-"""Largest difference of a specimen's start pose from that of the nominal files."""
+"""Largest difference of a specimen's start pose from the start pose of the nominal files."""
 RANGE_MARGIN_RAD = float(np.deg2rad(3.0))
 """Smallest distance of the start pose from the ends of the ranges."""
 MAX_DRAWS = 200
@@ -121,7 +121,7 @@ class _Specimen:
         return cls(free=free, maker=maker)
 
     def of(self, model: ArmLoop) -> FloatArray:
-        """Return the errors (P,) of a loop's unknowns that belong to the arm; 0 for those of the fixture."""
+        """Return the errors (P,) of a loop's unknowns that belong to the arm; 0 for unknowns of the fixture."""
         placed = {*model.ground_side, *model.hand_side}
         errors = np.zeros(len(model.parameters))
         for k, entry in enumerate(model.entries):
@@ -140,15 +140,15 @@ def _observable(stated: SpecimenFiles, model: ArmLoop, x: FloatArray, q: FloatAr
 
 
 def files_allow(stated: SpecimenFiles, truth: LoopTruth, home_rad: FloatArray) -> bool:
-    """Whether the files may describe this arm in this hinge, whose loop closes at `home_rad` (n,).
+    """Whether the files can describe the arm and hinge of `truth`, whose loop closes at `home_rad` (n,).
 
-    Free entries may differ by their tolerance (offsets by `OFFSET_TOLERANCE_RAD`), others by five of the stated
+    Free entries may differ by their tolerance (offsets by `OFFSET_TOLERANCE_RAD`), other entries by five stated
     standard deviations. For an open arm the hinge and the entries that depend on mounting are not compared.
     """
     arm, model = stated.arm, stated.fixture.model(stated.arm)
     if model.joint_count != truth.joint_count:
         return False
-    # Rows 0 (the fixture) to n.
+    # Last axis: D-H rows 0 (the fixture) to n.
     allowed = np.zeros(truth.table.stacked().shape)
     allowed[[DhKind.S, DhKind.A], 1:] = 5.0 * arm.length_tolerance_m
     allowed[[DhKind.ALPHA, DhKind.BETA], 1:] = 5.0 * arm.twist_tolerance_rad
@@ -176,7 +176,7 @@ def files_allow(stated: SpecimenFiles, truth: LoopTruth, home_rad: FloatArray) -
 
 
 def open_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) -> OpenTruth:
-    """Return the arm of another truth without its fixture and with a target; the instrument's place is drawn.
+    """Return the arm of `truth` without its fixture, with a target; the instrument's placement is drawn.
 
     Entries that cannot be separated from base and target placements are nominal.
     """
@@ -201,9 +201,9 @@ def open_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) ->
 def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) -> Truth:
     """Return the truth of the same arm and fixture, mounted again within the tolerance of the fixture file.
 
-    The fixture's place on the table changes, and its place on the tool unless it stays there. So does theta_off of the
-    first and the last joint, which are measured from the fixture. `ValueError` if the arm closes near home in none of
-    the placements drawn.
+    The fixture's placement on the table changes, and on the tool too unless the fixture stays there; theta_off of the
+    first or last joint, which is measured from the fixture, changes with it. `ValueError` if the arm closes near home
+    in none of the placements drawn.
     """
     arm, model = stated.arm, stated.fixture.model(stated.arm)
     if not isinstance(model, DhLoop | PointClosure):
@@ -235,7 +235,7 @@ def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator)
 def _placement_errors(
     model: ArmLoop, stated: SpecimenFiles, rng: np.random.Generator
 ) -> FloatArray:
-    """Draw the errors (P,) of a loop's unknowns that belong to the fixture; 0 for those of the arm."""
+    """Draw the errors (P,) of a loop's unknowns that belong to the fixture; 0 for unknowns of the arm."""
     offsets = {entry.name for entry in model.entries if entry.kind is DhKind.THETA_OFF}
     placed = {*model.ground_side, *model.hand_side} - offsets
     size = [
@@ -253,7 +253,7 @@ def _truncated_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> Float
 def _truth(
     model: DhLoop | PointClosure | MeasuredClosure, x: FloatArray, rows: FloatArray
 ) -> Truth:
-    """Return the truth with unknowns `x` (P,); all other entries are those of the arm's `rows` (5, n)."""
+    """Return the truth with unknowns `x` (P,); all other entries are taken from the arm's `rows` (5, n)."""
     stacked = model.table.stacked()
     stacked[:, -rows.shape[1] :] = rows
     with_rows = model.with_table(DhTable.from_stacked(stacked))

@@ -53,16 +53,16 @@ class SupervisorNode(VirtualNode):
     arm
         Model and serial number of the arm.
     group
-        Drives of joints 1..n, which get changes of control and their home offsets.
+        Drives of joints 1..n, to which changes of control and home offsets are passed.
     validate
         Function that strictly parses a document.
     later
-        Function that runs work outside the control loop, in order.
+        Function that has work run outside the control loop, in order of the calls.
 
     Attributes
     ----------
     active_document
-        Committed document in use; None before the first.
+        Committed document in use; None before a first document is committed.
     """
 
     def __init__(
@@ -100,7 +100,7 @@ class SupervisorNode(VirtualNode):
         self.load()
 
     def load(self) -> None:
-        """Apply the active document; an invalid one is reported in 2004h and not used."""
+        """Apply the active document; if it is invalid, report that in 2004h and use offsets of 0."""
         self._active = self._store.active
         self.active_document = self._store.document(self._active)
         offsets: tuple[int, ...] = (0,) * len(self._axes)

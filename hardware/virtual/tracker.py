@@ -33,9 +33,9 @@ class SimulatedTracker:
     angles_rad
         Function that returns the current true joint angles theta' (n,).
     sigma_m, sigma_rad, rng
-        Noise of each component.
+        Standard deviations of the noise of each component, and the generator that draws it.
     full_pose
-        Whether it measures orientation too.
+        Whether the tracker measures orientation too.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class SimulatedTracker:
         return np.concatenate((position, rotation_vector(rotation_seen)))
 
     def answer(self, question: str) -> str:
-        """Return the answer to a request line; for an invalid one, an error that shows a valid one."""
+        """Return the answer to a request line; for an invalid request, an error that shows a valid request."""
         try:
             request = json.loads(question)
             pose = str(request["measure"])
@@ -79,7 +79,7 @@ class SimulatedTracker:
 HOST, TRACKER_PORT = "127.0.0.1", 7327
 """Default address, reachable from this machine only."""
 LONGEST_QUESTION = 4096
-"""Largest length of a question, characters; the connection is closed beyond it."""
+"""Largest length of a question, characters; a longer question closes the connection."""
 CLIENTS = 16
 """Simultaneous clients, one thread each; a further one gets an error and is disconnected."""
 
@@ -96,7 +96,7 @@ class _Server(socketserver.ThreadingTCPServer):
         self._places = threading.BoundedSemaphore(CLIENTS)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Start a thread if one is free."""
+        """Start a thread for the client; if `CLIENTS` are connected, send an error and disconnect."""
         if self._places.acquire(blocking=False):
             super().process_request(request, client_address)
             return
@@ -117,7 +117,7 @@ class _Server(socketserver.ThreadingTCPServer):
 
 @contextmanager
 def serve_tracker(answer: Callable[[str], str], port: int = TRACKER_PORT) -> Iterator[int]:
-    """Answer every line on `port` with a line; 0 takes any free port. Yields the port.
+    """Context in which every line received on `port` (0: any free port) is answered; yields the port number.
 
     Raises `InstrumentError` if another program listens there.
     """

@@ -146,7 +146,7 @@ class OpenTruth(Truth):
         return OpenPoint(self.table)
 
     def closed_near(self, reading_rad: FloatArray) -> tuple[FloatArray, float]:
-        """Return the true joint angles (n,) at a reading (n,), rad, and 0; no closure is needed."""
+        """Return the true joint angles (n,) at a reading (n,), rad, and 0 for the hinge angle; nothing has to close."""
         return np.asarray(reading_rad) + self.offsets_rad, 0.0
 
     def target(self, theta_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -214,12 +214,12 @@ SMALLEST_CROSSING_RAD = float(np.deg2rad(20.0))
 
 # Motion that a `wild` truth must allow, relative to home, without a singularity.
 WILD_DRIVES = [0, 4]
-"""The two drive joints (indices from 0); below, the ranges of their angles, from home, that the arm must cover."""
+"""The two drive joints (indices from 0), which must cover the angles from LOWEST_RAD to HIGHEST_RAD from home."""
 LOWEST_RAD, HIGHEST_RAD = frozen(np.deg2rad([-30.0, -70.0])), frozen(np.deg2rad([48.0, 0.0]))
 ROOM_RAD = frozen(np.deg2rad([72.0] * 5 + [57.0] * 2))
 """Largest distance of each joint from home while the drives cover their ranges."""
 MAX_GRADIENT = 4.0
-"""Largest ratio of a joint's motion to that of the drives; infinite at a singularity."""
+"""Largest ratio of a joint's motion to the drives' motion; infinite at a singularity."""
 
 
 def draw_wild_loop(rng: np.random.Generator) -> LoopTruth:
@@ -248,7 +248,7 @@ def draw_wild_loop(rng: np.random.Generator) -> LoopTruth:
 
 
 def can_cover(loop: DhLoop, x: FloatArray, pose: FloatArray, hinge: FloatArray) -> bool:
-    """Whether the drives can move straight from `pose` to all limits of their ranges; follows rays in small steps."""
+    """Whether the drives can move straight from `pose` to 16 points on the border of their ranges, in small steps."""
     edge = np.linspace(0.0, 1.0, 5)[:-1]
     zeros, ones = np.zeros(4), np.ones(4)
     square = np.stack(

@@ -60,6 +60,18 @@ def test_only_a_drive_that_says_that_it_follows_is_taken_at_its_word(other):
     assert set(watched(*[5 * WINDOW] * 40, **other)) == {None}  # type: ignore[arg-type]
 
 
+def test_every_joint_that_diverges_is_named_though_the_first_goes_on_for_ever():
+    following = FollowingMonitor([WINDOW, WINDOW])
+    commands = (Setpoint(0x0F, 0, CSP), Setpoint(0x0F, 0, CSP))
+    joints = []
+    for sync in range(3 * DIVERGED_SYNCS):
+        away = (5 * WINDOW, 5 * WINDOW if sync >= DIVERGED_SYNCS else 0)
+        following.update(sample((FOLLOWS, FOLLOWS), away, sync=sync), commands)
+        joints.append({each.joint for each in following.divergences})
+    assert joints[DIVERGED_SYNCS] == {1}
+    assert joints[-1] == {1, 2}
+
+
 @pytest.mark.parametrize("shown", [1, 5])
 def test_a_drive_that_has_followed_and_says_so_no_more_is_held_to_its_target(shown):
     following = FollowingMonitor([WINDOW])
@@ -139,6 +151,15 @@ def watched_after_stop(
         )
         for sync, position in enumerate(counts, 50)
     ]
+
+
+def test_every_joint_that_goes_on_after_a_stop_is_named():
+    standing = StandstillMonitor([WINDOW, WINDOW])
+    commands = (Setpoint(0x0F, 0, CSP), Setpoint(0x0F, 0, CSP))
+    for sync in range(MIN_BRAKING_SYNCS + DIVERGED_SYNCS):
+        away = 5 * WINDOW if sync >= MIN_BRAKING_SYNCS else 0
+        standing.update(sample((STOPPED, STOPPED), (away, away), sync=sync), commands)
+    assert {each.joint for each in standing.divergences} == {1, 2}
 
 
 @pytest.mark.parametrize("away", [WINDOW + 1, -WINDOW - 1])

@@ -73,7 +73,7 @@ class FollowingMonitor:
             target, (low, high) = command.target_counts, self._targets[at]
             if not low <= target <= high:
                 low, high = self._targets[at] = (min(low, target), max(high, target))
-            if not sample.complete:
+            if at + 1 in sample.missing:
                 continue
             lower, higher = self._earlier_targets[at]
             counts = sample.counts[at]

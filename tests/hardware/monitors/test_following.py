@@ -53,11 +53,16 @@ def test_once_back_in_its_window_it_begins_anew():
         {"status": STOPPED},
         {"status": FAULT},
         {"mode": CST},
-        {"missing": (1,)},
+        {"missing": (2,)},
     ],
 )
 def test_only_a_drive_that_says_that_it_follows_is_taken_at_its_word(other):
     assert set(watched(*[5 * WINDOW] * 40, **other)) == {None}  # type: ignore[arg-type]
+
+
+def test_a_joint_without_an_answer_hides_no_other():
+    said = watched(*[5 * WINDOW] * DIVERGED_SYNCS, missing=(1,))
+    assert said[-1] == Divergence(joint=2, counts=5 * WINDOW, sync_count=50)
 
 
 def test_every_joint_that_diverges_is_named_though_the_first_goes_on_for_ever():

@@ -207,3 +207,11 @@ def test_a_second_drive_that_diverges_is_switched_off_though_the_first_obeys_not
     wait_for(lambda: bus.drives[5].status == 0x40)
     assert live.snapshot().stopped
     assert "joint 2 is +1" in live.snapshot().stopped_for
+
+
+def test_a_silent_node_hides_no_other_drive_that_diverges(live, bus):
+    bus.silent = {7}
+    diverge(bus, 5)
+    wait_for(lambda: bus.drives[5].status == 0x40)
+    assert live.snapshot().stopped
+    assert "joint 5 is +1" in live.snapshot().stopped_for

@@ -235,7 +235,7 @@ def _predict_closure(
             float(chdtri(near.dof, INNOVATION_PROBABILITY)), CHI2_RATIO_TO_WORST_POSE * near.usual
         )
         unresolved = near.unseen(SHIFT_RAD, CHI2_RATIO_TO_LIMIT * limit)
-        expected = not near.chi2 > limit
+        expected = near.chi2 <= limit
     fixed = parameters_from_poses(state, procedure)
     if fixed is None:
         return _Closure(near=near, unresolved_joints=unresolved, as_predicted=expected)

@@ -7,8 +7,13 @@ import pytest
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.prediction import FIXTURE, CalibrationWithPoses
+from operator_app.calibration.prediction import (
+    FIXTURE,
+    CalibrationWithPoses,
+    concatenated_poses,
+)
 from operator_app.calibration.verification import (
+    NoTestError,
     fixed_calibration,
     predict,
     verify_new_poses,
@@ -120,3 +125,12 @@ def test_poses_in_one_further_socket_are_tested_wherever_it_is(two_sockets, coun
         assert result.stated.dof == 3 * count - 3
         assert result.stated.per_dof < 1.0
     assert found[0].stated.per_dof == pytest.approx(found[1].stated.per_dof, rel=1e-3)
+
+
+def test_as_many_poses_as_further_sockets_test_nothing(two_sockets):
+    solution, made_from = two_sockets
+    for numbers in ((3,), (3, 4)):
+        first = [panda_poses(number).at_poses(np.arange(1)) for number in numbers]
+        new = first[0] if len(first) == 1 else concatenated_poses(*first)
+        with pytest.raises(NoTestError, match="at least two poses"):
+            verify_new_poses(PANDA, BALL, solution, made_from=made_from, new=new)

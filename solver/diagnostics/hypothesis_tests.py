@@ -92,10 +92,10 @@ class HypothesisTest:
     def of_sigmas(
         cls, code: str, z: FloatArray, *, false_alarm: float = FALSE_ALARM_PROBABILITY
     ) -> HypothesisTest:
-        """Test the largest of the absolute values z (k,) of normal deviations, in sigmas."""
+        """Test the largest of normal deviations z (k,), to either side, in sigmas."""
         return cls(
             code=code,
-            statistic=float(z.max()),
+            statistic=float(np.abs(z).max()),
             threshold=sigmas_at(false_alarm, len(z)),
             false_alarm=false_alarm,
         )
@@ -114,7 +114,7 @@ def pull_tests(
     if not len(z):
         return []
     return [
-        HypothesisTest.of_sigmas("PULL", np.abs(z), false_alarm=false_alarm),
+        HypothesisTest.of_sigmas("PULL", z, false_alarm=false_alarm),
         HypothesisTest.of_squares("PULLS", z, covariance, false_alarm=false_alarm),
     ]
 
@@ -126,7 +126,7 @@ def scale_tests(scene: FaultModels, residuals: WhitenedResiduals) -> list[Hypoth
         s, C = residuals.score(candidate.columns)
         # A column that the parameters absorb except for rounding is not observable.
         square = float((residuals.whiten(candidate.columns) ** 2).sum())
-        z.append(abs(float(s[0])) / np.sqrt(C[0, 0]) if C[0, 0] > SEEN * square else 0.0)
+        z.append(float(s[0]) / np.sqrt(C[0, 0]) if C[0, 0] > SEEN * square else 0.0)
     return [HypothesisTest.of_sigmas("SCALE", np.array(z))] if z else []
 
 

@@ -33,3 +33,10 @@ def test_independent_squares_are_a_chi2():
     chi2 = HypothesisTest.of_chi2("SQUARES", 5.25, 3)
     assert squares.statistic == chi2.statistic
     assert squares.threshold == pytest.approx(chi2.threshold)
+
+
+def test_a_deviation_to_either_side_counts():
+    test = HypothesisTest.of_sigmas("SIGMAS", np.array([-9.0, 1.0]))
+    assert test.statistic == 9.0
+    assert test.fires
+    assert HypothesisTest.of_sigmas("SIGMAS", np.array([np.nan, 1.0])).fires

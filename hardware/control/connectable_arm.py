@@ -166,7 +166,10 @@ class ConnectableArm:
         """Hold, disable, verify, release the token."""
         try:
             if not link.in_control:
-                self._left_held = not link.is_lost()
+                # An earlier or another program may have left drives with power.
+                last = link.loop.sample
+                self._left_held = not link.is_lost() and not _following(last)
+                self.left_powered = _powered(last)
                 return
             sample = release_arm(link.loop)
             if sample is not None:

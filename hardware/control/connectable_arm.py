@@ -165,7 +165,10 @@ class ConnectableArm:
         """Have the arm hold, switch its drives off, verify that, release the token and end the connection."""
         try:
             if not link.in_control:
-                self._left_held = not link.is_lost()
+                # An earlier or another program may have left drives with power.
+                last = link.loop.sample
+                self._left_held = not link.is_lost() and not _following(last)
+                self.left_powered = _powered(last)
                 return
             sample = release_arm(link.loop)
             if sample is not None:

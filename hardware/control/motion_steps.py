@@ -15,6 +15,7 @@ import numpy as np
 
 from hardware.arm import DriveState, JointMode, MoveResult, Reading, Watch
 from hardware.canopen.cia402 import (
+    CLOSED_LOOP_STATES,
     CONTROLWORD_ENABLE_OPERATION,
     StatusBit,
     TargetState,
@@ -76,14 +77,21 @@ def drive_to(
 ) -> Generator[Setpoints | None, Sample, tuple[int, ...]]:
     """Bring all drives to a state, in position mode at their current positions.
 
-    A drive that has reached the state keeps its controlword; if it leaves the state again, that is an alarm. Returns
-    the joints that did not reach it in time.
+    Until a drive has power its target follows its joint, which may sink while a brake opens. A drive that has reached
+    the state keeps its controlword; if it leaves the state again, that is an alarm. Returns the joints that did not
+    reach it in time.
     """
     sample = yield None
     positions = sample.counts
     controlwords, done = [0] * len(positions), [False] * len(positions)
     for _ in range(TRANSITION_SYNCS):
         raise_alarm(loop)
+        positions = tuple(
+            position if state_of(status) in CLOSED_LOOP_STATES else counts
+            for status, position, counts in zip(
+                sample.statuswords, positions, sample.counts, strict=True
+            )
+        )
         controlwords = [
             word if stays else _next_controlword(status, target, word)
             for status, word, stays in zip(sample.statuswords, controlwords, done, strict=True)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from hardware.arm import DriveState, JointMode, JointState
 from hardware.arm_description import JointScale
-from hardware.canopen.cia402 import Command, command_of, state_of
+from hardware.canopen.cia402 import CLOSED_LOOP_STATES, Command, command_of, state_of
 from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.canopen.objects import CYCLIC_POSITION
 from hardware.command_limits import JointLimits, refuse_command, refuse_move, refuse_target
@@ -25,8 +25,8 @@ def admit(
 ) -> None:
     """Check the commands of one SYNC against the limits.
 
-    The first target of a joint that enters position mode must be its measured position; every later change of target
-    is checked as a motion.
+    The first target of a joint that enters position mode must be its measured position, and so must every target until
+    its drive has power; every later change of target is checked as a motion.
 
     Raises
     ------
@@ -44,7 +44,9 @@ def admit(
         if command_of(command.controlword) is not Command.ENABLE_OPERATION:
             continue  # no other controlword causes motion
         target, measured = command.target_counts, sample.counts[joint]
-        previous = last.target_counts if last is not None and last.mode == CYCLIC_POSITION else None
+        drive = state_of(sample.statuswords[joint])
+        holds = last is not None and last.mode == CYCLIC_POSITION and drive in CLOSED_LOOP_STATES
+        previous = last.target_counts if last is not None and holds else None
         entering = previous is None or mode is not JointMode.POSITION
         if target == previous or (entering and abs(target - measured) <= limit.max_step_counts):
             continue
@@ -53,7 +55,6 @@ def admit(
         elif stopped:
             raise StopLatched(f"joint {limit.joint}: STOP is latched")
         else:
-            drive = state_of(sample.statuswords[joint])
             refusal = refuse_command(
                 limit.joint, in_control=in_control, drive=drive, mode=mode
             ) or refuse_target(limit, target, previous)

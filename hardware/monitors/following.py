@@ -11,7 +11,7 @@ leaves *operation enabled*, even if bit 12 drops. If a drive never sets bit 12, 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -37,9 +37,13 @@ class Divergence:
 
 
 class FollowingMonitor:
-    """Compares samples with commands; `windows_counts`, if not empty, limits each joint's distance from its target."""
+    """Compares samples with commands; `windows_counts`, if not empty, limits each joint's distance from its target.
+
+    `divergences`: those of all joints at the last sample.
+    """
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
+        self.divergences: tuple[Divergence, ...] = ()
         self._windows = tuple(windows_counts)
         self._outside_syncs = [0] * len(self._windows)
         self._followed = [False] * len(self._windows)
@@ -51,8 +55,10 @@ class FollowingMonitor:
 
     def update(self, sample: Sample, commands: Setpoints | None) -> Divergence | None:
         """Take in a sample and the commands before it; return the divergence of the first joint, None if all follow."""
-        if commands is None:
-            return None
+        self.divergences = () if commands is None else tuple(self._find(sample, commands))
+        return next(iter(self.divergences), None)
+
+    def _find(self, sample: Sample, commands: Setpoints) -> Iterator[Divergence]:
         self._stretch_syncs += 1
         if self._stretch_syncs == MAX_LATE_SYNCS:
             self._stretch_syncs = 0
@@ -67,7 +73,7 @@ class FollowingMonitor:
             target, (low, high) = command.target_counts, self._targets[at]
             if not low <= target <= high:
                 low, high = self._targets[at] = (min(low, target), max(high, target))
-            if not sample.complete:
+            if at + 1 in sample.missing:
                 continue
             lower, higher = self._earlier_targets[at]
             counts = sample.counts[at]
@@ -78,8 +84,7 @@ class FollowingMonitor:
             self._outside_syncs[at] = self._outside_syncs[at] + 1 if outside else 0
             if self._outside_syncs[at] >= DIVERGED_SYNCS:
                 since = sample.sync_count - self._outside_syncs[at] + 1
-                return Divergence(joint=at + 1, counts=round(error), sync_count=since)
-        return None
+                yield Divergence(joint=at + 1, counts=round(error), sync_count=since)
 
 
 MIN_BRAKING_SYNCS: Final = 30
@@ -122,17 +127,21 @@ class StandstillMonitor:
     If `windows_counts` is empty, nothing is checked. A stopped drive holds at a target of its own, which the operator
     does not know, so the reference is the position where the joint came to rest. A drive that is without power after a
     quick stop (605Ah below 5) reports that in its state and is not checked, nor is a joint in free mode.
+
+    `divergences`: those of all joints that move at the last sample.
     """
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
+        self.divergences: tuple[Divergence, ...] = ()
         self._windows = tuple(windows_counts)
         self._joints = tuple(_Joint() for _ in self._windows)
 
     def update(self, sample: Sample, commands: Setpoints | None) -> Divergence | None:
         """Take in a sample and the commands sent last; return the divergence of the first joint that moved, or None."""
-        if commands is None:
-            return None
-        divergence = None
+        self.divergences = () if commands is None else tuple(self._find(sample, commands))
+        return next(iter(self.divergences), None)
+
+    def _find(self, sample: Sample, commands: Setpoints) -> Iterator[Divergence]:
         for at, (joint, window) in enumerate(zip(self._joints, self._windows, strict=True)):
             stopped = shows(sample.statuswords[at], DriveState.QUICK_STOP_ACTIVE)
             if not stopped or commands[at].mode != CYCLIC_POSITION:
@@ -146,9 +155,6 @@ class StandstillMonitor:
                 continue
             displacement = counts - joint.rest_counts
             joint.outside_syncs = joint.outside_syncs + 1 if abs(displacement) > window else 0
-            if joint.outside_syncs >= DIVERGED_SYNCS and divergence is None:
+            if joint.outside_syncs >= DIVERGED_SYNCS:
                 since = sample.sync_count - joint.outside_syncs + 1
-                divergence = Divergence(
-                    joint=at + 1, counts=displacement, sync_count=since, stopped=True
-                )
-        return divergence
+                yield Divergence(joint=at + 1, counts=displacement, sync_count=since, stopped=True)

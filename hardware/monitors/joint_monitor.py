@@ -216,10 +216,10 @@ class JointMonitor:
         self.dropout.update(sample, commands, stopped=stopped)
         before = self.switched_off
         for monitor in self._motion:
-            divergence = monitor.update(sample, commands)
-            if divergence is not None:
-                self.divergence = self.divergence or divergence
-                self.switched_off |= {divergence.joint}
+            first = monitor.update(sample, commands)
+            self.divergence = self.divergence or first
+            # All of them: the drive of the first may not obey.
+            self.switched_off |= {each.joint for each in monitor.divergences}
         return self.switched_off != before
 
     def expect_jerk(self) -> None:

@@ -29,7 +29,7 @@ from operator_app.calibration.alternatives import (
 from operator_app.calibration.closed_loops import placement_checks
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import exceeded, left_out_poses, motion_causes, range_finding
-from operator_app.calibration.multistart import has_diverged, local_minimum_causes
+from operator_app.calibration.multistart import has_diverged, local_minimum_causes, of_fixture
 from operator_app.calibration.repeat_measurement import Repeat, RepeatedReading
 from operator_app.calibration.rvdt import measured_deviations, rvdt_causes
 from operator_app.calibration.sensitivity import exceeded_source
@@ -164,7 +164,9 @@ def adjudicate(
     by_tests, alternatives, nothing_fits = _misfit_causes(case, labels)
     # If nothing fits, e.g. with poses of another arm, the solution has no meaning.
     far = () if nothing_fits else _local_minimum_causes(case)
-    diverged = has_diverged((*far, *by_tests), scale, case.estimate, judged)
+    # Where one cause explains the misfit, the poses determine where the fixture is.
+    anywhere = () if far or nothing_fits or case.gross else of_fixture(case.model)
+    diverged = has_diverged((*far, *by_tests), scale, case.estimate, judged, anywhere=anywhere)
     lost = _poorly_determined(case) if far or case.gross or diverged else ()
     of_returns, since = return_tests(known.returned, calibrated.estimate)
     of_paper = () if paper is None else (paper_test(paper, calibrated.estimate),)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from itertools import islice
 
 import numpy as np
@@ -138,7 +138,7 @@ def local_minimum_causes(
     )
     if not better and not near_nominal:
         # The poses determine where the fixture is, so that this is only a note (`fixture_elsewhere`).
-        far = [item for item in far if item[0].name not in _of_fixture(model)]
+        far = [item for item in far if item[0].name not in of_fixture(model)]
         if not far:
             return ()
     p, change = _farthest(far)
@@ -155,7 +155,7 @@ def local_minimum_causes(
     )
 
 
-def _of_fixture(model: ClosureModel) -> set[str]:
+def of_fixture(model: ClosureModel) -> set[str]:
     """Names of the parameters that depend on the fixture's place, for its only placement or the first of several.
 
     The placements of an instrument and of its target are left out: a large error in these means that a file is wrong.
@@ -170,7 +170,7 @@ def _of_fixture(model: ClosureModel) -> set[str]:
 
 def fixture_elsewhere(estimate: Estimate, model: ClosureModel) -> tuple[Finding, ...]:
     """Return the note that the fixture is not where its file states; no verdict depends on it."""
-    far = _far(estimate.without({p.name for p in estimate.parameters} - _of_fixture(model)))
+    far = _far(estimate.without({p.name for p in estimate.parameters} - of_fixture(model)))
     if not far:
         return ()
     p, change = _farthest(far)
@@ -205,11 +205,17 @@ OF_THE_SOLUTION = {
 
 
 def has_diverged(
-    causes: Iterable[Finding], scale: float, estimate: Estimate, judged: tuple[str, ...]
+    causes: Iterable[Finding],
+    scale: float,
+    estimate: Estimate,
+    judged: tuple[str, ...],
+    *,
+    anywhere: Collection[str] = (),
 ) -> bool:
     """Whether the solution is implausible or uselessly uncertain and a gross cause blocks acceptance.
 
-    `scale`: chi2/dof at stated variances. `judged`: names of the identified parameters.
+    `scale`: chi2/dof at stated variances. `judged`: names of the identified parameters. `anywhere`: names of those that
+    are plausible at any distance from their nominal values.
     """
     # A local optimum counts as diverged even if it fits well.
     if not any(
@@ -223,7 +229,9 @@ def has_diverged(
     worthless = np.where(
         [p.is_angle for p in described.parameters], limits.USELESS_SIGMA_RAD, limits.USELESS_SIGMA_M
     )
-    return bool((~(described.standard_deviation <= worthless)).any()) or bool(_far(described))
+    return bool((~(described.standard_deviation <= worthless)).any()) or any(
+        p.name not in anywhere for p, _ in _far(described)
+    )
 
 
 def _far(estimate: Estimate) -> list[tuple[Parameter, float]]:

@@ -79,7 +79,7 @@ def predict_new_poses(
     """Predict new poses from the poses of the calibration.
 
     `start`: values (rad, m) from which to start for parameters that the calibration lacks, such as another socket's
-    place.
+    place, by their names in the loop of the new poses.
 
     Returns
     -------
@@ -88,6 +88,10 @@ def predict_new_poses(
     `FIXTURE`. None if no model fits both sets of poses.
     """
     solution, old = made.solution, _used(made)
+    if len(new.poses.placements) == 1:
+        # A parameter that only the new poses have belongs to one placement of several.
+        (number,) = new.poses.placements
+        start = {f"{name}[{number}]": value for name, value in start.items()}
     both = replace(new, poses=concatenated_poses(old, new.poses))
     later = np.arange(len(both.poses)) >= len(old)
     model, x0, column = _model(made, old, both, start)

@@ -404,10 +404,16 @@ def may_be_elsewhere(fixture: EndpointConstraint) -> bool:
 def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -> None:
     """Raise `NoTestError` if the new set contains poses of the calibration, which fit the calibration in any case.
 
-    With an instrument, a pose measured again at the same joint readings counts as new.
+    With an instrument, a pose measured again at the same joint readings counts as new. Also raises `NoTestError` if
+    each new pose is the only one in another socket, whose place it determines.
     """
     if new.joint_count != made_from.joint_count:
         return
+    if may_be_elsewhere(fixture) and len(new) <= len({*new.placements} - {*made_from.placements}):
+        raise NoTestError(
+            "a single pose in another socket only determines where that socket is: use at least two poses in one of "
+            "the sockets"
+        )
     own = np.flatnonzero(_are_among(new, made_from, measured=fixture.kind == "measured"))
     if len(own) == 0:
         return

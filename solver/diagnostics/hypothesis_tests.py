@@ -64,13 +64,38 @@ class HypothesisTest:
         )
 
     @classmethod
+    def of_squares(
+        cls,
+        code: str,
+        z: FloatArray,
+        covariance: FloatArray,
+        *,
+        false_alarm: float = FALSE_ALARM_PROBABILITY,
+    ) -> HypothesisTest:
+        """Test the sum of squares of normal deviations z (k,) with a `covariance` (k, k), in sigmas.
+
+        The sum is distributed as a shifted and scaled chi2 of the same mean, variance and skewness (Pearson 1959); for
+        independent deviations that is chi2 itself.
+        """
+        from scipy.special import chdtri
+
+        mean, square = float(np.trace(covariance)), float((covariance**2).sum())
+        dof = square**3 / float(np.trace(covariance @ covariance @ covariance)) ** 2
+        return cls(
+            code=code,
+            statistic=float(z @ z),
+            threshold=mean + (float(chdtri(dof, false_alarm)) - dof) * float(np.sqrt(square / dof)),
+            false_alarm=false_alarm,
+        )
+
+    @classmethod
     def of_sigmas(
         cls, code: str, z: FloatArray, *, false_alarm: float = FALSE_ALARM_PROBABILITY
     ) -> HypothesisTest:
-        """Test the largest of `z` (k,), absolute values of normal deviations in sigmas."""
+        """Test the largest of `z` (k,), normal deviations in sigmas, to either side."""
         return cls(
             code=code,
-            statistic=float(z.max()),
+            statistic=float(np.abs(z).max()),
             threshold=sigmas_at(false_alarm, len(z)),
             false_alarm=false_alarm,
         )
@@ -82,13 +107,15 @@ def pull_tests(
     """Test the largest pull (deviation in sigmas) of the toleranced entries, and the sum of squares of these pulls."""
     # These are the first of all effects.
     listed = [n for g in stated.design.groups if g.source in ENTRIES for n in g.names]
-    own = np.array([n in stated.design.errors.tolerance for n in listed], dtype=bool)
-    z = stated.pulls[: len(listed)][own]
+    own = np.flatnonzero([n in stated.design.errors.tolerance for n in listed])
+    covariance = stated.pull_covariance(own)
+    known = np.diagonal(covariance) > 0.0
+    z, covariance = stated.pulls[own[known]], covariance[np.ix_(known, known)]
     if not len(z):
         return []
     return [
-        HypothesisTest.of_sigmas("PULL", np.abs(z), false_alarm=false_alarm),
-        HypothesisTest.of_chi2("PULLS", float(z @ z), len(z), false_alarm=false_alarm),
+        HypothesisTest.of_sigmas("PULL", z, false_alarm=false_alarm),
+        HypothesisTest.of_squares("PULLS", z, covariance, false_alarm=false_alarm),
     ]
 
 
@@ -99,7 +126,7 @@ def scale_tests(faults: FaultModels, residuals: WhitenedResiduals) -> list[Hypot
         s, C = residuals.score(candidate.columns)
         # A column that the parameters absorb except for rounding is not observable.
         square = float((residuals.whiten(candidate.columns) ** 2).sum())
-        z.append(abs(float(s[0])) / np.sqrt(C[0, 0]) if C[0, 0] > SEEN * square else 0.0)
+        z.append(float(s[0]) / np.sqrt(C[0, 0]) if C[0, 0] > SEEN * square else 0.0)
     return [HypothesisTest.of_sigmas("SCALE", np.array(z))] if z else []
 
 

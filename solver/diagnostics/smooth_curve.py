@@ -55,8 +55,8 @@ class SmoothCurve:
     dof
         Number of points minus number of coefficients.
     line_probability
-        Probability of so much improvement over a straight line if the points lie on a straight line (F test); 1 if the
-        curve is a straight line.
+        Probability of so much improvement over a straight line if the points lie on a straight line (F test, times the
+        number of degrees from which this one was chosen); 1 if the curve is a straight line.
     """
 
     low: float
@@ -119,7 +119,7 @@ def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -
         more = best - 1
         line, curve = (float(residuals[:, degree] @ residuals[:, degree]) for degree in (1, best))
         ratio = (line - curve) / more / max(curve / dof, 1e-300)
-        chance = float(fdtrc(more, dof, ratio))
+        chance = min(1.0, (most - 1) * float(fdtrc(more, dof, ratio)))
     return SmoothCurve(
         low=low,
         high=high,

@@ -24,6 +24,9 @@ np.empty(2 << 20)
 """Allocated and freed once: from then on glibc keeps free blocks up to this size, instead of returning the matrices of
 every iteration to the system and having them zeroed again. Other C libraries are not affected."""
 
+LEAST_PULL_INFORMATION = 1e-6
+"""Share of an effect's prior variance that the poses have to determine for its pull to have a meaning."""
+
 LEAST_RESOLVED_SHARE = 1e-3
 """Least diagonal element of the Cholesky factor of ``I - N N'`` (`_held_out`) for which its rank counts as full."""
 
@@ -281,7 +284,19 @@ class LinearFit:
         """
         remaining = np.diagonal(self.H_inverse)[self.design.hard :]
         z = self.unit_b / np.sqrt(np.maximum(1.0 - remaining, 1e-12))
-        return np.where(remaining < 1.0 - 1e-6, z, 0.0)
+        return np.where(remaining < 1.0 - LEAST_PULL_INFORMATION, z, 0.0)
+
+    def pull_covariance(self, effects: IntArray) -> FloatArray:
+        """Covariance (k, k) of the pulls of some effects (indices) if the model is right.
+
+        Poses that determine sums of effects only make their pulls alike. Zero for an effect without information.
+        """
+        columns = self.design.hard + effects
+        determined = np.eye(len(columns)) - self.H_inverse[np.ix_(columns, columns)]
+        square = np.diagonal(determined)
+        known = square > LEAST_PULL_INFORMATION
+        scale = np.where(known, 1.0 / np.sqrt(np.where(known, square, 1.0)), 0.0)
+        return np.asarray(determined * np.outer(scale, scale))
 
 
 def _held_out(N: FloatArray, residual: FloatArray) -> tuple[float, int]:

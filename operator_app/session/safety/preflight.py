@@ -200,7 +200,7 @@ def _reset_among(
     if not np.isfinite(without.chi2):
         return {}
     freed = closure.dof - without.dof
-    if chdtrc(freed, closure.chi2 - without.chi2) >= at_most:
+    if chdtrc(freed, max(closure.chi2 - without.chi2, 0.0)) >= at_most:
         return {}
     for joint, explaining in _fits_without(loop, zeros).items():
         more = explaining.dof - without.dof

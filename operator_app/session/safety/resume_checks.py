@@ -166,10 +166,56 @@ def check_closure_by_poses(
     ClosureRefusedError
         The loop does not close: the arm or the fixture has changed.
     """
-    from scipy.special import chdtrc, chdtri
-
     state = state.here
-    reading_here = CheckReading(
+    fixture = fixture_in_place(state, procedure)
+    closure = _predict_closure(state, procedure, fixture, reading, endpoint)
+    if not closure.as_predicted:
+        raise _refusal(closure, procedure.arm, fixture, reading, poses=len(state.used_poses))
+    return ClosureResult(
+        message="There are too few poses to check the closure at the present pose."
+        if closure.probability is None
+        else "The loop closes at the present pose, by the poses so far.",
+        probability=closure.probability,
+        unresolved_joints=closure.unresolved_joints,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Closure:
+    """Closure at the current pose, compared with its prediction by the captured poses.
+
+    Attributes
+    ----------
+    near
+        Innovation of the reading; None for an open arm, or where the poses cannot be fitted.
+    unresolved_joints
+        As in `ClosureResult`.
+    probability
+        Probability of a larger chi2 with the parameters from the poses; None with too few poses for these.
+    closes
+        Whether the loop closes at all with these parameters.
+    as_predicted
+        Whether neither comparison contradicts the reading.
+    """
+
+    near: Innovation | None
+    unresolved_joints: tuple[int, ...]
+    probability: float | None = None
+    closes: bool = True
+    as_predicted: bool
+
+
+def _predict_closure(
+    state: SessionState,
+    procedure: Procedure,
+    fixture: EndpointConstraint,
+    reading: Reading,
+    endpoint: FloatArray | None,
+) -> _Closure:
+    """Compare a reading with its prediction by the captured poses of this placement."""
+    from scipy.special import chdtri
+
+    here = CheckReading(
         kind="standing",
         number=0,
         mean_rad=reading.mean_rad,
@@ -178,65 +224,71 @@ def check_closure_by_poses(
         utc="",
         endpoint=() if endpoint is None else tuple(endpoint.tolist()),
     )
-    arm, fixture = procedure.arm, fixture_in_place(state, procedure)
-    near, unexpected = None, False
+    arm, near, expected = procedure.arm, None, True
     unresolved = tuple(range(1, arm.joint_count + 1))
     if fixture.holds_hand:
         pose_set, unsensed = state.pose_set(), procedure.unsensed_joints
         before = Experiment(arm=arm, fixture=fixture, poses=pose_set, unsensed=unsensed)
-        near = innovation(before, pose_set_of([reading_here]))
+        near = innovation(before, pose_set_of([here]))
     if near is not None:
         limit = max(
             float(chdtri(near.dof, INNOVATION_PROBABILITY)), CHI2_RATIO_TO_WORST_POSE * near.usual
         )
         unresolved = near.unseen(SHIFT_RAD, CHI2_RATIO_TO_LIMIT * limit)
-        unexpected = near.chi2 > limit
+        expected = near.chi2 <= limit
     fixed = parameters_from_poses(state, procedure)
-    if fixed is None and not unexpected:
-        return ClosureResult(
-            message="There are too few poses to check the closure at the present pose.",
-            probability=None,
-            unresolved_joints=unresolved,
-        )
-    closes, probability = True, 1.0
-    if fixed is not None:
-        poses = pose_set_of([*state.used_poses, reading_here])
-        unsensed = fixed.unsensed_joints
-        both = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=unsensed)
-        predicted = predict(both, fixed)
-        probability, closes = float(predicted.pose_probability[-1]), bool(predicted.closed[-1])
-        worst = float(predicted.pose_chi2[:-1].max())
-        as_usual = (
-            probability >= FALSE_REFUSAL_PROBABILITY
-            or predicted.pose_chi2[-1] <= CHI2_RATIO_TO_WORST_POSE * worst
-        )
-        if closes and as_usual and not unexpected:
-            return ClosureResult(
-                message="The loop closes at the present pose, by the poses so far.",
-                probability=probability,
-                unresolved_joints=unresolved,
-            )
+    if fixed is None:
+        return _Closure(near=near, unresolved_joints=unresolved, as_predicted=expected)
+    poses, unsensed = pose_set_of([*state.used_poses, here]), fixed.unsensed_joints
+    both = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=unsensed)
+    predicted = predict(both, fixed)
+    probability, closes = float(predicted.pose_probability[-1]), bool(predicted.closed[-1])
+    as_usual = (
+        probability >= FALSE_REFUSAL_PROBABILITY
+        or predicted.pose_chi2[-1] <= CHI2_RATIO_TO_WORST_POSE * predicted.pose_chi2[:-1].max()
+    )
+    return _Closure(
+        near=near,
+        unresolved_joints=unresolved,
+        probability=probability,
+        closes=closes,
+        as_predicted=bool(expected and closes and as_usual),
+    )
+
+
+def _refusal(
+    closure: _Closure,
+    arm: ArmModel,
+    fixture: EndpointConstraint,
+    reading: Reading,
+    *,
+    poses: int,
+) -> ClosureRefusedError:
+    """Return the error for a reading that differs from its prediction by `poses` poses, with its most likely cause."""
+    from scipy.special import chdtrc
+
+    near, probability = closure.near, 1.0 if closure.probability is None else closure.probability
     if near is not None:
         probability = min(probability, float(chdtrc(near.dof, near.chi2)))
     times = counters_near_zero(arm, reading.mean_rad)
     zeros = sorted(j for j, t in times.items() if t <= NEAR_ZERO_RATIO)
     if zeros:
-        raise ClosureRefusedError(
+        return ClosureRefusedError(
             f"the counter of joint {' and '.join(map(str, zeros))} is {zero_position(arm, reading.mean_rad, zeros)}, "
             "and the loop does not close with this reading: the counter was reset, as after a loss of power",
             f"home the joint; {NEW_SESSION_REMEDY}",
             probability=probability,
         )
-    probability_text = "" if not closes else f" (probability {probability:.0e})"
+    probability_text = "" if not closure.closes else f" (probability {probability:.0e})"
     if not fixture.holds_hand:
-        raise ClosureRefusedError(
-            f"the tracker does not measure the target where this session's {len(state.used_poses)} poses "
+        return ClosureRefusedError(
+            f"the tracker does not measure the target where this session's {poses} poses "
             f"predict it{probability_text}: a joint's zero, the target or the tracker has changed",
             NEW_SESSION_REMEDY,
             probability=probability,
         )
-    raise ClosureRefusedError(
-        f"the loop does not close at the present pose, by this session's {len(state.used_poses)} "
+    return ClosureRefusedError(
+        f"the loop does not close at the present pose, by this session's {poses} "
         f"poses{probability_text}: {_cause_text(near)}",
         NEW_SESSION_REMEDY,
         probability=probability,

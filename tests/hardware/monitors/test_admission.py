@@ -19,8 +19,8 @@ LIMITS = (
         joint=1, lower_counts=-500, upper_counts=500, max_speed_rad_per_s=1.0, max_step_counts=10
     ),
 )
-ENABLED, QUICK_STOPPED = 0x0627, 0x0607
-GO, OFF = 0x000F, 0x0000
+ENABLED, QUICK_STOPPED, SWITCHED_ON = 0x0627, 0x0607, 0x0623
+GO, ON, OFF = 0x000F, 0x0007, 0x0000
 CSP, CST = 8, 10
 
 
@@ -59,6 +59,8 @@ def test_a_step_within_the_limit_passes(step):
         # A stale target of a free joint, and one of another mode, are no excuse.
         (Setpoint(GO, -400, CST), Setpoint(GO, -400, CSP), {"mode": JointMode.FREE}, "step"),
         (Setpoint(GO, 300, 1), Setpoint(GO, 300, CSP), {}, "step"),
+        # A target from before a drive had power is where its joint was then.
+        (Setpoint(ON, 300, CSP), Setpoint(GO, 300, CSP), {"status": SWITCHED_ON}, "step"),
         # Whatever enables a drive is looked at.
         *(
             (Setpoint(GO, 100, CSP), Setpoint(w, 9999, CSP), {}, "step")
@@ -69,6 +71,12 @@ def test_a_step_within_the_limit_passes(step):
 def test_a_larger_step_and_a_target_outside_are_refused(before, command, situation, words):
     with pytest.raises(CommandRefused, match=words):
         try_to_send(before, command, **situation)
+
+
+def test_until_its_drive_has_power_a_joint_that_sinks_is_followed():
+    sunk = {"status": SWITCHED_ON, "measured": 60}
+    try_to_send(Setpoint(ON, 100, CSP), Setpoint(GO, 60, CSP), **sunk)
+    try_to_send(Setpoint(GO, 100, CSP), Setpoint(GO, 60, CSP), **sunk)
 
 
 @pytest.mark.parametrize(

@@ -53,11 +53,28 @@ def test_once_back_in_its_window_it_begins_anew():
         {"status": STOPPED},
         {"status": FAULT},
         {"mode": CST},
-        {"missing": (1,)},
+        {"missing": (2,)},
     ],
 )
 def test_only_a_drive_that_says_that_it_follows_is_taken_at_its_word(other):
     assert set(watched(*[5 * WINDOW] * 40, **other)) == {None}  # type: ignore[arg-type]
+
+
+def test_a_joint_without_an_answer_hides_no_other():
+    said = watched(*[5 * WINDOW] * DIVERGED_SYNCS, missing=(1,))
+    assert said[-1] == Divergence(joint=2, counts=5 * WINDOW, sync_count=50)
+
+
+def test_every_joint_that_diverges_is_named_though_the_first_goes_on_for_ever():
+    following = FollowingMonitor([WINDOW, WINDOW])
+    commands = (Setpoint(0x0F, 0, CSP), Setpoint(0x0F, 0, CSP))
+    joints = []
+    for sync in range(3 * DIVERGED_SYNCS):
+        away = (5 * WINDOW, 5 * WINDOW if sync >= DIVERGED_SYNCS else 0)
+        following.update(sample((FOLLOWS, FOLLOWS), away, sync=sync), commands)
+        joints.append({each.joint for each in following.divergences})
+    assert joints[DIVERGED_SYNCS] == {1}
+    assert joints[-1] == {1, 2}
 
 
 @pytest.mark.parametrize("shown", [1, 5])
@@ -139,6 +156,15 @@ def watched_after_stop(
         )
         for sync, position in enumerate(counts, 50)
     ]
+
+
+def test_every_joint_that_goes_on_after_a_stop_is_named():
+    standing = StandstillMonitor([WINDOW, WINDOW])
+    commands = (Setpoint(0x0F, 0, CSP), Setpoint(0x0F, 0, CSP))
+    for sync in range(MIN_BRAKING_SYNCS + DIVERGED_SYNCS):
+        away = 5 * WINDOW if sync >= MIN_BRAKING_SYNCS else 0
+        standing.update(sample((STOPPED, STOPPED), (away, away), sync=sync), commands)
+    assert {each.joint for each in standing.divergences} == {1, 2}
 
 
 @pytest.mark.parametrize("away", [WINDOW + 1, -WINDOW - 1])

@@ -5,10 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.prediction import FIXTURE, CalibrationWithPoses
-from operator_app.calibration.verification import fixed_calibration, predict, verify_poses
-from tests.oracles.as_shipped import ARM, HINGE, SEED, poses_of
+from operator_app.calibration.prediction import (
+    FIXTURE,
+    CalibrationWithPoses,
+    concatenated_poses,
+)
+from operator_app.calibration.verification import (
+    NoTestError,
+    fixed_calibration,
+    predict,
+    verify_new_poses,
+    verify_poses,
+)
+from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, SEED, panda_poses, poses_of
 from tests.oracles.shop_floor import Specimen, closed_walk, session, taken
 
 
@@ -90,3 +101,36 @@ def test_a_fixture_that_stands_elsewhere_is_named_as_such(retaken):
     found = _judged((retaken[0], moved), moved.readings)
     assert not found.holds
     assert found.shift.subject == FIXTURE
+
+
+@pytest.fixture(scope="module")
+def two_sockets():
+    """Real poses of a Panda in two sockets, and the calibration from them."""
+    poses = panda_poses(1, 2)
+    return calibrate(PANDA, BALL, poses), poses
+
+
+@pytest.mark.parametrize("count", [5, 30])
+def test_poses_in_one_further_socket_are_tested_wherever_it_is(two_sockets, count):
+    """The place of a single further socket was taken from the fixture's file, without any uncertainty."""
+    solution, made_from = two_sockets
+    new = panda_poses(3).at_poses(np.arange(count))
+    x, y, z = BALL.ground_m
+    found = [
+        verify_new_poses(PANDA, fixture, solution, made_from=made_from, new=new)
+        for fixture in (BALL, replace(BALL, ground_m=(x + 0.02, y - 0.01, z)))
+    ]
+    for result in found:
+        assert result.holds
+        assert result.stated.dof == 3 * count - 3
+        assert result.stated.per_dof < 1.0
+    assert found[0].stated.per_dof == pytest.approx(found[1].stated.per_dof, rel=1e-3)
+
+
+def test_as_many_poses_as_further_sockets_test_nothing(two_sockets):
+    solution, made_from = two_sockets
+    for numbers in ((3,), (3, 4)):
+        first = [panda_poses(number).at_poses(np.arange(1)) for number in numbers]
+        new = first[0] if len(first) == 1 else concatenated_poses(*first)
+        with pytest.raises(NoTestError, match="at least two poses"):
+            verify_new_poses(PANDA, BALL, solution, made_from=made_from, new=new)

@@ -77,6 +77,18 @@ def test_no_advice_is_drawn_from_a_diverged_solution(diverged_solution, advice):
     assert facts_of(diverged_solution).json["halved"] == {}
 
 
+def test_a_hinge_that_stands_elsewhere_and_slips_has_not_made_the_solution_diverge():
+    """One cause explains the misfit: the rest of the solution is that of the hinge where its file has it."""
+    taken = CASES["hinge slips 5 mm"](3002).taken
+    elsewhere = replace(HINGE, s_1_m=HINGE.s_1_m + 0.12)
+    found, near = calibrate(ARM, elsewhere, poses_of(taken)), solved(taken)
+    assert [c.code for c in found.causes] == ["SLIP_FIXTURE"]
+    assert not found.adjudication.diverged
+    assert "FIXTURE_ELSEWHERE" in [n.code for n in found.warnings]
+    apart = np.abs(found.estimate.x - near.estimate.x) / near.estimate.standard_deviation
+    assert apart.max() < 1.0
+
+
 def test_a_sound_solution_has_not_diverged():
     found = solved(session(7))
     assert not found.adjudication.diverged

@@ -169,6 +169,18 @@ def test_curve_degree_is_not_driven_by_noise():
         fit_curve(np.arange(5.0), np.arange(5.0))
 
 
+@pytest.mark.parametrize("points", [20, 40, 100])
+def test_a_straight_line_is_called_curved_no_more_often_than_stated(points):
+    """The degree is the best of several, and noise has as many chances to look like a bend."""
+    rng, runs = np.random.default_rng(7), 3000
+    curved = 0
+    for _ in range(runs):
+        x = rng.uniform(-1.0, 1.0, points)
+        curved += fit_curve(x, 0.3 * x + rng.normal(size=points)).line_probability < 0.01
+    # More than 1.45 % of 3,000 has a chance of 1 % at a rate of 1 %.
+    assert curved <= 0.0145 * runs
+
+
 @pytest.mark.parametrize("lsb", [0.05, 0.2, 0.4, 1.0, 8.0])
 def test_noise_behind_rounded_readings(lsb):
     """Against rounded draws: below half a count most of the spread is lost, above it 1/12 is added."""

@@ -164,3 +164,14 @@ def test_closing_twice_at_once_closes_once(driven, bus):
     assert waited == [True], "closed once, and the other thread waited until the arm was closed"
     with pytest.raises(BusError, match="not connected"):
         driven.snapshot()
+
+
+@pytest.mark.parametrize(("status", "held"), [(0x27, False), (0x07, True)])
+def test_a_drive_that_another_program_left_with_power_is_told_though_control_was_never_taken(
+    arm, bus, status, held
+):
+    bus.drives[3].status = status
+    arm.capture(1)
+    assert arm.close() is held
+    assert arm.left_powered == (3,)
+    assert bus.drives[3].status == status, "it is not ours to switch off"

@@ -196,3 +196,22 @@ def test_a_free_joint_may_be_moved_after_a_stop(live, bus):
     wait_for(lambda: bus.syncs > since + 150)
     assert live.snapshot().stopped_for == ""
     assert bus.drives[3].status == 0x07
+
+
+def test_a_second_drive_that_diverges_is_switched_off_though_the_first_obeys_nothing(live, bus):
+    """Two drives that another program moves: the first takes no notice of STOP nor of its power being taken."""
+    bus.drives[2].ignores = (0x0000, 0x0002)
+    bus.drives[5].ignores = (0x0002,)
+    diverge(bus, 2)
+    diverge(bus, 5)
+    wait_for(lambda: bus.drives[5].status == 0x40)
+    assert live.snapshot().stopped
+    assert "joint 2 is +1" in live.snapshot().stopped_for
+
+
+def test_a_silent_node_hides_no_other_drive_that_diverges(live, bus):
+    bus.silent = {7}
+    diverge(bus, 5)
+    wait_for(lambda: bus.drives[5].status == 0x40)
+    assert live.snapshot().stopped
+    assert "joint 5 is +1" in live.snapshot().stopped_for

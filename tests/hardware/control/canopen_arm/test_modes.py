@@ -1,5 +1,7 @@
 """Control and modes on a fake bus: taken where the arm stands, read back, and respected of others."""
 
+import struct
+
 import pytest
 
 from hardware.errors import CommandRefused, ControlDenied, DriveFault, ModeNotReached
@@ -15,6 +17,30 @@ def test_taking_control_enables_every_drive_where_it_is(arm, bus):
     snapshot = arm.snapshot()
     assert snapshot.token == 127
     assert {joint.mode for joint in snapshot.joints} == {POSITION}
+
+
+def test_a_joint_that_sinks_until_its_drive_is_enabled_is_not_pulled_back(arm, bus):
+    """The brake of joint 3 opens late, and its joint sinks meanwhile by some degrees."""
+    axis, opens = bus.drives[3], bus.syncs + 30
+    released = axis.rpdo
+
+    def rpdo(data: bytes) -> None:
+        word, target, mode = struct.unpack("<Hib", data)
+        axis.heard.append((word, target, mode))
+        if word != 0x0F or bus.syncs >= opens:
+            released(data)
+
+    def sink(_sync: int) -> None:
+        axis.counts -= 200 * (axis.status != 0x27)
+
+    axis.rpdo, bus.on_sync = rpdo, sink
+    arm.take_control()
+    sunk = axis.counts
+    assert 3000 - sunk >= 30 * 200
+    assert axis.status == 0x27
+    assert abs(axis.target - sunk) <= 200
+    arm.set_modes([POSITION] * 7)
+    assert abs(axis.counts - sunk) <= 200
 
 
 def test_a_token_held_by_somebody_else_is_respected(arm, bus):

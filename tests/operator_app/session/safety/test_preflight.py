@@ -9,7 +9,8 @@ import pytest
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import GuardError
-from operator_app.session.safety.closure_gate import loop_at_reading
+from operator_app.session.safety import preflight
+from operator_app.session.safety.closure_gate import ClosureFit, loop_at_reading
 from operator_app.session.safety.preflight import check_closure_without_poses
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import virtual_arm
@@ -38,6 +39,25 @@ def test_a_sound_arm_whose_joints_truly_stand_at_zero_is_not_refused(name, kind,
     for q in sound_poses(procedure, kind, 1, 3):
         anew, there = _zeroed(procedure, q, zeros, q)
         check_closure_without_poses(anew, reading_of(anew, there))
+
+
+class ClosesAsWell:
+    """A loop that closes as well with the reading of joint 1, which is zero, as without; apart from rounding."""
+
+    joints = (1,)
+    reading_rad = np.zeros(7)
+
+    def fit(self, *ignored_joints: int) -> ClosureFit:
+        """Return the closure, a rounding error worse without readings."""
+        more = len(ignored_joints)
+        return ClosureFit(chi2=1.0 + 1e-12 * more, dof=5 - more, q_rad=np.zeros(7))
+
+
+def test_a_counter_at_zero_that_makes_no_difference_was_not_reset(monkeypatch):
+    """The difference was a negative chi2, of which there is no probability."""
+    monkeypatch.setattr(preflight, "loop_at_reading", lambda *_, **__: ClosesAsWell())
+    procedure = load_procedure("hinge")
+    assert check_closure_without_poses(procedure, reading_of(procedure, np.zeros(7))) > 0.9
 
 
 @pytest.mark.sample(5)

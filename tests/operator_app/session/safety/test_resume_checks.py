@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from hardware.arm import Reading
+from operator_app.calibration.innovation import Innovation, ShiftOfReading
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import ConnectAgainError, GuardError
+from operator_app.session.safety import resume_checks
 from operator_app.session.safety.preflight import check_closure_without_poses
 from operator_app.session.safety.resume_checks import check_counters, counters_near_zero
 from operator_app.session.workflow.capture import take_poses
@@ -95,6 +97,17 @@ def test_a_counter_at_zero_is_named(resumed, counts, where):
     arm.reads_rad[1] = counts * 2.0 * np.pi / 400_000
     session.connect()
     with pytest.raises(GuardError, match=f"counter of joint 1 is {where}"):
+        session.set_modes((1, 5))
+    assert arm.enabled == 0
+
+
+def test_a_misfit_that_is_no_number_is_no_agreement(resumed, monkeypatch):
+    session, arm = resumed()
+    shift = ShiftOfReading(size_rad=np.nan, sigma_rad=np.nan, explains=np.nan)
+    unknown = Innovation(chi2=np.nan, dof=5, usual=1.0, shifts={5: shift})
+    monkeypatch.setattr(resume_checks, "innovation", lambda *_: unknown)
+    session.connect()
+    with pytest.raises(GuardError, match="does not close at the present pose"):
         session.set_modes((1, 5))
     assert arm.enabled == 0
 

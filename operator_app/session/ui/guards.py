@@ -179,12 +179,15 @@ def modes_problem(s: SessionSnapshot, position_joints: tuple[int, ...]) -> Missi
     return () if problem is None else (f"{problem.happened}: {problem.remedy}",)
 
 
+ALL_VISITED = "all waypoints of the plan are visited"
+
+
 def may_move(s: SessionSnapshot) -> Missing:
     """Moving needs the Capture step, fresh data and an unvisited waypoint."""
     if missing := idle(s) or capture_ready(s) or may_use_data(s):
         return missing
     if s.next_waypoint is None:
-        return ("all waypoints of the plan are visited",)
+        return (ALL_VISITED,)
     return ()
 
 

@@ -12,7 +12,7 @@ def test_nothing_moves_where_there_is_no_waypoint(waypoint):
     refused, gone = list[str](), list[int]()
     context = SimpleNamespace(
         interface=SimpleNamespace(refuse=refused.append),
-        submit=lambda kind, text, work: work(SimpleNamespace(go=gone.append)),
+        submit=lambda *task: task[-1](SimpleNamespace(go=gone.append)),
     )
     go(context, waypoint)  # type: ignore[arg-type]
     assert gone == ([] if waypoint is None else [waypoint])

@@ -81,7 +81,9 @@ def calibrate_ready(s: SessionSnapshot) -> Missing:
 
 
 def results_ready(s: SessionSnapshot) -> Missing:
-    """Step Results needs a calibration from the current poses."""
+    """Step Results needs a calibration from the current poses; that of a resumed session is read when it connects."""
+    if s.solution is None and s.state.solved and not s.connected:
+        return ("the calibration of this session is shown once the arm is connected (step 1)",)
     if s.solution is None:
         return ("there is no calibration of these poses yet (step 5)",)
     return ()

@@ -236,7 +236,7 @@ class ArmInterface(Protocol):
         """Return the latest state; never blocks."""
 
     def take_control(self) -> None:
-        """Take the control token and enable all drives at their current positions."""
+        """Take the control token and enable all drives in position mode at their current positions."""
 
     def set_modes(self, modes: Sequence[JointMode]) -> None:
         """Set one mode per joint; return when every drive reports its mode (6061h), or raise an error."""

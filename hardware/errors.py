@@ -282,13 +282,19 @@ class DriveDiverged(SensorFault):
 
 
 class DuplicateNodeId(HardwareError):
-    """More than one device answers to a node number."""
+    """More answers come from a node than were asked for: two devices have its number, or another program asks it.
 
-    def __init__(self, nodes: tuple[int, ...]) -> None:
+    `asked_by_others`: whether requests of another program to each of these nodes were received.
+    """
+
+    def __init__(self, nodes: tuple[int, ...], *, asked_by_others: bool = False) -> None:
         self.nodes = nodes
         named = " and ".join(map(str, nodes))
         super().__init__(
-            f"two devices answer as node {named}. Take one off the bus, or give it another number, then "
+            f"another program sends SDO requests to node {named}, and the answers to it cannot be told from those to "
+            "this program. End that program, then connect again"
+            if asked_by_others
+            else f"two devices answer as node {named}. Take one off the bus, or give it another number, then "
             "connect again"
         )
 

@@ -124,10 +124,10 @@ class LineStream:
 
 
 def require_short(length: int, name: str) -> None:
-    """Raise `InstrumentError` if port `name` sent `LONGEST` or more bytes (`length`) without an end of line."""
+    """Raise `InstrumentError` if `length` bytes came from the port `name` without an end of line."""
     if length >= LONGEST:
         raise InstrumentError(
-            f"{name} sends no lines: {length} characters without an end of line. It must send one JSON "
+            f"{name} sends no lines: {length} bytes without an end of line. It must send one JSON "
             "object a line"
         )
 

@@ -249,8 +249,9 @@ def describe_failure(settings: BusSettings, error: Exception) -> str:
             f"The driver for interface {settings.interface} is not there: {error}. Install it as "
             "its maker and python-can's manual describe."
         )
+    reason = str(error).rstrip(".")
     return (
-        f"The bus {settings} cannot be opened: {error}. Check the interface and the channel name."
+        f"The bus {settings} cannot be opened: {reason}. Check the interface and the channel name."
     )
 
 

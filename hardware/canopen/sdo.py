@@ -64,6 +64,7 @@ class ObjectAccess:
         self._answered: Counter[int] = Counter()
         self._unanswered: Counter[int] = Counter()
         self._known_surplus: Counter[int] = Counter()
+        self._asked_by_others: set[int] = set()
         self._clients: dict[int, Any] = {}
         self._locks: dict[int, threading.Lock] = {}
         self._pause = threading.Event()
@@ -80,7 +81,9 @@ class ObjectAccess:
             self._locks[node] = threading.Lock()
 
     def deliver(self, identifier: int, data: bytes) -> None:
-        """Take in an SDO answer; called by the receiving thread."""
+        """Take in an SDO answer, or the request of another program; called by the receiving thread."""
+        if identifier - COB_SDO_TO_SERVER in self._clients:
+            self._asked_by_others.add(identifier - COB_SDO_TO_SERVER)
         client = self._clients.get(identifier - COB_SDO_FROM_SERVER)
         if client is not None and len(data) == 8:
             self._answered[identifier - COB_SDO_FROM_SERVER] += 1
@@ -90,6 +93,10 @@ class ObjectAccess:
         """Return the nodes with more than 1.5 answers per request."""
         requests = self._network.asked
         return tuple(node for node, n in sorted(self._answered.items()) if n > 1.5 * requests[node])
+
+    def duplicate_error(self, nodes: tuple[int, ...]) -> DuplicateNodeId:
+        """Return the error for nodes with surplus answers, with the cause that is known."""
+        return DuplicateNodeId(nodes, asked_by_others=self._asked_by_others.issuperset(nodes))
 
     def require_unique_nodes(self) -> None:
         """Test the nodes that sent surplus answers since the last call; raises `DuplicateNodeId`.
@@ -112,7 +119,7 @@ class ObjectAccess:
             if self._known_surplus[node] - before[node] >= DUPLICATE_FRACTION * UNIQUENESS_REQUESTS
         )
         if twice:
-            raise DuplicateNodeId(twice)
+            raise self.duplicate_error(twice)
 
     def _surplus(self) -> Counter[int]:
         """Answers minus requests, by node."""
@@ -207,7 +214,7 @@ class ObjectAccess:
             )
             return KeyboardInterrupt()
         if self._answered[node] > self._network.asked[node]:
-            return DuplicateNodeId((node,))
+            return self.duplicate_error((node,))
         silence = next((error for error in chain if isinstance(error, SdoCommunicationError)), None)
         if silence is None and isinstance(chain[0], SdoAbortedError):
             text = str(chain[0]).partition(",")[2].strip() or "refused"

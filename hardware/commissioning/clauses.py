@@ -118,7 +118,7 @@ def settles(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
 
 
 def is_enabled_unmoved(arm: ArmInterface, bounds: Bounds) -> Iterator[Clause]:
-    """Check that taking control enables every drive without motion."""
+    """Check that taking control enables every drive in position mode without motion."""
     before = arm.capture(bounds.samples).mean_rad
     arm.take_control()
     joints = arm.snapshot().joints
@@ -129,6 +129,14 @@ def is_enabled_unmoved(arm: ArmInterface, bounds: Bounds) -> Iterator[Clause]:
         text=f"{joints_words(not_enabled)} is not enabled"
         if not_enabled
         else "all drives are enabled",
+    )
+    other_mode = [j.joint for j in joints if j.mode is not JointMode.POSITION]
+    yield Clause(
+        name="holding mode",
+        passed=not other_mode,
+        text=f"{joints_words(other_mode)} is not in position mode: an enabled joint must be held"
+        if other_mode
+        else "all drives are in position mode",
     )
     yield from is_still("holds", before, arm.capture(bounds.samples).mean_rad, bounds)
 

@@ -49,7 +49,7 @@ class ControlLoop:
     wire, profile, pace, timing
         The bus, its nodes and frames, and when SYNC is sent.
     on_sdo
-        Called in the loop's thread with identifier and data of every SDO answer; must not wait.
+        Called in the loop's thread with identifier and data of every SDO answer and foreign SDO request; must not wait.
     allow
         Called before new commands are sent, with (sample, last commands, new commands); may raise `CommandRefused`.
     quick_stop
@@ -302,6 +302,8 @@ class ControlLoop:
         if objects.node_of(identifier, objects.COB_SDO_FROM_SERVER):
             self._on_sdo(identifier, bytes(message.data))
         else:
+            if objects.node_of(identifier, objects.COB_SDO_TO_SERVER):  # sent by another program
+                self._on_sdo(identifier, bytes(message.data))
             if self._watching:
                 self.nodes.note_command(identifier, message.data)
             self.nodes.note(

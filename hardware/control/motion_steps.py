@@ -33,6 +33,7 @@ from hardware.errors import (
     DriveDropout,
     DriveFault,
     HardwareError,
+    OtherMaster,
     Stopped,
 )
 from hardware.monitors.admission import not_enabled
@@ -194,8 +195,9 @@ def move(
             if loop.latch.latched:
                 raise_alarm(loop)
             incomplete = 0 if sample.complete else incomplete + 1
-            ending = _higher_priority(loop.alarm() or not_enabled(sample), ending)
-            faulted = faulted or isinstance(ending, DriveFault)
+            alarm = loop.alarm() or not_enabled(sample)
+            ending = _higher_priority(alarm, ending)
+            faulted = faulted or isinstance(alarm, DriveFault)
             if ending is None and incomplete >= INCOMPLETE_SYNCS:
                 ending = incomplete_samples(sample)
             if isinstance(ending, Stopped):
@@ -264,7 +266,8 @@ def _higher_priority(alarm: HardwareError | None, ending: Exception | None) -> E
         stopped = ending.state == DriveState.QUICK_STOP_ACTIVE.value
         own = isinstance(alarm, DriveFault) and alarm.joint == ending.joint
         return alarm if stopped or own else ending
-    if isinstance(alarm, DriveFault) and not isinstance(ending, DriveFault):
+    # What another program commanded is the cause of a later trip.
+    if isinstance(alarm, DriveFault) and not isinstance(ending, DriveFault | OtherMaster):
         return alarm
     return ending
 

@@ -36,7 +36,6 @@ from hardware.errors import (
     ControlDenied,
     DriveDiverged,
     DriveFault,
-    DuplicateNodeId,
     HardwareError,
     NodeMissing,
     OtherMaster,
@@ -283,7 +282,7 @@ class StartUp:
 
     def _require_unique_nodes(self) -> None:
         if duplicates := self._access.duplicate_nodes():
-            raise DuplicateNodeId(duplicates)
+            raise self._access.duplicate_error(duplicates)
 
     def _read_fault_codes(self, first: Sample) -> None:
         """Read 603Fh of drives in fault: their emergencies were sent before this program listened."""

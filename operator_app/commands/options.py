@@ -195,8 +195,8 @@ def parse_numbers(text: str, option: str) -> tuple[int, ...]:
     """Parse text such as ``6,7`` into ascending numbers; raises UsageError for other text."""
     if re.fullmatch(r"\d+(,\d+)*", text.replace(" ", "")) and "0" in re.split("[ ,]+", text):
         raise UsageError(f"{option} {text!r}: there is no joint 0; joints are numbered from 1")
-    if not re.fullmatch(r"[1-9]\d*(,[1-9]\d*)*", text.replace(" ", "")):
-        raise UsageError(f"{option} {text!r}: write numbers separated by commas, e.g. 6,7")
+    if not re.fullmatch(r"[1-9]\d{0,8}(,[1-9]\d{0,8})*", text.replace(" ", "")):
+        raise UsageError(f"{option} {text[:40]!r}: write numbers separated by commas, e.g. 6,7")
     return tuple(sorted({int(part) for part in text.replace(" ", "").split(",")}))
 
 

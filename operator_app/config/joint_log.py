@@ -213,10 +213,11 @@ def numbered_series(names: Sequence[str], count: int) -> tuple[int, ...]:
     """
     numberings = [*range(count)], [*range(1, count + 1)]
     for spelled in (names, [name.casefold() for name in names]):
-        by_pattern: dict[tuple[str, str], list[tuple[int, int]]] = defaultdict(list)
+        by_pattern: dict[tuple[str, str], list[tuple[float, int]]] = defaultdict(list)
         for k, name in enumerate(spelled):
             if match := NUMBERED_JOINT.fullmatch(name):
-                by_pattern[match[1], match[3]].append((int(match[2]), k))
+                # Not int, which refuses thousands of digits.
+                by_pattern[match[1], match[3]].append((float(match[2]), k))
         complete = [
             series for series in by_pattern.values() if sorted(n for n, _ in series) in numberings
         ]

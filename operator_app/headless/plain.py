@@ -113,13 +113,14 @@ class Plain:
 
     def _one_of(self, items: list[_Item], prompt: str) -> _Item | None:
         """List the items, ask for a number, and return the item with this number; None if there is no such item."""
-        for number, item in enumerate(items, 1):
+        numbered = {str(number): item for number, item in enumerate(items, 1)}
+        for number, item in numbered.items():
             closed = f" (closed: {item.missing[0]})" if item.missing else ""
             self._terminal.say(sanitized(f"  {number} {item.label}{closed}"))
         typed = self._terminal.ask(prompt).strip()
-        if typed.isdecimal() and 1 <= int(typed) <= len(items):
-            return items[int(typed) - 1]
-        self._terminal.say(f"There is no {typed!r}: type a number from 1 to {len(items)}.")
+        if typed in numbered:
+            return numbered[typed]
+        self._terminal.say(f"There is no {typed[:40]!r}: type a number from 1 to {len(items)}.")
         return None
 
     def _items(self, s: SessionSnapshot) -> list[_Item]:
@@ -226,10 +227,10 @@ class Plain:
     def pose(self, s: SessionSnapshot) -> int | None:
         """Ask for the number of a pose; None if there is no such pose."""
         typed = self._terminal.ask("Pose number: ").strip()
-        known = {p.number for p in s.state.poses}
-        if typed.isdecimal() and int(typed) in known:
-            return int(typed)
-        self._terminal.say(f"There is no pose {typed!r}.")
+        known = {str(p.number): p.number for p in s.state.poses}
+        if typed in known:
+            return known[typed]
+        self._terminal.say(f"There is no pose {typed[:40]!r}.")
         return None
 
     def item(self, s: SessionSnapshot) -> int | None:

@@ -35,7 +35,7 @@ from hardware.errors import (
 )
 from operator_app.config.errors import ConfigError, WriteError
 from operator_app.config.procedure import Procedure
-from operator_app.errors import SessionError
+from operator_app.errors import COMMAND_WORDS, SessionError
 from operator_app.units import REACH
 from solver.errors import SolverError, TooFewPosesError, UnidentifiableError
 
@@ -156,7 +156,10 @@ def summary(procedure: Procedure) -> str:
 
 
 def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
+    """Return text with a capital letter, unless it begins with a path, a name or a command, which are spelled so."""
+    first, _, _ = text.partition(" ")
+    spelled = "/" in first or "_" in first or text.startswith(COMMAND_WORDS)
+    return text if spelled else text[:1].upper() + text[1:]
 
 
 def unwatching_words(identity: ArmIdentity) -> str:

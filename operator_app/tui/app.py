@@ -281,6 +281,8 @@ class SarcalApp(App[str]):
             return True
         if self.screen is not self.main:
             return False
+        if self.main.is_small and event.key not in QUIT_KEYS:
+            return True  # what the key would do cannot be seen
         if event.key in ("tab", "shift+tab"):
             return False
         self.main.refuse("")

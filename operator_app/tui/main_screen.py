@@ -184,6 +184,8 @@ class Footer(Lines, can_focus=False):
             return [
                 line((" SPACE/F8", "key"), " STOP  ", ("any other key", "key"), " ends the motion")
             ]
+        if isinstance(self.screen, MainScreen) and self.screen.is_small:
+            return [line((" SPACE/F8", "key"), " STOP  ", ("q", "key"), " Quit")]
         for action in action_table.footer(self.step):
             shown, label = action.shown, action.label
             if action.name == "primary":
@@ -214,13 +216,11 @@ class TooSmall(Lines, can_focus=False):
     def show_size(self, width: int, height: int) -> None:
         """Show the current and the required size."""
         columns, rows = SMALLEST_TERMINAL
-        text = f"sarcal needs {columns} x {rows} characters; this window has {width} x {height}."
-        self.show_lines(
-            [
-                (),
-                *wrapped(text + " Enlarge the window or reduce its font; STOP still works.", width),
-            ]
+        text = (
+            f"sarcal needs {columns} x {rows} characters; this window has {width} x {height}. Enlarge the window or "
+            "reduce its font. Until then only STOP and q work, and any key ends a motion."
         )
+        self.show_lines([(), *wrapped(text, width)])
 
 
 class MainScreen(Screen[None]):
@@ -263,6 +263,11 @@ class MainScreen(Screen[None]):
         yield self.hint
         yield self.log_lines
         yield self.footer
+
+    @property
+    def is_small(self) -> bool:
+        """Whether the window is too small to show the step."""
+        return self.has_class("-small")
 
     @property
     def view(self) -> StepView:

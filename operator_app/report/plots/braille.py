@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise, product
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from operator_app.planning.preview import PlannedPose, Preview
-from operator_app.units import SPAN, WHOLE_DEGREES
+from operator_app.units import SPAN, WHOLE_DEGREES, names
 from solver.arrays import FloatArray
 
 if TYPE_CHECKING:
@@ -133,9 +134,16 @@ def region_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
     for pose in shown.poses:
         plane.way(pose)
     plane.mark(shown.plan.manifold.q[0], "S")
-    for number, pose in enumerate(shown.poses, 1):
-        plane.mark(pose.q_rad, str(number))
-    return list(plane.lines())
+    omitted = [n for n, pose in enumerate(shown.poses, 1) if not plane.mark(pose.q_rad, str(n))]
+    return [*plane.lines(), *_omitted_lines(omitted)]
+
+
+def _omitted_lines(omitted: Sequence[int]) -> list[str]:
+    """Return lines that name the poses without a number in the drawing; none without such poses."""
+    if not omitted:
+        return []
+    text = f"Poses not numbered, for lack of room: {names(omitted)}."
+    return wrap(text, COLUMNS, initial_indent="  ", subsequent_indent="  ")
 
 
 def coverage_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
@@ -193,8 +201,8 @@ class Plane:
             for (x0, y0), (x1, y1) in pairwise(points):
                 self._canvas.segment(x0, y0, x1, y1)
 
-    def mark(self, q_rad: FloatArray, text: str) -> None:
-        """Write a label at a pose, or beside it if there is already a label, or not at all if there is no room."""
+    def mark(self, q_rad: FloatArray, text: str) -> bool:
+        """Write a label at a pose, or beside it if there is already a label; false if there is no room for it."""
         x, y = self._at(q_rad)
         column, row = int(x) // 2, int(y) // 4
         # Prefer places that touch no other label: 6 beside 7 would read as 67.
@@ -205,7 +213,8 @@ class Plane:
             if inside and not self._labelled & around:
                 self._labelled.update(cells)
                 self._canvas.letter(2.0 * cells[0][1], 4.0 * cells[0][0], text)
-                return
+                return True
+        return False
 
     def lines(self) -> Iterator[str]:
         """Yield the lines of the drawing, with its scales in deg."""

@@ -340,6 +340,12 @@ EVENTS: Mapping[str, Mapping[str, Check]] = {
         "made_with?": mapping_of(text, text),
     },
     "checked": {"record": OBJECT},
+    "verified": {
+        "poses?": COUNT,
+        "position_m?": number(0.0),
+        "holds?": boolean,
+        "why?": text,
+    },
     "exported": {
         "file": text,
         "uploaded": nullable(RECEIPT),

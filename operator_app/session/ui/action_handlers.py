@@ -113,9 +113,12 @@ def automatic(context: ActionContext) -> None:
 
 
 def go(context: ActionContext, waypoint: int | None) -> None:
-    """Move to a waypoint (index from 0; None: the first)."""
-    text = "moving" if waypoint is None else f"moving to waypoint {waypoint + 1}"
-    context.submit(TaskKind.MOVE, text, lambda o: o.go(waypoint or 0))
+    """Move to a waypoint (index from 0; None: there is none, so nothing moves)."""
+    if waypoint is None:
+        context.interface.refuse(guards.ALL_VISITED)
+        return
+    text = f"moving to waypoint {waypoint + 1}"
+    context.submit(TaskKind.MOVE, text, lambda o: o.go(waypoint))
 
 
 def home(context: ActionContext) -> None:

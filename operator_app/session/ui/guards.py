@@ -81,7 +81,9 @@ def calibrate_ready(s: SessionSnapshot) -> Missing:
 
 
 def results_ready(s: SessionSnapshot) -> Missing:
-    """The Results step needs a calibration from the current poses."""
+    """The Results step needs a calibration from the current poses; a resumed session reads its own when it connects."""
+    if s.solution is None and s.state.solved and not s.connected:
+        return ("the calibration of this session is shown once the arm is connected (step 1)",)
     if s.solution is None:
         return ("there is no calibration of these poses yet (step 5)",)
     return ()
@@ -179,12 +181,15 @@ def modes_problem(s: SessionSnapshot, position_joints: tuple[int, ...]) -> Missi
     return () if problem is None else (f"{problem.happened}: {problem.remedy}",)
 
 
+ALL_VISITED = "all waypoints of the plan are visited"
+
+
 def may_move(s: SessionSnapshot) -> Missing:
     """Moving needs an open Capture step, fresh data and an unvisited waypoint."""
     if missing := idle(s) or capture_ready(s) or may_use_data(s):
         return missing
     if s.next_waypoint is None:
-        return ("all waypoints of the plan are visited",)
+        return (ALL_VISITED,)
     return ()
 
 

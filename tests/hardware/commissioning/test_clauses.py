@@ -1,10 +1,15 @@
 """What single clauses of a bench check say of what they found, without a bus."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
+from hardware.arm import DriveState, JointMode
 from hardware.canopen.drive_settings import DriveFacts
 from hardware.commissioning.checks import drive_settings
-from hardware.commissioning.clauses import keeps_its_document
+from hardware.commissioning.clauses import is_enabled_unmoved, keeps_its_document
+from hardware.commissioning.stages import BENCH
 
 
 @pytest.mark.parametrize(
@@ -43,3 +48,36 @@ def test_only_what_was_uploaded_again_is_said_to_be(before, approve, uploads):
     assert (refused.passed, kept.passed) == (False, False)
     approve(kept.text)
     assert arm.uploads == uploads
+
+
+class Limp:
+    """Enables its drives in modes of its own, and does not sink meanwhile."""
+
+    def __init__(self, *modes: JointMode | None) -> None:
+        self.modes = modes
+
+    def capture(self, _: int) -> SimpleNamespace:
+        """Stand still."""
+        return SimpleNamespace(mean_rad=np.zeros(len(self.modes)))
+
+    def take_control(self) -> None:
+        """Enable."""
+
+    def snapshot(self) -> SimpleNamespace:
+        """Say that every drive is enabled, and in which mode."""
+        enabled = DriveState.OPERATION_ENABLED
+        joints = [
+            SimpleNamespace(joint=j, drive=enabled, mode=mode)
+            for j, mode in enumerate(self.modes, 1)
+        ]
+        return SimpleNamespace(joints=joints)
+
+
+@pytest.mark.parametrize("mode", [JointMode.POSITION, JointMode.FREE, None])
+def test_a_drive_that_is_enabled_but_not_in_position_mode_fails(mode, approve):
+    arm = Limp(JointMode.POSITION, mode)
+    found = list(is_enabled_unmoved(arm, BENCH))  # type: ignore[arg-type]
+    failed = [clause for clause in found if not clause.passed]
+    assert len(failed) == (mode is not JointMode.POSITION)
+    for clause in failed:
+        approve(clause.text)

@@ -55,6 +55,14 @@ def test_what_a_command_does_not_know_brings_its_own_usage(ends_with):
     assert "unrecognized arguments: more" in said
 
 
+def test_a_terminal_that_passes_on_whole_lines_only_gets_the_plain_mode(monkeypatch, ends_with):
+    """As in an editor's shell: a key such as STOP would not arrive."""
+    monkeypatch.setenv("TERM", "dumb")
+    said = ends_with(2).err
+    assert "TERM=dumb" in said
+    assert "--plain" in said
+
+
 def test_every_command_that_opens_a_bus_can_record_it():
     options = {
         command: {word for action in parser_of(command)._actions for word in action.option_strings}

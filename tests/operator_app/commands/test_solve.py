@@ -115,6 +115,7 @@ def test_bad_poses_get_one_clear_message_and_exit_code_2(tmp_path, ends_with, na
         ["missing.csv", "--unsensed", "0"],
         ["missing.csv", "--unsensed", ","],
         ["missing.csv", "--unsensed", "6", "--estimator", "paper"],
+        ["missing.csv", "--unsensed", "1" * 5000],
     ],
 )
 def test_bad_options_say_what_there_is(options, approve, ends_with):

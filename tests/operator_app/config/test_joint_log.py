@@ -17,6 +17,7 @@ from operator_app.config.joint_log import load_joint_log
         ("t,q3,q2,q1,i8", (3, 2, 1)),
         ("q1,q2,q3,Q1,Q2,Q3", None),
         ("t,q1,q2,q4", None),
+        pytest.param(f"q1,q2,q3,q{'9' * 5000}", None, id="thousands of digits"),
     ],
 )
 def test_joints_are_the_one_series_of_numbers(tmp_path, header, places):

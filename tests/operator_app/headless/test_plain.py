@@ -85,6 +85,19 @@ def test_too_many_position_joints_are_refused_with_the_reason(source):
     assert any("until a drive trips" in row for row in script.said)
 
 
+def test_a_pasted_number_of_thousands_of_digits_is_refused(source):
+    """Python converts none of more than 4300 digits."""
+    digits = "1" * 5000
+    script = run(
+        source, lambda: digits, *TO_CAPTURE[:-3], "Choose other", digits, "Put joints 1 and 5", "yes", "Go on",
+        "Capture a pose", "Note", digits, "Quit",
+    )  # fmt: skip
+    assert script.reason == "left"
+    assert "Not done: type joint numbers, e.g. 1 5." in script.said
+    assert f"There is no pose '{digits[:40]}'." in script.said
+    assert all(len(row) < 500 for row in script.said)
+
+
 def test_notes_undo_and_exclusion(source):
     script = run(
         source, *TO_CAPTURE, "Move to", "Capture a pose", "Capture a pose", "Note", "1",

@@ -13,6 +13,7 @@ from hardware.errors import (
     OtherMaster,
     SensorFault,
 )
+from operator_app.errors import SessionError
 from operator_app.messages.errors import REMEDIES, words
 from solver.errors import TooFewPosesError, UnidentifiableDirection, UnidentifiableError
 
@@ -78,6 +79,19 @@ def test_a_trip_is_told_by_what_brought_it_about(code, said):
 )
 def test_errors_are_told_as_approved(error, approve):
     approve(str(words(error)))
+
+
+@pytest.mark.parametrize(
+    ("happened", "remedy"),
+    [
+        ("sessions/one/journal.jsonl was deleted", "sarcal session list shows the others"),
+        ("a_0 cannot be determined", "pip install the arm's package"),
+    ],
+)
+def test_paths_names_and_commands_keep_their_spelling(happened, remedy):
+    said = words(SessionError(happened, remedy))
+    assert (said.happened, said.remedy) == (happened, remedy)
+    assert words(SessionError("the arm moved", "wait")).happened == "The arm moved"
 
 
 @pytest.mark.parametrize("kind", REMEDIES, ids=lambda kind: kind.__name__)

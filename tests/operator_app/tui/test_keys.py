@@ -44,6 +44,20 @@ async def test_a_key_asks_the_runner(still):
             assert [k for k, _ in d.runner.asked] == [kind], (step, told, key)
 
 
+async def test_a_window_too_small_to_see_what_a_key_does_takes_no_key_but_stop_and_quit(still):
+    """Enter would connect, or tick an item of the check list that is not on the screen."""
+    async with still(story()["start"], size=(60, 20)) as d:
+        await d.press("enter", "c")
+        await d.see(story()["connected"], Step.FIXTURE)
+        before = d.s.ticked
+        await d.press("enter", "k")
+        assert (d.runner.asked, d.runner.picture.ticked) == ([], before)
+        assert "q Quit" in d.text("#footer")
+        await d.press("f8", "q")
+        assert d.runner.stops == 1
+        assert isinstance(d.app.screen, Confirm)
+
+
 REFUSALS = [
     # step, told, key, words
     (Step.CONNECT, "connected", "c", "already connected"),

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from hardware.arm import ArmSnapshot
-from hardware.errors import CommandRefused, DriveFault, Stopped
+from hardware.errors import CommandRefused, DriveFault, OtherMaster, Stopped
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
 from tests.hardware.on_fake_bus import PER_RAD, drive, frames
 
@@ -145,6 +145,23 @@ def test_a_drive_that_trips_while_braking_is_named_and_all_others_hold(driven, b
         driven.move({2: 1.0}, speed_rad_per_s=0.5, watch=brake_at(0.2))
     assert (fault.value.joint, fault.value.code) == (joint, 0x8311)
     assert {drive.mode for j, drive in bus.drives.items() if j != joint} == {8}
+
+
+def test_a_trip_that_another_programs_command_brought_about_is_not_taken_for_the_cause(driven, bus):
+    """As where it resets a drive: the others overload each other. They hold all the same."""
+
+    def interfere(sync: int) -> None:
+        if sync == start + 40:
+            bus.say(0x000, b"\x81\x03")
+        if sync == start + 48:
+            bus.trip(5, 0x8311)
+
+    start = bus.syncs
+    bus.on_sync = interfere
+    with pytest.raises(OtherMaster, match="'reset node' to node 3"):
+        driven.move({2: 1.0}, speed_rad_per_s=0.5)
+    assert [f.code for f in driven.snapshot().faults] == [0x8311]
+    assert {drive.mode for joint, drive in bus.drives.items() if joint != 5} == {8}
 
 
 def test_an_external_stop_while_braking_is_a_stop_at_once(driven, bus):

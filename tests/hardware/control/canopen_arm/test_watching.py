@@ -98,6 +98,24 @@ def test_a_second_device_that_comes_in_mid_session_and_answers_to_objects_is_nam
         driven.hold()
 
 
+@pytest.mark.parametrize("nodes", [{7}, set(range(1, JOINTS + 1)) | {16}])
+def test_another_program_whose_questions_are_answered_too_is_named_and_no_second_device(
+    driven, bus, nodes
+):
+    """A drive maker's tool that polls: each answer to it counts as a second one."""
+
+    def polled(node: int) -> bool:
+        if node in nodes:
+            bus.say(0x600 + node, bytes.fromhex("4041600000000000"))
+        return node in nodes
+
+    bus.doubles = polled
+    with suppress(DuplicateNodeId):
+        driven.hold()
+    with pytest.raises(DuplicateNodeId, match=r"another program sends SDO requests to node .*7"):
+        driven.hold()
+
+
 def test_an_object_answered_twice_now_and_then_is_no_second_device(driven, bus):
     asked = itertools.count()
     bus.doubles = lambda node: node == 4 and next(asked) % 2 == 0

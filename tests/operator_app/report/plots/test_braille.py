@@ -1,9 +1,11 @@
 """The braille canvas: which dot is where, and that rounding errors move none."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from operator_app.report.plots.braille import Canvas
+from operator_app.report.plots.braille import Canvas, region_lines
 
 
 def text(canvas: Canvas) -> list[str]:
@@ -44,3 +46,24 @@ def test_a_segment_has_a_dot_in_every_column_it_crosses():
     canvas.segment(0, 0, 19, 9)
     marked = np.array([[c != " " for c in row] for row in text(canvas)])
     assert marked.any(axis=0).all()
+
+
+@pytest.mark.parametrize("poses", [3, 40])
+def test_a_pose_whose_number_has_no_room_is_named_below(poses):
+    """All at one place, around which there is room for some ten numbers."""
+    corners = np.array([[0.0, 0.0], [1.0, 1.0]])
+    manifold = SimpleNamespace(q=corners)
+    shown = SimpleNamespace(
+        plan=SimpleNamespace(manifold=manifold, allowed=np.array([True, True])),
+        choice=SimpleNamespace(drives=(1, 2)),
+        poses=[SimpleNamespace(q_rad=np.array([0.5, 0.5]), route=None)] * poses,
+    )
+    text = "\n".join(region_lines(shown, ascii_only=True))  # type: ignore[arg-type]
+    drawn, *below = text.split("lack of room: ")
+    if poses == 3:
+        assert below == []
+        return
+    (last,) = below
+    numbers = [int(word) for word in last.rstrip(".").replace(",", " ").replace("and", " ").split()]
+    assert numbers == list(range(numbers[0], poses + 1))
+    assert all(str(n) in drawn for n in range(1, numbers[0]))

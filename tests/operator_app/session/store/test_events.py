@@ -83,6 +83,9 @@ WRONG: dict[str, tuple[Callable[[], bytes], str]] = {
     "accepted": (lambda: changed("solved", accepted="yes"), "solved.accepted"),
     "record": (lambda: changed("solved", record=[]), "solved.record"),
     "upload": (lambda: changed("exported", uploaded={}), "exported.uploaded"),
+    "verified with": (lambda: changed("verified", poses="x"), "verified.poses"),
+    "verified to": (lambda: changed("verified", position_m=[]), "verified.position_m"),
+    "verdict": (lambda: changed("verified", holds="no"), "verified.holds"),
 }
 
 

@@ -58,6 +58,11 @@ def interrupted(s):
     return replace(s, state=replace(s.state, resumed=True))
 
 
+def resumed(s):
+    """A session with a calibration, before it is connected."""
+    return replace(s, solution=None, identity=None, arm=None)
+
+
 def slipped(s):
     return replace(s, state=replace(s.state, sensor_jump="joint 3 jumped by +2223 counts"))
 
@@ -94,6 +99,7 @@ def not_accepted(s):
         (guards.capture_ready, "modes", misreported),
         (guards.calibrate_ready, "modes", None),
         (guards.results_ready, "captured", None),
+        (guards.results_ready, "solved", resumed),
         (guards.export_ready, "captured", None),
         (guards.export_ready, "solved", not_accepted),
         (guards.may_connect, "connected", None),

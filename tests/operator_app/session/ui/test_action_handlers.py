@@ -1,0 +1,19 @@
+"""What a handler submits, whatever its guard has let through."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from operator_app.session.ui.action_handlers import go
+
+
+@pytest.mark.parametrize("waypoint", [None, 0, 4])
+def test_nothing_moves_where_there_is_no_waypoint(waypoint):
+    refused, gone = list[str](), list[int]()
+    context = SimpleNamespace(
+        interface=SimpleNamespace(refuse=refused.append),
+        submit=lambda *task: task[-1](SimpleNamespace(go=gone.append)),
+    )
+    go(context, waypoint)  # type: ignore[arg-type]
+    assert gone == ([] if waypoint is None else [waypoint])
+    assert len(refused) == (waypoint is None)

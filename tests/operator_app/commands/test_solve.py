@@ -74,6 +74,12 @@ def test_rigid_refuses_by_naming_joint_4(exact_csv, tmp_path, ends_with):
     assert "joint 4 does not move" in found["verdict_reasons"][0]
     assert found["verdict"] == "not_accepted"
     assert not PROMISED - set(found)
+    # A script reads the same keys whatever the exit code is.
+    determined = ends_with(0, "solve", exact_csv, "--json").json
+    assert not set(determined) - set(found)
+    assert found["estimator"] == "implicit"
+    # 60 poses, 6 equations each; 7 offsets and 4 entries of the mounting.
+    assert (found["dof"], found["rank"]) == (360 - 11, 11 - len(found["unidentifiable_directions"]))
     said = ends_with(5, "solve", still, "--fixture", "rigid").out
     assert "joint 4 does not move" in said
     assert "condition number" not in said

@@ -115,6 +115,7 @@ def _poses(
             unit=unit,
             columns=args.columns or "",
             placement=args.placement or "",
+            joints=joints,
         )
         print_warnings(file, read)
         pose_sets.append(read.poses)

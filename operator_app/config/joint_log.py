@@ -66,8 +66,8 @@ def load_joint_log(
     unit
         Unit of the angles; None: degrees, but angles that look like radians are refused.
     columns
-        Columns of joints 1 to n, in this order: numbers from 1 (``2-8``, ``3,1,2``) or names of the header; empty: those
-        with the names in `joints`, else those numbered in the header, else all columns.
+        Columns of joints 1 to n, in this order: numbers from 1 (``2-8``, ``3,1,2``) or names of the header; empty:
+        those with the names in `joints`, else those numbered in the header, else all columns.
     placement
         The column, by number or name, with the placement of the fixture for each pose: whole numbers, or names, which
         are numbered in order of appearance. Empty: one placement.

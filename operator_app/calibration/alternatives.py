@@ -111,6 +111,13 @@ def find_alternatives(
         for finding, ratio, dof_left in _shifted(alternative, stated.unsensed)
         if ratio < limits.CHI2_PER_DOF_ALTERNATIVE
     ]
+    if not weighted and np.isfinite(as_it_is) and not of_files:
+        # A fit without a whole sensor may end elsewhere: that the loops nearly close is enough.
+        weighted = [
+            (finding, 0.0)
+            for finding, alternative in _frozen_in_all_poses(stated)
+            if cost_of(alternative) <= PROMISING_COST_SHARE * as_it_is
+        ]
     return _named(weighted)
 
 
@@ -197,6 +204,15 @@ def _frozen(stated: Experiment) -> Iterator[Alternative]:
                     kind=FindingKind.READING_FROZEN, joint=j, poses=poses.label[first:last]
                 )
                 yield finding, stated.at_poses(rest)
+
+
+def _frozen_in_all_poses(stated: Experiment) -> Iterator[Alternative]:
+    """Yield alternatives in which a sensor reads the same in all poses, without its readings."""
+    poses = stated.poses
+    for j in range(1, poses.joint_count + 1):
+        if constant_reading_runs(poses.q_rad, j, 0.0) == [(0, len(poses))]:
+            finding = Finding(kind=FindingKind.READING_FROZEN, joint=j, poses=poses.label)
+            yield finding, without_reading(stated, j)
 
 
 def _blind(stated: Experiment) -> Iterator[Alternative]:

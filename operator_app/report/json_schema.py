@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrated_arm import side_of
+from operator_app.calibration.instrument_registration import with_registered_instrument
 from operator_app.calibration.sensitivity import source_sensitivities
 from operator_app.units import ANGLE
 from solver.diagnostics.statistics import chi2_test, correlations
@@ -176,8 +178,13 @@ def unidentifiable_data(
 
     It has all keys of a calibration; those of its results are empty or null.
     """
-    directions, poses = error.directions, len(experiment.poses)
-    model = experiment.loop()
+    directions, poses, arm = error.directions, len(experiment.poses), experiment.arm
+    # As in the calibration: an instrument may measure points only, and joints may have no sensor.
+    model = replace(
+        experiment,
+        fixture=with_registered_instrument(arm, experiment.fixture, experiment.poses),
+        unsensed=tuple(sorted({*experiment.unsensed, *arm.unsensed_joints})),
+    ).loop()
     parameters = len(model.parameters)
     causes = [{"code": error.code, "probability": 1.0, "text": error.note, "remedy": ""}]
     return {

@@ -25,6 +25,7 @@ from operator_app.calibration.alternatives import (
     find_alternatives,
     hinge_alternative,
     step_alternative,
+    wrong_distances,
 )
 from operator_app.calibration.closed_loops import placement_checks
 from operator_app.calibration.experiment import Experiment
@@ -49,6 +50,9 @@ from solver.estimators.mixed_fit import expected_fit
 from solver.estimators.variance_components import Calibrated
 from solver.loops.closure import ClosureModel
 from solver.search.global_start import GlobalStart
+
+EQUALLY_WELL = 9.2
+"""Difference in chi2 up to which two explanations are nearly as good: a factor of 100 in likelihood."""
 
 UNEXPLAINED_KINDS = {
     FindingKind.UNEXPLAINED_SCATTER,
@@ -213,6 +217,14 @@ def _misfit_causes(
     diagnosis, scale = case.diagnosis, case.chi2_per_dof
     by_tests = causes_of(diagnosis, case.found.estimate, case.judged, labels)
     alternatives: tuple[Finding, ...] = ()
+    wrong = _wrong_distances(case, EQUALLY_WELL) if diagnosis.fires else ()
+    # A step between two placements changes the distance of their sockets, and may explain as much.
+    step = bool(wrong) and _begins_with_a_placement(case)
+    if wrong and not (step and not _wrong_distances(case, -EQUALLY_WELL)):
+        return wrong, wrong, False
+    if len(wrong) == 1:
+        either = (*wrong, *(replace(c, blocking=True) for c in by_tests[:1]))
+        return tuple(replace(c, probability=0.5) for c in either), wrong, False
     if case.gross:
         # Linear explanations are invalid far from the truth.
         alternatives = case.alternatives()
@@ -239,6 +251,22 @@ def _misfit_causes(
         # The misfit has widened the sigmas, so that no cause exceeds them: the first one has to block.
         by_tests = (replace(by_tests[0], blocking=True), *by_tests[1:])
     return by_tests, alternatives, nothing_fits
+
+
+def _wrong_distances(case: _Case, margin: float) -> tuple[Finding, ...]:
+    """Findings of measured distances that explain the misfit and leave at most the best fault's chi2 + `margin`."""
+    best = case.diagnosis.best
+    most_chi2 = np.inf if best is None else best.evidence.chi2 + margin
+    return wrong_distances(case.stated, case.found.linear, most_chi2=most_chi2)
+
+
+def _begins_with_a_placement(case: _Case) -> bool:
+    """Whether the best explanation is a step at the first pose of a placement."""
+    best, placement = case.diagnosis.best, case.stated.poses.placement
+    if best is None or best.candidate.cause not in (Cause.SLIPPED, Cause.LOST_COUNTS):
+        return False
+    (first,) = best.candidate.poses
+    return bool(placement[first] != placement[first - 1])
 
 
 def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:

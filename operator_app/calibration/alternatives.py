@@ -28,12 +28,16 @@ from operator_app.calibration.alternative_model import (
 )
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import reading_step, unrelated_reading
+from operator_app.calibration.placements import compared, contradiction
 from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import FloatArray
 from solver.diagnostics import limits
 from solver.diagnostics.fault_models import constant_reading_runs
+from solver.diagnostics.hypothesis_tests import HypothesisTest
 from solver.diagnostics.model_selection import probabilities
 from solver.diagnostics.range_checks import mistakes, mostly_in_range
+from solver.diagnostics.statistics import sigmas_at
+from solver.estimators.linear_fit import LinearFit
 
 PROMISING_COST_SHARE = 0.3
 """An alternative is solved completely if it leaves less than this share of the squared closure error."""
@@ -111,6 +115,13 @@ def find_alternatives(
         for finding, ratio, dof_left in _shifted(alternative, stated.unsensed)
         if ratio < limits.CHI2_PER_DOF_ALTERNATIVE
     ]
+    if not weighted and np.isfinite(as_it_is) and not of_files:
+        # A fit without a whole sensor may end elsewhere: that the loops nearly close is enough.
+        weighted = [
+            (finding, 0.0)
+            for finding, alternative in _frozen_in_all_poses(stated)
+            if cost_of(alternative) <= PROMISING_COST_SHARE * as_it_is
+        ]
     return _named(weighted)
 
 
@@ -124,6 +135,40 @@ def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
     finding, alternative = hinge_instead(stated)
     fits = solved(alternative)[0] < limits.CHI2_PER_DOF_ALTERNATIVE
     return _named([(finding, 0.0)]) if fits else ()
+
+
+def wrong_distances(stated: Experiment, fit: LinearFit, *, most_chi2: float) -> tuple[Finding, ...]:
+    """Return findings of measured distances between sockets without which the poses fit; empty where they do not.
+
+    `most_chi2`: largest chi2 that an explanation may leave, at the known noise of the `fit`. Large errors are solved
+    again, since the fit is linear.
+    """
+    fit_stated = fit.stated
+    known = compared(stated.fixture, stated.poses, fit_stated)
+    limit = sigmas_at(limits.DISTANCE_NOTICE_PROBABILITY, len(known))
+    order = sorted(range(len(known)), key=lambda k: -abs(known[k][1]))[:SOLVED_ALTERNATIVES]
+    alternative = stated
+    for count, k in enumerate(order, 1):
+        distance, deviation = known[k]
+        if abs(deviation) <= limit or not isinstance(alternative.fixture, Ball):
+            break
+        others = tuple(d for d in alternative.fixture.distances if d is not distance)
+        alternative = replace(alternative, fixture=replace(alternative.fixture, distances=others))
+        chosen = np.array(order[:count])
+        fits = fit.at_known_noise.chi2_without_distances(chosen) <= most_chi2 and _as_stated(
+            fit_stated.chi2_without_distances(chosen), fit_stated.dof - count
+        )
+        if not fits:
+            ratio, dof = solved(alternative)
+            fits = ratio * dof <= most_chi2 and _as_stated(ratio * dof, dof)
+        if fits:
+            findings = [contradiction(known[c][0].between, known[c][1]) for c in order[:count]]
+            return tuple(replace(finding, blocking=True) for finding in findings)
+    return ()
+
+
+def _as_stated(chi2: float, dof: int) -> bool:
+    return dof > 0 and not HypothesisTest.of_chi2("CHI2_STATED", chi2, dof).fires
 
 
 def step_alternative(stated: Experiment, joint: int, scale: float) -> tuple[Finding, ...]:
@@ -197,6 +242,15 @@ def _frozen(stated: Experiment) -> Iterator[Alternative]:
                     kind=FindingKind.READING_FROZEN, joint=j, poses=poses.label[first:last]
                 )
                 yield finding, stated.at_poses(rest)
+
+
+def _frozen_in_all_poses(stated: Experiment) -> Iterator[Alternative]:
+    """Yield alternatives in which a sensor reads the same in all poses, without its readings."""
+    poses = stated.poses
+    for j in range(1, poses.joint_count + 1):
+        if constant_reading_runs(poses.q_rad, j, 0.0) == [(0, len(poses))]:
+            finding = Finding(kind=FindingKind.READING_FROZEN, joint=j, poses=poses.label)
+            yield finding, without_reading(stated, j)
 
 
 def _blind(stated: Experiment) -> Iterator[Alternative]:

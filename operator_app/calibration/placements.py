@@ -169,11 +169,14 @@ def contradicted(distances_found: Sequence[Distance]) -> tuple[Finding, ...]:
     known = sum(d.measured is not None for d in distances_found)
     limit = sigmas_at(DISTANCE_NOTICE_PROBABILITY, known)
     return tuple(
-        Finding(
-            kind=FindingKind.DISTANCE_ABOVE if d.deviation > 0.0 else FindingKind.DISTANCE_BELOW,
-            joints=d.between,
-            figures={"sigmas": abs(d.deviation)},
-        )
-        for d in distances_found
-        if abs(d.deviation) > limit
+        contradiction(d.between, d.deviation) for d in distances_found if abs(d.deviation) > limit
+    )
+
+
+def contradiction(between: tuple[int, int], deviation: float) -> Finding:
+    """Return the finding that the poses contradict the distance between two sockets by `deviation` sigmas."""
+    return Finding(
+        kind=FindingKind.DISTANCE_ABOVE if deviation > 0.0 else FindingKind.DISTANCE_BELOW,
+        joints=between,
+        figures={"sigmas": abs(deviation)},
     )

@@ -64,23 +64,16 @@ def execute(args: argparse.Namespace) -> int:
         solution, checks = session.calibrate()
     except UnidentifiableError as error:
         # Keep the poses, for report and compare.
-        folder = session.write(root=args.sessions)
+        folder = _write(session, args.sessions)
         if args.json:
-            parameters = len(session.model.parameters)
-            undetermined = unidentifiable_json(
-                error,
-                parameters=parameters,
-                folder=folder,
-                state=session.state,
-            )
+            undetermined = unidentifiable_json(error, session.procedure, folder, session.state)
             say(as_json(undetermined | recordings))
         else:
             say(f"{unidentifiable_text(error)}\n\nSession     {folder}")
         return ExitCode.NOT_IDENTIFIABLE
     except ReadingsOutOfRangeError as error:
         raise UsageError(f"{', '.join(args.poses)}: {error}") from error
-    folder = session.write(root=args.sessions)
-    save_poses(folder / POSES_NAME, session.state.pose_set())
+    folder = _write(session, args.sessions)
     facts = facts_of(solution, checks=checks, limits=session.procedure.acceptance)
     if args.json:
         data = session_json(facts, solution.paper, folder, session.state)
@@ -89,6 +82,13 @@ def execute(args: argparse.Namespace) -> int:
         text = session_text(folder, session.state, accepted=solution.accepted)
         say(f"{facts_text(facts)}\n\n{text}")
     return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED
+
+
+def _write(session: ImportedSession, root: Path | None) -> Path:
+    """Write the session and its poses file; return the folder."""
+    folder = session.write(root=root)
+    save_poses(folder / POSES_NAME, session.state.pose_set())
+    return folder
 
 
 def _poses(
@@ -115,6 +115,7 @@ def _poses(
             unit=unit,
             columns=args.columns or "",
             placement=args.placement or "",
+            joints=joints,
         )
         print_warnings(file, read)
         pose_sets.append(read.poses)

@@ -67,12 +67,13 @@ def _print(args: argparse.Namespace, subject: Subject, folder: Path, state: Sess
         if args.text:
             say(unidentifiable_text(unidentifiable))
             return
-        procedure = subject.procedure
-        model = procedure.fixture.fixture.model(
-            procedure.arm, unsensed_joints=subject.unsensed_joints
-        )
         data = unidentifiable_json(
-            unidentifiable, parameters=len(model.parameters), folder=folder, state=state
+            unidentifiable,
+            subject.procedure,
+            folder,
+            state,
+            estimator=args.estimator,
+            unsensed_joints=given_joints(args.unsensed),
         )
         say(as_json(data))
     if solution is None or facts is None:

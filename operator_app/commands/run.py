@@ -109,11 +109,5 @@ def _report_unidentifiable(
     if not args.json:
         say(unidentifiable_text(error))
         return
-    model = session.fixture.model(session.model, unsensed_joints=session.procedure.unsensed_joints)
-    undetermined = unidentifiable_json(
-        error,
-        parameters=len(model.parameters),
-        folder=session.journal.path.parent,
-        state=session.state,
-    )
-    say(as_json(undetermined))
+    folder = session.journal.path.parent
+    say(as_json(unidentifiable_json(error, session.procedure, folder, session.state)))

@@ -68,12 +68,9 @@ def execute(args: argparse.Namespace) -> int:
             length_tolerance_m=tolerance_m(args),
         )
     except UnidentifiableError as error:
-        loop = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=unsensed).loop()
         if args.json:
-            undetermined = unidentifiable_data(
-                error, parameters=len(loop.parameters), poses=len(poses)
-            )
-            say(as_json(undetermined))
+            experiment = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=unsensed)
+            say(as_json(unidentifiable_data(error, experiment, estimator=estimator)))
         else:
             say(unidentifiable_text(error))
         return ExitCode.NOT_IDENTIFIABLE

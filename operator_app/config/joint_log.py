@@ -38,6 +38,8 @@ OTHER_COLUMNS = re.compile(r"t|time.*|.*stamp.*|n?secs?|index|row|pose|label", r
 """Names of columns in a log that are not joints."""
 
 RANGE = re.compile(r"([1-9]\d{0,3})-([1-9]\d{0,3})")
+SPLIT_AT_DECIMAL_COMMAS = re.compile(r"\d+\s*[;\s]\s*[-+]?\d+")
+"""What is between two decimal commas: the end of one number and the beginning of the next."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +57,7 @@ def load_joint_log(
     unit: Unit | None = None,
     columns: str = "",
     placement: str = "",
+    joints: Sequence[str] = (),
 ) -> LoadedPoses:
     """Read the poses of a log; a file in the format of poses files is read with `load_poses`.
 
@@ -63,11 +66,13 @@ def load_joint_log(
     unit
         Unit of the angles; None: degrees, but angles that look like radians are refused.
     columns
-        Columns of joints 1 to n, in this order: numbers from 1 (``2-8``, ``3,1,2``) or names of the header; empty: all
-        columns.
+        Columns of joints 1 to n, in this order: numbers from 1 (``2-8``, ``3,1,2``) or names of the header; empty:
+        those with the names in `joints`, else those numbered in the header, else all columns.
     placement
         Number or name of the column that states the fixture's placement for each pose: a whole number, or a name; names
         are numbered in order of appearance. Empty: one placement.
+    joints
+        Names of joints 1 to n in the arm file.
 
     Raises
     ------
@@ -78,6 +83,7 @@ def load_joint_log(
     rows = read_rows(decode_text(data, file))
     if not rows:
         raise only(file, "is empty", "it must have a row of joint angles for each pose")
+    _require_marks(rows[:2], file)
     first = rows[0].cells
     # A row of a log may begin with the name of its placement.
     header = first if not any(map(is_number, first if placement else first[:1])) else []
@@ -100,7 +106,7 @@ def load_joint_log(
         find_column("--placement", placement, header, len(all_columns), file) if placement else None
     )
     remaining = [k for k in all_columns if k != by]
-    where = find_columns(columns, header, remaining, joint_count, file)
+    where = find_columns(columns, header, remaining, joint_count, file, joints)
     q = _angles(body, where, file, radians=unit == "rad")
     if unit is None and len(q) >= FEWEST_POSES_FOR_UNIT and np.abs(q).max() < 2.0 * np.pi:
         text = f"does not state the unit of its angles, and none in {len(q)} poses exceeds {np.abs(q).max():.3g}"
@@ -144,6 +150,16 @@ def read_rows(text: str) -> list[Row]:
     return rows
 
 
+def _require_marks(rows: list[Row], file: str) -> None:
+    """Refuse semicolons between columns, and decimal commas; raises ConfigError."""
+    remedy = "save the file with commas between columns and points as decimal marks"
+    for row in rows:
+        if len(row.cells) > 2 and all(map(SPLIT_AT_DECIMAL_COMMAS.fullmatch, row.cells[1:-1])):
+            raise only(file, "the numbers have decimal commas", remedy, line=row.line)
+        if any(";" in cell for cell in row.cells):
+            raise only(file, "the columns are separated by semicolons", remedy, line=row.line)
+
+
 def is_number(cell: str) -> bool:
     """Whether a cell is a finite number."""
     try:
@@ -166,17 +182,25 @@ def find_column(option: str, word: str, header: list[str], count: int, file: str
 
 
 def find_columns(
-    option: str, header: list[str], remaining: list[int], joint_count: int, file: str
+    option: str,
+    header: list[str],
+    remaining: list[int],
+    joint_count: int,
+    file: str,
+    joints: Sequence[str] = (),
 ) -> tuple[int, ...]:
     """Return the indices (from 0) of the columns of joints 1 to n among `remaining`; raises ConfigError."""
     count = remaining[-1] + 1 if remaining else 0
     if not option:
+        named = [header[k] for k in remaining] if header else []
+        if joints and set(joints) <= set(named) and len(set(joints)) == joint_count:
+            return tuple(remaining[named.index(joint)] for joint in joints)
+        if series := numbered_series(named, joint_count):
+            return tuple(remaining[k] for k in series)
         if len(remaining) == joint_count:
             return tuple(remaining)
-        names = f" ({', '.join(header[k] for k in remaining)})" if header else ""
+        names = f" ({', '.join(named)})" if header else ""
         text = f"{len(remaining)} columns{names} for an arm of {joint_count} joints"
-        if header and (named := numbered_series([header[k] for k in remaining], joint_count)):
-            return tuple(remaining[k] for k in named)
         # Other columns of a log, mostly times, come before the joints.
         first = max(1, count - joint_count + 1)
         example = f"{first}-{first + joint_count - 1}"

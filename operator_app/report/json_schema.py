@@ -7,18 +7,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrated_arm import side_of
+from operator_app.calibration.instrument_registration import with_registered_instrument
 from operator_app.calibration.sensitivity import source_sensitivities
 from operator_app.units import ANGLE
 from solver.diagnostics.statistics import chi2_test, correlations
 
 if TYPE_CHECKING:
     from operator_app.calibration.cross_validation import Checks
+    from operator_app.calibration.experiment import Experiment
     from operator_app.calibration.result import Solution
     from operator_app.messages.finding import Finding
     from solver.diagnostics.cross_validation import HoldOut
@@ -153,16 +156,44 @@ def _rvdt_data(verdict: RvdtVerdict) -> dict[str, Any]:
     return data
 
 
+RESULTS_AS_OBJECTS = (
+    "nominal", "repeatability", "side", "halved", "tolerated_parameters", "observability",
+    "hand_accuracy_holds_for", "variance_components_interval",
+)  # fmt: skip
+RESULTS_AS_LISTS = (
+    "correlations", "corrections_dh", "condition_trend", "held", "outlier_poses", "rvdt", "tolerated",
+    "weakest_direction",
+)  # fmt: skip
+RESULTS_AS_FIGURES = (
+    "before", "chi2_band_99", "condition_number", "flexure_p_value", "global_start", "hand_accuracy_mm",
+    "scaled_condition_number_at_readings", "stated_chi2_per_dof", "tip_sigma_mm",
+)  # fmt: skip
+"""Keys that have no content where nothing is identified."""
+
+
 def unidentifiable_data(
-    error: UnidentifiableError, *, parameters: int, poses: int
+    error: UnidentifiableError, experiment: Experiment, *, estimator: str
 ) -> dict[str, Any]:
     """Return the object for a pose set that leaves parameters undetermined (exit code 5).
 
-    Keys for the results of a calibration are empty, null or left out.
+    It has all keys of a calibration; those of its results are empty or null.
     """
-    directions = error.directions
+    directions, poses, arm = error.directions, len(experiment.poses), experiment.arm
+    # As in the calibration: an instrument may measure points only, and joints may have no sensor.
+    model = replace(
+        experiment,
+        fixture=with_registered_instrument(arm, experiment.fixture, experiment.poses),
+        unsensed=tuple(sorted({*experiment.unsensed, *arm.unsensed_joints})),
+    ).loop()
+    parameters = len(model.parameters)
     causes = [{"code": error.code, "probability": 1.0, "text": error.note, "remedy": ""}]
     return {
+        **{key: {} for key in RESULTS_AS_OBJECTS},
+        **{key: [] for key in RESULTS_AS_LISTS},
+        **dict.fromkeys(RESULTS_AS_FIGURES),
+        "estimator": estimator,
+        "dof": poses * model.equations_per_pose - parameters,
+        "converged": False,
         "parameters": {},
         "sigma": {},
         "interval_95": {},

@@ -107,6 +107,14 @@ class LinearFit:
         known = 1.0 - ((rows @ self.half) ** 2).sum(-1)
         return np.asarray(-(w + rows @ self.coefficients) / np.sqrt(np.maximum(known, 1e-12)))
 
+    def chi2_without_distances(self, chosen: IntArray) -> float:
+        """chi2 of the fit without some measured distances (indices)."""
+        w, rows = self._distances()
+        left = (w + rows @ self.coefficients)[chosen]
+        inside = rows[chosen] @ self.half
+        known = np.eye(len(left)) - inside @ inside.T
+        return self.chi2 - float(left @ np.linalg.lstsq(known, left, rcond=1e-12)[0])
+
     def _prior(self) -> FloatArray:
         """Prior part of H's diagonal (width,): 0 for hard columns, 1 for effects."""
         hard = self.design.hard

@@ -28,6 +28,7 @@ from operator_app.units import (
 )
 
 if TYPE_CHECKING:
+    from operator_app.config.procedure import Procedure
     from operator_app.report.facts import Facts
     from operator_app.session.store.journal_repair import RepairedLine, RepairResult
     from operator_app.session.store.state import CapturedPose, SessionState
@@ -43,34 +44,53 @@ def session_json(
     """Return the object of `sarcal run --json`, without the key ``capture``."""
     from operator_app.report.facts import estimate_json
 
-    exported = state.exported
-    uploaded: Mapping[str, Any] = exported.get("uploaded") or {}
     return {
         **facts.json,
         "paper": None if paper is None else estimate_json(paper),
-        "session": {
-            "folder": str(folder),
-            "journal": str(folder / JOURNAL_NAME),
-            "serial_number": state.serial_number,
-            "parameters": str(folder / exported["file"]) if exported else None,
-            "poses": _poses_file(folder, state),
-            "uploaded": bool(uploaded),
-            "sha256": uploaded.get("sha256"),
-        },
+        "session": _session_data(folder, state),
     }
 
 
 def unidentifiable_json(
-    error: UnidentifiableError, *, parameters: int, folder: Path, state: SessionState
+    error: UnidentifiableError,
+    procedure: Procedure,
+    folder: Path,
+    state: SessionState,
+    *,
+    estimator: str | None = None,
+    unsensed_joints: tuple[int, ...] | None = None,
 ) -> dict[str, Any]:
-    """Return the object of `sarcal run --json` for poses that leave parameters undetermined."""
+    """Return the object of `sarcal run --json` for poses that leave parameters undetermined.
+
+    `estimator` and `unsensed_joints`: in place of the procedure's.
+    """
+    from operator_app.calibration.experiment import Experiment
     from operator_app.report.json_schema import unidentifiable_data
 
-    poses = len(state.used_poses)
+    experiment = Experiment(
+        arm=procedure.arm,
+        fixture=procedure.fixture.fixture,
+        poses=state.pose_set(),
+        unsensed=procedure.unsensed_joints if unsensed_joints is None else unsensed_joints,
+    )
     return {
-        **unidentifiable_data(error, parameters=parameters, poses=poses),
+        **unidentifiable_data(error, experiment, estimator=estimator or procedure.estimator),
         "paper": None,
-        "session": {"folder": str(folder), "poses": _poses_file(folder, state)},
+        "session": _session_data(folder, state),
+    }
+
+
+def _session_data(folder: Path, state: SessionState) -> dict[str, Any]:
+    exported = state.exported
+    uploaded: Mapping[str, Any] = exported.get("uploaded") or {}
+    return {
+        "folder": str(folder),
+        "journal": str(folder / JOURNAL_NAME),
+        "serial_number": state.serial_number,
+        "parameters": str(folder / exported["file"]) if exported else None,
+        "poses": _poses_file(folder, state),
+        "uploaded": bool(uploaded),
+        "sha256": uploaded.get("sha256"),
     }
 
 

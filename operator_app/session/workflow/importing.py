@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from operator_app.calibration.cross_validation import Checks, check
-from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.result import Solution
 from operator_app.calibration.serialization import to_dict
 from operator_app.config.arm_file import parse_arm
@@ -37,7 +36,6 @@ from operator_app.session.store.stored_calibration import solution_data, solve
 from operator_app.session.workflow.opening import SOURCE_KINDS
 from operator_app.units import plural
 from solver.chain.poses import PoseSet
-from solver.loops.closure import ClosureModel
 
 UNKNOWN_SERIAL_NUMBER = "unstated"
 """Serial number of an imported session if none is given."""
@@ -108,17 +106,6 @@ class ImportedSession:
         self._record("imported", {"file": file, "serial_number": serial_number})
         for k in range(len(poses)):
             self._record("pose", _pose(poses, k))
-
-    @property
-    def model(self) -> ClosureModel:
-        """Model of the closed loops of the session's poses."""
-        own = self.procedure
-        return Experiment(
-            arm=own.arm,
-            fixture=own.fixture.fixture,
-            poses=self.state.pose_set(),
-            unsensed=own.unsensed_joints,
-        ).loop()
 
     def calibrate(self) -> tuple[Solution, Checks]:
         """Calibrate and cross-validate, record and return both results; raises SolverError, FixtureError."""

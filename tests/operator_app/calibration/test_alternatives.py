@@ -45,3 +45,13 @@ def test_real_poses_of_a_panda_are_refused_as_of_another_arm_with_an_iiwa():
     found = calibrate(load_arm("kuka_iiwa7"), BALL, panda_poses(1, 2), drop=True)
     assert found.verdict is Verdict.NOT_ACCEPTED
     assert [c.kind for c in found.causes if c.blocking] == [FindingKind.POSES_DO_NOT_FIT]
+
+
+def test_a_sensor_that_reads_the_same_in_all_poses_is_named():
+    """Said was that the poses are of another arm: without this sensor the fit ended elsewhere."""
+    poses = panda_poses(1, 2)
+    q_rad = poses.q_rad.copy()
+    q_rad[:, 3] = q_rad[0, 3]
+    found = calibrate(load_arm("franka_panda"), BALL, replace(poses, q_rad=q_rad), drop=True)
+    assert found.verdict is Verdict.NOT_ACCEPTED
+    assert found.causes[0].code == "FROZEN_JOINT_4"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fixtures.ball import KnownDistance
+from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.placements import indistinguishable_placements
 from operator_app.config.poses_file import load_poses
@@ -127,3 +128,12 @@ def test_one_that_the_poses_contradict_is_reported():
     solution = found(KnownDistance(between=(3, 4), value_m=BLOCK_M + 2e-3, sigma_m=1e-4))
     assert "DISTANCE" in {n.code for n in solution.warnings}
     assert solution.distances[0].deviation > 4.0
+
+
+def test_a_wrong_distance_is_a_cause_before_a_step_between_the_sockets():
+    """Said was that joint 1 jumped by some degrees between the sockets: home it and take all poses again."""
+    solution = found(KnownDistance(between=(3, 4), value_m=BLOCK_M + 2e-2, sigma_m=1e-4))
+    assert solution.verdict is Verdict.NOT_ACCEPTED
+    assert solution.causes[0].code == "DISTANCE"
+    # A turn of joint 1 between the sockets moves them apart as well.
+    assert solution.causes[1].code == "STEP_JOINT_1"

@@ -113,14 +113,20 @@ def test_it_is_reported_as_it_is_solved_and_only_an_arm_is_missing(tmp_path, end
 
 def test_poses_that_cannot_determine_it_all_are_kept_and_said(tmp_path, ends_with):
     sessions = ["--sessions", str(tmp_path / "sessions")]
-    (file,) = raw_logs(tmp_path, (3,))
+    files = raw_logs(tmp_path, (2, 3))
     packaged = resolve("arm", "franka_panda").data.decode()
     unknown = tmp_path / "arm.yaml"
     unknown.write_text(re.sub(r"(?m)^offset_tolerance_deg: .*\n", "", packaged))
     assert unknown.read_text() != packaged
     arm = ["--arm", str(unknown), *PANDA[2:-1]]
-    found = ends_with(5, "import", file, "--rad", *arm, *sessions, "--json").json
+    found = ends_with(5, "import", *files, "--rad", *arm, *sessions, "--json").json
     assert found["unidentifiable"]
+    # 7 offsets, the ball's centre, and one centre for each of two sockets.
+    assert found["rank"] == 7 + 3 + 2 * 3 - len(found["unidentifiable_directions"])
+    assert found["dof"] == 3 * found["poses"] - 16
+    assert found["session"]["uploaded"] is False
+    assert len(load_poses(found["session"]["poses"]).poses) == found["poses"]
+    assert ends_with(5, "report", found["session"]["folder"], "--json").json == found
     said = ends_with(5, "report", found["session"]["folder"], "--text").out
     assert "theta_off_7 cannot be separated from" in said
 

@@ -6,6 +6,7 @@ from importlib.resources import files
 import pytest
 
 from operator_app.config.resources import resolve
+from tests.oracles.open_arm import measured_csv
 from tests.oracles.parameter_documents import VALUES as TRUTH
 from tests.oracles.shop_floor import session
 
@@ -74,9 +75,24 @@ def test_rigid_refuses_by_naming_joint_4(exact_csv, tmp_path, ends_with):
     assert "joint 4 does not move" in found["verdict_reasons"][0]
     assert found["verdict"] == "not_accepted"
     assert not PROMISED - set(found)
+    # A script reads the same keys whatever the exit code is.
+    determined = ends_with(0, "solve", exact_csv, "--json").json
+    assert not set(determined) - set(found)
+    assert found["estimator"] == "implicit"
+    # 60 poses, 6 equations each; 7 offsets and 4 entries of the mounting.
+    assert (found["dof"], found["rank"]) == (360 - 11, 11 - len(found["unidentifiable_directions"]))
     said = ends_with(5, "solve", still, "--fixture", "rigid").out
     assert "joint 4 does not move" in said
     assert "condition number" not in said
+
+
+def test_an_arm_measured_as_points_is_not_identifiable_and_no_input_error(tmp_path, ends_with):
+    """Said was that orientations are missing, which a file of points need not have."""
+    found = ends_with(
+        5, "solve", measured_csv(tmp_path / "points.csv"), "--fixture", "tracker", "--json"
+    ).json
+    assert found["unidentifiable"]
+    assert found["dof"] == 3 * 40 - found["rank"] - len(found["unidentifiable_directions"])
 
 
 def rows(count: int) -> list[str]:

@@ -250,7 +250,7 @@ def _at_mean_scales(
     design: LinearModel, fit: LinearFit, derivatives: Derivatives, state: State
 ) -> tuple[LinearFit, State]:
     """Solve once more at the closed loops, with estimated scales at their posterior means, if there are any."""
-    v = expected_scales(fit, derivatives)
+    v = expected_variances(fit, derivatives)
     if np.array_equal(v, fit.v):
         return fit, state
     linearisation = Linearisation(design, state)
@@ -258,14 +258,14 @@ def _at_mean_scales(
     return last, _advance(design, linearisation, last)[0]
 
 
-def expected_scales(fit: LinearFit, derivatives: Derivatives) -> FloatArray:
-    """Variances (K,) with the estimated scales at their posterior means.
+def expected_variances(fit: LinearFit, derivatives: Derivatives) -> FloatArray:
+    """Return the variances (K,), those of estimated scales at their posterior means.
 
-    At the mode, sigmas would not include the uncertainty of the scales themselves. A scale exp(t), t ~ N(t_mode, s^2),
-    has the mean exp(t_mode + s^2 / 2); the variance is its square.
+    At the mode, sigmas would not include the uncertainty of the scales themselves: an error has its expected variance.
+    That of a scale exp(t), t ~ N(t_mode, s^2), is exp(2 t_mode + 2 s^2).
     """
     return np.asarray(
-        np.minimum(fit.v * np.exp(scale_spread(fit, derivatives)), fit.design.ceilings)
+        np.minimum(fit.v * np.exp(2.0 * scale_spread(fit, derivatives)), fit.design.ceilings)
     )
 
 

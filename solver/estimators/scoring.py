@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.estimators.layout import PLACEMENT, Layout
 from solver.estimators.likelihood import Derivatives
 from solver.estimators.linear_fit import LinearFit
 
@@ -40,28 +41,45 @@ LEAST_CURVATURE = 0.05
 SCALE_SD = float(np.log(2.0))
 """Standard deviation of the logarithm of a source's scale (ratio to the stated one): a factor of two is one sigma."""
 
+SCALE_CORRELATION = 0.5
+"""Correlation of two sources' scales in logarithm: whoever states one size with a margin states the others so as well.
+Half of the variance is common, so sources that the poses hardly determine follow the others."""
+
 FAST_SHARE = 0.3
 """Convergence is fast if a step is below this share of the step before."""
 
 
 def with_priors(fit: LinearFit) -> Derivatives:
     """Return the fit's derivatives with the variances' priors: specifications, spreads within poses, scales."""
-    v, derivatives, scaled = fit.v, fit.derivatives, fit.design.scaled
+    v, derivatives = fit.v, fit.derivatives
     dof, spread, soft = np.array(
         [(c.spread_dof, c.spread_variance, c.soft) for c in fit.design.components]
     ).T.reshape(3, -1)
     ratio = spread / v
-    # t = log(v / start) / 2 ~ N(0, SCALE_SD^2), differentiated by v.
-    log, pull = np.log(v / fit.design.start_variances()), 4.0 * (SCALE_SD * v) ** 2
+    # The logarithms of the scales, t = log(v / start) / 2, have the density exp(-t' P t / 2); derivatives by v.
+    P, t = _scale_precision(fit.design), 0.5 * np.log(v / fit.design.start_variances())
+    pull, of_scales = 0.5 * (P @ t) / v, 0.25 * P / np.outer(v, v)
     return replace(
         derivatives,
-        score=derivatives.score
-        + 0.5 * (dof * (ratio - 1.0) / v - 1.0 / soft)
-        - np.where(scaled, log * v / pull, 0.0),
-        information=derivatives.information
-        + np.diag(0.5 * dof / v**2 + np.where(scaled, 1.0 / pull, 0.0)),
+        score=derivatives.score + 0.5 * (dof * (ratio - 1.0) / v - 1.0 / soft) - pull,
+        information=derivatives.information + of_scales + np.diag(0.5 * dof / v**2),
         curvature=derivatives.curvature
-        + np.diag(dof * (ratio - 0.5) / v**2 + np.where(scaled, (1.0 - log) / pull, 0.0)),
+        + of_scales
+        + np.diag(dof * (ratio - 0.5) / v**2 - pull / v),
+    )
+
+
+def _scale_precision(design: Layout) -> FloatArray:
+    """Inverse (K, K) of the prior covariance of the scales' logarithms; zero for the other components."""
+    scaled = design.scaled.astype(float)
+    together = scaled.copy()
+    together[[k for name, k in design.index.items() if name == PLACEMENT]] = 0.0
+    count = together.sum()
+    common = SCALE_CORRELATION / (1.0 + SCALE_CORRELATION * (count - 1.0))
+    own = 1.0 - SCALE_CORRELATION * together
+    return np.asarray(
+        (np.diag(scaled / own) - common / (1.0 - SCALE_CORRELATION) * np.outer(together, together))
+        / SCALE_SD**2
     )
 
 

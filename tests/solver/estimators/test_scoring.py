@@ -5,7 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 
 from solver.estimators.likelihood import Derivatives
-from solver.estimators.scoring import ScoringStep, VarianceSearch, step
+from solver.estimators.scoring import (
+    SCALE_CORRELATION,
+    SCALE_SD,
+    ScoringStep,
+    VarianceSearch,
+    step,
+    with_priors,
+)
 
 
 def fit_of(v: list[float]) -> SimpleNamespace:
@@ -55,3 +62,34 @@ def test_steps_of_two_likelihoods_are_not_compared_and_the_pace_of_the_first_hol
     """Where gravity's sign goes the first step of the new likelihood took another round for nothing."""
     assert steps_away(VarianceSearch(fast=True), 0.5, 0.4) == [True, False]
     assert steps_away(VarianceSearch(fast=False), 0.5, 0.1) == [False, True]
+
+
+def scales_at(t: list[float]) -> SimpleNamespace:
+    """Two scales of the arm and one of the fixture's placement, exp(t), of which the poses show nothing."""
+    each = np.ones(len(t))
+    plain = SimpleNamespace(spread_dof=0.0, spread_variance=0.0, soft=np.inf)
+    design = SimpleNamespace(
+        scaled=each > 0, index={"sag": 0, "lengths": 1, "placement": 2}, components=[plain] * len(t),
+        start_variances=lambda: each,
+    )  # fmt: skip
+    nothing = np.zeros((len(t),) * 2)
+    unseen = Derivatives(score=0.0 * each, information=nothing, curvature=nothing, expected=each)
+    return SimpleNamespace(v=np.exp(2.0 * np.array(t)), derivatives=unseen, design=design)
+
+
+def test_scales_have_a_normal_density_in_logarithm_and_half_of_their_variance_in_common():
+    t, c = np.array([-0.7, 0.2, 0.9]), SCALE_CORRELATION
+    covariance = SCALE_SD**2 * np.array([[1.0, c, 0.0], [c, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    fit = scales_at(t.tolist())
+
+    def score(v):
+        """Of the density by v, ``t = log(v) / 2``."""
+        return -np.linalg.solve(covariance, 0.5 * np.log(v)) / (2.0 * v)
+
+    prior = with_priors(fit)
+    np.testing.assert_allclose(prior.score, score(fit.v), rtol=1e-9)
+    steps = 1e-6 * np.diag(fit.v)
+    observed = [(score(fit.v - h) - score(fit.v + h)) / (2.0 * h.sum()) for h in steps]
+    np.testing.assert_allclose(prior.curvature, observed, rtol=1e-6)
+    expected = np.linalg.inv(covariance) / (4.0 * np.outer(fit.v, fit.v))
+    np.testing.assert_allclose(prior.information, expected, rtol=1e-9, atol=1e-15)

@@ -131,7 +131,7 @@ def distances(
         if not set(GROUND) <= set(names):
             return ()
         where.append(columns[own][[names.index(name) for name in GROUND]])
-    stated = {frozenset(d.between): (d, deviation_m) for d, deviation_m in measured}
+    stated = {frozenset(d.between): (d, sigmas) for d, sigmas in measured}
     pairs = [
         (a, b)
         for a, b in combinations(range(len(where)), 2)

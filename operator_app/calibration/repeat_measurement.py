@@ -20,7 +20,7 @@ from solver.closing import close_loops
 from solver.design.motion import chain_motion
 from solver.loops.closure import ClosureModel
 
-LEAST_GIVE_RAD, LEAST_GIVE_M = 1e-4, 1e-4
+SMALLEST_DEFLECTION_RAD, SMALLEST_DEFLECTION_M = 1e-4, 1e-4
 """Rotation and displacement that scale a slip of a fixture whose stated compliance is zero."""
 
 SLIP_SIZES = np.geomspace(1.0, 1e4, 200)
@@ -122,7 +122,11 @@ def compare_readings(
     explained = by_joint_d**2 / size
     k = int(np.argmax(explained))
     chi2 = float(d @ d)
-    shape = np.where(stated > 0.0, stated, np.repeat([LEAST_GIVE_RAD, LEAST_GIVE_M], 3)[6 - rows :])
+    shape = np.where(
+        stated > 0.0,
+        stated,
+        np.repeat([SMALLEST_DEFLECTION_RAD, SMALLEST_DEFLECTION_M], 3)[6 - rows :],
+    )
     gain, slip = _of_fixture(d, np.asarray(np.linalg.solve(L, by_give * shape), dtype=np.float64))
     slip = slip * shape
     return Repeat(

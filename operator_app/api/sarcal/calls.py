@@ -120,8 +120,7 @@ def readings_rad(name: str, value: Any, lower_rad: FloatArray, upper_rad: FloatA
     readings, n = numbers(name, value), len(lower_rad)
     if readings.ndim == 0 or readings.shape[-1] != n:
         raise ValueError(f"{name} has shape {readings.shape}: {shape_wanted(readings.shape, n)}")
-    largest = np.maximum(np.abs(lower_rad), np.abs(upper_rad)) + math.tau
-    far = np.argwhere(np.abs(readings) > largest)
+    far = np.argwhere((readings < lower_rad - math.tau) | (readings > upper_rad + math.tau))
     if len(far):
         q, joint = readings[tuple(far[0])], int(far[0][-1])
         raise ValueError(

@@ -7,6 +7,7 @@ the colours of Okabe and Ito, which colour-blind readers can tell apart, and mar
 from __future__ import annotations
 
 import io
+import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from operator_app.calibration.calibrated_arm import side_of
+from operator_app.calibration.error_model import stated_priors
 from operator_app.calibration.result import Solution
 from operator_app.config.atomic import write_atomically
 from operator_app.config.errors import WriteError
@@ -33,7 +34,6 @@ from operator_app.report.subject import Subject
 from operator_app.report.uncertainty_tables import source_words
 from operator_app.units import Quantity, quantity_of
 from solver.arrays import FloatArray
-from solver.chain.parameters import Parameter
 from solver.diagnostics.statistics import intervals
 
 ONE_COLUMN_MM, TWO_COLUMNS_MM = 88, 180
@@ -208,6 +208,9 @@ def _residuals(subject: Subject, solution: Solution) -> Panels:
 def _parameters(subject: Subject, solution: Solution) -> Panels:
     """Return, per unit, a panel of the changes with their intervals and, beside it, a panel of the sigmas."""
     estimate, limits = solution.identified, intervals(solution.identified)
+    arm, fixture = subject.procedure.arm, subject.procedure.fixture.fixture
+    arm = arm.with_length_tolerance(solution.length_tolerance_m)
+    stated = stated_priors(solution.model, arm, fixture)
     of_quantity: dict[Quantity, list[int]] = {}
     for k, p in enumerate(estimate.parameters):
         of_quantity.setdefault(quantity_of(p), []).append(k)
@@ -231,22 +234,12 @@ def _parameters(subject: Subject, solution: Solution) -> Panels:
         sigmas = {"all sources": (scale * estimate.standard_deviation[rows]).tolist()}
         if solution.components is not None:
             sigmas["repeatability"] = [scale * solution.within[name] for name in names]
-        sigmas["stated before"] = [_stated(subject, solution, p) for p in listed]
+        sigmas["stated before"] = [scale * stated.get(name, math.nan) for name in names]
         known = list(chain(*sigmas.values()))
         shown.append(
             Bars(x=log_axis("sigma", known, unit=quantity.unit), names=names, marks=sigmas)
         )
     return Panels(pictures=tuple(shown), columns=2)
-
-
-def _stated(subject: Subject, solution: Solution, parameter: Parameter) -> float:
-    """Return the stated tolerance in the unit shown: the fixture's or, for the arm's angles, its zeros'; else NaN."""
-    fixture, arm = subject.procedure.fixture, subject.procedure.arm
-    if side_of(solution.model, parameter.name) != "arm":
-        stated: float | None = fixture.tolerance_rad if parameter.is_angle else fixture.tolerance_m
-    else:
-        stated = arm.offset_tolerance_rad if parameter.is_angle else None
-    return float("nan") if stated is None else quantity_of(parameter).per_si * stated
 
 
 def _budget(_: Subject, solution: Solution) -> Panels | None:

@@ -2,6 +2,7 @@
 
 import sys
 import xml.etree.ElementTree as ET
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import sarcal
 from operator_app.cli import main
 from operator_app.errors import SessionError
 from operator_app.report.plots.figure_files import ENDINGS, FIGURES
+from tests.oracles.panda import FOLDER as PANDA
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -139,3 +141,18 @@ def test_without_svglib_there_are_svg_files_and_the_remedy_for_a_pdf(
     assert main(["report", str(session), "--plots", str(tmp_path / "figures")]) == 0
     assert {file.suffix for file in (tmp_path / "figures").iterdir()} == {".svg"}
     capsys.readouterr()
+
+
+def test_sigmas_are_beside_what_the_files_state_of_each_entry(tmp_path):
+    text = (files("operator_app") / "data/arms/franka_panda.yaml").read_text("utf-8")
+    arm = tmp_path / "arm.yaml"
+    arm.write_text(text.replace("theta_off_7]", "theta_off_7, alpha_3, s_3]"), encoding="utf-8")
+    result = sarcal.calibrate(
+        arm=arm, fixture="ball", poses=PANDA / "panda_1.csv", drop_unidentifiable=True
+    )
+    subject = result._subject
+    sigmas = FIGURES["parameters"](subject, subject.solution).pictures[1::2]
+    stated = {n: s for p in sigmas for n, s in zip(p.names, p.marks["stated before"], strict=True)}
+    assert stated["alpha_3"] == pytest.approx(0.2)
+    assert stated["s_3"] == pytest.approx(1.0)
+    assert stated["theta_off_2"] == pytest.approx(1.0)

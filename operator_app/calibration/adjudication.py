@@ -31,6 +31,7 @@ from operator_app.calibration.closed_loops import placement_checks
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import exceeded, left_out_poses, motion_causes, range_finding
 from operator_app.calibration.multistart import has_diverged, local_minimum_causes, of_fixture
+from operator_app.calibration.placements import contradicted
 from operator_app.calibration.repeat_measurement import Repeat, RepeatedReading
 from operator_app.calibration.rvdt import measured_deviations, rvdt_causes
 from operator_app.calibration.sensitivity import exceeded_source
@@ -190,6 +191,7 @@ def adjudicate(
     slipped, by_tests = proven_by_return(since, by_tests)
     if not any(cause.blocking for cause in first):
         first, slipped = (*slipped, *first), ()
+    distances = contradicted(case.stated.fixture, case.stated.poses, calibrated.linear)
     return Adjudication(
         causes=(
             *first,
@@ -199,6 +201,11 @@ def adjudicate(
             *shaken,
             *(far if case.gross and not alternatives else ()),
             *(cause for _, causes in of_paper for cause in causes),
+            *(
+                c
+                for c in distances
+                if (c.kind, c.joints) not in {(t.kind, t.joints) for t in by_tests}
+            ),
             *of_fit,
         ),
         tests=(*case.diagnosis.tests, *of_returns, *(test for test, _ in of_paper)),

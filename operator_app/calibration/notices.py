@@ -16,7 +16,6 @@ from operator_app.calibration.calibrated_arm import (
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import left_out_poses, range_finding
 from operator_app.calibration.multistart import fixture_elsewhere
-from operator_app.calibration.placements import contradicted
 from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import HandAccuracy
 from operator_app.config.procedure import AcceptanceLimits
@@ -151,16 +150,15 @@ def _of_parameters(
 
 
 def _of_the_fit(solution: Solution, same: tuple[Finding, ...], *, sound: bool) -> Iterator[Finding]:
-    """Notices about compliance, placements, distances and outliers.
+    """Notices about compliance, placements and outliers.
 
-    If the fit diverged (not `sound`), only notices about placements and distances.
+    If the fit diverged (not `sound`), only notices about placements.
     """
     compliance = None if solution.components is None else solution.components.compliance
     if sound and compliance is not None and compliance.deflects and not solution.tolerated:
         # Errors of link lengths may appear as compliance.
         yield Finding(kind=K.LENGTHS_EXACT)
     yield from same
-    yield from contradicted(solution.distances)
     if sound:
         yield from fixture_elsewhere(solution.estimate, solution.model)
         yield from outliers_still_used(solution.outliers)

@@ -164,13 +164,13 @@ def compared(
     return tuple(zip(stated, fit.distance_deviations().tolist(), strict=True))
 
 
-def contradicted(distances_found: Sequence[Distance]) -> tuple[Finding, ...]:
-    """Return a finding for each measured distance that the poses contradict."""
-    known = sum(d.measured is not None for d in distances_found)
-    limit = sigmas_at(DISTANCE_NOTICE_PROBABILITY, known)
-    return tuple(
-        contradiction(d.between, d.deviation) for d in distances_found if abs(d.deviation) > limit
-    )
+def contradicted(
+    fixture: EndpointConstraint, poses: PoseSet, fit: LinearFit
+) -> tuple[Finding, ...]:
+    """Return a finding for each measured distance that the poses of a fit contradict."""
+    known = compared(fixture, poses, fit)
+    limit = sigmas_at(DISTANCE_NOTICE_PROBABILITY, len(known))
+    return tuple(contradiction(d.between, sigmas) for d, sigmas in known if abs(sigmas) > limit)
 
 
 def contradiction(between: tuple[int, int], deviation: float) -> Finding:

@@ -73,7 +73,7 @@ def report(
         say("The drives are off. Nothing has moved.")
     elif not stays:
         say(
-            "No drive has a fault. The connection has reset the nodes' communication, as every connection does."
+            "No drive has a fault. Connecting has reset the communication of all nodes, as it always does."
         )
     for text in dict.fromkeys(stays.values()):
         joints = [joint for joint, reason in stays.items() if reason == text]

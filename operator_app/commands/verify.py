@@ -126,7 +126,7 @@ def _open_arm(
     instrument = opening.procedure.fixture.fixture
     if not isinstance(instrument, Measured):
         raise UsageError(
-            f"--procedure: the procedure {args.procedure} closes the chain with a {instrument.kind}; name a procedure "
+            f"--procedure: {args.procedure!r} closes the chain with a {instrument.kind}; name a procedure "
             "whose fixture is an instrument, such as open_loop"
         )
     own_arm, other_arm = opening.procedure.arm, judged.procedure.arm

@@ -194,7 +194,7 @@ def _require_names(names: Any) -> None:
         raise BadLine(f"states the orientation twice: choose one of {ROTATION_EXAMPLE}")
     absent = [name for group in groups for name in group if name not in names]
     if absent:
-        raise BadLine(f"states the orientation without {', '.join(absent)}")
+        raise BadLine(f"states the orientation without {', '.join(absent)}: send them as well")
 
 
 def _number(name: str, value: Any) -> float:

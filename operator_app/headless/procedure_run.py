@@ -206,8 +206,8 @@ def words(opening: Opening, *, drives_off: bool) -> tuple[str, ...]:
         again = f"its controller and start it again with --placement {number}"
         lines.append(f"(Virtual arm: end {again}.)")
     lines.append(
-        f"Type {_WORD} and Enter when placement {number} is mounted and nobody is within reach: the arm will move. "
-        "Ctrl-C quits; "
+        f"When placement {number} is mounted and nobody is within reach, type '{_WORD}' and press Enter: the arm will "
+        "move. Ctrl-C quits; "
         f"sarcal run --resume {opening.folder} then asks again."
     )
     return tuple(lines)

@@ -55,7 +55,7 @@ SOURCE_REMEDIES = {
     "instrument": "measure twice as accurately, or four times as many poses, and state the instrument's sigma",
     "joint_play": "halve the joints' play and state the new value",
     "sag": "state the links' masses, or a smaller sag_deg if the joints really sag less than the arm file states",
-    "distances": "measure the distances of the sockets twice as accurately and state their sigma_mm",
+    "distances": "measure the distances between the sockets twice as accurately and state their sigma_mm",
     "discrepancy": "find the deflection that depends on the pose and that no file states",
     "counts": "fit encoders with more counts: averaging at rest does not reduce the error of one count",
 }
@@ -204,7 +204,7 @@ def _range(f: Finding) -> str:
 
 def _narrowing(f: Finding) -> str:
     if f.names:
-        return f"to halve its largest contribution, {source_remedy(f.names[0])}"
+        return f"to halve the largest contribution to them, {source_remedy(f.names[0])}"
     return "take more poses that differ more from each other: every joint through a larger part of its range"
 
 

@@ -396,7 +396,7 @@ class FindingKind(Enum):
     )
     SIGMAS_WIDE = (
         "LITTLE_MOTION",
-        "the standard uncertainty of {sizes} is large",
+        "large standard uncertainties: {sizes}",
         "{narrowing}",
     )
     CONDITION = (
@@ -577,7 +577,7 @@ class FindingKind(Enum):
         "A and B are from the same poses: any difference comes from the estimator, its options or the program",
     )
     COMPARED_FIXTURE_KINDS = ("FIXTURE_KIND", "A used a {name} fixture, B a {last_name} fixture")
-    COMPARED_FIXTURES = ("FIXTURE", "A used the fixture {name}, B the fixture {last_name}")
+    COMPARED_FIXTURES = ("FIXTURE", "A used the fixture '{name}', B the fixture '{last_name}'")
     COMPARED_ESTIMATORS = (
         "ESTIMATOR",
         "A was estimated by {name}, B by {last_name}: systematic sensor errors affect the two estimates differently",

@@ -101,7 +101,7 @@ REMEDIES: Mapping[type, str] = {
     UploadUnknown: "Upload again (step 7, or `sarcal export SESSION --upload`); until then do not rely on what the "
     "controller has",
     UploadRefused: "The previously active parameters stay active",
-    UnidentifiableError: "Take poses that differ more from each other, or switch a joint that does not move into free mode",
+    UnidentifiableError: "Take poses that differ more from each other, or switch joints that do not move to free mode",
     TooFewPosesError: "Capture more poses (step 4)",
     FixtureError: "Remount the fixture as described, then check it again (step 2)",
     WriteError: "Free some disk space or choose another folder; the journal is complete",
@@ -116,7 +116,8 @@ _TRIP_CAUSES: Mapping[int, str] = {
 """How to remove the cause of a trip that the emergency code names."""
 
 _TRIPS: Mapping[int, str] = {
-    EmergencyCode.HEARTBEAT_LOST: "The arm holds. This computer or its bus was blocked for a time: reset (R) and apply the modes again",
+    EmergencyCode.HEARTBEAT_LOST: "The arm holds. This computer or its bus was blocked: reset (R) and apply the "
+    "modes again",
     **{
         code: f"{'' if code in STOP_CONTACTS else 'The arm holds. '}{remove}, then reset (R) and apply the modes again"
         for code, remove in _TRIP_CAUSES.items()

@@ -21,12 +21,12 @@ Shown = TypeVar("Shown", bound=Titled)
 
 
 class Dialog(ModalScreen[str | None], Generic[Shown]):
-    """A box with a title and a text; Esc and n close it with the answer None."""
+    """A box with a title and a text; Esc, n and q close it with the answer None."""
 
     AUTO_FOCUS = ""
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss_none", show=False),
-        Binding("n", "dismiss_none", show=False),
+        Binding("n,q", "dismiss_none", show=False),
     ]
 
     def __init__(self, question: Shown) -> None:

@@ -5,7 +5,8 @@ Used while there are too few poses to predict the closure. The most probable clo
     (phi - phi_0)' S^-1 (phi - phi_0) + (q - reading)' Q^-1 (q - reading)   subject to   c(phi, q, u) = 0.
 
 S and Q are the covariances of the unknowns phi and of the readings; u are the unsensed angles. Newton's iteration on
-the reduced equations (`solver.closing`) finds the minimum, which is chi2-distributed; dof: equations of the pose.
+the reduced equations (`solver.closing`) finds the minimum, which is chi2-distributed with one degree of freedom for
+each equation of the pose.
 """
 
 from __future__ import annotations

@@ -105,7 +105,7 @@ RESET_PROBABILITY = 1e-2
 """A counter at zero was reset if using its reading raises chi2 by an amount less probable than this.
 
 A joint is within `AT_ZERO_COUNTS` counts of zero by chance in one of 30,000 positions. Within k times that distance,
-chance is k times as frequent; the limit is therefore divided by k.
+it is so k times as often; this limit is therefore divided by k.
 """
 
 HOME_AT_ZERO_RAD = float(np.deg2rad(5.0))

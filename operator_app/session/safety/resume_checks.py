@@ -312,7 +312,7 @@ def _cause_text(near: Innovation | None) -> str:
 
 
 def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConstraint:
-    """Return the fixture with the nominal placement to which `parameters_from_poses` refers its parameters."""
+    """Return the fixture with the nominal placement relative to which `parameters_from_poses` states the placement."""
     known = journal_calibration(state)
     fixture = procedure.fixture.fixture
     if isinstance(known, StoredCalibration):

@@ -226,7 +226,7 @@ STANDS_STILL_RAD = float(np.deg2rad(0.2))
 def reach(
     session: Session, targets_rad: Mapping[int, float], *, speed_rad_per_s: float | None = None
 ) -> MoveResult:
-    """Move to these angles (rad); if stopped on the way, return. Raises GuardError if overload prevents the start."""
+    """Move to these angles (rad); if stopped on the way, go back. Raises GuardError if overload prevents the start."""
     before = session.arm.snapshot().positions_rad
     outcome = session.go_to(targets_rad, speed_rad_per_s=speed_rad_per_s)
     if not outcome.reached:

@@ -30,7 +30,7 @@ OF_WHAT = {
     ),
     "procedure": ("arm", "fixture"),
 }
-"""Options of each kind of file; all others are common."""
+"""Options of `sarcal new` that only some kinds of file have, by kind; other options apply to every kind."""
 SETTINGS_MEANING = {
     "interface": "the bus, as -i",
     "channel": "as -c, with that interface",

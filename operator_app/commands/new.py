@@ -209,7 +209,7 @@ def _procedure(args: argparse.Namespace) -> int:
 def _copy(
     args: argparse.Namespace, parse: Callable[[bytes, str], object], *, refers: Sequence[str] = ()
 ) -> int:
-    """Copy a built-in file under another name; values of the options `refers` replace references to other files."""
+    """Copy a built-in file under another name; options `refers`, if given, replace its references to other files."""
     name = _named(args.name or f"my_{args.packaged}")
     instead = {k: _reference(args, name, v) for k in refers if (v := getattr(args, k))}
     content = copied(args.what, args.packaged, name=name, **instead)
@@ -241,7 +241,7 @@ def _save(
     content: bytes,
     parse: Callable[[bytes, str], object],
 ) -> Path:
-    """Check a file by parsing it, then write it with its schema; an existing file is never overwritten."""
+    """Check a file by parsing it, then write it and its JSON Schema; an existing file is never overwritten."""
     target = _target(args, name)
     if target.exists():
         raise UsageError(f"{target} exists already; name another file with -o")

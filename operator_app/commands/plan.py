@@ -125,7 +125,7 @@ def _of_session(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None,
 def _advice(
     args: argparse.Namespace, procedure: Procedure, shown: Preview, poses: int
 ) -> tuple[PlacementReport, ...]:
-    """Search for better hinge placements around the estimated placement or, without an estimate, the nominal one."""
+    """Return the best hinge placements near the estimated placement or, without an estimate, near the nominal one."""
     values: dict[str, float] = {}
     if shown.estimate is not None:
         values = {p.name: float(v) for p, v in zip(shown.parameters, shown.estimate.x, strict=True)}

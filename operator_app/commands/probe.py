@@ -76,7 +76,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def probe_json(result: Probe) -> dict[str, Any]:
-    """Return a probe as JSON data: valid PDOs and, as `room`, the numbers of all PDOs and the objects' widths, bits."""
+    """Return a probe as JSON data; `pdos`: valid PDOs; `room`: numbers of all PDOs, and object widths in bits."""
     data = asdict(result)
     for node, shown in zip(result.nodes, data["nodes"], strict=True):
         shown["pdos"] = [

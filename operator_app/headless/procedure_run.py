@@ -32,8 +32,8 @@ from operator_app.session.workflow.session import Session
 class RunResult:
     """Result of a run.
 
-    `exported`: None if the calibration was not exported. `capture`: end of a planned capture. `advice`: text on a hinge
-    placement that would make the imprecise parameters more precise, "" for none.
+    `exported`: None if the calibration was not exported. `capture`: end of a planned capture, None for an explored
+    capture. `advice`: text on a hinge placement that would make the imprecise parameters more precise, "" for none.
     """
 
     solution: Solution

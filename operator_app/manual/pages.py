@@ -71,10 +71,10 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
 """Topics by section, in the order of reading, with a summary in one line."""
 
 FILE = re.compile(r"<!-- file: ([\w.-]+) -->\n```\w+\n(.*?)```", re.DOTALL)
-"""Mark and content of a block of code that is a complete file."""
+"""Pattern of the mark and the content of a code block that is a complete file."""
 
 FILES_OF = re.compile(r"<!-- files of: ([\w-]+) -->")
-"""Mark of a page that includes the files of another page."""
+"""Pattern of the mark of a page that includes the files of another page."""
 
 NOTEBOOK = re.compile(r"<!-- notebook: ([\w.-]+) -->")
 NOTEBOOKS = files("operator_app") / "manual" / "notebooks"

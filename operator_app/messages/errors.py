@@ -113,7 +113,7 @@ _TRIP_CAUSES: Mapping[int, str] = {
     EmergencyCode.EXCESS_TORQUE: "Find what the joint hit or what overloads it",
     EmergencyCode.SENSOR: "Repair that sensor or its cable",
 }
-"""How to remove the cause of a trip that the emergency code names."""
+"""How to remove the cause of a trip, by the emergency code that names the cause."""
 
 _TRIPS: Mapping[int, str] = {
     EmergencyCode.HEARTBEAT_LOST: "The arm holds. This computer or its bus was blocked: reset (R) and apply the "

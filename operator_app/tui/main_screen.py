@@ -31,7 +31,7 @@ from operator_app.tui.widgets.status import Banner, Log, SafetyStrip
 
 
 def done(step: Step, s: SessionSnapshot) -> bool:
-    """Whether a step is done: the next step is open, in Capture all poses are captured, in Export files are written."""
+    """Whether all poses are captured (step Capture), files are written (Export), or the next step is open (others)."""
     if step is Step.EXPORT:
         return s.written is not None
     if step is Step.RESULTS:
@@ -136,7 +136,7 @@ class StepRow(StepRail, can_focus=False):
 
 
 SELDOM = 4
-"""Panels outside the step's view are updated every this many snapshots, or at once after an important change."""
+"""Panels outside the step's view are updated once in this many snapshots, or at once after an important change."""
 HINT_ROWS, MOST_HINT_ROWS = 2, 4
 """Rows for the next action, and largest number of rows for a long refusal; rows not used belong to the log."""
 VIEWS = (ConnectView, FixtureView, ModesView, CaptureView, CalibrateView, ResultsView, ExportView)

@@ -253,7 +253,7 @@ class ScreenInterface:
     def open(
         self, make: Callable[[], Runner], then: Callable[[], Awaitable[None]] | None = None
     ) -> None:
-        """Switch to another session, in a thread: to end the work of the present one and hold the arm may take time."""
+        """Switch to another session, in a thread, since ending the present one and holding the arm may take time."""
         if self._opening:
             self.refuse("wait: another session is being opened")
             return

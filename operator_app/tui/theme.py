@@ -48,7 +48,7 @@ ASCII = str.maketrans(
         "█": "#", "▁": "_", "▂": "_", "▃": "-", "▄": "-", "▅": "=", "▆": "=", "▇": "#",
     }
 )  # fmt: skip
-"""ASCII replacements of one character each, so that nothing moves. Braille is replaced where it is drawn."""
+"""ASCII replacements of one character each, so that nothing moves. Braille is replaced by the code that draws it."""
 PLUS_MINUS = "±", "+-"
 """The only replacement by two characters: nothing after it is aligned."""
 

@@ -1,12 +1,12 @@
 """Closure gate: whether the loop can close at the current joint readings within the tolerances of the files.
 
-Used while there are too few poses to predict the closure. With S and Q the covariances of the unknowns phi and of the
-readings q, the most probable closure is
+Used while there are too few poses to predict the closure. The most probable closure minimises
 
-    min (phi - phi_0)' S^-1 (phi - phi_0) + (q - reading)' Q^-1 (q - reading),   c(phi, q, u) = 0,
+    (phi - phi_0)' S^-1 (phi - phi_0) + (q - reading)' Q^-1 (q - reading)   subject to   c(phi, q, u) = 0.
 
-computed by Newton's iteration on the reduced equations (`solver.closing`). The minimum is chi2-distributed, with as
-many degrees of freedom as a pose has equations.
+S and Q are the covariances of the unknowns phi and of the readings; u are the unsensed angles. Newton's iteration on
+the reduced equations (`solver.closing`) finds the minimum, which is chi2-distributed with one degree of freedom for
+each equation of the pose.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ UNKNOWN_RAD = math.pi
 class ClosureFit:
     """The most probable closure of the loop at one reading.
 
-    `chi2`: chi2 of the changes of unknowns and readings that close the loop; infinite if it cannot close. `dof`: number
+    `chi2`: chi2 of the changes of unknowns and readings that close the loop; infinite if none close it. `dof`: number
     of equations of the pose minus number of ignored readings. `q_rad`: joint angles (n,) at which the loop closes.
     """
 

@@ -104,8 +104,8 @@ FALSE_REFUSAL_PROBABILITY_KNOWN_ARM = 1e-5
 RESET_PROBABILITY = 1e-2
 """A counter at zero was reset if using its reading raises chi2 by an amount less probable than this.
 
-A joint is at zero by chance in one of 30,000 positions. A joint within ten times that distance of zero is so by chance
-in one of 3,000 positions, and its limit is ten times lower.
+A joint is within `AT_ZERO_COUNTS` counts of zero by chance in one of 30,000 positions. Within k times that distance,
+it is so k times as often; this limit is therefore divided by k.
 """
 
 HOME_AT_ZERO_RAD = float(np.deg2rad(5.0))

@@ -40,10 +40,10 @@ MAX_SAG_RAD = float(np.deg2rad(5.0))
 
 
 def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, float]:
-    """Return the joints (1-based) whose counter is within `MAX_SAG_RAD` of zero, the nearest first.
+    """Return, by joint (1-based), its counter's distance from zero, if within `MAX_SAG_RAD`; the nearest first.
 
-    The value is the reading's distance from zero in units of `AT_ZERO_COUNTS` counts, at least 1. The probability that
-    a joint is that close to zero by chance is proportional to this value.
+    The distance is in units of `AT_ZERO_COUNTS` counts, at least 1. The probability that a joint is that close to zero
+    by chance is proportional to the distance.
     """
     times = {
         j: max(1.0, abs(float(q)) / (AT_ZERO_COUNTS * joint.sensor.resolution_rad))
@@ -86,7 +86,7 @@ INNOVATION_PROBABILITY = 1e-6
 """Probability of refusal by the innovation check; none of 105 arms with three times the specified errors is refused."""
 
 CHI2_RATIO_TO_WORST_POSE = 4.0
-"""Limit of chi2, relative to the largest one of the session's poses: a wrong model raises both."""
+"""Limit of chi2, relative to the largest chi2 among the session's poses; a wrong model raises both."""
 
 SHIFT_RAD = float(np.deg2rad(2.0))
 """Shift of a joint that has to be detectable before the arm moves far."""
@@ -95,7 +95,7 @@ CHI2_RATIO_TO_LIMIT = 2.0
 """A shift is detectable if its expected chi2 is this many times the limit."""
 
 NEAR_ZERO_RATIO = 100.0
-"""Distance from zero, in units of `AT_ZERO_COUNTS`, within which a joint may be named for a closure error.
+"""Distance from zero, in units of `AT_ZERO_COUNTS`, within which a closure error is attributed to a reset counter.
 
 A joint is that close by chance in one of 300 positions.
 """
@@ -187,7 +187,7 @@ class _Closure:
     Attributes
     ----------
     near
-        Innovation of the reading; None for an open arm, or where the poses cannot be fitted.
+        Innovation of the reading; None for an open arm, or if the poses cannot be fitted.
     unresolved_joints
         As in `ClosureResult`.
     probability
@@ -195,7 +195,7 @@ class _Closure:
     closes
         Whether the loop closes at all with these parameters.
     as_predicted
-        Whether neither comparison contradicts the reading.
+        Whether the loop closes, and no available prediction contradicts the reading.
     """
 
     near: Innovation | None
@@ -312,7 +312,7 @@ def _cause_text(near: Innovation | None) -> str:
 
 
 def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConstraint:
-    """Return the fixture with the nominal placement from which `parameters_from_poses` measures the placement."""
+    """Return the fixture with the nominal placement relative to which `parameters_from_poses` states the placement."""
     known = journal_calibration(state)
     fixture = procedure.fixture.fixture
     if isinstance(known, StoredCalibration):

@@ -104,7 +104,7 @@ def _significant_repeat(state: SessionState, procedure: Procedure) -> Repeat | N
 
 
 def _check_target_again(state: SessionState, procedure: Procedure) -> str:
-    """Raise GuardError if the target or the tracker has moved between both readings; return "".
+    """Raise GuardError if the target or the tracker has moved between both readings; else return "".
 
     Compares the target's measured displacement with the one computed from the joint readings; errors of the arm's
     parameters cancel.

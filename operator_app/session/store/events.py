@@ -357,4 +357,4 @@ EVENTS: Mapping[str, Mapping[str, Check]] = {
     "repaired": {"lost": list_of(integer(1)), "original?": text},
     "closed": {"reason?": text},
 }
-"""By event: check of each key that the program reads. "?": the key is optional. Other keys are ignored."""
+"""By event, the check of each key that the program reads. Keys with "?" are optional. Other keys are ignored."""

@@ -29,7 +29,7 @@ MAX_BYTES = 256 * 1024 * 1024
 
 LINE_KEYS = ("seq", "utc", "event", "data", "sum")
 CHECKSUM = re.compile(rb',"sum":"([0-9a-f]{16})"\}')
-"""Checksum at the end of a line."""
+"""Pattern of the checksum at the end of a line."""
 JOURNAL_VERSION = re.compile(r"sarcal/journal/([1-9][0-9]{0,8})")
 BEGINNINGS = (b'{"schema":"sarcal/journal/', b'{"seq":1,"utc":"')
 MAX_CHANGED_BYTES = 3
@@ -267,7 +267,7 @@ def require_own_format(complete: list[bytes], rest: bytes, path: Path) -> None:
 
 
 def _require_version(first: bytes, path: Path) -> None:
-    """Raise JournalForeignError if line 1 states an unknown version, unless its checksum proves this text damaged."""
+    """Raise JournalForeignError if line 1 states an unknown version, unless its checksum fits the known version."""
     match = re.match(rb'\{"schema":"([^"\\]{0,60})"', first)
     split = split_checksum(first)
     if match is None or match[1].decode(errors="replace") == JOURNAL_SCHEMA:
@@ -290,7 +290,7 @@ def _other_version(schema: object) -> tuple[str, str]:
 
 
 def _resembles(first: bytes, begin: bytes, *, torn: bool) -> bool:
-    """Whether `first` begins with `begin` but for at most `MAX_CHANGED_BYTES` bytes; it may be shorter if `torn`."""
+    """Whether `first` starts with `begin` but for up to `MAX_CHANGED_BYTES` bytes; `first` may be shorter if `torn`."""
     begin = begin[: len(first)] if torn else begin
     same = sum(a == b for a, b in zip(first, begin, strict=False))
     return same >= len(begin) - MAX_CHANGED_BYTES

@@ -123,7 +123,7 @@ def parameters_document(
 
 
 def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mapping[str, float]]:
-    """Return shares of variance by identified parameter and source, without lengths corrected only within tolerance."""
+    """Return shares of variance by parameter and source; omits lengths that are corrected only within tolerance."""
     if solution.components is None:
         return {}
     estimate = solution.estimate
@@ -136,7 +136,7 @@ def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mappi
 
 
 def _mounted(model: ClosureModel, state: SessionState) -> tuple[ClosureModel, IntArray]:
-    """Return the loop in the document (of one placement, if there are several), and its columns in the estimate."""
+    """Return the loop of the placement in the document, and the indices of its parameters in the estimate."""
     if isinstance(model, Placements):
         return model.of(_last(model, state))
     return model, np.arange(len(model.parameters))
@@ -179,7 +179,7 @@ def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
 
 
 def _with_measured(table: DhTable, offsets_rad: Mapping[int, float]) -> DhTable:
-    """Return the table with these offsets (rad) of unsensed joints (by number), which were computed from the loops."""
+    """Return the table with theta_off of the unsensed joints replaced by `offsets_rad` (by joint) from the loops."""
     theta_off = np.array(table.theta_off_rad)
     for joint, offset in offsets_rad.items():
         theta_off[joint] = offset
@@ -187,7 +187,7 @@ def _with_measured(table: DhTable, offsets_rad: Mapping[int, float]) -> DhTable:
 
 
 def rvdt_remedy(table: ReadingTable) -> RvdtRemedy:
-    """Return the corrections of a joint in the units of a parameters file (deg)."""
+    """Return the RVDT corrections of a joint in the format of a parameters file (deg)."""
     columns = (table.reading_rad, table.add_rad, table.sigma_rad)
     return RvdtRemedy(
         joint=table.joint,
@@ -211,5 +211,5 @@ def _forced_warning(solution: Solution, reason: str) -> tuple[DocumentWarning, .
 
 
 def _figures(reading: ResidualSigma) -> TwoFigures:
-    """Return both figures of a residual, converted from m to mm or from rad to mrad."""
+    """Return rms and the paper's figure of a residual, converted from m to mm or from rad to mrad."""
     return TwoFigures(rms=1e3 * reading.rms, as_printed=1e3 * reading.as_printed)

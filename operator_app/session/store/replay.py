@@ -220,7 +220,7 @@ def _in_new_placement(state: SessionState, placement: int, *, mounted: bool) -> 
 
 
 def _with_other_poses(state: SessionState, poses: tuple[CapturedPose, ...]) -> SessionState:
-    """Return the state with its poses replaced by `poses`, and without the results, which are from other poses."""
+    """Return the state with `poses` as its poses and without the results, which are from the previous poses."""
     campaign = replace(state.campaign, ended={})
     return replace(state, poses=poses, campaign=campaign, **UNSOLVED)
 

@@ -92,7 +92,7 @@ UNSOLVED: Mapping[str, Any] = {
     "solved_utc": "",
     "exported": {},
 }
-"""Values of the result fields while there are no results, for a changed set of poses."""
+"""Values of the result fields while there are no results, e.g. after the set of poses has changed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -33,7 +33,7 @@ def _ask(
 
 
 def connect(context: ActionContext) -> None:
-    """Connect; in a placement after the first that has no pose yet, ask first whether the fixture is mounted."""
+    """Connect; if this placement is not the first and has no pose yet, ask first whether the fixture is mounted."""
     state, kind, text = context.s.state, TaskKind.CONNECT, "connecting"
     if not state.unconfirmed_placement:
         context.submit(kind, text, lambda o: o.connect())

@@ -81,7 +81,7 @@ def calibrate_ready(s: SessionSnapshot) -> Missing:
 
 
 def results_ready(s: SessionSnapshot) -> Missing:
-    """The Results step needs a calibration from the current poses; a resumed session reads its own when it connects."""
+    """The Results step needs a calibration from the current poses; a resumed session shows it once connected."""
     if s.solution is None and s.state.solved and not s.connected:
         return ("the calibration of this session is shown once the arm is connected (step 1)",)
     if s.solution is None:

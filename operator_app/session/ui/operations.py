@@ -42,7 +42,7 @@ class _Edit:
 
 
 class Operations:
-    """The operations of the seven steps."""
+    """The operations of the seven steps; `results` has the operations of steps 5 to 7."""
 
     def __init__(self, session: Session, publisher: Publisher) -> None:
         self._session = session
@@ -90,7 +90,7 @@ class Operations:
         self.check_fixture()
 
     def check_fixture(self) -> None:
-        """Check the fixture, rank the drive joints, predict the plan."""
+        """Check the fixture, rank the drive joints, predict the poses of the plan."""
         session = self._session
         checks = session.check_fixture()
         q_rad = session.arm.snapshot().positions_rad
@@ -125,7 +125,7 @@ class Operations:
     # -- 3 Modes -----------------------------------------------------------------------------------
 
     def set_modes(self, position_joints: tuple[int, ...]) -> None:
-        """Enable the drives, set the modes and read them back, and predict the plan."""
+        """Enable the drives, set the modes and read them back, and predict the poses of the plan."""
         session = self._session
         session.set_modes(position_joints)
         driven = names(f"J{j}" for j in position_joints)

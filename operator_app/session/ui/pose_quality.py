@@ -49,7 +49,7 @@ class PoseQuality:
         self.best_waypoint: int | None = None
 
     def set_plan(self, plan: tuple[Mapping[int, float], ...], start_rad: FloatArray) -> None:
-        """Set the plan, waypoints (rad, by joint) of a path that starts at `start_rad` (n,), and predict its poses."""
+        """Set the plan: waypoints (rad, by joint) of a path from `start_rad` (n,). Predict its poses."""
         session, model = self._session, self._nominal_loop
         self.plan = plan
         self.forecast = predict(

@@ -44,7 +44,7 @@ class Sessions:
     last
         Folder of the last closed session; None if it was empty and has been removed.
     held
-        Whether that session's arm confirmed that it holds its position; None if no arm was connected.
+        Whether the last closed session's arm confirmed that it holds its position; None if no arm was connected.
     exported
         Whether that session's parameters were written.
     lost

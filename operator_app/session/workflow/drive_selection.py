@@ -1,4 +1,4 @@
-"""Selects the drive joints of a session, captures poses in the box (their allowed angles), moves the arm home.
+"""Selects a session's drive joints, captures poses in the box (the drives' allowed angles), moves the arm home.
 
 Inside the box, the drives move without confirmation. An arm outside the box moves only after confirmation, and only
 straight home, at low speed.
@@ -220,13 +220,13 @@ def verification_waypoints(session: Logbook, poses: int) -> tuple[Mapping[int, f
 
 STARTING_SYNCS = 20
 STANDS_STILL_RAD = float(np.deg2rad(0.2))
-"""A move that ends within `STARTING_SYNCS` this close to its start has not started."""
+"""If a move ends within `STARTING_SYNCS` SYNCs and less than this angle from its start, it has not started."""
 
 
 def reach(
     session: Session, targets_rad: Mapping[int, float], *, speed_rad_per_s: float | None = None
 ) -> MoveResult:
-    """Move to these angles (rad) or, if stopped on the way, back; raises GuardError if overload prevents the start."""
+    """Move to these angles (rad); if stopped on the way, go back. Raises GuardError if overload prevents the start."""
     before = session.arm.snapshot().positions_rad
     outcome = session.go_to(targets_rad, speed_rad_per_s=speed_rad_per_s)
     if not outcome.reached:

@@ -47,9 +47,9 @@ PLANNED_POSES = 12
 class Choices:
     """The operator's options, which override the procedure file; None: as in the file.
 
-    `interface`, `channel` and `bitrate` are the bus, `profile` its bus profile; `scenario` and `seed` the virtual arm;
-    `tracker` the port of the instrument; `placements` the number of mountings of the fixture; `operator` the name of
-    the operator.
+    `interface`, `channel` and `bitrate` select the bus, `profile` selects its bus profile, `scenario` and `seed` select
+    the virtual arm. `tracker`: port of the instrument. `placements`: number of mountings of the fixture. `operator`:
+    the operator's name.
     """
 
     poses: int | None = None

@@ -255,7 +255,7 @@ class PoseReader:
     def endpoint(
         self, what: str, reading: Reading, cancelled: Callable[[], bool]
     ) -> FloatArray | None:
-        """Return the endpoint (3,) or (6,), m and rad, measured at this reading; None without an instrument.
+        """Return the endpoint (3,) or (6,), m and rad, measured at the pose of `reading`; None without an instrument.
 
         `what` is the name of the pose. Raises Cancelled, or GuardError if the arm moves meanwhile.
         """

@@ -67,7 +67,7 @@ class PlanPanel(Lines):
 
 
 def _whole(pairs: Sequence[Sequence[Line]], room: int) -> list[Line]:
-    """Return the lines of as many drive pairs as fit into `room` rows, and a line with the number of pairs left out."""
+    """Return the lines of as many sets of drive joints as fit into `room` rows; a last line counts the omitted sets."""
     rows = [row for pair in pairs for row in pair]
     if len(rows) <= room:
         return rows

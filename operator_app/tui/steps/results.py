@@ -79,7 +79,7 @@ class VerdictPanel(Lines):
 
 
 def _hand(solution: Solution, width: int) -> list[Line]:
-    """Return a line with the tool accuracy, rms over the ranges of all joints; empty without an accuracy."""
+    """Return a line with the tool accuracy, rms over the ranges of all joints; empty if it was not computed."""
     if solution.accuracy is None:
         return []
     before, after = (
@@ -124,12 +124,12 @@ class ResultsPlot(Lines):
     page = 0
     count = 1
     words_from = 1
-    """First page of text and tables, which need the whole width."""
+    """Index of the first page with text or a table; these pages need the whole width."""
     framed = True
     """Whether the frame shows the title; without a frame the title is the first line."""
 
     def count_pages(self, s: SessionSnapshot) -> None:
-        """Update the number of pages: residuals, one RVDT each, warnings, the table of joints and other tables."""
+        """Update the number of pages: one of residuals, one for each RVDT, one of warnings, and one for each table."""
         facts = facts_on(s)
         if s.solution is not None and facts is not None:
             self.words_from = 1 + len(s.solution.rvdt)

@@ -66,7 +66,7 @@ class TablePanel(ListPanel):
     MARKS = False
 
     def table(self, s: SessionSnapshot) -> FactTable | None:
-        """Return the table to show, or None."""
+        """Return the table to show; None if there is no table."""
         return None
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
@@ -89,7 +89,7 @@ class TablePanel(ListPanel):
 
 
 NEAR_END = 0.04
-"""Part of a joint's range, at each end, in which the joint is marked as near its limit."""
+"""A joint is marked as near its limit within this fraction of its range from either end."""
 
 _DRIVES = {
     DriveState.OPERATION_ENABLED: "ok",

@@ -22,7 +22,7 @@ from solver.loops.closure import ClosureModel
 LABEL = 9
 """Width in cells of the vertical axis and its numbers."""
 SERIES_ROLES = {"a": "text", "b": "accent", "c": "warn", "d": "dim"}
-"""Colour roles of lines and marks, by class."""
+"""Colour roles of lines and marks, by the class of a plot's layer (`class_`)."""
 
 
 def plot(of: Picture, width: int, height: int, *, ascii_only: bool) -> list[Line]:
@@ -205,7 +205,7 @@ class ArmView(Lines):
 
 
 def _next(model: ClosureModel, x: FloatArray, s: SessionSnapshot) -> tuple[FloatArray, ...]:
-    """Return the points (k, 3), m, of the chain at the next pose and, in a planned move, those of the tool's path."""
+    """Return the chain (k, 3), m, at the next pose and, in a planned move, the tool's path (p, 3), m; () if unknown."""
     if s.heading is not None:
         way = s.heading.trace_rad
         if way is None:

@@ -171,7 +171,7 @@ MARKS = {Level.INFO: ("", "dim"), Level.WARNING: ("▲ ", "warn"), Level.ALARM: 
 class Log(Lines, can_focus=False):
     """The newest alarm in full, then the latest messages, newest first.
 
-    The newest message is always shown, older ones where they fit.
+    The newest message is always shown, older messages if they fit.
     """
 
     alarm: ShownAlarm | None = None

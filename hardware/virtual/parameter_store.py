@@ -26,7 +26,7 @@ _FILE: Final = {Slot.A: "slot_a", Slot.B: "slot_b"}
 _MAGIC: Final = b"sarcal slot 1 "
 _TEMPORARY: Final = ".new"
 _LONGEST: Final = 1 << 20
-"""Bytes read: four times the longest document that a supervisor accepts."""
+"""Largest number of bytes read from a file: four times the longest document that a supervisor accepts."""
 
 
 class Disk:

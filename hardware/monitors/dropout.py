@@ -138,7 +138,7 @@ class DropoutMonitor:
 
 
 def _priority(dropout: Dropout) -> int:
-    """Return how likely a dropout is the cause of others, 0 the likeliest: a drive in fault stops its neighbours."""
+    """Return the rank of a dropout as likely cause of the others, 0 first: a drive in fault stops its neighbours."""
     if dropout.state in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE):
         return 0
     return 2 if dropout.state is DriveState.QUICK_STOP_ACTIVE else 1

@@ -103,7 +103,7 @@ class AxisSettings:
 
 
 def joint_scale(joint: Joint) -> JointScale:
-    """Return the scale of a joint's sensor; `ValueError` if it has none."""
+    """Return the scale of a joint's sensor; `ValueError` if the joint has none."""
     match joint.sensor:
         case Encoder() as encoder:
             return JointScale(counts_per_rad=encoder.counts_per_rev / (2.0 * math.pi))

@@ -88,7 +88,7 @@ class Scenario:
     noise
         Whether sensors have the noise of their description.
     linearity_of_full_scale
-        Peak linearity deviation of every RVDT, fraction of full scale; 0 for none.
+        Peak linearity deviation of every RVDT, fraction of full scale; 0 for no deviation.
     lengths
         Smallest and largest magnitude of the errors of the fixed lengths, m, of either sign; None for no errors.
     placement

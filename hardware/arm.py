@@ -73,8 +73,8 @@ class ArmIdentity:
     unwatching
         Joints whose drives do not report that they monitor the operator's heartbeat.
     configured, zeroed
-        Sentences on all that was written into drives; `zeroed` has only the sentences on torques and offsets set to 0,
-        whose former values a communication reset may not restore.
+        Sentences on what was written into drives: `configured` has all, `zeroed` only those on torques and offsets set
+        to 0, whose former values a communication reset may not restore.
     keeps_parameters
         Whether a controller stores a parameter document; if not, nothing is uploaded.
     """
@@ -101,7 +101,7 @@ class ArmIdentity:
 class Fault:
     """An emergency message; `joint` is None for the supervisor.
 
-    Code 0: a drive left *operation enabled* or stopped following its target without an emergency message.
+    Code 0 stands for a missing message: a drive left *operation enabled* or stopped following its target silently.
     """
 
     node: int
@@ -137,7 +137,7 @@ class HostLatency:
     longest_s: float = 0.0
 
     def with_event(self, by_s: float, *, new: bool) -> HostLatency:
-        """Return a copy with one more latency, of `by_s`, if `new`; otherwise with the last one extended to `by_s`."""
+        """Return a copy with one more latency of `by_s` if `new`, else with the last latency extended to `by_s`."""
         last_s = by_s if new else max(by_s, self.last_s)
         return HostLatency(
             times=self.times + new, last_s=last_s, longest_s=max(last_s, self.longest_s)
@@ -257,7 +257,7 @@ class ArmInterface(Protocol):
         """Average `samples` samples, each latched on one SYNC."""
 
     def hold(self) -> None:
-        """Put all joints into position mode at their measured positions."""
+        """Put all joints into position mode; joints that were free hold their measured positions."""
 
     def stop(self) -> None:
         """Send quick stop to all drives and latch STOP; waits for no lock and no queue."""

@@ -8,7 +8,7 @@ from enum import Enum
 
 
 class HardwareError(Exception):
-    """Base of all errors between the operator and the arm.
+    """Base class of all errors of the arm, its bus and its instrument.
 
     `kept_writes`: sentences on what was written into drives before the error and was not undone.
     """

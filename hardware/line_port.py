@@ -29,9 +29,9 @@ LONGEST = 64 * 1024
 CHUNK_BYTES = 64 * 1024
 """Bytes read at once."""
 KEPT_BYTES = 1024 * 1024
-"""Most bytes that are buffered; if more arrive unread, all are dropped."""
+"""Largest number of bytes that are buffered; if more arrive unread, all are dropped."""
 IN_TRANSIT = 16 * 1024 * 1024
-"""More bytes than a connection can buffer: bytes beyond these were sent after the question."""
+"""Upper bound of the bytes that a connection buffers; bytes beyond that were sent after the question."""
 
 
 class LineStream:
@@ -57,7 +57,7 @@ class LineStream:
             self._drop()
 
     def line(self, wait_s: float, name: str) -> str | None:
-        """Return the next whole line; None on time-out; at the end, `EOFError` whose text is the last line dropped."""
+        """Return the next whole line; None on time-out; at end of file, `EOFError` with the last discarded line."""
         with self._news:
             self._news.wait_for(
                 lambda: self._ended or self._unended >= LONGEST or b"\n" in self._came, wait_s

@@ -198,7 +198,7 @@ class OutsideArm:
         return reading
 
     def hold(self) -> None:
-        """Put all joints into position mode at their current positions."""
+        """Put all joints into position mode (`ArmInterface.hold`); raises `StopLatched` if STOP is latched."""
         self._require_no_stop()
         with self._repeated_stop(), self._translated_errors():
             self._connected.hold()

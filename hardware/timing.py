@@ -129,9 +129,9 @@ class LatencyMonitor:
     """Accumulates host latency; the receiving thread calls it for every poll of the bus.
 
     On a busy computer the receiving thread may be suspended for a second while frames wait in a queue. That time does
-    not count as silence of the arm, and a frame's age counts from its arrival, as stamped on the stamping clock. Since
-    that clock may be set, no frame counts as older than the last moment at which the queue was empty. A frame without
-    a usable stamp counts as having arrived when it is read.
+    not count as silence of the arm, and a frame's age counts from its arrival, as stamped by the stamping clock. That
+    clock may be stepped during operation, so a frame's age is limited to the time since the queue was last empty. A
+    frame without a usable stamp counts as having arrived when it is read.
 
     Parameters
     ----------

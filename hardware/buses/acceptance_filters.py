@@ -1,7 +1,7 @@
 """Acceptance filters of both ends of an arm's bus.
 
-Adapters, kernels and the loopback bus drop frames that no filter passes, so that such frames wake no process. Where
-nothing can filter, every frame is received, and unknown frames are ignored.
+Adapters, kernels and the loopback bus drop frames that no filter passes, so that such frames wake no process. If
+none of these can filter, every frame is received, and unknown frames are ignored.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ def set_hardware_filters(bus: can.BusABC, filters: list[CanFilter]) -> None:
 
     python-can's own software filter is used on the in-process bus only: its non-waiting `recv` returns None for a
     dropped frame, so a reader that empties the queue would stop while answers are left (the in-process bus has no
-    such readers). Adapters with room for fewer filters (Kvaser, SYSTEC and Vector: one) fall back to python-can's
-    filter, as `_is_filtered` then shows; their filters are removed again.
+    such readers). For adapters with room for fewer filters (Kvaser, SYSTEC and Vector: one), python-can falls back to
+    its software filter (`_is_filtered` is then false); these filters are removed again.
     """
     if isinstance(bus, VirtualBus):
         bus.set_filters(filters)

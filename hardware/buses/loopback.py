@@ -219,7 +219,7 @@ class LoopbackBus(can.BusABC):
         return message, False
 
     def _apply_filters(self, filters: CanFilters | None) -> None:
-        """Have the kernel filter; if it cannot, python-can does."""
+        """Have the kernel filter frames; if it cannot, python-can filters them."""
         self._is_filtered = False  # read by python-can
         if not _IS_LINUX:
             return
@@ -285,7 +285,7 @@ def enlarge_receive_buffer(receiver: socket.socket) -> None:
 
 
 def _receiving_socket(group: str | None) -> socket.socket:
-    """Open a socket that receives `group` on the loopback interface only, or that receives nothing if None."""
+    """Open a socket that receives `group` on the loopback interface only, or nothing if `group` is None."""
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         made.setblocking(False)

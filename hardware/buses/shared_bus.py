@@ -128,7 +128,7 @@ def _unused(path: Path) -> Path:
 
 
 _MAX_SKIPPED = 200
-"""Consecutive frames of other kinds after which `receive` returns."""
+"""Consecutive frames, other than data frames with a standard identifier, after which `receive` returns None."""
 _RECORDER_POLL_S = 0.05
 QUEUE_FULL_PAUSE_S = 0.0005
 """Pause before sending again: a queue of ten frames at 1 Mbit/s has room again after 0.13 ms."""

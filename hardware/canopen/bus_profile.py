@@ -86,7 +86,7 @@ class BusProfile:
     mode_codes
         Value of 6060h for each joint mode.
     configures_pdos
-        Whether a drive's PDOs that differ are rewritten at every connection; if not, such a drive is refused.
+        Whether PDOs that differ from the profile are rewritten at every connection; if not, the drive is refused.
     compared
         Objects that are compared with the arm file.
     slowest_heartbeat_ms
@@ -130,7 +130,7 @@ class BusProfile:
         return device_type & self.device_type_mask == self.device_type & self.device_type_mask
 
     def mode_of(self, code: int) -> JointMode | None:
-        """Return the joint mode of a 6061h value; None for neither position nor free."""
+        """Return the joint mode of a 6061h value; None if it is neither position nor free."""
         return next((mode for mode, known in self.mode_codes.items() if known == code), None)
 
     def who(self, node: int) -> str:

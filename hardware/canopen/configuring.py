@@ -56,7 +56,7 @@ _ADDED_OBJECTS: Final = (TARGET_TORQUE, TORQUE_OFFSET, POSITION_OFFSET)
 
 
 ObjectWrite = tuple[int, int, int, int, str]
-"""Index, sub-index, value, size in bytes, and the requirement as text, to end the message if the drive refuses."""
+"""Index, sub-index, value, size in bytes, and the requirement, as text for the error if the drive refuses."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -146,7 +146,7 @@ def _unsupported_modes(
 
 
 def operator_timeout_s(access: ObjectAccess, node: int) -> float | None:
-    """Read after what silence of node 127 a drive stops by itself (1016h), s; None if it does not monitor that node."""
+    """Read the silence of node 127, s, after which a drive stops (1016h); None if the drive does not monitor it."""
     for entry in _heartbeat_consumers(access, node) or ():
         if entry >> 16 & 0x7F == objects.OPERATOR_NODE and entry & 0xFFFF:
             return (entry & 0xFFFF) * 1e-3
@@ -201,7 +201,7 @@ def check_operator_monitoring(access: ObjectAccess, profile: BusProfile) -> tupl
 def operator_monitoring_differences(
     access: ObjectAccess, node: int
 ) -> tuple[ObjectMismatch, ...] | None:
-    """Return what keeps a drive from monitoring the operator's heartbeat (1016h); None if it has no 1016h."""
+    """Return what keeps a drive from monitoring the operator's heartbeat; empty if nothing; None without 1016h."""
     watched = _heartbeat_consumers(access, node)
     if watched is None:
         return None

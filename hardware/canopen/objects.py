@@ -88,7 +88,7 @@ DEVICE_TYPE: Final = 0x1000
 ERROR_REGISTER: Final = 0x1001
 ERROR_FIELD: Final = 0x1003
 ERROR_HISTORY: Final = 8
-"""Entries of 1003h."""
+"""Number of errors that 1003h can hold."""
 SYNC_COB_ID: Final = 0x1005
 DEVICE_NAME: Final = 0x1008
 HARDWARE_VERSION: Final = 0x1009
@@ -149,8 +149,8 @@ SENSOR_BITS: Final = 3
 
 # ---- manufacturer-specific objects, supervisor -------------------------------------------------
 DOCUMENT: Final = 0x2000
-"""DOMAIN. Reads the document written last until it is committed, dropped or refused, then the active one;
-without either, reading aborts with 08000024h (no data)."""
+"""DOMAIN. Reading gives the document written last until that is committed, dropped or refused, then the active
+document; if there is neither, reading aborts with 08000024h (no data)."""
 DIGEST: Final = 0x2001
 """Digest of 2000h, computed by the supervisor: sub 1 SHA-256 (32 bytes), sub 2 length."""
 DIGEST_SHA256: Final = 1
@@ -166,8 +166,8 @@ SLOTS_STAGED: Final = 4
 REFUSAL: Final = 0x2004
 """Text of the last refusal; aborts with 08000024h if there is none."""
 TOKEN: Final = 0x2010
-"""Node in control, 0 = free. Writing a node number takes control (its heartbeat must be heard, and no other
-node be in control), writing 0 releases it. Control lapses when the holder's heartbeat is lost."""
+"""Node in control, 0 = free. Writing a node number takes control if that node's heartbeat is heard and no other
+node is in control; writing 0 releases control. Control lapses when the holder's heartbeat is lost."""
 ARM: Final = 0x2020
 """The arm: sub 1 model, sub 2 serial number (both text), sub 3 number of joints."""
 ARM_MODEL: Final = 1

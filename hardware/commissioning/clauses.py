@@ -265,7 +265,7 @@ def resets_unmoved(arm: ArmInterface, before: FloatArray, bounds: Bounds) -> Ite
 
 
 def leaves_and_returns(arm: ArmInterface, identity: ArmIdentity) -> Iterator[Clause]:
-    """Check that an arm can be closed twice, then refuses a snapshot, and reconnects as the same arm, drives off."""
+    """Check that an arm can be closed twice, then refuses a snapshot and reconnects as the same arm with drives off."""
     results = [arm.close(), arm.close()]
     yield Clause(
         name="closes",

@@ -62,7 +62,7 @@ class FoundNode:
     position_counts
         6064h of a drive.
     problems, unread, notes
-        Differences from the profile; why reading the node stopped early, if it did (also in `problems`); remarks.
+        Differences from the profile; reason if reading stopped early (also in `problems`), otherwise empty; remarks.
     pdos, widths
         PDOs of a drive, and the width in bits of each object that its PDOs must carry.
     described

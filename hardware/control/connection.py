@@ -57,7 +57,7 @@ class Connection:
     rated_torques_nm
         Torques of joints 1..n at 1000 per mille in 6077h, N m.
     modes
-        6061h of each drive as last read; None for neither position nor free.
+        6061h of each drive as last read; None if it is neither position nor free.
     token
         Holder of the control token as last read or written; OPERATOR_NODE may also mean an earlier operator.
     in_control, took_control

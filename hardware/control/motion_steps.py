@@ -63,7 +63,7 @@ def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
 
 
 def first_complete_sample(loop: ControlLoop) -> Generator[Setpoints | None, Sample, Sample]:
-    """Exchange SYNCs without commands until a sample is complete, but at least two; return that sample."""
+    """Exchange at least two SYNCs without commands, until a sample is complete; return that sample."""
     sample = loop.sample
     for syncs in range(INCOMPLETE_SYNCS):
         sample = yield None
@@ -258,7 +258,7 @@ def _last_commands(loop: ControlLoop) -> Setpoints:
 
 
 def _higher_priority(alarm: HardwareError | None, ending: Exception | None) -> Exception | None:
-    """Return the error that ends a move: the earlier one, `ending`, unless `alarm` is STOP, a trip or its cause."""
+    """Return `ending`, the earlier error of a move; but `alarm` if it is STOP or the cause of `ending`."""
     if ending is None or isinstance(alarm, Stopped):
         return alarm
     # The first sign of a trip or a lost node is often that its drive, or a neighbour's, is not enabled.

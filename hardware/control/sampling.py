@@ -56,7 +56,7 @@ class CommandSender:
         self._sent: list[Setpoint | None] = [None] * len(self._frames)
 
     def send(self, commands: Setpoints, sync_count: int, *, moving: bool) -> None:
-        """Send changed commands and, in case a frame was lost, one joint's unchanged command (each joint in turn)."""
+        """Send changed commands, and repeat one joint's command (each joint in turn) in case a frame was lost."""
         repeated = sync_count % len(self._frames)
         dropout = self._watch.dropout
         for joint, joint_command in enumerate(commands):
@@ -131,7 +131,7 @@ class Sampler:
     waiting
         Number of joints whose answer to the current SYNC is still expected.
     answered_late
-        Whether a joint answered after the previous sample was closed, which may hold an answer to an earlier SYNC.
+        Whether a joint answered after the previous sample closed; that sample may hold an answer to an earlier SYNC.
     """
 
     def __init__(self, frames: Sequence[JointFrames], *, max_misses: int, now_s: float) -> None:

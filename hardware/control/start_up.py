@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 MARGIN: Final = 1.5
 """Factor on a stated time-out, for reaction time and late answers."""
 POLLS: Final = 10
-"""Readings of the drives' states within the time-out."""
+"""How many times the drives' states are read within `Timing.operator_timeout_s`."""
 
 _Object = tuple[int, int]
 """Node and index."""
@@ -163,7 +163,7 @@ class StartUp:
             The holder of the token is heard.
         ArmInUse
             A drive stays enabled beyond its time-out, or is stopped while the token is still held. If the token is
-            free, a stopped drive does not raise it: no operator uses that drive, and connecting enables nothing.
+            free, a stopped drive is accepted: no operator uses that drive, and connecting enables nothing.
         """
         access, profile, timeout_s = self._access, self._profile, self._timing.operator_timeout_s
         statuswords = [(node, objects.STATUSWORD) for node in profile.drives]
@@ -247,7 +247,7 @@ class StartUp:
         return unwatching
 
     def _raise_if_cancelled(self) -> None:
-        """Raise if STOP was pressed since the start, or the control loop has ended."""
+        """Raise if STOP was pressed since the start-up began, or the control loop has ended."""
         failure = self._loop.failure
         if failure is not None:
             raise failure

@@ -27,8 +27,8 @@ from hardware.canopen.objects import CYCLIC_POSITION
 CONFIRMED_SYNCS: Final = 10
 """After a drive has answered this many times as commanded, no answer from before the command can still arrive."""
 DROPOUT_SYNCS: Final = 2
-"""Consecutive *disabled* answers that count as a dropout, before `CONFIRMED_SYNCS`; meanwhile the joint gets no
-command."""
+"""Consecutive *disabled* answers that count as a dropout of a drive enabled for fewer than `CONFIRMED_SYNCS`; meanwhile
+the joint gets no command. After more SYNCs, one such answer counts."""
 NOT_FOLLOWING_SYNCS: Final = 50
 """0.5 s without bit 12: longer than a mode change, during which a drive may set or clear that bit."""
 
@@ -48,7 +48,7 @@ class Dropout:
 
     @property
     def controlword(self) -> int:
-        """Controlword that does not enable the drive: quick stop if the drive may hold, otherwise disable voltage."""
+        """Controlword that does not enable the drive: quick stop if the drive holds, otherwise disable voltage."""
         holds = self.not_following or self.state is DriveState.QUICK_STOP_ACTIVE
         return CONTROLWORD_QUICK_STOP if holds else CONTROLWORD_DISABLE_VOLTAGE
 
@@ -138,7 +138,7 @@ class DropoutMonitor:
 
 
 def _priority(dropout: Dropout) -> int:
-    """Return how likely a dropout is the cause of others, 0 the likeliest: a drive in fault stops its neighbours."""
+    """Return the rank of a dropout as likely cause of the others, 0 first: a drive in fault stops its neighbours."""
     if dropout.state in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE):
         return 0
     return 2 if dropout.state is DriveState.QUICK_STOP_ACTIVE else 1

@@ -39,7 +39,7 @@ class Divergence:
 class FollowingMonitor:
     """Compares samples with commands; `windows_counts`, if not empty, limits each joint's distance from its target.
 
-    `divergences`: those of all joints at the last sample.
+    `divergences`: one for each diverged joint, as of the last sample.
     """
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
@@ -54,7 +54,7 @@ class FollowingMonitor:
         self._stretch_syncs = 0
 
     def update(self, sample: Sample, commands: Setpoints | None) -> Divergence | None:
-        """Take in a sample and the commands before it; return the divergence of the first joint, None if all follow."""
+        """Take in a sample and the commands sent before it; return the first divergence, None if all joints follow."""
         self.divergences = () if commands is None else tuple(self._find(sample, commands))
         return next(iter(self.divergences), None)
 
@@ -128,7 +128,7 @@ class StandstillMonitor:
     does not know, so the reference is the position where the joint came to rest. A drive that is without power after a
     quick stop (605Ah below 5) reports that in its state and is not checked, nor is a joint in free mode.
 
-    `divergences`: those of all joints that move at the last sample.
+    `divergences`: one for each joint that moved away, as of the last sample.
     """
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:

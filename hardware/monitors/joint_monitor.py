@@ -35,9 +35,9 @@ from hardware.monitors.node_monitor import NodeMonitor
 WINDOW_SAMPLES = 6
 """Consecutive samples used; the increment tested is the middle one."""
 ENCODER_COUNTS = 4.0
-"""Threshold at rest. Rounding of six readings gives at most two counts."""
+"""Jump threshold at rest. Rounding of the six readings gives less than three counts."""
 RVDT_COUNTS = 64.0
-"""Threshold at rest: 12 times the noise (two converter steps), 1.9 deg for 12 bits over 120 deg."""
+"""Jump threshold at rest, 1.9 deg for 12 bits over 120 deg: 12 sigma if readings have noise of two counts."""
 COUPLED_FRACTION, COUPLED_NOISE = 0.1, 0.6
 """A real jerk moves another joint by more than COUPLED_FRACTION of the jump plus COUPLED_NOISE of that joint's
 threshold."""

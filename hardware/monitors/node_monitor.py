@@ -21,7 +21,7 @@ from hardware.canopen.objects import NmtCommand, NmtState, emergency_text, node_
 _RPDOS: Final = tuple(objects.COB_RPDO1 + at * objects.COB_NEXT_PDO for at in range(4))
 """Base identifiers of RPDO1..4 in CiA 301's predefined connection set."""
 _WRITES: Final = {1: True, 2: False, 5: False, 6: True}
-"""Whether an SDO client command specifier (download, upload, block upload, block download) writes."""
+"""SDO client command specifiers (download, upload, block upload, block download), and whether they write."""
 _CONTINUED_BLOCK: Final = {5: 0x03, 6: 0x01}
 """Subcommand bits of a block transfer that is already running."""
 

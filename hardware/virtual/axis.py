@@ -37,7 +37,7 @@ class PlantReading:
 
 
 FOLLOWING_WINDOW_RAD = math.radians(3.0)
-"""Wider than any servo deflection below the torque trip: only a failed sensor exceeds it."""
+"""Following error window: wider than any servo deflection below the torque trip; only a failed sensor exceeds it."""
 HOME_OFFSET_LIMIT_RAD = math.pi
 _LARGEST_U32 = 2**32 - 1
 _MILLIONTHS = 1_000_000
@@ -103,7 +103,7 @@ class AxisSettings:
 
 
 def joint_scale(joint: Joint) -> JointScale:
-    """Return the scale of a joint's sensor; `ValueError` if it has none."""
+    """Return the scale of a joint's sensor; `ValueError` if the joint has none."""
     match joint.sensor:
         case Encoder() as encoder:
             return JointScale(counts_per_rad=encoder.counts_per_rev / (2.0 * math.pi))

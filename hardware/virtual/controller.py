@@ -4,8 +4,8 @@ One thread receives, steps the plant, answers, monitors the operator's heartbeat
 stop if this thread hangs. A second thread checks parameter documents and writes them to disk.
 
 If operator and arm are in one process, the operator's thread handles the frames while it waits for an answer
-(`VirtualController.attend`), which halves the time. The heartbeat of an operator with the control token is monitored;
-when the heartbeat is lost, all drives hold and raise 8130h, and the token lapses.
+(`VirtualController.attend`), which halves the time per frame. The heartbeat of an operator with the control token is
+monitored; when the heartbeat is lost, all drives hold and raise 8130h, and the token lapses.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ LATE_S = (0.005, 0.05)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameFaults:
-    """For each fault, the fraction (0 to 1) of frames that have it; `babble`: foreign frames sent after every frame."""
+    """Fraction (0 to 1) of frames that have each fault; `babble`: number of foreign frames sent after every frame."""
 
     lost: float = 0.0
     doubled: float = 0.0
@@ -81,7 +81,7 @@ class FaultyWire:
 
 
 DIVERGENCE_STEP_COUNTS, DIVERGENCE_COUNTS = 20, 5556
-"""Growth per control period, and final value: 5 deg of an encoder with 400,000 counts."""
+"""Growth of a divergence per control period, and its final value: 5 deg of an encoder with 400,000 counts."""
 
 
 @dataclass(slots=True)
@@ -97,7 +97,7 @@ class Disturbances:
     lost_tpdos, doubled_tpdos
         Number of TPDO1 that a joint will still lose; joints that answer every SYNC twice.
     frozen_counts, lost_counts, ripple_counts
-        Sensor readings: fixed value, offset (the drive follows it), added noise (one standard deviation).
+        Fixed reading of a sensor, offset of its readings (the drive follows it), standard deviation of added noise.
     diverged_counts
         Distance of a joint from its drive's target, which grows every control period.
     blocked, sagging

@@ -122,7 +122,7 @@ class Drive:
     # ---- events ----------------------------------------------------------------------------------
 
     def quick_stop(self) -> None:
-        """Stop and hold, if enabled, although no controlword commands it."""
+        """Stop and hold, if enabled, without a controlword."""
         after = cia402.after_event(self.state, DriveEvent.QUICK_STOP)
         if after is not self.state:
             self.state = after

@@ -15,7 +15,7 @@ from hardware.buses.python_can import BusOpeners
 from hardware.virtual.controller import VirtualController
 
 _SENT = can.Message()
-"""Wakes a waiting reader: a frame was sent, and the arm may have an answer."""
+"""Put into a queue to wake a waiting reader, after a frame was sent that the arm may answer."""
 
 
 class EmbeddedBus(VirtualBus):

@@ -86,8 +86,8 @@ _DIVERGED = (
     "reset (R, or `sarcal reset`) and go on: the first pose is measured again before anything else."
 )
 _COUNT_LOSS = ("joint {joint} jumped", "joint {joint} has shifted by")
-"""The second text appears when the first pose is repeated: in position mode the drive moves the joint by the lost
-counts."""
+"""Messages on lost counts. The second appears when the first pose is repeated: in position mode the drive moves the
+joint by the lost counts."""
 _COUNT_LOSS_KEPT = (
     f"{ALL_POSES}; if a joint in position mode is reported when the first pose is repeated, none since then "
     "(for a degree: at the next pose, from the 11th on; for less: at the end, and the verdict refuses to mix them)"

@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from hardware.virtual.controller import VirtualController
 
 RIPPLE_COUNTS = 10.0
-"""Standard deviation of the noise of fault ``ripple``: ten times that of an RVDT's converter."""
+"""Standard deviation of the noise of fault ``ripple``: five times that of an RVDT of the paper's arm."""
 SLOW_HEARTBEAT_S = 5.0
 MISSED_ANSWERS = 10
 SLIP_M = 1e-3
 
 FaultAction = Callable[["VirtualController", int], object]
-"""Function that injects a fault into the controller; for a fault of one joint, the number is the joint's."""
+"""Function that injects a fault into the controller; only faults of one joint use the joint number."""
 
 
 def inject(arm: VirtualController, kind: str, joint: int) -> None:

@@ -26,7 +26,7 @@ _FILE: Final = {Slot.A: "slot_a", Slot.B: "slot_b"}
 _MAGIC: Final = b"sarcal slot 1 "
 _TEMPORARY: Final = ".new"
 _LONGEST: Final = 1 << 20
-"""Bytes read: four times the longest document that a supervisor accepts."""
+"""Largest number of bytes read from a file: four times the longest document that a supervisor accepts."""
 
 
 class Disk:
@@ -36,7 +36,7 @@ class Disk:
         self.files: dict[str, bytes] = {}
 
     def read(self, name: str) -> bytes | None:
-        """Return the content of a file; None if there is none."""
+        """Return the content of a file; None if the file does not exist."""
         return self.files.get(name)
 
     def write(self, name: str, data: bytes) -> None:
@@ -57,7 +57,7 @@ class FolderDisk(Disk):
         tempfile.TemporaryFile(dir=folder).close()
 
     def read(self, name: str) -> bytes | None:
-        """Return the content of a file, at most 1 MiB; None if there is none."""
+        """Return the content of a file, at most 1 MiB; None if the file does not exist."""
         try:
             descriptor = self._descriptor(name, os.O_RDONLY)
         except FileNotFoundError:

@@ -52,7 +52,7 @@ PAPER_TORQUE_NM = 100.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loads:
-    """Stiffness of the fixture and the loads on it.
+    """Stiffness of the fixture, and the loads on the arm.
 
     Attributes
     ----------
@@ -242,7 +242,7 @@ class Plant:
         self._angles = angles
 
     def _rub(self, increment: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return (n + 1,) dry friction (N m), elastic before it slides, and its derivative by `increment` (N m/rad)."""
+        """Return dry friction (n + 1,), N m, elastic until sliding, and its derivative by `increment`, N m/rad."""
         deflection = (self._bristle + increment) / PRESLIDING_RAD
         slope = np.where(np.abs(deflection) < 1.0, self._friction / PRESLIDING_RAD, 0.0)
         return self._friction * np.clip(deflection, -1.0, 1.0), slope
@@ -261,7 +261,7 @@ class Plant:
 
 
 def _gravity_levers(loads: Loads) -> tuple[FloatArray, FloatArray]:
-    """Return signed masses (n, n + 2) that joints 1..n carry at origins -1..n, and G (3, 3): ``p x g = p @ G``."""
+    """Return signed masses (n, n + 2), kg, that joints 1..n carry at origins -1..n; G (3, 3) with ``p x g = p @ G``."""
     mass, g = loads.payload_kg, GRAVITY_M_PER_S2 * loads.down
     n = len(mass)
     lever = np.zeros((n, n + 2))

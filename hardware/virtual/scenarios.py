@@ -88,7 +88,7 @@ class Scenario:
     noise
         Whether sensors have the noise of their description.
     linearity_of_full_scale
-        Peak linearity deviation of every RVDT, fraction of full scale; 0 for none.
+        Peak linearity deviation of every RVDT, fraction of full scale; 0 for no deviation.
     lengths
         Smallest and largest magnitude of the errors of the fixed lengths, m, of either sign; None for no errors.
     placement
@@ -205,7 +205,7 @@ def scenario(name: str, seed: int = 0) -> Scenario:
 
 
 def scenario_of(name: str, seed: int, stated: SpecimenFiles, placement: int = 1) -> Scenario:
-    """Return a scenario for an arm and a fixture: the paper's own if the files allow it.
+    """Return a scenario for an arm and a fixture: that of `scenario` if the files allow the paper's arm.
 
     Otherwise the truth is drawn by seed within the tolerances of the files, including (except in ``exact``) lengths and
     twists that the calibration does not identify. From the second `placement` on, the fixture is drawn again and the

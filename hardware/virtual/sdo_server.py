@@ -22,7 +22,7 @@ _HEAD: Final = struct.Struct("<BHB")
 _ABORT: Final = struct.Struct("<BHBI")
 _SIZE: Final = struct.Struct("<I")
 LONGEST_DOCUMENT: Final = 256 * 1024
-"""Most bytes that a client may send in one transfer."""
+"""Largest number of bytes that a client may send in one transfer."""
 
 
 class _Ask(IntEnum):

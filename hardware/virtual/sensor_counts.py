@@ -113,7 +113,7 @@ def converter_ends(joint: Joint, rvdt: Rvdt) -> tuple[int, int]:
 def joint_sensor(
     joint: Joint, *, with_noise: bool, curve: LinearityDeviation | None
 ) -> JointSensor:
-    """Return the sensor of a joint of an arm file; `ValueError` without a sensor, or for a deviation of an encoder."""
+    """Return the sensor of a joint of an arm file; `ValueError` if the joint has none, or an encoder has a `curve`."""
     match joint.sensor:
         case Encoder() as encoder:
             if curve is not None:

@@ -28,7 +28,7 @@ from solver.loops.point import PointClosure
 SPECIMEN_OFFSET_RAD = float(np.deg2rad(3.0))
 """Largest difference of true offsets from the arm file's."""
 OFFSET_TOLERANCE_RAD = float(np.deg2rad(10.0))
-"""Largest difference of offsets with which a file may describe an arm."""
+"""Largest difference between true and stated offsets at which a file may still describe an arm."""
 NEAR_HOME_RAD = float(np.deg2rad(15.0))
 """Largest difference of a specimen's start pose from the start pose of the nominal files."""
 RANGE_MARGIN_RAD = float(np.deg2rad(3.0))
@@ -246,7 +246,7 @@ def _placement_errors(
 
 
 def _truncated_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
-    """Draw fractions of a tolerance: normal with standard deviation 1/3, clipped at 1."""
+    """Draw fractions of a tolerance: normal with standard deviation 1/3, clipped to -1..1."""
     return np.clip(rng.standard_normal(shape) / 3.0, -1.0, 1.0)
 
 

@@ -62,7 +62,7 @@ class Truth(ABC):
     def closed_near(self, reading_rad: FloatArray) -> tuple[FloatArray, float]:
         """Find the closed pose nearest to a reading (n,), rad, in sensor coordinates; `ValueError` if there is none.
 
-        Returns true joint angles theta' (n,) and hinge angle theta_0, rad; 0 without a hinge.
+        Returns true joint angles theta' (n,) and hinge angle theta_0 (0 without a hinge), rad.
         """
         loop, nothing = self.loop(), np.zeros(0)
         start = np.asarray(reading_rad, dtype=np.float64)[None, :]
@@ -75,7 +75,7 @@ class Truth(ABC):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoopTruth(Truth):
-    """An arm in a hinge or, with ``hinge=False``, in a rigid attachment, as link 0."""
+    """An arm whose fixture, link 0, is a hinge or, with ``hinge=False``, a rigid attachment."""
 
     hinge: bool = True
 
@@ -179,7 +179,7 @@ def paper_loop() -> LoopTruth:
 PAPER_HOME_RAD = frozen(
     np.deg2rad([40.5311, 245.5792, 143.1309, -115.0631, -189.2465, -215.6707, 44.9482])
 )
-"""A closed pose of `paper_loop`, sensor coordinates (to the digits given; hinge -118.936 deg)."""
+"""A closed pose of `paper_loop`, sensor coordinates (exact to the digits given; hinge -118.936 deg)."""
 
 
 def with_length_errors(
@@ -206,7 +206,7 @@ PLACEMENT_ENTRIES = ("a_0", "s_0", "alpha_0", "s_1", "a_7", "s_7", "alpha_7")
 
 # Spread of a `wild` truth around the paper's, half widths of uniform draws.
 WILD_POSE_RAD = float(np.deg2rad(25.0))
-"""Largest change of every joint of the true home pose (and so of the offsets) before the loop is closed again."""
+"""Largest change of each joint's true home angle (and so of its offset) before the loop is closed again."""
 WILD_HINGE_M, WILD_HINGE_RAD = 0.04, float(np.deg2rad(15.0))
 """Largest changes of the hinge's lengths and angles."""
 SMALLEST_CROSSING_RAD = float(np.deg2rad(20.0))

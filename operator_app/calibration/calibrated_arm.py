@@ -123,7 +123,7 @@ class CalibratedArm:
     def rate_m_per_rad(self, joint: int, rates: dict[str, float], q_rad: FloatArray) -> FloatArray:
         """Displacement of the tip (m,), m per rad of error in the fixed offset of `joint`, at readings (m, n).
 
-        `rates`: change of the other parameters per rad, by name. With several placements, the first one's are used.
+        `rates`: change of the other parameters per rad, by name. With several placements, those of the first are used.
         """
         plain = {name.partition("[")[0]: rate for name, rate in reversed(rates.items())}
         names = (DhEntry(DhKind.THETA_OFF, joint).name, *self.free)

@@ -23,7 +23,7 @@ from solver.chain.parameters import DhEntry, DhKind, wrap_angle
 from solver.diagnostics.control_chart import BASELINE, ControlChart, control_chart, smallest_shift
 
 ONE_DAY, ONCE_A_YEAR = timedelta(days=1), timedelta(days=365)
-"""Shortest interval between calibrations, and the default one."""
+"""Shortest interval between calibrations, and the default interval."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,7 +148,7 @@ def history_of(
 def _part(group: Sequence[PastCalibration], side: Side) -> EntryHistory:
     """Return the history of the entries of one side that all calibrations have.
 
-    Of the arm, only the offsets: estimates of its lengths and twists mostly repeat the maker's values.
+    Of the arm's entries, only offsets are included: estimates of lengths and twists mostly repeat the maker's values.
     """
     first = group[0].document
     sides = sides_of(first)

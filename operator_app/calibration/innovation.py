@@ -89,7 +89,7 @@ def innovation(experiment: Experiment, reading: PoseSet) -> Innovation | None:
 
 
 LEAST, AT_MOST = 10, 60
-"""Number of earlier poses from which the test starts, and number of last poses used, so that the time is bounded."""
+"""Fewest earlier poses for a test, and number of latest poses to which the fit is limited, to bound its time."""
 
 
 def is_unpredicted(experiment: Experiment) -> bool:

@@ -153,7 +153,7 @@ def _of_parameters(
 def _of_the_fit(solution: Solution, same: tuple[Finding, ...], *, sound: bool) -> Iterator[Finding]:
     """Notices about compliance, placements, distances and outliers.
 
-    If the fit diverged (not `sound`), only notices about placements and distances.
+    If the fit diverged (not `sound`), the only notices are about placements and distances.
     """
     compliance = None if solution.components is None else solution.components.compliance
     if sound and compliance is not None and compliance.deflects and not solution.tolerated:

@@ -219,7 +219,7 @@ def _robot(data: bytes, file: str) -> ET.Element:
 
 
 def _links(element: ET.Element) -> tuple[str, str]:
-    """Return parent link and child link of a joint; empty where the file names none."""
+    """Return parent link and child link of a joint; empty if the file does not name the link."""
     ends = (element.find(key) for key in ("parent", "child"))
     parent, child = ("" if e is None else e.get("link", "") for e in ends)
     return parent, child

@@ -275,7 +275,7 @@ def _scale(document: ParametersDocument) -> float:
 
 
 SAME_NOMINAL = 1e-9
-"""Fixed entries of two calibrations count as different beyond this (rad, m)."""
+"""Fixed entries of two calibrations count as different if they differ by more than this (rad, m)."""
 
 REPORTED_SCALE = 1.1
 """Factors on standard deviations above this are reported."""

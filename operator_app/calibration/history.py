@@ -60,8 +60,8 @@ class EntryHistory:
     side
         Part that the entries describe: arm, table or tool.
     values, sigma, within
-        (sessions, entries), rad and m: values (equivalent ones, nearest to the first session), their standard
-        uncertainty, and the type A part of this uncertainty.
+        (sessions, entries), rad and m: values (of equivalent ones, those nearest to the first session's), their
+        standard uncertainty, and the type A part of this uncertainty.
     chart
         Control limits of each session, and the shifts of entries in the order in which they were detected.
     smallest

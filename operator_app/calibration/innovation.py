@@ -1,7 +1,7 @@
 """Innovation of a new reading: the deviation from its prediction by earlier poses, and shifts that would explain it.
 
 Earlier poses have determined linearity deviation, sag and compliance near the reading, so that these add no uncertainty
-to the prediction, as they would if the reading were compared with the parameters alone.
+to the prediction; they would if the reading were compared with the parameters alone.
 """
 
 from __future__ import annotations

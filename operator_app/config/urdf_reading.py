@@ -166,7 +166,7 @@ class UrdfTree:
         return chain_of(self.name, tuple(_step(e, file) for e in way[first:]), tip, file)
 
     def around(self, first: str, last: str) -> Iterator[tuple[str, str]]:
-        """Yield the pairs of links that may be base and tip of an arm with these end joints: links fixed to them."""
+        """Yield possible pairs of base and tip: links fixed to either end of an arm with these end joints."""
         named = {e.get("name", ""): e for e in self.elements.values()}
         if first not in named or last not in named:
             return

@@ -99,7 +99,7 @@ def _by_common_normal(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
 
 
 def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
-    """Return the D-H row to a nearly parallel axis; frame j is where the axis crosses z = 0 of frame j-1 [9]."""
+    """Return the D-H row to a nearly parallel axis; origin j is where the axis crosses z = 0 of frame j-1 [9]."""
     x, z, origin = before[:3, 0], before[:3, 2], before[:3, 3]
     apart = line.point_m - origin
     apart = apart - (apart @ z) / (line.z @ z) * line.z

@@ -170,7 +170,7 @@ class _Parser(argparse.ArgumentParser):
         super().error(sanitized(message))
 
     def print_help(self, file: object = None) -> None:
-        """Print the help on stdout; unlike argparse's method, this one raises `OSError`."""
+        """Print the help on stdout; unlike argparse's method, raise `OSError` if that fails."""
         say(self.format_help().removesuffix("\n"))
 
 

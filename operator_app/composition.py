@@ -52,7 +52,7 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt
 EMBEDDED_TIMEOUT_S = 10.0
 """Timeout of heartbeats, answers and SDOs for the embedded arm, which shares the processor with this program."""
 SWITCH_INTERVAL_S = 0.0005
-"""Thread switch interval of the interpreter, so that SYNC does not wait for a solver or a repaint."""
+"""Thread switch interval of the interpreter, so short that SYNC does not wait for a solver or a repaint."""
 
 RARELY = 100_000
 """Value for `gc.set_threshold` that makes full garbage collections rare."""

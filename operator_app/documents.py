@@ -80,7 +80,7 @@ def arm_history(
         Whether the fixture stays mounted from one session to the next, except before a session with several placements.
         If false, the fixture counts as remounted for each session.
     interval
-        Time between calibrations, for the date of the next one; None: as in the past.
+        Interval between calibrations, which sets the date of the next one; None: usual interval of the past.
 
     Raises
     ------

@@ -27,7 +27,7 @@ class SessionError(Exception):
         super().__init__(f"{happened}. {_as_sentence(remedy)}." if remedy else f"{happened}.")
 
     def preceded_by(self, earlier: str) -> None:
-        """Put a message about an earlier event in front of this error's own."""
+        """Put a message about an earlier event in front of this error's message."""
         self.happened = f"{earlier.removesuffix('.')}. Then: {self.happened}"
         (own,) = self.args
         self.args = (f"{earlier.removesuffix('.')}. Then: {own}",)
@@ -108,7 +108,7 @@ class JournalDamagedError(JournalError):
     path, line, key
         Place of the problem; the key is empty if the problem concerns the whole line.
     events
-        Number of valid lines before it.
+        Number of valid lines before the damaged line.
     """
 
     def __init__(self, *, path: Path, line: int, problem: str, events: int, key: str = "") -> None:

@@ -34,7 +34,7 @@ MEANING: Mapping[ExitCode, str] = MappingProxyType(
         ExitCode.INTERRUPTED: "interrupted; the arm is held, the session is kept",
     }
 )
-"""Texts for the manual."""
+"""Meaning of each exit code, as text for the manual."""
 
 
 class UsageError(Exception):

@@ -55,7 +55,7 @@ def require_own_names() -> None:
     Raises
     ------
     ForeignPackageError
-        A package is not there, or is changed; the text states the remedy.
+        A package is missing, or its content is not this program's; the text states the remedy.
     """
     home = Path(__file__).resolve().parents[1]
     for name, first_words in DOCSTRING_STARTS.items():

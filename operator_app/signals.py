@@ -102,7 +102,7 @@ class ProcessEnd:
         os._exit(self._code)
 
     def _if_interrupted(self) -> None:
-        """Exit with 130 where Python would end with SIGINT, such as after an interrupt in code run from a string."""
+        """After an interrupt, exit with 130: Python might end with SIGINT instead, e.g. for code run from a string."""
         if self._code == INTERRUPTED:
             for stream in (sys.stdout, sys.stderr):
                 with suppress(OSError, ValueError):

@@ -146,7 +146,7 @@ def slots_in(folder: Path | None) -> ParameterStore:
 
 
 def virtual_instrument(controller: VirtualController, fixture: Measured) -> Instrument:
-    """Return the tracker of a virtual arm of this process as an `Instrument`; raises SessionError if it has none."""
+    """Return the tracker of this process's virtual arm as an `Instrument`; SessionError if the arm has no tracker."""
     if controller.tracker is None:
         raise SessionError("this virtual arm has no tracker", "use a fixture of kind measured")
     port = CalledLines(controller.tracker.answer, "the virtual arm's tracker")

@@ -48,7 +48,7 @@ class Adjudication:
     tests
         Every test that was made.
     stated_chi2_per_dof
-        chi2/dof with the variances that the files state; None where it was not computed.
+        chi2/dof with the variances that the files state; None if not computed.
     diverged
         Whether the solution has diverged far from the files' values, so that no advice can be based on it.
     """
@@ -120,7 +120,7 @@ def _finding(x: Explanation, diagnosis: Diagnosis, labels: tuple[str, ...]) -> F
 
 
 def _refuses(cause: Candidate, evidence: Evidence, estimate: Estimate, impact: float) -> bool:
-    """Whether this cause blocks: a frozen reading, or a parameter moved by more than `REFUSING_SHIFT_SIGMAS` sigmas."""
+    """Whether a cause blocks: it is a frozen reading, or moves a parameter by over `REFUSING_SHIFT_SIGMAS` sigmas."""
     if cause.cause is Cause.FROZEN or impact > limits.REFUSING_SHIFT_SIGMAS:
         return True
     # If the cause changed a value, the old and the new value have to agree within the stated uncertainty.
@@ -160,7 +160,7 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
 
 
 def _left(diagnosis: Diagnosis) -> float:
-    """Return the chi2/dof that the last explanation leaves; if no possible explanation exists, the stated chi2/dof."""
+    """Return the chi2/dof after the last explanation; if there is no possible explanation, the stated chi2/dof."""
     last = diagnosis.rankings[-1].best if diagnosis.rankings else None
     if last is None or _impossible_compliance(diagnosis):
         return diagnosis.stated_chi2_per_dof
@@ -214,11 +214,11 @@ def little_motion(
     known: Mapping[str, float] = NOTHING_KNOWN,
     narrows: Callable[[str], str] | None = None,
 ) -> tuple[Finding, ...]:
-    """Return the finding that some parameters have large standard deviations, (P,), because the poses differ little.
+    """Return the finding that some parameters have large standard deviations because the poses differ little.
 
-    `known`: standard uncertainties (rad, m) stated in the files, by parameter. A standard deviation is reported if it
-    exceeds the stated one or is large; it blocks acceptance if it is too large for any use. `narrows`: returns, for the
-    name of a parameter, the source of error that dominates its sigma, or "" if only more varied poses help.
+    A standard deviation (P,) is reported if it exceeds the stated one (`known`: rad, m, by parameter) or is large; it
+    blocks acceptance if it is too large for any use. `narrows` returns, for the name of a parameter, the source of
+    error that dominates its sigma, or "" if only more varied poses help.
     """
     wide, coarse, refuses = [], [], False
     worst, farthest = "", 0.0
@@ -286,7 +286,7 @@ READING_KINDS = {
     FindingKind.READING_DRIFT,
     FindingKind.READING_FROZEN,
 }
-"""Causes in one joint's reading whose findings do not name the type of its sensor."""
+"""Causes in one joint's reading whose findings do not name the type of the joint's sensor."""
 
 
 def return_tests(
@@ -309,7 +309,7 @@ def return_tests(
 def proven_by_return(
     since: tuple[Finding, ...], by_tests: tuple[Finding, ...]
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
-    """Return the blocking causes that repeated poses prove, and the tests' other causes.
+    """Return the blocking causes that repeated poses prove, and the other causes, which are from tests.
 
     A proven slip blocks even if it is smaller than the parameters' sigmas, because the slip has increased the sigmas.
     """

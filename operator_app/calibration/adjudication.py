@@ -219,7 +219,7 @@ def _misfit_causes(
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...], bool]:
     """Explain the misfit by the causes that the tests support or, if it is gross, by alternative models.
 
-    Returns the causes, those of them that are alternative models, and whether nothing explains a blocking misfit.
+    Returns the causes, those of them that are alternative models, and whether a blocking misfit remains unexplained.
     """
     diagnosis, scale = case.diagnosis, case.chi2_per_dof
     by_tests = causes_of(diagnosis, case.found.estimate, case.judged, labels)
@@ -261,7 +261,7 @@ def _misfit_causes(
 
 
 def _wrong_distances(case: _Case, margin: float) -> tuple[Finding, ...]:
-    """Findings of measured distances that explain the misfit and leave at most the best fault's chi2 + `margin`."""
+    """Findings of measured distances that explain the misfit with at most `margin` more chi2 than the best fault."""
     best = case.diagnosis.best
     most_chi2 = np.inf if best is None else best.evidence.chi2 + margin
     return wrong_distances(case.stated, case.found.linear, most_chi2=most_chi2)
@@ -277,7 +277,7 @@ def _begins_with_a_placement(case: _Case) -> bool:
 
 
 def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
-    """Return the finding that the solution is far from nominal, after any alternative models that fit near nominal."""
+    """Return any alternative models that fit near nominal, then the finding that the solution is far from nominal."""
     if case.known.search is not None or case.model.unsensed_joints:
         return ()
     far = local_minimum_causes(
@@ -357,7 +357,7 @@ def _single_cause(diagnosis: Diagnosis) -> bool:
 
 
 def _blocking_when_probable(causes: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """Return the causes of a fit that did not converge: those with a probability above 0.5 block acceptance."""
+    """Return the causes of a fit that did not converge; a cause with a probability above 0.5 blocks acceptance."""
     return tuple(replace(c, blocking=c.blocking or c.probability > 0.5) for c in causes)
 
 

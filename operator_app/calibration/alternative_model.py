@@ -53,7 +53,7 @@ MODEL_ITERATIONS = 15
 
 
 Alternative = tuple[Finding, Experiment]
-"""A possible mistake, and the experiment without it."""
+"""A possible mistake, and the experiment with this mistake corrected."""
 
 
 def without_reading(stated: Experiment, joint: int) -> Experiment:
@@ -103,7 +103,7 @@ def closes(alternative: Experiment, *, far: float) -> bool:
     """Whether a loop closes much better in another fixture than in the file's, beyond what noise explains.
 
     `far` is the mean square closure error in the file's fixture, rotations included: noise makes `far` a few times as
-    large as the error in the other fixture; a tool that tilts in a rigid fixture, about a hundred times as large.
+    large as the error in the other fixture; a tool that tilts in a rigid fixture makes it about 100 times as large.
     """
     cost = cost_of(alternative)
     return (
@@ -153,7 +153,7 @@ BENDS = 3
 def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> tuple[int, float] | None:
     """Return the index of the pose at which a joint's readings (m,) step away from its angles (m,), and the step, rad.
 
-    Poses are in the order in which they were taken. None if no step explains most of what a smooth curve leaves.
+    Poses are in the order in which they were taken. None if no step explains most of the residuals of a smooth curve.
     """
     m = len(reading_rad)
     if m < 2 * (limits.STEP_EDGE_POSES + BENDS):
@@ -190,7 +190,7 @@ def other_fixtures(stated: Experiment) -> Iterator[Alternative]:
 
 
 def hinge_instead(stated: Experiment) -> Alternative:
-    """Return the alternative with a hinge on the line that, over all poses, best keeps its place in tool and base."""
+    """Return the alternative with a hinge on the line that, over all poses, is most nearly fixed in tool and base."""
     arm, fixture = stated.arm, stated.fixture
     frames = _frames(arm, stated.poses)
     eye = np.broadcast_to(np.eye(3), frames[0].shape)

@@ -1,6 +1,6 @@
 """Alternative models for a gross misfit: the most promising are solved, and reported with their probability.
 
-Used where no linear explanation accounts for the misfit, or where the solution is implausible.
+Used if no linear explanation accounts for the misfit, or if the solution is implausible.
 """
 
 from __future__ import annotations
@@ -138,10 +138,10 @@ def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
 
 
 def wrong_distances(stated: Experiment, fit: LinearFit, *, most_chi2: float) -> tuple[Finding, ...]:
-    """Return findings of measured distances between sockets without which the poses fit; empty where they do not.
+    """Return findings of the measured distances between sockets whose omission makes the poses fit; else ().
 
-    `most_chi2`: largest chi2 that an explanation may leave, at the known noise of the `fit`. Large errors are solved
-    again, since the fit is linear.
+    `most_chi2`: largest chi2 that an explanation may leave, at the known noise of the `fit`. For large errors, the
+    loops are solved again without these distances, since the `fit` is linear.
     """
     fit_stated = fit.stated
     known = compared(stated.fixture, stated.poses, fit_stated)
@@ -185,7 +185,7 @@ def step_alternative(stated: Experiment, joint: int, scale: float) -> tuple[Find
 
 
 def _weight(ratio: float, dof_left: int, dof: int) -> float:
-    """Log weight of an alternative with chi2/dof `ratio` and `dof_left` degrees of freedom (stated model: `dof`)."""
+    """Log weight of an alternative with chi2/dof `ratio` and dof `dof_left`; `dof`: that of the stated model."""
     fits = -0.5 * dof * np.log(max(ratio, limits.SMALLEST_NOISE_SCALE))
     return float(fits - PER_FREEDOM * max(0, dof - dof_left))
 
@@ -245,7 +245,7 @@ def _frozen(stated: Experiment) -> Iterator[Alternative]:
 
 
 def _frozen_in_all_poses(stated: Experiment) -> Iterator[Alternative]:
-    """Yield alternatives in which a sensor reads the same in all poses, without its readings."""
+    """Yield alternatives in which a sensor reads the same in all poses, so that its readings are not used."""
     poses = stated.poses
     for j in range(1, poses.joint_count + 1):
         if constant_reading_runs(poses.q_rad, j, 0.0) == [(0, len(poses))]:

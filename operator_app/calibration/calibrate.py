@@ -175,7 +175,7 @@ class Screened:
     Attributes
     ----------
     model, tolerance
-        The loops with all free parameters; by name, the tolerance (rad, m) of each entry that is free within one.
+        The loops with all free parameters; by name, the tolerance (rad, m) of each entry free within a tolerance.
     errors
         The error model of the `distinct` poses (indices into all poses); `which` maps every pose on the branch to one
         of them.
@@ -448,7 +448,7 @@ def _require_identifiable(
 
 
 def _identifiability_of(fitted: Fitted, part: Calibrated) -> Identifiability:
-    """Identifiability at the fit, from the fit's own equations if all joints are sensed."""
+    """Identifiability at the fit: from the fit's own equations if all joints are sensed, else from the loops alone."""
     screened = fitted.before
     prepared = screened.before
     loops = prepared.loops
@@ -491,7 +491,7 @@ def _alternatives(screened: Screened) -> tuple[Finding, ...]:
 
 
 def _outliers(calibrated: Calibrated, of_each: IntArray) -> tuple[int, ...]:
-    """Indices of poses whose readings the others do not predict, the worst first.
+    """Indices of poses whose readings the other poses do not predict, the worst first.
 
     `of_each`: indices, into all poses, of the poses from which `calibrated` was made.
     """

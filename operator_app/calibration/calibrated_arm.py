@@ -123,7 +123,7 @@ class CalibratedArm:
     def rate_m_per_rad(self, joint: int, rates: dict[str, float], q_rad: FloatArray) -> FloatArray:
         """Displacement of the tip (m,), m per rad of error in the fixed offset of `joint`, at readings (m, n).
 
-        `rates`: change of the other parameters per rad, by name. With several placements, the first one's are used.
+        `rates`: change of the other parameters per rad, by name. With several placements, those of the first are used.
         """
         plain = {name.partition("[")[0]: rate for name, rate in reversed(rates.items())}
         names = (DhEntry(DhKind.THETA_OFF, joint).name, *self.free)
@@ -157,8 +157,8 @@ MOST_POSES_SAMPLED = 100
 """Largest number of poses of a session, chosen evenly from all, for which a best table is computed."""
 
 NOTEWORTHY_SHARE = 0.9
-"""The tool's sigma without the parameters that only the files state is reported only if it is below this share of the
-whole sigma."""
+"""The part of the tool's sigma from parameters determined by poses, not by files, is reported only if it is below
+this share of the whole sigma."""
 
 RANGE_SAMPLES = 300
 """Number of poses over the joints' ranges; the rms over them is accurate to about 4 %."""

@@ -60,7 +60,7 @@ def identifiable_loops(
     drop: bool,
     progress: Progress | None,
 ) -> IdentifiableLoops:
-    """Choose the poses of one branch and the parameters they identify; estimate these where all joints are sensed."""
+    """Choose the poses of one branch and the parameters they identify; if all joints are sensed, estimate these."""
     q, arm, choice, made = experiment.poses.q_rad, experiment.arm, None, None
     if search:
         choice = global_start(model, q, progress=progress)

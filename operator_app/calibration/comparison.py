@@ -1,10 +1,10 @@
 """Comparison of two calibrations of one arm: changes of parameters, and which of them exceed noise.
 
-A hinge loop has eight equivalent parameter vectors: of those of the second document, the one that is nearest to the
-first document is used. A difference counts as drift if it is improbable under both standard deviations, at a level
-corrected for the number of free parameters compared (Bonferroni). Two kinds of differences never count: those of
+A hinge loop has eight equivalent parameter vectors, so that the second document's vector nearest to the first
+document's is used. A difference counts as drift if it is improbable under both standard deviations, at a level
+corrected for the number of free parameters compared (Bonferroni). Two kinds of differences never count: differences of
 lengths and twists corrected within a tolerance, whose sigma is mostly the maker's tolerance in both documents, and
-those between two estimates from the same poses.
+differences between two estimates from the same poses.
 """
 
 from __future__ import annotations
@@ -275,7 +275,7 @@ def _scale(document: ParametersDocument) -> float:
 
 
 SAME_NOMINAL = 1e-9
-"""Fixed entries of two calibrations count as different beyond this (rad, m)."""
+"""Fixed entries of two calibrations count as different if they differ by more than this (rad, m)."""
 
 REPORTED_SCALE = 1.1
 """Factors on standard deviations above this are reported."""

@@ -98,7 +98,7 @@ def _loads(experiment: Experiment) -> LoadBasis | None:
     """Effects of gravity at all poses; on the fixture only if the arm's file states masses.
 
     Computed at the nominal values and in canonical order, so that the result does not depend, even in the last digit,
-    on the start of a search or on the order of the file.
+    on the start of a search or on the order of the poses in their file.
     """
     arm, fixture = experiment.arm, experiment.fixture
     if not len(experiment.poses):

@@ -32,7 +32,7 @@ def explain_unidentifiable(
     paper: Estimate | None,
     saturated: PosesDoNotFitError | None,
 ) -> SolverError:
-    """Return the error to raise: `error`, naming a stuck sensor if found, or the reason why the loops do not close."""
+    """Return an error that names a stuck sensor, or that states why no loop closes; `error` if neither is found."""
     stuck = explained(error, stated)
     if stuck is not error:
         return stuck
@@ -67,7 +67,7 @@ def _undetermined_at_solution(stated: Experiment, paper: Estimate) -> tuple[Find
 def saturated_readings(
     findings: tuple[RangeFinding, ...], poses: PoseSet
 ) -> PosesDoNotFitError | None:
-    """Return the error that poses do not fit because readings are at the end of full scale, or None."""
+    """Return the error for poses with readings at the end of full scale; None if there are no such readings."""
     known = tuple(range_finding(f, poses) for f in findings if f.fault is ReadingFault.SATURATED)
     return poses_do_not_fit(known) if known else None
 
@@ -97,7 +97,7 @@ def poses_do_not_fit(findings: tuple[Finding, ...]) -> PosesDoNotFitError:
 
 
 UNKNOWN_ANGLE_SIGMA = 100.0
-"""Standard deviation of a joint of unknown angle, relative to the others."""
+"""Standard deviation of a joint of unknown angle, relative to that of any other joint."""
 
 
 def turned_unread(
@@ -107,11 +107,11 @@ def turned_unread(
     after_rad: FloatArray,
     still: Sequence[int],
 ) -> tuple[int, float] | None:
-    """Return the joint that turned between two readings although it reads the same, and by how much (rad), or None.
+    """Return the joint that turned although its reading did not change, and by how much (rad); None if none did.
 
     The loop is closed at the second reading plus the correction that closes the loop at the first, so that placement
-    errors cancel: once with all `still` joints fixed, and once for each `still` joint with that joint free. No motion
-    is linearised.
+    errors cancel. This is done once with all `still` joints fixed, and once for each `still` joint with that joint
+    free. No motion is linearised.
 
     `x`: approximate parameters (P,). `before_rad`, `after_rad`: readings (n,). `still`: joints (1-based) whose readings
     did not change.

@@ -23,7 +23,7 @@ from solver.chain.parameters import DhEntry, DhKind, wrap_angle
 from solver.diagnostics.control_chart import BASELINE, ControlChart, control_chart, smallest_shift
 
 ONE_DAY, ONCE_A_YEAR = timedelta(days=1), timedelta(days=365)
-"""Shortest interval between calibrations, and the default one."""
+"""Shortest interval between calibrations, and the default interval."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,8 +60,8 @@ class EntryHistory:
     side
         Part that the entries describe: arm, table or tool.
     values, sigma, within
-        (sessions, entries), rad and m: values (equivalent ones, nearest to the first session), their standard
-        uncertainty, and the type A part of this uncertainty.
+        (sessions, entries), rad and m: values (of equivalent ones, those nearest to the first session's), their
+        standard uncertainty, and the type A part of this uncertainty.
     chart
         Control limits of each session, and the shifts of entries in the order in which they were detected.
     smallest
@@ -148,7 +148,7 @@ def history_of(
 def _part(group: Sequence[PastCalibration], side: Side) -> EntryHistory:
     """Return the history of the entries of one side that all calibrations have.
 
-    Of the arm, only the offsets: estimates of its lengths and twists mostly repeat the maker's values.
+    Of the arm's entries, only offsets are included: estimates of lengths and twists mostly repeat the maker's values.
     """
     first = group[0].document
     sides = sides_of(first)

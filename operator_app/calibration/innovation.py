@@ -1,7 +1,7 @@
 """Innovation of a new reading: the deviation from its prediction by earlier poses, and shifts that would explain it.
 
 Earlier poses have determined linearity deviation, sag and compliance near the reading, so that these add no uncertainty
-to the prediction, as they would if the reading were compared with the parameters alone.
+to the prediction; they would if the reading were compared with the parameters alone.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def innovation(experiment: Experiment, reading: PoseSet) -> Innovation | None:
 
 
 LEAST, AT_MOST = 10, 60
-"""Number of earlier poses from which the test starts, and number of last poses used, so that the time is bounded."""
+"""Fewest earlier poses for a test, and number of latest poses to which the fit is limited, to bound its time."""
 
 
 def is_unpredicted(experiment: Experiment) -> bool:

@@ -36,7 +36,7 @@ DIGITS = 4
 def with_registered_instrument(
     arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet
 ) -> EndpointConstraint:
-    """Return the fixture; placements of an instrument that its file does not state are estimated from the poses."""
+    """Return the fixture with the instrument's placements, estimated from the poses if no file states them."""
     if not isinstance(fixture, Measured) or poses.endpoint is None:
         return fixture
     fixture = replace(fixture, full_pose=fixture.full_pose and poses.endpoint.shape[1] == 6)

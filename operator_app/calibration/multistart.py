@@ -35,7 +35,7 @@ def fit_from_starts(
     group: IntArray,
     progress: Progress | None = None,
 ) -> Calibrated:
-    """Fit from each start until one explains the readings within the stated errors; return the best.
+    """Fit from each start until a fit explains the readings within the stated errors; return the best fit.
 
     Raises `PosesDoNotFitError` if no start leads to a fit.
     """
@@ -68,7 +68,7 @@ def _best_fit(
     group: IntArray,
     progress: Progress | None = None,
 ) -> tuple[Calibrated | None, float]:
-    """Return the best fit from these starts, or the first that is good enough, and the misfit; None if all fail."""
+    """Return the first fit that is good enough or else the best fit, and its misfit; None and inf if all fail."""
     best: Calibrated | None = None
     least = np.inf
     for x0 in starts:
@@ -88,7 +88,7 @@ def _best_fit(
 
 
 def gross_misfit(calibrated: Calibrated) -> float:
-    """chi2/dof at stated variances; infinite where it is NaN."""
+    """chi2/dof at stated variances; infinite if it is NaN."""
     ratio = calibrated.linear.stated.chi2 / max(calibrated.linear.dof, 1)
     return float(ratio) if np.isfinite(ratio) else np.inf
 
@@ -212,7 +212,7 @@ def has_diverged(
     *,
     anywhere: Collection[str] = (),
 ) -> bool:
-    """Whether the solution is implausible or uselessly uncertain and a gross cause blocks acceptance.
+    """Whether a gross cause blocks acceptance and the solution is either implausible or too uncertain for any use.
 
     `scale`: chi2/dof at stated variances. `judged`: names of the identified parameters. `anywhere`: names of those that
     are plausible at any distance from their nominal values.

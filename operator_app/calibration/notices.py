@@ -152,7 +152,7 @@ def _of_parameters(
 def _of_the_fit(solution: Solution, same: tuple[Finding, ...], *, sound: bool) -> Iterator[Finding]:
     """Notices about compliance, placements and outliers.
 
-    If the fit diverged (not `sound`), only notices about placements.
+    If the fit diverged (not `sound`), the only notices are about placements.
     """
     compliance = None if solution.components is None else solution.components.compliance
     if sound and compliance is not None and compliance.deflects and not solution.tolerated:

@@ -107,7 +107,7 @@ class StatedFit:
 
 
 def stated_fit(experiment: Experiment) -> StatedFit | None:
-    """Fit poses with the stated errors of their files; None where they cannot be fitted."""
+    """Fit poses with the errors that the files state; None if the poses cannot be fitted."""
     arm, q = experiment.arm, experiment.poses.q_rad
     try:
         loop = experiment.loop()

@@ -56,7 +56,7 @@ class Solution:
         Labels of poses whose readings do not fit the others, the worst first. They are still used: the operator decides
         on their exclusion.
     rvdt
-        Verdict on each RVDT, with its joint taken as unsensed.
+        Verdict on each RVDT, for which its joint was taken as unsensed.
     reasons
         Reasons why the calibration is not accepted; empty if it is accepted.
     adjudication
@@ -86,7 +86,7 @@ class Solution:
     length_tolerance_m
         Requested standard deviation of the link lengths, used instead of the arm file's; None if not requested.
     truth
-        Errors relative to the true values; None where these are unknown, as for any real arm.
+        Errors relative to the true values; None if these are unknown, as for any real arm.
     """
 
     model: ClosureModel

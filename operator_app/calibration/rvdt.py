@@ -47,9 +47,9 @@ def check_rvdts(
     *,
     fixed: tuple[str, ...],
 ) -> tuple[RvdtVerdict, ...]:
-    """Test the noise of every RVDT and, against the loops of a single placement, its readings.
+    """Test the noise of every RVDT and, if there is a single placement, its readings against the loops.
 
-    `calibrated`: fit of the `distinct` poses (k,) with the RVDTs' readings, from which the fit without them starts.
+    `calibrated`: fit of the `distinct` poses (k,) with the RVDTs' readings; the fit without these starts from it.
     """
     arm, poses = experiment.arm, experiment.poses
     sensors = {
@@ -127,7 +127,7 @@ def _beside(calibrated: Calibrated, model: ClosureModel, q: FloatArray) -> FitSt
 def _noise_of_rvdts(
     sensors: Mapping[int, Rvdt], poses: PoseSet, kept: BoolArray, calibrated: Calibrated
 ) -> dict[int, SingleNoise]:
-    """Noise of single readings, by joint, where known: from the spread of samples or, without a spread, from the loops.
+    """Noise of single readings, by joint, from the spread of samples or else from the loops; unknown noise is left out.
 
     Poses in which a joint moved while it was read are left out; `motion_causes` reports them.
     """
@@ -159,7 +159,7 @@ def _noise_of_rvdts(
 def measured_deviations(
     verdicts: tuple[RvdtVerdict, ...], arm: ArmModel
 ) -> dict[int, PeakDeviation]:
-    """Linearity deviations of RVDTs, by joint, where the loop could measure them."""
+    """Linearity deviations, by joint, of the RVDTs for which the loop could measure them."""
     return {
         v.joint: linearity_deviation(v.figures, sensor)
         for v in verdicts

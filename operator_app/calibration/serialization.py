@@ -133,7 +133,7 @@ def _hints(of: type) -> dict[str, Any]:
 
 
 def _key(field: dataclasses.Field[Any]) -> str:
-    """Name under which a record holds a field: its own, or the one it had in earlier versions."""
+    """Name under which a record holds a field: the field's name, or its name in earlier versions."""
     return str(field.metadata.get("record", field.name))
 
 

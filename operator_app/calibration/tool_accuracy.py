@@ -77,8 +77,8 @@ class TrueErrors:
     """True errors of a calibration, which are known only for a simulated arm.
 
     `inside_95`, `of`: number of true values within the 95 % intervals of their entries, and number of entries.
-    `tool_rms_m`, `predicted_rms_m`: tool position error against the truth, rms over the joints' ranges, and the same as
-    predicted by the covariance of the parameters.
+    `tool_rms_m`, `predicted_rms_m`: tool position error, rms over the joints' ranges, from the true values, and as
+    predicted from the covariance of the parameters.
     """
 
     inside_95: int

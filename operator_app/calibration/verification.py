@@ -61,8 +61,8 @@ class Fixed:
     rvdt_sd_rad
         Estimated noise and linearity deviation of RVDTs together, standard deviation by joint.
     fixture_variance
-        Estimated compliance variance of the fixture (6,), or None. This and `rvdt_sd_rad` are used only where they
-        are less than stated.
+        Estimated compliance variance of the fixture (6,), or None. This and `rvdt_sd_rad` are used only if
+        smaller than stated.
     unsensed_joints
         Joints whose readings the calibration did not use.
     """
@@ -89,11 +89,11 @@ class VerificationResult:
     poses
         Number of tested poses.
     shift
-        Common shift of one joint or the fixture in all new poses; None where there is none.
+        Common shift of one joint or the fixture in all new poses; None if there is none.
     stated
         The test with at least the stated errors.
     others_fit
-        Whether the other poses pass the test `stated`, and there is no common shift.
+        Whether the poses outside `odd_poses` pass the test `stated`, and there is no common shift.
     """
 
     verification: HeldOutPoses
@@ -405,7 +405,7 @@ def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -
     """Raise `NoTestError` if the new set contains poses of the calibration, which fit the calibration in any case.
 
     With an instrument, a pose measured again at the same joint readings counts as new. Also raises `NoTestError` if
-    each new pose is the only one in another socket, whose place it determines.
+    every new pose is alone in a new socket: each pose then only determines where its socket is.
     """
     if new.joint_count != made_from.joint_count:
         return

@@ -188,7 +188,7 @@ def _parsed(source: Resource, kind: AnyKind | None, joints: set[int]) -> Holds:
 
 
 ORDER: tuple[AnyKind | None, ...] = (*FILES, "poses", None)
-"""Arms are read first, since they define the number of joints in the others."""
+"""Arms are read first, since they define the number of joints in the other files."""
 
 
 def read_files(

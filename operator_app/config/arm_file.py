@@ -51,7 +51,7 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 class RowModel(StrictModel):
     """One D-H row. ``fixture`` stands for an entry that the fixture determines (Table 1's asterisk).
 
-    ``beta_deg`` is Hayati's angle, identified in place of s where the row joins parallel axes; ``s_m`` may be left out.
+    ``beta_deg`` is Hayati's angle, identified in place of s if the row joins parallel axes; ``s_m`` is then optional.
     """
 
     row: Count
@@ -345,7 +345,7 @@ class ArmFile(StrictModel):
 
 PARALLEL_RAD = math.radians(10.0)
 """Neighbouring axes nearer to parallel than this need Hayati's row [9]: a twist error of 0.1 deg would move the foot of
-their common normal, from which s is measured, by 1 % of a or more."""
+their common normal, from which s is measured, by at least 1 % of the entry a."""
 
 
 def _is_hayati(row: RowModel) -> bool:

@@ -102,7 +102,7 @@ def dump_strict(data: Mapping[str, Any], *, comment: str = "") -> bytes:
 
 
 def scalar_text(value: str) -> str:
-    """Format a text as the value of a key, on one line: quoted where it could be read as another type."""
+    """Format a text as the value of a key, on one line, quoted if it could be read as another type."""
     written: str = yaml.dump(value, Dumper=_StrictDumper, width=math.inf)
     return written.removesuffix("...\n").rstrip("\n")
 

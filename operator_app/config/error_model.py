@@ -31,8 +31,8 @@ from solver.chain.statics import LinkMasses
 LENGTH_MM, TWIST_DEG = 0.5, 0.1
 ACCURACY_DEG = BACKLASH_DEG = SAG_DEG = 0.01
 GAIN = 0.005
-"""Gain error of an RVDT, as a share of the reading; one standard deviation. Data sheets state linearity and, apart
-from it, the scale factor: trimmed to 1 % or better, which is taken as two standard deviations."""
+"""Gain error of an RVDT, as a share of the reading; one standard deviation. Data sheets state the
+scale factor separately from linearity; it is trimmed to 1 % or better, here taken as two standard deviations."""
 DEFLECTION_MM, DEFLECTION_MRAD = 0.2, 0.2
 
 
@@ -62,7 +62,7 @@ class ToleranceModel(Uncertain):
 
 
 class RowToleranceModel(Uncertain):
-    """Uncertainty of the lengths and twists of a single row, where it differs from the tolerance of the whole table."""
+    """Uncertainty of the lengths and twists of a single row, if it differs from that of the whole table."""
 
     length_mm: StatedMm | None = None
     twist_deg: StatedDeg | None = None

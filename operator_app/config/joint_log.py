@@ -39,7 +39,7 @@ OTHER_COLUMNS = re.compile(r"t|time.*|.*stamp.*|n?secs?|index|row|pose|label", r
 
 RANGE = re.compile(r"([1-9]\d{0,3})-([1-9]\d{0,3})")
 SPLIT_AT_DECIMAL_COMMAS = re.compile(r"\d+\s*[;\s]\s*[-+]?\d+")
-"""What is between two decimal commas: the end of one number and the beginning of the next."""
+"""Text between two decimal commas: decimals of one number, separator, whole part of the next number."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -102,7 +102,7 @@ class EndpointLine:
     Attributes
     ----------
     pose
-        Name of the pose; empty where the instrument does not send it.
+        Name of the pose; empty if the instrument does not send it.
     endpoint
         Position (3,), m, or position and rotation vector (6,), m and rad; empty if the target is lost.
     lost
@@ -230,8 +230,8 @@ MOST_OFF_M, MOST_OFF_SPREADS = 1e-3, 8.0
 beyond both, a target has moved or two were exchanged."""
 
 TRIANGLE_ITERATIONS = 5
-"""Iterations of aligning all triangles with their mean; the second one changes the mean only by the square of the
-noise."""
+"""Iterations of aligning all triangles with their mean; from the second one on, the mean changes only by terms
+quadratic in the noise."""
 
 
 def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:

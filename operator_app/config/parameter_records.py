@@ -201,7 +201,7 @@ Budget = Mapping[str, Mapping[str, Share]]
 
 
 def correlations_of(names: Sequence[str], covariance: FloatArray) -> dict[str, tuple[float, ...]]:
-    """Return the `Correlations` of parameters (k,) from their covariance (k, k); 0 where a variance is 0."""
+    """Return the `Correlations` of parameters (k,) from their covariance (k, k); 0 if a variance is 0."""
     sd = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     scale = np.where(sd > 0.0, sd, np.inf)
     correlation = np.clip(covariance / np.outer(scale, scale), -1.0, 1.0)

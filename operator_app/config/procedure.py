@@ -190,7 +190,7 @@ class CapturePlan(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportChoice(StrictRecord):
-    """What is done with the result."""
+    """Use of the result: whether the parameters are uploaded to the controller."""
 
     upload: Yes
 
@@ -251,9 +251,9 @@ class Procedure:
     estimator
         ``paper`` or ``implicit``.
     upload
-        Whether the parameters go to the controller.
+        Whether the parameters are uploaded to the controller.
     length_tolerance_m
-        Standard deviation of the maker's link lengths; None: the lengths are exact.
+        Standard deviation of the maker's link lengths; None: as the arm file states.
     placements
         Number of placements of the fixture; the poses are captured in each.
     """

@@ -102,7 +102,7 @@ def _uncertainty(limit: float, unit: str) -> tuple[AfterValidator, WithJsonSchem
 
 
 def _twist_deg(value: float) -> float:
-    """Return a nominal twist; refuse a multiple of pi/2, which was probably written in radians."""
+    """Return a nominal twist, deg; refuse a number such as 1.5708 (pi/2), which was probably written in radians."""
     quarters = (0.5 * math.pi, math.pi, 1.5 * math.pi)
     if any(math.isclose(abs(value), known, abs_tol=2e-3) for known in quarters):
         raise refuse(f"{value:g} deg looks like radians", f"write {math.degrees(value):.6g}")
@@ -134,7 +134,7 @@ TurnDeg = Annotated[
 ]
 """An offset: within a turn."""
 TwistDeg = Annotated[TurnDeg, AfterValidator(_twist_deg)]
-"""A nominal twist: within a turn, and not a multiple of pi/2."""
+"""A nominal twist, deg: within a turn; a number such as 1.5708 (pi/2) is refused as one in radians."""
 
 StatedMm = Annotated[NonNegativeNumber, *_uncertainty(50.0, "mm")]
 StatedDeg = Annotated[NonNegativeNumber, *_uncertainty(10.0, "deg")]

@@ -36,7 +36,7 @@ def format_urdf(
 ) -> bytes:
     """Return a URDF of links 1..n with the geometry of `table`, and ranges, speeds and torques of `arm`.
 
-    Joints have the arm file's names where these are valid in a URDF (without spaces, and unique).
+    Joints have the arm file's names if all are valid in a URDF (without spaces, and unique), else ``joint_1`` etc.
 
     Parameters
     ----------

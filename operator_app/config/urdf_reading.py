@@ -166,7 +166,7 @@ class UrdfTree:
         return chain_of(self.name, tuple(_step(e, file) for e in way[first:]), tip, file)
 
     def around(self, first: str, last: str) -> Iterator[tuple[str, str]]:
-        """Yield the pairs of links that may be base and tip of an arm with these end joints: links fixed to them."""
+        """Yield possible pairs of base and tip: links fixed to either end of an arm with these end joints."""
         named = {e.get("name", ""): e for e in self.elements.values()}
         if first not in named or last not in named:
             return
@@ -219,7 +219,7 @@ def _robot(data: bytes, file: str) -> ET.Element:
 
 
 def _links(element: ET.Element) -> tuple[str, str]:
-    """Return parent link and child link of a joint; empty where the file names none."""
+    """Return parent link and child link of a joint; empty if the file does not name the link."""
     ends = (element.find(key) for key in ("parent", "child"))
     parent, child = ("" if e is None else e.get("link", "") for e in ends)
     return parent, child

@@ -69,7 +69,7 @@ def rows_of(
 
 
 def link_transform(row: Sequence[float]) -> FloatArray:
-    """Return ``Rz(theta_off) Tz(s) Tx(a) Rx(alpha) Ry(beta)``, (4, 4), of a row in this order, rad and m."""
+    """Return ``Rz(theta_off) Tz(s) Tx(a) Rx(alpha) Ry(beta)``, (4, 4); `row`: these entries in order, rad, m."""
     theta_off, s, a, alpha, beta = row
     c, n, ca, sa, cb, sb = (f(v) for v in (theta_off, alpha, beta) for f in (math.cos, math.sin))
     turn = np.array([[c, -n * ca, n * sa], [n, c * ca, -c * sa], [0.0, sa, ca]])
@@ -99,7 +99,7 @@ def _by_common_normal(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
 
 
 def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
-    """Return the D-H row to a nearly parallel axis; frame j is where it crosses the plane z = 0 of frame j-1 [9]."""
+    """Return the D-H row to a nearly parallel axis; origin j is where the axis crosses z = 0 of frame j-1 [9]."""
     x, z, origin = before[:3, 0], before[:3, 2], before[:3, 3]
     apart = line.point_m - origin
     apart = apart - (apart @ z) / (line.z @ z) * line.z
@@ -113,7 +113,7 @@ def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
 def _to_tip(before: FloatArray, tip: AxisLine, sine: float) -> tuple[float, ...]:
     """Return the D-H row to a tip whose z is nearly parallel to the last joint's axis.
 
-    It follows the common normal if that is near; otherwise it leads to the tip's origin and omits the small tilt.
+    The row follows the common normal if this is near; otherwise it leads to the tip's origin and omits the tilt.
     """
     if sine > MEETING_SINE:
         row = _by_common_normal(before, tip)

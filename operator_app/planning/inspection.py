@@ -28,7 +28,7 @@ class Chain:
     held
         Entries fixed at their value in the arm file, with the reason.
     home
-        Proposed home (n,), rad, with its outlook; None if the arm's own home is suitable or no proposal was found.
+        Proposed home (n,), rad, with its `Outlook`; None if the arm's own home is suitable or no proposal was found.
     poses
         Names of the poses files for this arm and fixture, each with the identifiability from its poses.
     unfit

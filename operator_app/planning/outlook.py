@@ -34,7 +34,7 @@ class Outlook:
     Attributes
     ----------
     parameters
-        Unknowns of the calibration, without those that the fixture's placement hides.
+        Unknowns of the calibration, without those that cannot be identified in the fixture's placement.
     home_to_closed_rad
         Nearest closed pose minus home (n,); None for an open arm, or if no pose closes.
     mobility

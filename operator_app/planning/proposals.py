@@ -60,9 +60,9 @@ def bent_home(arm: ArmModel) -> FloatArray | None:
 def closing_home(
     arm: ArmModel, fixture: EndpointConstraint, from_home: Outlook
 ) -> tuple[FloatArray, Outlook] | None:
-    """Return a home pose (n,) for the fixture, near the arm's home, within a degree of a closed pose, and its outlook.
+    """Return a home pose (n,), rad, near the arm's home, within a degree of a closed pose, and its `Outlook`.
 
-    None for an open arm, if the arm file's home is good (`from_home`: its outlook), or if no pose was found.
+    `from_home`: the `Outlook` of the arm file's home. None if that home is good, the arm is open or no pose was found.
     """
     home_to_closed_rad = from_home.home_to_closed_rad
     if not fixture.holds_hand or (
@@ -108,7 +108,7 @@ def _closed(arm: ArmModel, model: ClosureModel, x: FloatArray) -> Iterator[Float
 def _least_motion(columns: FloatArray, joints: int | None = None) -> FloatArray:
     """Return, for closed chains with the Jacobians `columns` (m, k, d), the motion (m,) of the joint that moves least.
 
-    Only the first `joints` columns count, by default all. 0: a joint does not move. Reduced near singularities.
+    Only the first `joints` columns count (default: all). The motion is reduced near singularities.
     """
     rows, freedoms = columns.shape[1:]
     if freedoms <= rows:
@@ -152,7 +152,7 @@ def _whole_degrees(q: FloatArray) -> FloatArray:
 
 
 def ball_between(arm: ArmModel, hand_m: FloatArray, base_m: FloatArray | None) -> Ball:
-    """Return the ball with centre `hand_m` (3,), tool frame, and socket `base_m` (3,); None: where it is at home."""
+    """Return the ball with this centre (3,), tool frame, and socket (3,); `base_m` None: the centre's place at home."""
     if base_m is None:
         R, p = _hand_at_home(arm)
         base_m = p + R @ hand_m

@@ -30,7 +30,7 @@ OF_TOLERANCE = 0.5
 """Largest error of the placement, as a share of the fixture's tolerance."""
 SIMULATION_TRIES = 40
 ROOM = 4
-"""Closed poses to choose from, per requested pose."""
+"""Number of closed poses per requested pose, from which the poses are chosen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

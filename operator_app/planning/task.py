@@ -61,7 +61,7 @@ def require_closed_chain(fixture: EndpointConstraint) -> None:
 
 
 def without_hidden(arm: ArmModel, fixture: EndpointConstraint, model: ClosureModel) -> ClosureModel:
-    """Return the loop in which parameters hidden by the fixture's placement are fixed at their nominal values."""
+    """Return the loop; parameters that are unidentifiable in the fixture's placement are fixed at nominal values."""
     part, *_ = model.parts()[0]
     nominal = nominal_vector(part.parameters)
     checks = fixture.placement_checks(arm, part, nominal)

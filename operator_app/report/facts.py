@@ -175,7 +175,7 @@ def estimate_json(estimate: Estimate) -> dict[str, Any]:
 
 
 def merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
-    """Return two JSON objects merged; where both have a value, the value in `other` is used."""
+    """Return two JSON objects merged; if both have a value for a key, the value in `other` is used."""
     result = dict(one)
     for key, value in other.items():
         both = isinstance(value, Mapping) and isinstance(result.get(key), Mapping)

@@ -168,7 +168,7 @@ RESULTS_AS_FIGURES = (
     "before", "chi2_band_99", "condition_number", "flexure_p_value", "global_start", "hand_accuracy_mm",
     "scaled_condition_number_at_readings", "stated_chi2_per_dof", "tip_sigma_mm",
 )  # fmt: skip
-"""Keys that have no content where nothing is identified."""
+"""Keys whose value is null if the poses leave parameters undetermined."""
 
 
 def unidentifiable_data(

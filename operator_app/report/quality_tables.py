@@ -234,7 +234,7 @@ CLOSURE_COLUMNS = (
 
 
 def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | None) -> FactTable:
-    """Return the table of closure sigmas before and after calibration, as rms and as printed, and of held-out poses."""
+    """Return the table of closure sigmas (rms, and as printed in the paper): before, after, and of held-out poses."""
     estimate = solution.identified
     rows = [
         closure_row("nominal, before", solution.before, key=("before",)),

@@ -181,7 +181,7 @@ def unidentifiable_text(error: UnidentifiableError) -> str:
 
 
 def aligned(rows: Sequence[Sequence[str]], *, left: bool = False) -> str:
-    """Return rows as text, the first column aligned to the left, the others to the right (if `left`, to the left)."""
+    """Return rows as text, the first column aligned to the left, the others to the right or, if `left`, also left."""
     columns = list(zip_longest(*(map(sanitized, row) for row in rows), fillvalue=""))
     for k, cells in enumerate(columns):
         width = max(map(len, cells))

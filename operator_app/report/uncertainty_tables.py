@@ -119,7 +119,7 @@ def budget_table(solution: Solution) -> FactTable | None:
 
 
 def sensitivity_table(solution: Solution) -> FactTable | None:
-    """Return the table of the widest sigmas, their largest sources and the effect of halving these; None if unknown."""
+    """Return the table of the largest sigmas, and of the effect of halving the main source of each; None if unknown."""
     sensitivities = source_sensitivities(solution)
     rows: list[tuple[Cell, ...]] = []
     for h in sensitivities:

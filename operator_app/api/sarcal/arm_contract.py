@@ -107,7 +107,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConnectedArm]:
 
 
 def fulfils(tried: Clause | Iterable[Clause]) -> None:
-    """Assert every clause, up to the first failure; skip the test, with reasons, if a clause could not be tested."""
+    """Assert that every clause holds; skip the test, with reasons, if none fails but some could not be tested."""
     count, unknown = 0, []
     for clause in [tried] if isinstance(tried, Clause) else tried:
         count += 1

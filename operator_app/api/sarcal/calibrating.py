@@ -54,7 +54,7 @@ def calibrate(
     global_start
         Search without a first guess instead of starting from the nominal values.
     drop_unidentifiable
-        Fix parameters that the poses do not determine at their nominal values, instead of raising UnidentifiableError.
+        Fix undetermined parameters at their nominal values, instead of raising UnidentifiableError.
     length_tolerance_mm
         Standard deviation of the lengths in the arm file; None: as the arm file states.
     checks

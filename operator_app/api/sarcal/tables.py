@@ -47,7 +47,7 @@ class Table:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Headers, with the unit in brackets where the whole column has one."""
+        """Headers, with the unit in brackets if one unit applies to the whole column."""
         return tuple(
             " ".join(filter(None, (c.group, c.title, f"[{c.unit}]" if c.unit else "")))
             for c in self._facts.whole.columns

@@ -117,7 +117,7 @@ def figure(caption: str, drawn: Html) -> Html:
 
 
 def plots(drawn: Iterable[Html]) -> Html:
-    """Return figures side by side where there is room."""
+    """Return figures, placed side by side if there is room."""
     return element("div", *drawn, class_="plots")
 
 

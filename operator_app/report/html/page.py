@@ -282,7 +282,7 @@ def history_html(history: ArmHistory) -> bytes:
 
 
 def _chart(part: EntryHistory, j: int) -> Html:
-    """Draw entry `j` over the sessions, with Shewhart and EWMA limits where these are known."""
+    """Draw entry `j` over the sessions, with Shewhart and EWMA limits if these are known."""
     name, chart = part.names[j], part.chart
     unit = quantity(name)
     count = len(part.calibrations)

@@ -26,7 +26,7 @@ from operator_app.units import typeset
 PLOT_WIDTH, HEIGHT = 360.0, 196.0
 LEFT, RIGHT, TOP, BOTTOM = 46.0, 8.0, 22.0, 34.0
 LARGEST_MARK = 5.0
-"""Radius of a mark whose area is 1."""
+"""Radius of a mark whose relative area (`Marks.sizes`) is 1, in the units of the picture."""
 CHARACTER = 6.2
 """Mean width of a character of plot text, in the units of the picture."""
 
@@ -150,7 +150,7 @@ def _band(layer: Band, y: Axis, right: float, bottom: float) -> Html:
 
 
 def _legend(layers: Sequence[Layer], right: float) -> Html:
-    """Return the legend: the labels of the layers above the frame, starting at the right."""
+    """Return the legend, above the frame: a sign and a label for each layer, right-aligned."""
     parts: list[Html] = []
     at = right
     for layer in reversed([layer for layer in layers if layer.label]):

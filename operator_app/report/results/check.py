@@ -232,7 +232,7 @@ def _freedom(chain: Chain) -> list[str]:
 
 
 def _other_home(chain: Chain) -> list[str]:
-    """Return lines with a usable home for the arm file; empty if the file's home is usable or no other is known."""
+    """Return lines that propose a home for the arm file; empty if its home is usable or no other one is known."""
     if chain.home is None:
         return []
     home, outlook = chain.home

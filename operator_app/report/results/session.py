@@ -62,7 +62,7 @@ def unidentifiable_json(
 ) -> dict[str, Any]:
     """Return the object of `sarcal run --json` for poses that leave parameters undetermined.
 
-    `estimator` and `unsensed_joints`: in place of the procedure's.
+    `estimator` and `unsensed_joints` are used instead of those in the procedure.
     """
     from operator_app.calibration.experiment import Experiment
     from operator_app.report.json_schema import unidentifiable_data

@@ -74,7 +74,7 @@ class StopDecision:
 def standard_deviations(information: FloatArray, parameters: int | None = None) -> FloatArray:
     """Standard deviations (P,) from an information matrix (N, N); inf where undetermined.
 
-    The first `parameters` of the N unknowns (default: all) are parameters; the others are standard normal effects.
+    The first `parameters` of the N unknowns (default: all) are parameters; the others are effects with prior N(0, 1).
     """
     if parameters is not None:
         information = about_parameters(information, parameters)

@@ -218,12 +218,12 @@ class ClosureModel(ABC):
 
     @property
     def entries(self) -> tuple[DhEntry, ...]:
-        """Unknown D-H entries, where one table serves all poses."""
+        """Unknown D-H entries; empty if poses have different D-H tables."""
         return ()
 
     @abstractmethod
     def arm_rows(self) -> FloatArray:
-        """Nominal rows 1..n (5, n): theta_off, s, a, alpha, beta; ValueError where poses have different tables."""
+        """Nominal rows 1..n (5, n): theta_off, s, a, alpha, beta; ValueError if poses have different tables."""
 
     @property
     def constrained_part(self) -> ConstrainedPart | None:

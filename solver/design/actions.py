@@ -106,7 +106,7 @@ def path_watch(
 def moves_along(
     route: Sequence[Leg], drives: tuple[int, ...], goal: str, *, of: str = ""
 ) -> list[GoTo | ChangeDrives]:
-    """Return a route's moves and changes of drives; `drives`: initial drive joints; `goal`, `of`: words for the reasons."""
+    """Return moves and changes of drives of a route that starts with `drives`; `goal`, `of`: words for the reasons."""
     moves: list[GoTo | ChangeDrives] = []
     for leg in route:
         if leg.drives != drives:

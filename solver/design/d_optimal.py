@@ -83,7 +83,7 @@ def choose_poses(
     root
         (m, r, N): `PoseInformation.root` of all candidates.
     parameters
-        The first `parameters` of the N unknowns (default: all) are to be determined; the others are effects.
+        The first `parameters` of the N unknowns (default: all) are to be determined; the others are effects (N(0, 1)).
     fixed
         Information (N, N) of poses captured already.
     allowed

@@ -98,7 +98,7 @@ class Estimate:
         )
 
     def given(self, names: Collection[str]) -> Estimate:
-        """Return the estimate of all parameters except `names`, with the covariance conditional on `names` being exact."""
+        """Return the estimate of all parameters but `names`, with the covariance conditional on `names` being exact."""
         indices = [k for k, p in enumerate(self.parameters) if p.name not in names]
         rest = self.without(names)
         if len(indices) == len(self.parameters):

@@ -223,7 +223,7 @@ def settle(
     variances: Callable[[Layout], FloatArray] | Mapping[str, float] | None = None,
     progress: Progress | None = None,
 ) -> SettledFit:
-    """Fit as `estimate_with_errors` does, without a report. `near`, `variances` (or a dict by name): `fit_mixed`."""
+    """Fit as `estimate_with_errors`, without a report. `near`, `variances` (or a mapping by name): see `fit_mixed`."""
     if isinstance(variances, Mapping):
         variances = partial(_by_name, variances)
     order = canonical_order(q)

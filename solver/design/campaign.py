@@ -45,7 +45,7 @@ EASIER_LEVERAGE = 0.7
 REPLAN_SHIFT_RAD = float(np.deg2rad(0.5))
 """A plan is made again when the estimate moves its poses by more than this."""
 NEXT_TO_RAD = 0.5
-"""Distance (over all joints) from a candidate to a captured pose within which the drives go straight to it."""
+"""Distance (over all joints) from a candidate within which the drives go straight to a captured pose."""
 
 BACK = "to a captured pose"
 

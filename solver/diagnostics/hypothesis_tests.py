@@ -31,7 +31,7 @@ SEEN = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HypothesisTest:
-    """One test. It fires if `statistic` exceeds `threshold`, on a sound pose set with probability `false_alarm`."""
+    """One test. It fires if `statistic` exceeds `threshold`; on a sound pose set the probability is `false_alarm`."""
 
     code: str
     statistic: float

@@ -87,7 +87,7 @@ POSE_CHI2_UNPREDICTED = 20.0
 
 POSE_CHI2_RATIO_UNPREDICTED = 6.0
 """A new pose counts as unpredicted only if its chi2 is also this many times the largest chi2 of the poses before it.
-That chi2 is large where errors exceed the stated ones. With errors three times as large as stated, 4 of 100 sound
+That chi2 is large if errors exceed the stated ones. With errors three times as large as stated, 4 of 100 sound
 planned sessions repeat their first pose; with errors as stated, none does."""
 
 # Sigmas and ratios of standard deviations
@@ -243,4 +243,4 @@ STUCK_JOINT_MOTION_SHARE = 0.1
 and with a ball four drive joints hardly overdetermine a rotation."""
 
 STEP_RESIDUAL_SHARE = 0.25
-"""A step of a joint's reading leaves less than this share of the sum of squares that a smooth curve leaves."""
+"""A joint's reading has a step if the step leaves at most this share of the squares that a smooth curve leaves."""

@@ -157,7 +157,7 @@ class ResidualSigma:
 class ClosureSigmas:
     """Standard deviations of the closure error: position in m, orientation in rad.
 
-    `orientation_rad` is None if orientation is not part of the closure error: a ball, measured positions.
+    `orientation_rad` is None if orientation is not part of the closure error (ball, measured positions).
     """
 
     position_m: ResidualSigma

@@ -37,7 +37,7 @@ RELINEARISE_SIGMA = 1e-4
 """Largest error of a linearisation, in standard errors of a parameter, with which the next iteration still uses it."""
 
 LEAST_GAIN = 0.3
-"""Slope of the log-likelihood along a step, about twice the gain left, below which the iteration ends."""
+"""Slope of the log-likelihood along a step (about twice the gain left) below which the iteration ends."""
 
 COMPARABLE_SIGMA = 3.0
 """Largest change of a parameter, in standard errors, between iterations whose slopes are compared."""

@@ -239,14 +239,14 @@ class ClosureModel(ABC):
         return None
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Points (k, 3), m, and fixture's axis (3,) for a drawing of the arm, in the base frame; None: no drawing.
+        """Points (k, 3), m, and fixture's axis (3,) for a drawing of the arm, in the base frame; None if not drawn.
 
         The last point is at the fixture; the axis is zero if the fixture has no axis.
         """
         return None
 
     def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Position (3,), m, and axis (3,) of the fixture, in the frame of `drawn`; None: no drawing."""
+        """Position (3,), m, and axis (3,) of the fixture, in the frame of `drawn`; None if it is not drawn."""
         return None
 
 

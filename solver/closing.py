@@ -247,7 +247,7 @@ def left_null_space(N: FloatArray) -> FloatArray:
 
 
 def left_inverse(N: FloatArray) -> FloatArray:
-    """Return ``N+`` (..., U, k): least-squares response of the unsensed angles; 0 if an angle moves nothing."""
+    """Return ``N+`` (..., U, k): least-squares response of the unsensed angles; 0 for an angle that moves nothing."""
     Nt = np.swapaxes(N, -1, -2)
     if N.shape[-1] == 1:
         length = (N * N).sum(-2, keepdims=True)

@@ -33,7 +33,7 @@ class UnidentifiableDirection:
     weights
         Components of these parameters in the direction's unit vector (columns scaled), in the same order.
     reason
-        Reason as text, where it is known ("joint 4 does not move"); empty otherwise.
+        Reason as text if it is known ("joint 4 does not move"); empty otherwise.
     immobile_joints
         Joints (1-based) of this direction whose readings hardly change over the pose set.
     """

@@ -75,7 +75,7 @@ class ArmModel:
     home_rad
         Pose the arm starts from, sensor coordinates, shape (n,).
     tolerances
-        Tolerances of rows 1..n; empty where the whole table is exact.
+        Tolerances of rows 1..n; empty if the whole table is exact.
     offset_tolerance_rad
         Standard uncertainty of the nominal offsets; None if it is not known.
     masses

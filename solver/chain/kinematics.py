@@ -81,7 +81,7 @@ class Frames:
     origin_of
         (links + 1, 3, ...), m.
     normal_of
-        (links + 1, 3, ...): axis of a_j and alpha_j, which is x_j before the rotation by beta_j; None where no link has
+        (links + 1, 3, ...): axis of a_j and alpha_j, which is x_j before the rotation by beta_j; None if no link has
         a beta.
     """
 
@@ -162,16 +162,16 @@ def forward(
 
 _AXIS = np.array([{DhKind.A: 0, DhKind.ALPHA: 0, DhKind.BETA: 1}.get(kind, 2) for kind in DhKind])
 _TURNS = np.array([kind.is_angle for kind in DhKind])
-"""For each `DhKind` (5,): axis along or about which the entry moves the links after it (for z, of the frame before the
-link), and whether the entry is an angle."""
+"""`_AXIS` (5,): axis (x 0 or y 1 of the frame after the link, z 2 of the frame before it) along or about which each
+`DhKind` moves the links after it. `_TURNS` (5,): whether each `DhKind` is an angle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entries:
     """Frame and axis of each of the D-H entries whose screws are needed, in the order given.
 
-    Each entry turns or shifts the links after it: about or along axis `axis` (x 0, y 1, z 2) of frame `frame`, indices
-    (C,). `turning`, `sliding`: indices of the entries that are angles, and of the entries that are lengths.
+    `frame`, `axis` (C,): index of a frame, and of its axis (x 0, y 1, z 2) about which the entry turns, or along which
+    it shifts, the links after it. `turning`, `sliding`: indices of the entries that are angles, and that are lengths.
     """
 
     frame: IntArray

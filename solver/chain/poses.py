@@ -23,14 +23,14 @@ class PoseSet:
     q_rad
         Sensor angles as read, rad, continuous and never wrapped, shape (m, n).
     sd_rad
-        Standard deviation of the samples at each pose, shape (m, n), rad; None where not recorded.
+        Standard deviation of the samples at each pose, shape (m, n), rad; None if not recorded.
     samples
-        Number of samples averaged at each pose, shape (m,); None where not recorded.
+        Number of samples averaged at each pose, shape (m,); None if not recorded.
     endpoint
         Measured endpoint: x, y, z (m), shape (m, 3), or also a rotation vector (rad), shape (m, 6). None
         without an instrument.
     utc, notes
-        Time and operator's note of each pose, length m, "" where there is none; None where not recorded.
+        Time and operator's note of each pose, length m, "" for a pose without; None if not recorded for any pose.
     """
 
     placement: IntArray

@@ -47,7 +47,7 @@ def rotation_vector(R: FloatArray) -> FloatArray:
 
 
 def _largest_row(R: FloatArray, w: FloatArray) -> FloatArray:
-    """Return the row (m, 4) of 4 q q', q = (w, x, y, z), that belongs to the largest of x, y, z; `w`: the first row."""
+    """Return the row (m, 4) of 4 q q', q = (w, x, y, z), of the largest of x, y, z; `w` (m, 4): row of the scalar w."""
     d = np.diagonal(R, axis1=-2, axis2=-1)
     k, every = np.argmax(d, axis=-1), np.arange(len(R))
     row = np.empty_like(w)

@@ -99,11 +99,11 @@ Sensor = Encoder | Rvdt | NoSensor
 
 
 SHAPE_WEIGHTS = (1.0, 1.0, 0.5, 0.35, 0.25, 0.18, 0.14, 0.11, 0.09)
-"""Relative prior standard deviations of the Legendre polynomials P2..P10: a transformer's linearity deviation is mostly
+"""Relative prior standard deviations of the coefficients of P2..P10 (Legendre): an RVDT's linearity deviation is mostly
 a bow (P2) and an S (P3), and higher terms fall with the square of the degree."""
 
 LOWEST = 2
-"""Lowest degree of these polynomials: from 2 on they are orthogonal to every line, as a linearity deviation is."""
+"""Lowest degree of the Legendre polynomials: from 2 on they are orthogonal to lines, as a linearity deviation is."""
 
 
 def _power_series() -> FloatArray:
@@ -116,7 +116,7 @@ def _power_series() -> FloatArray:
 
 
 _POWERS = _power_series()
-"""Powers make all shapes one matrix product; at this low degree only three of sixteen digits are lost."""
+"""Shapes as power series: one matrix product gives all shapes; at this low degree only three of 16 digits are lost."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,17 +148,17 @@ class SensorCurve:
 
     @property
     def lines(self) -> int:
-        """Number of lines: 1, or 0 where the gain is exact."""
+        """Number of lines: 1, or 0 if the gain is exact."""
         return int(self.gain > 0.0)
 
     @property
     def bends(self) -> int:
-        """Number of polynomials."""
+        """Number of Legendre polynomials; 0 if they are left out."""
         return len(SHAPE_WEIGHTS) if self.bent else 0
 
     @property
     def width(self) -> int:
-        """Number of shapes; 0 for a sensor without systematic errors."""
+        """Number of shapes (line and polynomials); 0 for a sensor without systematic errors."""
         return self.lines + self.bends
 
     def place(self, theta_rad: FloatArray) -> FloatArray:
@@ -168,7 +168,7 @@ class SensorCurve:
         return np.asarray(np.clip(x, -1.2, 1.2))
 
     def basis(self, theta_rad: FloatArray) -> FloatArray:
-        """Shapes (m, width) at sensor angles (m,): line, rad, times `gain`; polynomials times `SHAPE_WEIGHTS`."""
+        """Shapes (m, width) at sensor angles (m,): the line (rad, times `gain`), polynomials times `SHAPE_WEIGHTS`."""
         x = self.place(theta_rad)
         shapes = [(self.gain * self.half_scale_rad * x)[:, None]] * self.lines
         if self.bent:

@@ -89,7 +89,7 @@ class LinkMasses:
 
 
 UNSTATED_KG, UNSTATED_CENTRE_M = 1.0, 0.1
-"""Mass of each link and standard deviation of its centre where no file states them. They determine only the shapes of
+"""Mass of each link and standard deviation of its centre if no file states them. They determine only the shapes of
 sag; its magnitude is stated separately."""
 
 

@@ -76,7 +76,7 @@ Action = GoTo | Capture | ChangeDrives | Finished
 def path_watch(
     trace_rad: FloatArray | None, tolerance_rad: float, ranges: Ranges
 ) -> Callable[[FloatArray], str | None]:
-    """Return a function that checks readings (n,) during one move; it returns why the move should end, or None.
+    """Return a function that checks readings (n,) during one move: its result is the reason to end the move, else None.
 
     `trace_rad`: predicted readings (t, n); None to check the ranges only. `ranges`: joint ranges, narrowed by the
     stopping distance.
@@ -106,7 +106,7 @@ def path_watch(
 def moves_along(
     route: Sequence[Leg], drives: tuple[int, ...], goal: str, *, of: str = ""
 ) -> list[GoTo | ChangeDrives]:
-    """Return a route's moves and changes of drives; `drives`: in position mode before; `goal`, `of`: for reasons."""
+    """Return moves and changes of drives along a route, from present `drives`; `goal`, `of`: words for the reasons."""
     moves: list[GoTo | ChangeDrives] = []
     for leg in route:
         if leg.drives != drives:

@@ -37,7 +37,7 @@ from solver.loops.closure import poses_needed
 SPARE_POSES = 4
 """Poses in addition to the minimum before an interim calibration is tried."""
 MOST_BLOCKED = 8
-"""Planned moves that may be stopped early before the campaign ends."""
+"""Number of planned moves that may be stopped early; one more ends the campaign."""
 MOST_UNREACHED = 12
 """Number of consecutive chosen poses without a path after which the campaign ends."""
 EASIER_LEVERAGE = 0.7
@@ -45,7 +45,7 @@ EASIER_LEVERAGE = 0.7
 REPLAN_SHIFT_RAD = float(np.deg2rad(0.5))
 """A plan is made again when the estimate moves its poses by more than this."""
 NEXT_TO_RAD = 0.5
-"""Distance (over all joints) from a candidate to a captured pose within which the drives go straight to it."""
+"""Distance (over all joints) from a candidate within which the drives go straight to a captured pose."""
 
 BACK = "to a captured pose"
 
@@ -66,7 +66,7 @@ class Campaign:
         Interim calibration; by default the implicit estimator, started from nominal values.
     captured, taken
         Readings (m, n) at poses of an earlier campaign on the same loop that still count, and how many of these poses
-        were planned. If they suffice for a trusted estimate, nothing is explored again.
+        were planned. If the readings suffice for a trusted estimate, nothing is explored again.
     at_rad
         Readings at the arm's present pose (n,); by default `start_rad`.
     """
@@ -117,7 +117,7 @@ class Campaign:
         return np.array(self._readings).reshape(-1, len(self._q))
 
     def propose(self) -> Action:
-        """Return the next action; the same one until its end is reported. `ValueError` after the campaign's end."""
+        """Return the next action; until its end is reported, the same again. `ValueError` after the campaign's end."""
         while not self._queue:
             match self.phase:
                 case Phase.EXPLORING:
@@ -289,7 +289,7 @@ class Campaign:
     def _route(self, plan: PosePlan, target: int) -> tuple[Leg, ...] | None:
         """Return a path from the current pose to a candidate of `plan`; None if no safe path is found.
 
-        The path must keep four fifths of the planning margin only: between two candidates that keep the whole margin,
+        The path need keep only four fifths of the planning margin: between two candidates that keep the whole margin,
         it may come nearer to the end of a range than both.
         """
         return plan.graph.route(

@@ -21,8 +21,8 @@ PRIOR_SHARE = 1e-8
 """Weight of the prior that makes the first information matrices regular, relative to one average candidate."""
 MOST_RESTARTS = 24
 RESTART_WORK = 400_000
-"""Small problems have bad local optima and are cheap: they are started again, up to this many
-candidates times poses times unknowns altogether. Among thousands of candidates one start comes within one per cent."""
+"""Limit of restarts times candidates times poses times unknowns: small problems have bad local optima and are cheap.
+Among thousands of candidates one start comes within one per cent of the optimum."""
 MAX_SWEEPS = 10
 """Largest number of sweeps of exchanges."""
 WORTHWHILE = 1e-9
@@ -83,7 +83,7 @@ def choose_poses(
     root
         (m, r, N): `PoseInformation.root` of all candidates.
     parameters
-        The first `parameters` of the N unknowns (default: all) are to be determined; the others are effects.
+        The first `parameters` of the N unknowns (default: all) are to be determined; the others are effects (N(0, 1)).
     fixed
         Information (N, N) of poses captured already.
     allowed

@@ -38,16 +38,16 @@ class RankedDrives:
     usable
         Whether the set may be used at all.
     leverage
-        Smallest singular value of the drives' share in the self-motion: 1 if the drives measure all motion, 0 at a
-        singularity. Over a region: the median over the poses that the set reaches.
+        Smallest singular value of the drives' share in the self-motion, from 0 at a singularity to 1 if the drives
+        determine all motion; in a ranking over a region, the median over the poses that the set reaches.
     passive_conditioning
-        Smallest singular value of the passive joints' closure Jacobian, over a region its median; None by trial.
+        Smallest singular value of the passive joints' closure Jacobian, over a region the median; None for trials.
     fastest_passive, fastest_joint
         Largest ratio of a passive joint's speed to the drives' speed, and the number of this joint.
     still
         Passive joints that hardly move with these drives.
     reach
-        Share of the region's poses that can be reached from pose 0; None without a region.
+        Share of the region's poses that can be reached from pose 0; None if the ranking is not over a region.
     reasons
         Reasons as text, the most important first.
     """

@@ -28,8 +28,8 @@ CAPTURE_EVERY = 3
 RAY_MARGIN_RAD = float(np.deg2rad(5.0))
 """Least distance of every joint from the ends of its range."""
 MOST_RATE = 2.5
-"""Largest allowed ratio of a passive joint's motion to the drives'; more means that a singularity is near. Where the
-start already exceeds it, up to twice as much is allowed."""
+"""Largest allowed ratio of a passive joint's motion to the drives'; more means that a singularity is near. If the
+ratio at the start is larger already, up to twice this limit is allowed."""
 
 
 @dataclass(slots=True)
@@ -55,7 +55,7 @@ class _Here:
 
 
 class Explorer:
-    """Policy of the exploration. Alternate `propose` and `observe` until `propose` returns nothing.
+    """Policy of the exploration. Alternate `propose` and `observe` until `propose` returns an empty tuple.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ class Explorer:
         return wiggles + [_Ray(direction=v, steps=steps) for v in signs]
 
     def _ahead(self, move: FloatArray, *, trusted: bool) -> str:
-        """Reason not to make the next step `move` (d,), rad, or "". `trusted`: whether the rates are learnt."""
+        """Reason not to make the step `move` (d,), rad; "" if none. `trusted`: whether the rates are learnt."""
         start = self._here
         change = start.rates @ move
         # Until the rates are learnt, assume the largest allowed rate.
@@ -207,7 +207,7 @@ class Explorer:
         self._finish()
 
     def _finish(self) -> None:
-        """End the ray at the start, where the rates learnt from the trial motions apply again."""
+        """End the ray: the arm is back at the start, where the rates learnt from the trial motions apply."""
         if self._ray < 2 * len(self.drives):
             self._start_rates = self._here.rates.copy()
         self._here.rates = self._start_rates.copy()

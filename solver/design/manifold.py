@@ -29,7 +29,7 @@ TOUCHING = 1.7
 BENT = 0.35
 """A neighbour farther from the tangent plane than this share of its distance is on another sheet."""
 LEAST_SPACING_SHARE = 0.2
-"""A tangent step is not closed if an earlier one is nearer to it than this share of a step."""
+"""The end of a tangent step is dropped before closing if an earlier end is nearer than this share of a step."""
 COARSE_STEP_RAD = 0.15
 
 
@@ -172,7 +172,7 @@ def _far_from(others: FloatArray, points: FloatArray, distance: float) -> BoolAr
 
 
 def _spread(points: FloatArray, distance: float) -> IntArray:
-    """Indices of points of which no two are within `distance`; of two that are, the earlier is kept."""
+    """Indices of points of which no two are within `distance`; of two nearer points the earlier is kept."""
     dropped = np.zeros(len(points), dtype=np.bool_)
     if len(points):
         pairs = _tree(points).query_pairs(distance, output_type="ndarray")

@@ -74,7 +74,7 @@ class ChainMotion:
         return int(self.tangent.shape[-1])
 
     def leverage(self, drives: Sequence[int]) -> FloatArray:
-        """Share of the chain's motion that the drive joints measure, (m,), 0 at a singularity, at most 1.
+        """How well the drive joints determine the chain's motion, (m,): from 0 at a singularity to at most 1.
 
         The leverage is the smallest singular value of the drives' rows of `tangent`: a motion of the drives by one
         radian moves the whole chain by at most 1 / leverage.
@@ -109,8 +109,8 @@ class ChainMotion:
 def chain_motion(model: ClosureModel, x: FloatArray, q: FloatArray, u: FloatArray) -> ChainMotion:
     """First-order motion at closed poses `q` (m, n), `u` (m, U), rad, for parameters `x` (P,).
 
-    Raises `ValueError` if the chain has no mobility. Where the closure Jacobian loses rank, more directions exist
-    than are returned: where this matters, check the mobility with `fixtures.setup_checks`.
+    Raises `ValueError` if the chain has no mobility. If the closure Jacobian loses rank, more directions exist
+    than are returned; if this matters, check the mobility with `fixtures.setup_checks`.
     """
     error = model.loop(x, q, u)
     J = np.concatenate((error.jac_q, error.jac_u), axis=-1)

@@ -233,8 +233,8 @@ def information_of(
 ) -> tuple[FloatArray, PoseInformation]:
     """Return the information (N, N) of captured readings (c, n) with priors, and the information of the candidates.
 
-    `closed_q` (m, n), `closed_u` (m, U): candidates. Captured poses are evaluated on the nearest closed loops. If their
-    errors are larger than stated, the same is assumed of the candidates.
+    `closed_q` (m, n), `closed_u` (m, U): candidates. Captured poses are evaluated on the nearest closed loops. If the
+    captured poses' errors are larger than stated, the candidates' errors are assumed larger by the same factor.
     """
     c = len(readings)
     variance = np.broadcast_to(task.noise.joint_variance, (max(c, 1), readings.shape[-1]))

@@ -2,7 +2,7 @@
 
 A closed pose adds ``A' V^-1 A`` to the Fisher information, in the estimators' linearisation (method, section 3). The
 rows also have columns for effects of stated errors (lengths, twists, encoders, play, sag, compliance): effects that a
-thousand similar poses determine no better than one pose does (section 10).
+thousand similar poses determine no better than one pose does (method, section 10).
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class PoseInformation:
 
 
 def about_parameters(information: FloatArray, parameters: int) -> FloatArray:
-    """Information (P, P) about the first P = `parameters` of P + K unknowns; the others are standard normal."""
+    """Information (P, P) about the first P = `parameters` of P + K unknowns; the others have prior N(0, 1)."""
     pp, pe = information[:parameters, :parameters], information[:parameters, parameters:]
     ee = information[parameters:, parameters:] + np.eye(len(information) - parameters)
     return np.asarray(pp - pe @ np.linalg.solve(ee, pe.T))

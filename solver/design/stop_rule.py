@@ -18,11 +18,11 @@ from solver.estimators.least_squares import column_scale
 
 BLIND = 1e-12
 """Directions whose scaled information is below this share of the largest are not determined. Subtracting the effects'
-part leaves rounding of some 1e-13."""
+part leaves rounding of about 1e-13."""
 
 
 WORTHWHILE_SHARE = 0.05
-"""More poses are worth taking if together they reduce the largest ratio of sigma to request by this share."""
+"""More poses are worth taking if together they reduce the largest ratio of sigma to request by at least this share."""
 
 
 class PrecisionStatus(Enum):
@@ -74,7 +74,7 @@ class StopDecision:
 def standard_deviations(information: FloatArray, parameters: int | None = None) -> FloatArray:
     """Standard deviations (P,) from an information matrix (N, N); inf where undetermined.
 
-    The first `parameters` of the N unknowns (default: all) are parameters; the others are standard normal effects.
+    The first `parameters` of the N unknowns (default: all) are parameters; the others are effects with prior N(0, 1).
     """
     if parameters is not None:
         information = about_parameters(information, parameters)
@@ -167,7 +167,7 @@ def _forecast(
     goal: FloatArray,
     poses_left: int,
 ) -> tuple[FloatArray, int | None]:
-    """Return the standard deviations after up to `poses_left` more poses, and the number of poses that meet all goals.
+    """Return the standard deviations after up to `poses_left` more poses, and the number of poses needed for all goals.
 
     Each pose is the one that most reduces the variance of the parameter farthest above its goal. The number is None if
     the goals are not met.

@@ -18,13 +18,13 @@ from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, STEP_EDGE_POSES
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 
 AT_POSES = 0.4
-"""Alarms of steps at poses, as a share of the alarms of the continuous statistic; simulated for 10 to 300 poses."""
+"""False alarms of steps at poses only, as a share of those of the continuous statistic; simulated, 10 to 300 poses."""
 
 AT_ONCE = 400_000
 """Elements of the largest matrix for the suspects that are evaluated at once; this limits the memory needed."""
 
 FREE = 1e-7
-"""Share of a column's square that the fit must leave for a step along it to be detectable."""
+"""Least share of a column's sum of squares that the fit must leave for a step along it to be detectable."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,7 +56,7 @@ class ChangePoint:
     chi2, dof
         Reduction of chi2 when the step is fitted, and its number of unknowns.
     threshold
-        Value that `chi2` exceeds in `FALSE_ALARM_PROBABILITY` of sound pose sets, over all poses and suspects.
+        Value that `chi2` exceeds, for any pose and suspect, in a share `FALSE_ALARM_PROBABILITY` of sound pose sets.
     """
 
     suspect: str

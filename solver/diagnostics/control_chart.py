@@ -32,7 +32,7 @@ PRIOR_DOF = 8.0
 """Degrees of freedom of the common ratio of observed to stated scatter; single quantities differ by about 25 %."""
 
 SHEWHART_SHARE = 0.1
-"""Part of the false-alarm probability for single sessions: a shift of six times the scatter shows in both charts."""
+"""Part of the false-alarm probability given to single sessions; shifts of six times the scatter show in both charts."""
 
 LEAST_RATIO = 0.1
 """Scatter between sessions is never taken to be less than this share of the stated repeatability."""

@@ -59,7 +59,7 @@ class HoldOut:
     parts
         Test of each part with the estimate from the rest.
     sigmas
-        sigma_pos and sigma_ori over all poses held out, each with the parameters estimated from the rest.
+        sigma_pos and sigma_ori over all poses held out, each pose with the parameters estimated from the rest.
     inside_sigmas
         sigma_pos and sigma_ori of the fitted poses, as rms over the parts: these should be similar to `sigmas`.
     """
@@ -213,9 +213,9 @@ class CommonShift:
 def predicted_residuals(
     fit: LinearFit, later: BoolArray, given: FixedParameters | None = None
 ) -> WhitenedResiduals:
-    """Return the residuals of the `later` poses (m,), predicted from the other poses of `fit`.
+    """Return the residuals of the `later` poses (mask (m,)) from their prediction by the other poses of `fit`.
 
-    `given`: fixed parameters to test instead; then the other poses are not used.
+    `given`: parameters with which to predict instead; then the other poses are not used.
     """
     width, hard = fit.design.width, fit.design.hard
     gram, right = np.zeros((width, width)), np.zeros(width)
@@ -255,7 +255,7 @@ def predicted_residuals(
 
 
 def shifted(residuals: WhitenedResiduals, subjects: Mapping[str, FloatArray]) -> CommonShift | None:
-    """Return the most significant shift common to all poses, or None; `subjects`: columns (m, r, c) by name."""
+    """Return the most significant common shift, None if none is significant. `subjects`: columns (m, r, c) by name."""
     from scipy.special import chdtri
 
     shifts = []

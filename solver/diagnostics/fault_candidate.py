@@ -33,7 +33,7 @@ class Cause(Enum):
 
 
 class PeakDeviation(NamedTuple):
-    """Largest deviation of a sensor over the poses and its sigma, rad; `from_line`: whether from the best-fit line."""
+    """Largest deviation of a sensor over the poses and its sigma, rad; `from_line`: whether without gain error."""
 
     peak: float
     sd: float
@@ -56,19 +56,19 @@ class Candidate:
         Derivatives (m, r, c) of the misclosures with respect to each coefficient, and the coefficients' expected
         magnitudes (c,).
     own
-        None, or indices of poses (p,) that have coefficients of their own: then `columns` are (p, r, c), and
+        None, or indices of poses (p,) that have coefficients of their own; in this case `columns` are (p, r, c), and
         `expected_size` is (p * c,).
     places
         Number of alternatives (e.g. poses) among which this cause was found.
     poses
-        Poses concerned, indices in time order; empty for all.
+        Poses concerned, indices in time order; empty if all poses are concerned.
     most
         Largest magnitude of this cause, in units of the expected magnitude.
     shapes, least
         The deviation in every pose is ``shapes @ b`` (m,), or b itself if `shapes` is None. It counts as a cause if its
         rms is at least `least`.
     most_stated
-        Largest deviation that the files state, or 0. If stated, only a deviation that exceeds it by `CERTAIN_SIGMAS`
+        Largest deviation that the files state, or 0. If not 0, only a deviation that exceeds it by `CERTAIN_SIGMAS`
         standard deviations counts as a cause.
     measured
         The sensor's linearity deviation as loops without this sensor's readings measured it, which is more accurate;
@@ -116,9 +116,9 @@ class Candidate:
         return out
 
     def deviation(self, b: FloatArray, covariance: FloatArray) -> PeakDeviation:
-        """Largest deviation over the poses, with the gain error or from the best-fit line.
+        """Largest deviation over the poses, either with the gain error or from the best-fit line.
 
-        The deviation that exceeds `most_stated` by more standard deviations is returned, because the loop determines a
+        The one that exceeds `most_stated` by more standard deviations is returned, because the loop determines a
         sensor's linearity deviation far better than its gain.
         """
         if self.measured is not None and self.measured.beyond(self.most_stated):

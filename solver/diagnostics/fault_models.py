@@ -94,7 +94,7 @@ class FaultModels:
         return Candidate(cause=cause, subject=str(j), columns=columns, expected_size=expected_size)
 
     def changes(self) -> dict[str, Candidate]:
-        """Candidates for a change during the session, by changed quantity; `from_pose` of each sets the first pose."""
+        """Candidates for a change that lasts from some pose on (`from_pose`), by the name of the changed quantity."""
         design, parameters = self.design, self.design.model.parameters
         candidates = {
             f"joint {j}": Candidate(

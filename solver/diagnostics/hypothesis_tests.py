@@ -26,12 +26,12 @@ FOLDS, FAR_SHARE = 5, 0.2
 """Number of parts of the poses, each predicted by the rest, and share of the poses in a block far from the rest."""
 
 SEEN = 1e-6
-"""Share of a column's square that the fit must leave for the column to be tested."""
+"""Least share of a column's sum of squares that the fit must leave for the column to be tested."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HypothesisTest:
-    """One test. It fires if `statistic` exceeds `threshold`: on a sound pose set with probability `false_alarm`."""
+    """One test. It fires if `statistic` exceeds `threshold`; on a sound pose set the probability is `false_alarm`."""
 
     code: str
     statistic: float
@@ -92,7 +92,7 @@ class HypothesisTest:
     def of_sigmas(
         cls, code: str, z: FloatArray, *, false_alarm: float = FALSE_ALARM_PROBABILITY
     ) -> HypothesisTest:
-        """Test the largest of `z` (k,), normal deviations in sigmas, to either side."""
+        """Test the largest magnitude in `z` (k,), normal deviations in sigmas."""
         return cls(
             code=code,
             statistic=float(np.abs(z).max()),
@@ -120,7 +120,7 @@ def pull_tests(
 
 
 def scale_tests(faults: FaultModels, residuals: WhitenedResiduals) -> list[HypothesisTest]:
-    """Test the scale of every encoder: loops reveal an error of 1 %, and no other test covers it."""
+    """Test the scale of every encoder: loops reveal an error of 1 %, and no other test covers scales."""
     z = []
     for candidate in faults.scales():
         s, C = residuals.score(candidate.columns)
@@ -167,7 +167,7 @@ def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
 def without_curves_in_specification(
     tests: Iterable[HypothesisTest], faults: FaultModels, residuals: WhitenedResiduals
 ) -> Iterable[HypothesisTest]:
-    """Return the tests without fired tests of sensor curves that are within the linearity specification.
+    """Return the tests without those that fire for a sensor curve within the linearity specification.
 
     A specification bounds the largest deviation only. Ripples within the specification may exceed the standard
     deviation assumed for the whole curve.
@@ -211,7 +211,7 @@ def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outlie
     """Test every pose against the others; `scale` is the factor of the variances (see `noise_scale`).
 
     The most improbable pose is set aside and the rest is tested again, so that outliers do not hide each other. Of many
-    poses, several are set aside at a time, so that the work only grows in proportion to them. No pose is excluded.
+    poses, several are set aside at a time, so that the work is proportional to their number. No pose leaves the fit.
     """
     from scipy.special import chdtri
 

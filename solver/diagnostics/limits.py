@@ -23,7 +23,7 @@ CHI2_NOTICE_PROBABILITY = 0.01
 """A chi2 at stated noise that is less likely than this is reported."""
 
 DISTANCE_NOTICE_PROBABILITY = 0.01
-"""Chance of reporting any measured distance of sockets as contradicted by sound poses."""
+"""Chance that any measured distance between sockets is reported although distances and poses are sound."""
 
 OUTLIER_NOTICE_PROBABILITY = 0.01
 """Chance of reporting any pose of a sound pose set as an outlier."""
@@ -32,13 +32,13 @@ DRIFT_FALSE_ALARM_PROBABILITY = 0.01
 """Chance that two calibrations of an unchanged arm are reported to differ in any parameter."""
 
 CONTROL_CHART_FALSE_ALARM_PROBABILITY = 0.0017
-"""Chance that a session raises a false alarm: 1 % over 12 sessions, 5 % if their scatter differs by 35 %."""
+"""Chance of a false alarm in one session: 1 % in 12 sessions, 5 % if the scatter differs by 35 % between them."""
 
 CURVATURE_FALSE_ALARM_PROBABILITY = 0.01
 """Chance of reporting a straight RVDT as curved."""
 
 REMOUNT_FALSE_ALARM_PROBABILITY = 1e-6
-"""Probability that placements of an untouched fixture differ so much; less probable differences mean a remounting."""
+"""Differences of placements that an untouched fixture would show with less than this probability mean a remounting."""
 
 REPEAT_REFUSAL_PROBABILITY = 1e-4
 """The calibration is refused if a repeated pose is less likely than this, however wide the sigmas are: a slip of the
@@ -55,7 +55,7 @@ POSSIBLE_CAUSE_PROBABILITY = 0.1
 # Misfit: chi2/dof at stated variances, and ratios of it
 
 CHI2_PER_DOF_SECOND_START = 2.0
-"""Beyond this a fit is restarted elsewhere: where poses differ little, even a wrong local optimum may leave no more."""
+"""Beyond this a fit is repeated from another start; if poses differ little, a wrong local optimum may leave no more."""
 
 CHI2_PER_DOF_EXPLAINED = 2.0
 """A cause that leaves at most this chi2/dof is the whole explanation."""
@@ -64,8 +64,8 @@ CHI2_PER_DOF_ALTERNATIVE = 3.0
 """An alternative model that leaves at most this chi2/dof explains a gross misfit."""
 
 CHI2_PER_DOF_REFUSED = 4.0
-"""Beyond this no sigma is valid: readings with twice the stated scatter lead to another calibration once the fault is
-repaired, whether it was reported or not."""
+"""Beyond this no sigma is valid: at twice the stated scatter the result will change once the fault is repaired, whether
+or not the fault was reported."""
 
 CHI2_PER_DOF_GROSS = 30.0
 """Beyond this a fit has no information about its readings, and no second cause is searched for."""
@@ -87,7 +87,7 @@ POSE_CHI2_UNPREDICTED = 20.0
 
 POSE_CHI2_RATIO_UNPREDICTED = 6.0
 """A new pose counts as unpredicted only if its chi2 is also this many times the largest chi2 of the poses before it.
-That chi2 is large where errors exceed the stated ones. With errors three times as large as stated, 4 of 100 sound
+That chi2 is large if errors exceed the stated ones. With errors three times as large as stated, 4 of 100 sound
 planned sessions repeat their first pose; with errors as stated, none does."""
 
 # Sigmas and ratios of standard deviations
@@ -115,7 +115,7 @@ MOTION_NOISE_LEAST_SHARE = 0.2
 determine it no better, and a stated value is hardly ever five times too large."""
 
 STATED_VARIANCE_SHARE = 0.1
-"""Share of a stated variance that remains where the poses show less: elsewhere in the workspace it may be larger."""
+"""Share of a stated variance that is kept if the poses show less: elsewhere in the workspace it may be larger."""
 
 LEARNED_VARIANCE_FACTOR = 2.0
 """Variances estimated from other poses are known to within this factor."""
@@ -130,7 +130,7 @@ LEAST_INFORMATION_SHARE = 0.5
 """A parameter counts as known from the files if the poses contribute a smaller share of its information."""
 
 WELL_CONDITIONED = 100.0
-"""Scaled condition number at the readings (the paper: acceptable below) below which all directions are identifiable:
+"""Scaled condition number at the readings below which all directions are identifiable (the paper's limit too);
 noise does not make a direction that no pose determines look 1 % as well determined as the best one."""
 
 # Poses
@@ -181,14 +181,14 @@ FAR_OUT_OF_RANGE_SHARE = 0.1
 
 SATURATED_SIGMAS = 3.0
 SATURATED_POSES = 3
-"""This many readings within this many sigmas of one end of full scale are saturated."""
+"""So many readings within `SATURATED_SIGMAS` of the same end of full scale are saturated."""
 
 RADIANS_SPAN_RAD = np.deg2rad(5.0)
 """A joint whose readings, taken as radians, differ by less does not move in either unit."""
 
 MOTION_SPREAD_SIGMAS = 6.0
 MOTION_SPREAD_RAD = np.deg2rad(0.05)
-"""Samples of one pose that spread by more than both show motion; a smaller spread averages out below encoder errors."""
+"""A spread of one pose's samples beyond both `MOTION_SPREAD_*` shows motion; less averages out below encoder errors."""
 
 SAME_READING_RAD = 1e-5
 """Readings that differ by less in every joint count as the same: files have three decimals of a degree."""
@@ -220,8 +220,8 @@ NO_CLOSURE_RAD = 0.03
 
 ALTERNATIVE_FIXTURE_POSES = 20
 ALTERNATIVE_CLOSURE_M = 2e-3
-"""Poses, at least the first number of them, that close to within the second (rms) in another fixture count as closed in
-it, if `ALTERNATIVE_CLOSURE_RATIO` is reached as well."""
+"""At least `ALTERNATIVE_FIXTURE_POSES` poses count as closed in another fixture if their closure error (rms) is below
+this, and if `ALTERNATIVE_CLOSURE_RATIO` is reached as well."""
 
 ALTERNATIVE_CLOSURE_RATIO = 30.0
 """Least ratio of the closure error (rms, m and rad alike) in the stated fixture to that in the other fixture."""
@@ -239,8 +239,8 @@ STUCK_JOINT_CORRECTION_RATIO = 4.0
 than with the joint at rest, and if `STUCK_JOINT_MOTION_SHARE` is reached as well."""
 
 STUCK_JOINT_MOTION_SHARE = 0.1
-"""Least corrections with the joint at rest, as a share of the motion: the placement is known only roughly, and four
-drives of a ball hardly overdetermine a rotation."""
+"""Least corrections with the joint at rest that count, as a share of the motion: the placement is known only roughly,
+and with a ball four drive joints hardly overdetermine a rotation."""
 
 STEP_RESIDUAL_SHARE = 0.25
-"""A step of a joint's reading leaves less than this share of the squares that a smooth curve leaves."""
+"""A joint's reading has a step if the step leaves at most this share of the squares that a smooth curve leaves."""

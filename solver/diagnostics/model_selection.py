@@ -29,7 +29,7 @@ SIZES = np.logspace(-2.0, 3.0, 21)
 """Magnitudes of an explanation that are tried, in units of the expected magnitude."""
 
 STRIDE = 4
-"""Step through `SIZES` of a first search for the single maximum, used where each evaluation is expensive."""
+"""Step of a coarse first search through `SIZES` for the single maximum, used if each evaluation is expensive."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -158,7 +158,7 @@ def _without_compliance(
 ) -> Mapping[int, SingleNoise]:
     """Return the noise with a lower limit of 0 if a fixture more compliant than stated may have caused it.
 
-    A fixture that turns looks like noise of the wrist, and no pose separates the two. So if the fixture deflects more
+    A turning fixture looks like noise of the wrist, and no pose separates the two. So if the fixture deflects more
     than stated, none of the scatter between poses certainly belongs to the sensor.
     """
     uncertain = {j: replace(one, low=0.0) for j, one in noise.items() if not one.from_spread}

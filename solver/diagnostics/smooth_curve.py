@@ -81,7 +81,7 @@ class SmoothCurve:
         return np.asarray(self.basis(abscissa) @ self.coefficients)
 
     def by_points(self, abscissa: FloatArray) -> FloatArray:
-        """Derivatives (k, m) of the curve at `abscissa` (k,) with respect to the points; they give its covariance."""
+        """Derivatives (k, m) of the curve at `abscissa` (k,) with respect to the points' values."""
         return np.asarray(self.basis(abscissa) @ self.smoother)
 
 

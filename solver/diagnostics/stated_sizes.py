@@ -126,7 +126,7 @@ FAMILIES = {
     "smooth_give": "compliance_smooth",
     "compliance": "compliance",
 }
-"""Names of the families in results, where they differ from the names of the components."""
+"""Names of the families in results, if they differ from the names of the components."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -80,7 +80,7 @@ def correlations(covariance: FloatArray) -> FloatArray:
 
 
 def sigmas_at(false_alarm: float, count: int = 1) -> float:
-    """Deviation, in sigmas, that the largest of `count` normal variables exceeds with probability `false_alarm`."""
+    """Magnitude, in sigmas, that the largest of `count` normal deviations exceeds with probability `false_alarm`."""
     from scipy.special import ndtri
 
     return float(-ndtri(0.5 * false_alarm / max(count, 1)))

@@ -22,7 +22,7 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 
 FREE = 1e-9
-"""A direction counts as already fitted if the fit leaves less than this share of its square."""
+"""A direction counts as already fitted if the fit leaves less than this share of its sum of squares."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -34,8 +34,8 @@ class FixtureLoads:
     """Loads on a fixture at m poses, under uncertain masses and centres.
 
     `pull` (m, k, a): wrenches S W for a unit of each uncertain coefficient (a), in the frame of the deflection.
-    `halves`: for each half, its share of the compliance and the rotation (m, k, k) of its axes in the same frame, or
-    None if the axes coincide. A rotation acts on angles and positions separately, so it commutes with S.
+    `halves`: for each half, its share of the compliance and the rotation (m, k, k) of its axes in this frame; None if
+    the axes are those of the frame. A rotation acts on angles and positions separately, so it commutes with S.
     """
 
     pull: FloatArray
@@ -92,7 +92,7 @@ def covariance(one: FixtureLoads, two: FixtureLoads, s: FloatArray) -> FloatArra
 
 
 def _transposed(turn: FloatArray | None) -> FloatArray | None:
-    """Transpose rotations (m, k, k), which inverts them."""
+    """Transpose rotations (m, k, k), which inverts them; None (no rotation) stays None."""
     return None if turn is None else np.swapaxes(turn, -1, -2)
 
 
@@ -146,7 +146,7 @@ class ArmPoses:
 
     @property
     def shapes(self) -> int:
-        """Number s of shapes of the torque."""
+        """Number s of shapes of the torque, see `torques`."""
         return 1 + 4 * len(self.masses.mass_kg) + len(self.masses.tilted)
 
     def torques(self, poses: slice) -> FloatArray:

@@ -7,7 +7,7 @@ At one linearisation the reduced closure of all poses reads
 with dx the steps of the parameters without a prior; w includes the expected play and sag.
 Noise (n, f) is independent from pose to pose. Effects b have one value for all poses: deviations of toleranced entries,
 harmonics of encoders, curves of analogue sensors, sag and compliance as functions of the pose. A variance component
-scales one or more groups; the stated value is the median of its prior (`solver.estimators.layout` has both).
+scales one or more groups; the stated value is the median of its prior (see `solver.estimators.layout`).
 """
 
 from __future__ import annotations
@@ -268,11 +268,11 @@ class LinearModel(Layout):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class State:
-    """Parameters x (P,), joint corrections e (m, n), unsensed angles u (m, U), and where loops are linearised.
+    """Parameters x (P,), joint corrections e (m, n), unsensed angles u (m, U), and linearisation points.
 
     Loops are linearised where they close, with the fixture's deflection attributed to the joints: `closed_q` (m, n) and
     `closed_u` (m, U). A loop left open by the deflection would close better with a smaller arm, so the estimated scale
-    of the arm would have a bias of the order of the noise squared, which dominates if there are many poses.
+    of the arm would have a bias of the order of the noise squared; with many poses this bias dominates.
     """
 
     x: FloatArray

@@ -32,7 +32,7 @@ class AnalogueReading:
     variance
         Stated variance of one single reading, rad^2.
     share
-        (m,): the mean of each pose's samples has `share` times this variance.
+        (m,): the mean of each pose's samples has the variance ``share * variance``.
     spread_variance, spread_dof
         Mean square of the spread inside the poses, rad^2, and its degrees of freedom; 0 and 0 if spreads were not
         recorded.

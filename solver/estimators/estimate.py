@@ -32,7 +32,7 @@ class Estimate:
     covariance
         (P, P) of `x` under the estimator's own noise model.
     residual, rotation_rows
-        Reduced closure error at the *measured* joints (m, r), rotations (rad) before positions (m).
+        Reduced closure error (m, r) at the *measured* joints; the first `rotation_rows` rows are rad, the others m.
     sigmas
         sigma_pos and sigma_ori, calculated from `residual`.
     flipped
@@ -98,7 +98,7 @@ class Estimate:
         )
 
     def given(self, names: Collection[str]) -> Estimate:
-        """Return the estimate of all parameters except `names`, with their covariance if `names` are exactly known."""
+        """Return the estimate of all parameters but `names`, with the covariance conditional on `names` being exact."""
         indices = [k for k, p in enumerate(self.parameters) if p.name not in names]
         rest = self.without(names)
         if len(indices) == len(self.parameters):
@@ -157,7 +157,7 @@ class ResidualSigma:
 class ClosureSigmas:
     """Standard deviations of the closure error: position in m, orientation in rad.
 
-    `orientation_rad` is None if orientation is not part of the closure error: a ball, measured positions.
+    `orientation_rad` is None if orientation is not part of the closure error (ball, measured positions).
     """
 
     position_m: ResidualSigma

@@ -292,7 +292,7 @@ class _Loops:
     def linearised(
         self, x: FloatArray, e: FloatArray, u: FloatArray, prior: ParameterPrior | None
     ) -> Triangle:
-        """Linearise at parameters (P,), corrections (m, n) and unsensed angles (m, U): the equations of all poses."""
+        """Return all equations, linearised at parameters (P,), corrections (m, n) and unsensed angles (m, U)."""
 
         def blocks() -> Iterator[tuple[FloatArray, FloatArray]]:
             for k, (part, poses) in enumerate(self._parts):

@@ -97,7 +97,7 @@ class VarianceComponent:
 
     @property
     def source(self) -> str:
-        """Name in an uncertainty budget: the name of the groups that this component scales, if any."""
+        """Name of this source of error in an uncertainty budget."""
         kind, _, which = self.name.partition("_")
         if kind in _OF_RVDTS:
             return f"rvdt_{_OF_RVDTS[kind]}_{which}"

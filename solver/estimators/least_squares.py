@@ -19,7 +19,7 @@ UNSEEN = 1e-12
 """A scaled singular value below this share of the largest belongs to an undetermined direction."""
 
 WELL_SEEN = 1e-6
-"""Where the reciprocal condition of the scaled triangle is above this, all directions are determined."""
+"""If the reciprocal condition of the scaled triangle is above this, all directions are determined."""
 
 LAST_SHARE = 1e-12
 """A step that would lower the cost by less than this share of the cost is the last. It is taken without
@@ -82,7 +82,7 @@ class Triangle:
         return -(Vt.T @ (gain * beta)) / scale, lower
 
     def covariance(self) -> FloatArray:
-        """``(J' J)^-1`` (P, P); the pseudo-inverse where some directions may be undetermined."""
+        """``(J' J)^-1`` (P, P); the pseudo-inverse if some directions may be undetermined."""
         from scipy.linalg import lapack
 
         if not self._full_rank():

@@ -297,7 +297,7 @@ class LinearFit:
     def pull_covariance(self, effects: IntArray) -> FloatArray:
         """Covariance (k, k) of the pulls of some effects (indices) if the model is right.
 
-        Poses that determine sums of effects only make their pulls alike. Zero for an effect without information.
+        Effects of which poses determine only sums have correlated pulls. Zero for an effect without information.
         """
         columns = self.design.hard + effects
         determined = np.eye(len(columns)) - self.H_inverse[np.ix_(columns, columns)]
@@ -310,7 +310,7 @@ class LinearFit:
 def _held_out(N: FloatArray, residual: FloatArray) -> tuple[float, int]:
     """Square of `residual` (R,) in the metric ``(I - N N')^-1``, N (R, K), and the number of determined directions.
 
-    Apart from ones, ``I - N N'`` and ``I - N'N`` have the same eigenvalues, so the smaller matrix suffices.
+    Apart from eigenvalues of 1, ``I - N N'`` and ``I - N'N`` have the same eigenvalues, so the smaller matrix suffices.
     """
     few = len(N) <= N.shape[1]
     if few and (chi2 := _square_in(np.eye(len(N)) - N @ N.T, residual)) is not None:

@@ -78,7 +78,7 @@ class LoadBasis:
     Attributes
     ----------
     sag_expected
-        (m, n) expected twist of every joint; zero where gravity has no lever arm.
+        (m, n) expected twist of every joint; zero for a joint on which gravity has no lever arm.
     sag, sag_missed
         (m, n, c) columns of the deviation of each twist from its expected value, and (m, n) variance that these columns
         leave out: the whole variance for a joint on which gravity has no lever arm.

@@ -33,10 +33,10 @@ CHUNK = 1024
 
 SCALES_RAD = (np.deg2rad(60.0), np.deg2rad(120.0))
 WEIGHTS = (0.5, 0.5)
-"""Shares of the variance at each scale."""
+"""Shares of the variance at each length scale."""
 
 CONSTANT, LINEAR = 0.5, 0.5
-"""Variance of the constant and of the linear part, in addition to the variance at the scales."""
+"""Variance of the constant and of the linear part, in addition to the variance at the length scales."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

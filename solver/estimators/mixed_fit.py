@@ -26,7 +26,7 @@ from solver.loops.closure import ClosureModel, unsensed_at_readings
 
 MIXED_ITERATIONS = 40
 SETTLED_SIGMA, SETTLED_BESIDE_VARIANCES_SIGMA = 1e-3, 2e-3
-"""Largest error of a parameter, in standard errors, that the last iteration may leave. The second applies where
+"""Largest error of a parameter, in standard errors, that the last iteration may leave. The second applies if
 variances, which are far less certain, are estimated too."""
 
 STEADY_VARIANCE_SIGMA, CREEPING_VARIANCE_SIGMA = 1e-1, 2e-2
@@ -37,15 +37,15 @@ RELINEARISE_SIGMA = 1e-4
 """Largest error of a linearisation, in standard errors of a parameter, with which the next iteration still uses it."""
 
 LEAST_GAIN = 0.3
-"""Slope of the log-likelihood along a step, about twice the gain left, below which the iteration ends."""
+"""Slope of the log-likelihood along a step (about twice the gain left) below which the iteration ends."""
 
 COMPARABLE_SIGMA = 3.0
 """Largest change of a parameter, in standard errors, between iterations whose slopes are compared."""
 
 SIGN_TEST_SIGMA, SIGN_TEST_VARIANCE_SIGMA, DOUBTFUL_SIGN_SHARE = 0.1, 0.5, 0.25
 """The sign of gravity is tested at convergence, or once the changes of parameters and variances (in sigmas) are below
-the first two. The test decides once `gravity_share` differs from one half by the third, or by the last step of the
-variances."""
+the first two. Before convergence the test decides only if `gravity_share` differs from one half by the third, or by
+the last step of the variances if that is less."""
 
 FREE_ITERATIONS = 20
 NEGLIGIBLE_GAIN = 0.1
@@ -65,7 +65,7 @@ LEAST_MOTION_SHARE, TINY = 1e-3, 1e-200
 """Directions in which joints move a loop by less than the first stay open; the second avoids a division by zero."""
 
 POSES_FOR_VARIANCES = 600
-"""Number of poses that estimate the variances where there are more than twice as many: all of them would improve the
+"""Number of poses that estimate the variances if there are more than twice as many; all poses would improve the
 estimates by only a few per cent."""
 
 
@@ -249,7 +249,7 @@ def _solved(design: LinearModel, linearisation: Linearisation, v: FloatArray) ->
 def _at_mean_scales(
     design: LinearModel, fit: LinearFit, derivatives: Derivatives, state: State
 ) -> tuple[LinearFit, State]:
-    """Solve once more at the closed loops, with estimated scales at their posterior means, if there are any."""
+    """Solve once more at the closed loops, with scales at posterior means; unchanged if no scale is estimated."""
     v = expected_variances(fit, derivatives)
     if np.array_equal(v, fit.v):
         return fit, state
@@ -261,8 +261,8 @@ def _at_mean_scales(
 def expected_variances(fit: LinearFit, derivatives: Derivatives) -> FloatArray:
     """Return the variances (K,), those of estimated scales at their posterior means.
 
-    At the mode, sigmas would not include the uncertainty of the scales themselves: an error has its expected variance.
-    That of a scale exp(t), t ~ N(t_mode, s^2), is exp(2 t_mode + 2 s^2).
+    At the mode, sigmas would not include the uncertainty of the scales. With a scale exp(t), t ~ N(t_mode, s^2), the
+    expected variance of an error is exp(2 t_mode + 2 s^2) times the stated one.
     """
     return np.asarray(
         np.minimum(fit.v * np.exp(2.0 * scale_spread(fit, derivatives)), fit.design.ceilings)

@@ -28,7 +28,7 @@ LEAST_SHARE = 0.1
 """A step that was shortened to less than this share is not shortened further."""
 
 LIKELIHOOD_FALL = 3.0
-"""Largest fall of the log-likelihood in an iteration that relinearisation explains; after a larger one the step is
+"""Largest fall of the log-likelihood that relinearisation explains; after an iteration with a larger fall the step is
 shortened."""
 
 NEWTON_SIGMA = 0.3
@@ -115,7 +115,7 @@ class ScoringStep:
 def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
     """Return Newton's step of the variances; a variance that would leave its bounds stops at the bound.
 
-    An estimated scale makes a step in ``t = log(v) / 2``, because the log-likelihood is most nearly quadratic in t.
+    The step of an estimated scale is in ``t = log(v) / 2``, because the log-likelihood is most nearly quadratic in t.
     """
     v, floor, scaled = fit.v, fit.design.floors, fit.design.scaled
     ceiling, raise_limit = fit.design.ceilings, fit.design.raise_limits

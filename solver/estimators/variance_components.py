@@ -223,7 +223,7 @@ def settle(
     variances: Callable[[Layout], FloatArray] | Mapping[str, float] | None = None,
     progress: Progress | None = None,
 ) -> SettledFit:
-    """Fit as `estimate_with_errors` does, without a report. `near`, `variances`: see `fit_mixed`, or values by name."""
+    """Fit as `estimate_with_errors`, without a report. `near`, `variances` (or a mapping by name): see `fit_mixed`."""
     if isinstance(variances, Mapping):
         variances = partial(_by_name, variances)
     order = canonical_order(q)
@@ -278,7 +278,7 @@ def _pose_chi2(fit: LinearFit) -> FloatArray:
 
 
 def noise_left(fitted: MixedFit, back: IntArray) -> NoiseModel:
-    """Return the noise at the estimated variances, with poses in the order of `back` (m,)."""
+    """Return the noise at the estimated variances; indices `back` (m,) restore the caller's order of poses."""
     design, v = fitted.fit.design, fitted.fit.v
     joints, fixture = np.split(design.noise_variance(v), [design.model.joint_count], axis=1)
     deflection_variance = np.zeros(6)

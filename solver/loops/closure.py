@@ -218,12 +218,12 @@ class ClosureModel(ABC):
 
     @property
     def entries(self) -> tuple[DhEntry, ...]:
-        """Unknown D-H entries, where one table serves all poses."""
+        """Unknown D-H entries; empty if poses have different D-H tables."""
         return ()
 
     @abstractmethod
     def arm_rows(self) -> FloatArray:
-        """Nominal rows 1..n (5, n): theta_off, s, a, alpha, beta; ValueError where poses have different tables."""
+        """Nominal rows 1..n (5, n): theta_off, s, a, alpha, beta; ValueError if poses have different tables."""
 
     @property
     def constrained_part(self) -> ConstrainedPart | None:
@@ -239,14 +239,14 @@ class ClosureModel(ABC):
         return None
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Points (k, 3), m, and fixture's axis (3,) for a drawing of the arm, in the base frame; None: no drawing.
+        """Points (k, 3), m, and fixture's axis (3,) for a drawing of the arm, in the base frame; None if not drawn.
 
         The last point is at the fixture; the axis is zero if the fixture has no axis.
         """
         return None
 
     def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Position (3,), m, and axis (3,) of the fixture, in the frame of `drawn`; None: no drawing."""
+        """Position (3,), m, and axis (3,) of the fixture, in the frame of `drawn`; None if it is not drawn."""
         return None
 
 

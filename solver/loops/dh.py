@@ -31,7 +31,7 @@ from solver.loops.endpoint_geometry import constrained_axis_entries, constrained
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DhLoop(ArmLoop):
-    """A closed chain of D-H links 0..n: link 0 is the fixture, links 1..n the arm (section 2.3).
+    """A closed chain of D-H links 0..n: link 0 is the fixture, links 1..n the arm (paper, section 2.3).
 
     ``A_0(theta_0) A_1 ... A_n = I``: frame n is frame -1, and z_n = z_-1 is the fixture's axis.
 
@@ -61,7 +61,7 @@ class DhLoop(ArmLoop):
         return self.loop_error(np.concatenate((r, frames.p_end), axis=-1), J)
 
     def initial_unsensed(self, x: FloatArray, q: FloatArray) -> FloatArray:
-        """Hinge angle by eq. 12; unsensed arm joints start from their readings and nominal offsets."""
+        """Hinge angle by eq. 12, then for each unsensed arm joint its unused reading plus its nominal offset."""
         joints = ArmLoop.initial_unsensed(self, x, q)
         if not self.hinge:
             return joints

@@ -1,6 +1,6 @@
 """An open arm whose endpoint an instrument measures: the measurement closes the loop of each pose.
 
-``T_instrument_base T_base_n(q) T_n_tip = measured`` (section 2.1, eqs. 4 to 7), in the instrument's frame. The
+``T_instrument_base T_base_n(q) T_n_tip = measured`` (paper, section 2.1, eqs. 4 to 7), in the instrument's frame. The
 instrument's noise is the noise of the closure (`NoiseModel.fixture_variance`).
 """
 

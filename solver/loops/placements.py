@@ -316,7 +316,7 @@ def place(
     Parameters
     ----------
     models
-        One loop with the nominal values of all placements, or one loop for each placement in ascending order. A single
+        One loop whose nominal values serve all placements, or one loop for each placement in ascending order. A single
         `MeasuredClosure` must be bound to the measurements of all poses, in the order of `placement`.
     placement
         Number of the placement of each pose, (m,).

@@ -88,7 +88,7 @@ class PointClosure(ArmLoop):
         return ConstrainedPart.POINT
 
     def constraint_entries(self, at: ToolConstraint) -> dict[str, float]:
-        """Centres of ball and socket by name, m; the points in `at` do not include theta_off_1, s_1 and row n."""
+        """Centres of ball and socket by name, m: the points in `at` moved by the nominal theta_off_1, s_1 and row n."""
         table = self.table
         # Links n and 1 have their nominal values.
         c, s = np.cos(table.theta_off_rad), np.sin(table.theta_off_rad)

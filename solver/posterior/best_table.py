@@ -7,8 +7,8 @@ the tool position with respect to entries and joint angles, this is one linear l
 
     min_dT  sum_q w_q |J_T dT - J_q r|^2 / s^2 + |dT / d|^2,      dT = G b,
 
-where d is the largest plausible error of an entry. The table's covariance includes the parameters and the part of the
-corrections that G represents; the part that no table can represent, J_q S - J_T G, is in `left_m`.
+where s is a small tool error, d the largest plausible error of an entry. The table's covariance includes parameters and
+the part of the corrections that G represents; the part that no table can represent, J_q S - J_T G, is in `left_m`.
 """
 
 from __future__ import annotations

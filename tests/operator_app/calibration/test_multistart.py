@@ -108,7 +108,7 @@ def test_poses_that_tell_little_are_said_to_once():
         (
             "theta_off_7",
             CASES["RVDT 5 %"](3).taken,
-            "to halve its largest contribution, replace the RVDT of joint 7",
+            "to halve the largest contribution to them, replace the RVDT of joint 7",
         ),
     ],
     ids=["as stated", "a bent RVDT"],

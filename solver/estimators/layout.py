@@ -101,11 +101,17 @@ class VarianceComponent:
         kind, _, which = self.name.partition("_")
         if kind in _OF_RVDTS:
             return f"rvdt_{_OF_RVDTS[kind]}_{which}"
-        return "fixture_give" if kind == "fixture" else self.name
+        return _SOURCES.get(self.name, self.name)
 
 
 _OF_RVDTS = {"rvdt": "noise", "curve": "curve", "gain": "gain"}
 """Sources that are components of an RVDT."""
+
+_SOURCES = {
+    **dict.fromkeys((*FIXTURE_NOISE, "compliance", "smooth_give"), "fixture_give"),
+    "play_sides": "joint_play",
+}
+"""Sources with several components, by component."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

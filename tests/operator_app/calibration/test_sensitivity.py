@@ -5,7 +5,7 @@ from dataclasses import replace
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.sensitivity import WORST, source_sensitivities
 from operator_app.messages.calibration import SOURCE_REMEDIES, source_remedy
-from tests.oracles.as_shipped import ARM, HINGE, poses_of
+from tests.oracles.as_shipped import ARM, HINGE, fit_of, poses_of
 from tests.oracles.shop_floor import Sizes, session
 
 
@@ -27,6 +27,13 @@ def test_a_fixture_twice_as_stiff_brings_at_least_what_is_said(sound):
         assert h.remedy
         if h.source == "fixture_give":
             assert half.sd_by_name[h.parameter.name] < 1.05 * h.then
+
+
+def test_every_component_is_of_a_source_of_the_budget(sound):
+    """Or a source that exceeds its specification would not be named as what widens a sigma."""
+    found = fit_of(session(3001))
+    sources = {c.source for c in found.linear.design.components} - {"discrepancy"}
+    assert sources <= set(sound.components.budget)
 
 
 def test_every_source_has_a_remedy_of_its_own():

@@ -50,7 +50,7 @@ def test_what_happened_and_what_to_do_are_sentences(error):
         (0x5441, "Release the external stop"),
         (0x5442, "Release the external stop"),
         (0x7305, "Repair that sensor"),
-        (0x8130, "This computer or its bus paused"),
+        (0x8130, "This computer or its bus was blocked"),
         (0x8311, "Find what the joint hit or what overloads it"),
         (0x8611, "Find the cause of this fault"),
         (0x4210, "Find the cause of this fault"),

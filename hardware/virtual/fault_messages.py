@@ -38,7 +38,7 @@ class FaultDescription:
 
     Attributes
     ----------
-    expected_texts
+    texts
         Parts of possible messages to the operator; ``{joint}`` is the joint at fault.
     goes_on
         Whether a session may also run to its end without such a message.
@@ -51,7 +51,7 @@ class FaultDescription:
     """
 
     broken: str
-    expected_texts: tuple[str, ...] = ()
+    texts: tuple[str, ...] = ()
     goes_on: bool = False
     remedy: str
     arm: ArmReaction = ArmReaction.STANDS
@@ -60,7 +60,7 @@ class FaultDescription:
 
     def symptom(self) -> str:
         """Return what the operator sees, as text."""
-        clauses = " or ".join(f'"... {part.format(joint="J")} ..."' for part in self.expected_texts)
+        clauses = " or ".join(f'"... {part.format(joint="J")} ..."' for part in self.texts)
         if not self.goes_on:
             return f"the message {clauses}"
         return f"nothing, or the message {clauses}" if clauses else "nothing: the session continues"
@@ -69,9 +69,7 @@ class FaultDescription:
         """Return the reaction of the arm, as text."""
         if not self.goes_on:
             return str(self.arm)
-        return (
-            f"goes on; once the fault is reported: {self.arm}" if self.expected_texts else "goes on"
-        )
+        return f"goes on; once the fault is reported: {self.arm}" if self.texts else "goes on"
 
 
 _GONE = ("no answer from node", "does not answer", "has gone silent", "has left operation")
@@ -102,25 +100,25 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
     {
         "frames-lost": FaultDescription(
             broken="1 % of all frames are lost",
-            expected_texts=_BAD_FRAMES,
+            texts=_BAD_FRAMES,
             goes_on=True,
             remedy=_CABLE,
         ),
         "frames-lost-10": FaultDescription(
             broken="10 % of all frames are lost",
-            expected_texts=_BAD_FRAMES,
+            texts=_BAD_FRAMES,
             goes_on=True,
             remedy=_CABLE,
         ),
         "frames-doubled": FaultDescription(
             broken="10 % of all frames come twice",
-            expected_texts=("two devices answer",),
+            texts=("two devices answer",),
             goes_on=True,
             remedy="A repeater or gateway echoes: remove it.",
         ),
         "frames-reordered": FaultDescription(
             broken="10 % of all frames change places with the next",
-            expected_texts=(
+            texts=(
                 *_BAD_FRAMES,
                 "jumped by",
                 "two devices answer",
@@ -131,7 +129,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
         "frames-late": FaultDescription(
             broken="5 % of all frames come 5 to 50 ms late",
-            expected_texts=(
+            texts=(
                 *(*_BAD_FRAMES, "jumped by", "two devices answer", "does not come to rest"),
                 # A target that arrives after its successors is a step back, which is refused or trips the drive; a
                 # controlword undoes their effect.
@@ -143,7 +141,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
         "frames-flipped": FaultDescription(
             broken="1 % of all frames have one bit of their data flipped",
-            expected_texts=(
+            texts=(
                 *_BAD_FRAMES,
                 *("jumped by", "refused", "are not set up as", "no CiA 402", "tripped: "),
                 *(
@@ -165,13 +163,13 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
         "bus-flicker": FaultDescription(
             broken="the bus fails for 0.2 s",
-            expected_texts=_BAD_FRAMES,
+            texts=_BAD_FRAMES,
             goes_on=True,
             remedy=_CABLE,
         ),
         "bus-off": FaultDescription(
             broken="the bus fails for 3 s (bus-off, or a plug pulled and put back)",
-            expected_texts=(*_BAD_FRAMES, "operator's heartbeat lost", "the drive is in"),
+            texts=(*_BAD_FRAMES, "operator's heartbeat lost", "the drive is in"),
             # If the bus is back while the nodes are awaited: those that are heard get the command again.
             goes_on=True,
             remedy=f"{_CABLE} The drives hold until then; `sarcal reset` clears their 8130h.",
@@ -179,25 +177,25 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
         "silent-node": FaultDescription(
             broken="a joint's cable is cut",
-            expected_texts=_GONE,
+            texts=_GONE,
             remedy=_CABLE,
             arm=ArmReaction.HOLDS,
         ),
         "silent-supervisor": FaultDescription(
             broken="the supervisor's cable is cut",
-            expected_texts=_GONE,
+            texts=_GONE,
             goes_on=True,
             remedy=_CABLE,
         ),
         "no-heartbeat": FaultDescription(
             broken="a joint sends no heartbeat",
-            expected_texts=_GONE,
+            texts=_GONE,
             goes_on=True,
             remedy=_RECONNECT,
         ),
         "other-heartbeat": FaultDescription(
             broken="a joint sends a heartbeat only every 5 s",
-            expected_texts=("a heartbeat every 1 ..", *_GONE),
+            texts=("a heartbeat every 1 ..", *_GONE),
             goes_on=True,
             remedy=_COMMISSION,
             at_connect=True,
@@ -209,17 +207,17 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
         "double-answers": FaultDescription(
             broken="a joint answers every SYNC twice",
-            expected_texts=("two devices answer as node {joint}",),
+            texts=("two devices answer as node {joint}",),
             remedy="Two devices have the same number: give one of them another.",
         ),
         "wrong-node": FaultDescription(
             broken="a joint answers with the number of the next one",
-            expected_texts=(*_GONE, "two devices answer as node"),
+            texts=(*_GONE, "two devices answer as node"),
             remedy="Give each drive its own number again.",
         ),
         "other-map": FaultDescription(
             broken="a joint's TPDO1 carries its speed where its position belongs",
-            expected_texts=(
+            texts=(
                 "are not set up as this program requires",
                 # During a session: detected at the reading of a pose, unless the joint seems to jump before.
                 *("the set-up of these nodes was changed", "jumped by", "counts from its target"),
@@ -229,27 +227,27 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
         "sdo-stall": FaultDescription(
             broken="a joint answers no object access (SDO)",
-            expected_texts=("Node {joint} does not answer when asked for",),
+            texts=("Node {joint} does not answer when asked for",),
             goes_on=True,
             remedy=_RECONNECT,
         ),
         "sdo-stall-supervisor": FaultDescription(
             broken="the supervisor answers no object access (SDO)",
-            expected_texts=("Node 16 does not answer when asked for",),
+            texts=("Node 16 does not answer when asked for",),
             goes_on=True,
             remedy=_RECONNECT,
             kept=f"{ALL_POSES}; of an upload, the document that was active",
         ),
         "sdo-abort": FaultDescription(
             broken="a joint refuses every object access (08000000h)",
-            expected_texts=("node {joint} refused ",),
+            texts=("node {joint} refused ",),
             goes_on=True,
             remedy=_RECONNECT,
         ),
         "restart-node": FaultDescription(
             broken="a joint's drive restarts, its counter at zero",
             # Near zero if the arm has sagged before the next connection.
-            expected_texts=(
+            texts=(
                 "has left operation",
                 "has restarted",
                 "outside its range",
@@ -261,33 +259,33 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
         "restart": FaultDescription(
             broken="the whole controller restarts",
-            expected_texts=(*_GONE, "heartbeat lost", "refused", "in control"),
+            texts=(*_GONE, "heartbeat lost", "refused", "in control"),
             goes_on=True,
             remedy=_RECONNECT,
             arm=ArmReaction.BLOCKS,
         ),
         "hang": FaultDescription(
             broken="the control loop hangs",
-            expected_texts=_GONE,
+            texts=_GONE,
             arm=ArmReaction.UNHEARD,
             remedy=_RECONNECT,
         ),
         "unwatched": FaultDescription(
             broken="a drive does not monitor the operator's heartbeat (1016h): it would go on without one",
-            expected_texts=("for the heartbeat of node",),
+            texts=("for the heartbeat of node",),
             goes_on=True,
             remedy=_COMMISSION,
             at_connect=True,
         ),
         "lost-counts-5": FaultDescription(
             broken="an encoder loses 5 counts",
-            expected_texts=("joint {joint} jumped",),
+            texts=("joint {joint} jumped",),
             goes_on=True,
             remedy=_SENSOR,
         ),
         "lost-counts-500": FaultDescription(
             broken="an encoder loses 500 counts",
-            expected_texts=_COUNT_LOSS,
+            texts=_COUNT_LOSS,
             goes_on=True,
             remedy=_COUNT_LOSS_REMEDY,
             kept=_COUNT_LOSS_KEPT,
@@ -295,20 +293,20 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         "sensor-jump": FaultDescription(
             broken="a sensor, encoder or RVDT, reads 2 deg more from one SYNC to the next",
             # For a driven joint: its drive compensates, which is a jerk of all joints.
-            expected_texts=(*_COUNT_LOSS, "overspeed"),
+            texts=(*_COUNT_LOSS, "overspeed"),
             goes_on=True,
             remedy=_COUNT_LOSS_REMEDY,
             kept=_COUNT_LOSS_KEPT,
         ),
         "ripple": FaultDescription(
             broken="a sensor has noise of ten counts, as of an unsteady supply",
-            expected_texts=("does not come to rest",),
+            texts=("does not come to rest",),
             goes_on=True,
             remedy="Supply and shield of that sensor; RVDT amplifier.",
         ),
         "frozen-sensor": FaultDescription(
             broken="a sensor's reading is frozen",
-            expected_texts=(
+            texts=(
                 "reads the same count as at pose",
                 # For a driven joint: its drive, or this program, detects the deviation on the way.
                 *("following error", "counts from its target"),
@@ -317,19 +315,19 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
         "broken-sensor": FaultDescription(
             broken="a drive detects that its sensor has failed (7305h)",
-            expected_texts=("angle sensor failed", "the drive is in"),
+            texts=("angle sensor failed", "the drive is in"),
             remedy="Repair the sensor, reset (R, or `sarcal reset`), then go on.",
             arm=ArmReaction.TRIPS,
         ),
         "collision": FaultDescription(
             broken="a joint trips for excess torque (8311h)",
-            expected_texts=("excess torque", "the drive is in"),
+            texts=("excess torque", "the drive is in"),
             remedy="The arm holds. Remove the obstacle, reset (R, or `sarcal reset`), then go on.",
             arm=ArmReaction.TRIPS,
         ),
         "blocked-joint": FaultDescription(
             broken="a joint in free mode does not move",
-            expected_texts=(
+            texts=(
                 "excess torque",
                 "the drive is in",
                 "poses could be reached",
@@ -341,7 +339,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
         "sagging-drive": FaultDescription(
             broken="a drive in position mode does not hold, and reports no fault",
-            expected_texts=(
+            texts=(
                 *("following error", "counts from its target", "excess torque"),
                 *("poses could be reached", "does not come to rest", "the drive is in"),
                 "after it was stopped",
@@ -357,14 +355,14 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
         "bound-hinge": FaultDescription(
             broken="the hinge is blocked",
-            expected_texts=("excess torque", "following error", "the drive is in"),
+            texts=("excess torque", "following error", "the drive is in"),
             goes_on=True,
             remedy="Clean and grease the hinge; reset (R, or `sarcal reset`), then go on.",
             arm=ArmReaction.TRIPS,
         ),
         "stray": FaultDescription(
             broken="a drive moves 5 deg from its target, and reports no fault",
-            expected_texts=(
+            texts=(
                 *("counts from its target", "after it was stopped", "excess torque"),
                 *("does not come to rest", "the drive is in"),
             ),
@@ -374,31 +372,31 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         "lost-enable": FaultDescription(
             broken="a drive loses its enable for a moment: it switches off, and sends no emergency",
             # A drive that drops out before it reports enabled gets the command again until it reports enabled.
-            expected_texts=("the drive is in",),
+            texts=("the drive is in",),
             goes_on=True,
             remedy="Find out who switched it off, and why: it is not enabled again automatically. Reset (R, or "
             "`sarcal reset`) when it is safe, then go on.",
         ),
         "deaf-drive": FaultDescription(
             broken="a drive in position mode does not move, and reports that it does not follow (6041h, bit 12)",
-            expected_texts=("(6041h, bit 12)", "following error", "counts from its target"),
+            texts=("(6041h, bit 12)", "following error", "counts from its target"),
             goes_on=True,
             remedy="Check that drive: interpolation, halt, internal limits. Reset (R, or `sarcal reset`), then go on.",
         ),
         "emcy-storm": FaultDescription(
             broken="a drive sends fifty emergencies on every SYNC",
-            expected_texts=("joint {joint} tripped: ", "Hardly any SYNC is answered"),
+            texts=("joint {joint} tripped: ", "Hardly any SYNC is answered"),
             remedy="`sarcal monitor` shows the errors; take that drive off the bus.",
         ),
         "refused-modes": FaultDescription(
             broken="a drive does not change its mode",
-            expected_texts=("joint {joint} was asked for",),
+            texts=("joint {joint} was asked for",),
             goes_on=True,
             remedy="Check that drive's fault and its 6502h, reset it, set the modes again.",
         ),
         "external-stop": FaultDescription(
             broken="the external stop is pressed (5441h)",
-            expected_texts=("external stop", "the drive is in"),
+            texts=("external stop", "the drive is in"),
             remedy="Release it when it is safe, reset (R, or `sarcal reset`), then go on.",
             arm=ArmReaction.BLOCKS,
         ),
@@ -418,21 +416,21 @@ OPERATOR_SIDE: Mapping[str, FaultDescription] = MappingProxyType(
         # tests/system/test_after_a_fault.py, test_after_a_freeze_the_same_command_goes_on
         "frozen for longer": FaultDescription(
             broken="the operator's program freezes for longer than that",
-            expected_texts=("operator's heartbeat lost",),
+            texts=("operator's heartbeat lost",),
             remedy="Go on as the last line says: `sarcal run --resume` resets and compares the arm first.",
             arm=ArmReaction.HOLDS,
         ),
         # tests/system/test_kills.py and tests/oracles/killing.py
         "killed": FaultDescription(
             broken="the operator's program, or its computer, dies",
-            expected_texts=("--resume",),
+            texts=("--resume",),
             remedy="Start it again with `--resume latest`: every accepted pose is on disk.",
             arm=ArmReaction.HOLDS,
         ),
         # tests/operator_app/session/test_journal.py
         "disk full": FaultDescription(
             broken="the journal cannot be written",
-            expected_texts=("cannot write",),
+            texts=("cannot write",),
             remedy="Free disk space, then go on: a pose that was not written was not accepted.",
         ),
         # tests/system/test_fault_campaign.py, a wall clock that is set back and forth
@@ -444,7 +442,7 @@ OPERATOR_SIDE: Mapping[str, FaultDescription] = MappingProxyType(
         # tests/system/test_busy_bus.py, tests/benchmarks/busy_bus.py
         "busy computer": FaultDescription(
             broken="other programs take the processor",
-            expected_texts=("operator's heartbeat lost",),
+            texts=("operator's heartbeat lost",),
             goes_on=True,
             remedy="End them, or give `sarcal` real-time priority.",
             arm=ArmReaction.HOLDS,
@@ -453,7 +451,7 @@ OPERATOR_SIDE: Mapping[str, FaultDescription] = MappingProxyType(
         # tests/hardware/control/canopen_arm/test_watching.py
         "second operator": FaultDescription(
             broken="another program wants to command the arm",
-            expected_texts=("in control", "Another program commands this arm"),
+            texts=("in control", "Another program commands this arm"),
             remedy="End one of the two.",
         ),
     }

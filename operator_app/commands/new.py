@@ -33,7 +33,7 @@ from operator_app.config.resources import (
 )
 from operator_app.config.urdf_reading import COUNTS_PER_REV, arm_file_of, parse_urdf
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.planning.outlook import home_to_closed_rad
+from operator_app.planning.feasibility import home_to_closed_rad
 from operator_app.planning.proposals import ball_between, bent_home, hinge_between
 from operator_app.planning.task import entries_to_fix
 from operator_app.safe_output import say

@@ -9,7 +9,11 @@ from operator_app.config.any_file import FilesRead
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.poses_file import LoadedPoses
 from operator_app.config.procedure import Procedure
-from operator_app.planning.outlook import Outlook, identifiability_of_poses, outlook
+from operator_app.planning.feasibility import (
+    Feasibility,
+    assess_feasibility,
+    identifiability_of_poses,
+)
 from operator_app.planning.proposals import closing_home
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -28,7 +32,7 @@ class Chain:
     held
         Entries fixed at their value in the arm file, with the reason.
     home
-        Proposed home (n,), rad, with its `Outlook`; None if the arm's own home is suitable or no proposal was found.
+        Proposed home (n,), rad, with its `Feasibility`; None if the arm's own home is good or none was found.
     poses
         Names of the poses files for this arm and fixture, each with the identifiability from its poses.
     unfit
@@ -37,10 +41,10 @@ class Chain:
 
     arm: ArmModel
     fixture: FixtureSpec
-    outlook: Outlook
+    feasibility: Feasibility
     procedure: str
     held: Mapping[str, str]
-    home: tuple[FloatArray, Outlook] | None
+    home: tuple[FloatArray, Feasibility] | None
     poses: tuple[tuple[str, Identifiability], ...]
     unfit: tuple[tuple[str, str], ...]
 
@@ -48,7 +52,7 @@ class Chain:
     def refused(self) -> bool:
         """Whether a calibration with these files would fail."""
         unidentifiable = any(identified.directions for _, identified in self.poses)
-        return self.outlook.refused or unidentifiable or bool(self.unfit)
+        return self.feasibility.refused or unidentifiable or bool(self.unfit)
 
 
 def chains_of(files: FilesRead) -> tuple[Chain, ...]:
@@ -83,11 +87,13 @@ def _chain(
             )
         except (SolverError, ValueError) as error:
             unfit.append((file, str(error)))
-    prospect = outlook(arm, spec.fixture, position_joints=drives, unsensed_joints=unsensed)
+    prospect = assess_feasibility(
+        arm, spec.fixture, position_joints=drives, unsensed_joints=unsensed
+    )
     return Chain(
         arm=arm,
         fixture=spec,
-        outlook=prospect,
+        feasibility=prospect,
         home=closing_home(arm, spec.fixture, prospect),
         procedure="" if procedure is None else procedure.name,
         held={} if procedure is None else procedure.held,

@@ -14,7 +14,7 @@ import numpy as np
 from fixtures.ball import Ball
 from fixtures.base import EndpointConstraint
 from fixtures.hinge import Hinge
-from operator_app.planning.outlook import Outlook, home_to_closed_rad, outlook
+from operator_app.planning.feasibility import Feasibility, assess_feasibility, home_to_closed_rad
 from solver.arrays import FloatArray, frozen
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import forward
@@ -58,11 +58,11 @@ def bent_home(arm: ArmModel) -> FloatArray | None:
 
 
 def closing_home(
-    arm: ArmModel, fixture: EndpointConstraint, from_home: Outlook
-) -> tuple[FloatArray, Outlook] | None:
-    """Return a home pose (n,), rad, near the arm's home, within a degree of a closed pose, and its `Outlook`.
+    arm: ArmModel, fixture: EndpointConstraint, from_home: Feasibility
+) -> tuple[FloatArray, Feasibility] | None:
+    """Return a home pose (n,), rad, near the arm's home, within a degree of a closed pose, and its `Feasibility`.
 
-    `from_home`: the `Outlook` of the arm file's home. None if that home is good, the arm is open or no pose was found.
+    `from_home`: the `Feasibility` at the arm file's home. None if that home is good, the arm is open or none was found.
     """
     home_to_closed_rad = from_home.home_to_closed_rad
     if not fixture.holds_hand or (
@@ -75,7 +75,7 @@ def closing_home(
     x = nominal_vector(model.parameters)
     for q in _closed(arm, model, x):
         arm_there = replace(arm, home_rad=frozen(_whole_degrees(q)))
-        prospect = outlook(arm_there, fixture)
+        prospect = assess_feasibility(arm_there, fixture)
         if prospect.refused or prospect.home_to_closed_rad is None:
             continue
         if (

@@ -72,7 +72,7 @@ def judge(kind: str, at_sync: int, folder: Path) -> Outcome:
     joint, words = JOINT.get(kind, 4), FAULTS[kind]
     found = session_with(kind, folder, joint=joint, at_sync=at_sync)
     if found.said:
-        told = [part.format(joint=joint).lower() for part in words.expected_texts]
+        told = [part.format(joint=joint).lower() for part in words.texts]
         assert any(part in found.said.lower() for part in told), found.said
     else:
         assert words.goes_on
@@ -130,7 +130,7 @@ def judge_arm(found: Outcome, arm: ArmReaction, *, connected: bool) -> None:
 def test_a_sensor_that_stands_still_in_a_joint_that_is_led_leaves_no_wrong_pose(tmp_path, joint):
     """Within a degree of its target nobody misses it there; on the next way it does not follow."""
     found = session_with("frozen-sensor", tmp_path / "s", joint=joint, at_sync=IN_CAPTURE[0])
-    assert any(part in found.said for part in FAULTS["frozen-sensor"].expected_texts), found.said
+    assert any(part in found.said for part in FAULTS["frozen-sensor"].texts), found.said
     assert found.wrong == ()
     assert len(found.poses) == 2
 
@@ -158,9 +158,9 @@ def test_a_slip_in_a_joint_that_is_led_is_told_when_the_first_pose_is_read_again
     }
     wrong = found.wrong
     if found.said:
-        assert any(
-            part.format(joint=joint) in found.said for part in FAULTS[kind].expected_texts
-        ), found.said
+        assert any(part.format(joint=joint) in found.said for part in FAULTS[kind].texts), (
+            found.said
+        )
         assert not wrong
         return
     assert any(f"joint {joint} has shifted by" in text for text in found.told), found.told
@@ -170,7 +170,7 @@ def test_a_slip_in_a_joint_that_is_led_is_told_when_the_first_pose_is_read_again
 def test_every_fault_has_its_row():
     assert list(FAULTS) == list(FAULT_KINDS)
     for words in FAULTS.values():
-        assert words.goes_on or words.expected_texts
+        assert words.goes_on or words.texts
 
 
 def test_without_a_fault_every_pose_is_right(tmp_path):

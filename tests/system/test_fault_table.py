@@ -42,7 +42,7 @@ def test_every_fault_is_told_by_help_with_what_is_seen_and_what_to_do(ends_with)
 def test_what_the_table_says_is_what_the_program_can_say():
     sentences = list(strings_of("hardware", "operator_app"))
     for kind, words in {**FAULTS, **OPERATOR_SIDE}.items():
-        for part in words.expected_texts:
+        for part in words.texts:
             pattern = "".join(
                 f"(?:{piece}|{GAP})" if piece.isdigit() else re.escape(piece)
                 for piece in re.split(r"([0-9]+)", part.replace("{joint}", GAP).lower())

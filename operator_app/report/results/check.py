@@ -156,7 +156,7 @@ def _sensor(joint: Joint) -> str:
 
 def _chain(chain: Chain) -> str:
     """Return the calibration forecast of one arm in one fixture, as text."""
-    arm, spec, outlook = chain.arm, chain.fixture, chain.outlook
+    arm, spec, feasibility = chain.arm, chain.fixture, chain.feasibility
     give = spec.fixture.compliance
     yields = [
         *([DEFLECTION_LENGTH(give.position_m).with_unit] if give.position_m else []),
@@ -175,28 +175,30 @@ def _chain(chain: Chain) -> str:
         ),
         *(paragraph(text) for text in _freedom(chain)),
         paragraph(
-            f"{plural(len(outlook.parameters), 'parameter')} would be identified: "
-            f"{', '.join(p.name for p in outlook.parameters)}."
+            f"{plural(len(feasibility.parameters), 'parameter')} would be identified: "
+            f"{', '.join(p.name for p in feasibility.parameters)}."
         ),
     ]
-    if outlook.refusal is not None:
-        lines.append(paragraph(f"! {outlook.refusal}", indent=2))
+    if feasibility.refusal is not None:
+        lines.append(paragraph(f"! {feasibility.refusal}", indent=2))
     lines += [
         paragraph(f"! {c.severity.value}: {c.text}: {c.remedy}", indent=2)
-        for c in outlook.checks
+        for c in feasibility.checks
         if c.severity is not Severity.OK
     ]
-    immobile = {c.joint for c in outlook.checks if c.kind is CheckKind.IMMOBILE}
+    immobile = {c.joint for c in feasibility.checks if c.kind is CheckKind.IMMOBILE}
     lines += [
         paragraph(f"! not identifiable: {d}", indent=2)
-        for d in outlook.unidentifiable
+        for d in feasibility.unidentifiable
         if immobile.isdisjoint(d.immobile_joints)
     ]
     lines += _other_home(chain)
     lines += [paragraph(f"{name} is fixed: {reason}.") for name, reason in chain.held.items()]
-    if outlook.identifiability is not None and not outlook.refused:
+    if feasibility.identifiability is not None and not feasibility.refused:
         lines.append(
-            _identifiability_text("Poses over the whole reachable region", outlook.identifiability)
+            _identifiability_text(
+                "Poses over the whole reachable region", feasibility.identifiability
+            )
         )
     for file, identifiability in chain.poses:
         lines.append(_identifiability_text(f"The poses of {file}", identifiability))
@@ -209,20 +211,20 @@ def _chain(chain: Chain) -> str:
 
 def _freedom(chain: Chain) -> list[str]:
     """Return sentences on the mobility, the drive joints, and the distance from home to a closed pose."""
-    outlook, n = chain.outlook, chain.arm.joint_count
-    if outlook.mobility is None:
+    feasibility, n = chain.feasibility, chain.arm.joint_count
+    if feasibility.mobility is None:
         return []
     if chain.fixture.fixture.holds_hand:
-        drives = plural(outlook.mobility, "joint") + " in position mode"
-        others = others_free(outlook.mobility, n)
-        lines = [f"Mobility {outlook.mobility}: exactly {drives}{others}."]
+        drives = plural(feasibility.mobility, "joint") + " in position mode"
+        others = others_free(feasibility.mobility, n)
+        lines = [f"Mobility {feasibility.mobility}: exactly {drives}{others}."]
     else:
         lines = [f"The tool is free: all {n} joints in position mode."]
-    if outlook.choice is not None:
-        chosen = f"{joints_named(outlook.choice.drives).capitalize()} would drive"
-        lines.append(f"{chosen} ({'; '.join(outlook.choice.reasons)}).")
-    if outlook.home_to_closed_rad is not None:
-        distance = abs(outlook.home_to_closed_rad)
+    if feasibility.choice is not None:
+        chosen = f"{joints_named(feasibility.choice.drives).capitalize()} would drive"
+        lines.append(f"{chosen} ({'; '.join(feasibility.choice.reasons)}).")
+    if feasibility.home_to_closed_rad is not None:
+        distance = abs(feasibility.home_to_closed_rad)
         j = int(distance.argmax())
         lines.append(
             f"From home_deg to the nearest pose that closes: {DEVIATION(float(distance[j])).with_unit} at most, "
@@ -235,7 +237,7 @@ def _other_home(chain: Chain) -> list[str]:
     """Return lines that propose a home for the arm file; empty if its home is usable or no other one is known."""
     if chain.home is None:
         return []
-    home, outlook = chain.home
+    home, feasibility = chain.home
     degrees = ", ".join(f"{a:g}" for a in short_degrees(home))
     lines = [
         paragraph(
@@ -245,9 +247,9 @@ def _other_home(chain: Chain) -> list[str]:
         ),
         f"  home_deg: [{degrees}]",
     ]
-    if outlook.identifiability is not None:
+    if feasibility.identifiability is not None:
         region = "Poses over the whole region reachable from there"
-        lines.append(_identifiability_text(region, outlook.identifiability))
+        lines.append(_identifiability_text(region, feasibility.identifiability))
     return lines
 
 
@@ -275,7 +277,7 @@ def found_json(files: FilesRead, chains: Sequence[Chain]) -> dict[str, Any]:
 
 
 def _chain_data(chain: Chain) -> dict[str, Any]:
-    outlook, arm = chain.outlook, chain.arm
+    feasibility, arm = chain.feasibility, chain.arm
     sensors: dict[type, str] = {Encoder: "encoder", Rvdt: "rvdt", NoSensor: "none"}
     return {
         "procedure": chain.procedure or None,
@@ -286,18 +288,21 @@ def _chain_data(chain: Chain) -> dict[str, Any]:
             {"joint": k, "name": joint.name, "sensor": sensors[type(joint.sensor)]}
             for k, joint in enumerate(arm.joints, 1)
         ],
-        "mobility": outlook.mobility,
+        "mobility": feasibility.mobility,
         "drives": None
-        if outlook.choice is None
-        else {"joints": list(outlook.choice.drives), "reasons": list(outlook.choice.reasons)},
+        if feasibility.choice is None
+        else {
+            "joints": list(feasibility.choice.drives),
+            "reasons": list(feasibility.choice.reasons),
+        },
         "home_deg": None if chain.home is None else short_degrees(chain.home[0]),
-        "refusal": None if outlook.refusal is None else str(outlook.refusal),
-        "checks": [c.data for c in outlook.checks],
-        "parameters": [p.name for p in outlook.parameters],
+        "refusal": None if feasibility.refusal is None else str(feasibility.refusal),
+        "checks": [c.data for c in feasibility.checks],
+        "parameters": [p.name for p in feasibility.parameters],
         "held": dict(chain.held),
         "seen": None
-        if outlook.identifiability is None
-        else _identifiability_data(outlook.identifiability),
+        if feasibility.identifiability is None
+        else _identifiability_data(feasibility.identifiability),
         "poses": {
             file: _identifiability_data(identifiability) for file, identifiability in chain.poses
         },

@@ -28,7 +28,7 @@ SPREAD = 60
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outlook:
+class Feasibility:
     """Whether an arm can be calibrated in a fixture, and with which drive joints.
 
     Attributes
@@ -70,19 +70,19 @@ class Outlook:
         )
 
 
-def outlook(
+def assess_feasibility(
     arm: ArmModel,
     fixture: EndpointConstraint,
     *,
     position_joints: tuple[int, ...] | None = None,
     unsensed_joints: tuple[int, ...] = (),
-) -> Outlook:
+) -> Feasibility:
     """Predict whether `arm` can be calibrated in `fixture`; `position_joints`: drive joints that a procedure lists."""
     unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
     model = without_hidden(arm, fixture, fixture.model(arm, unsensed_joints=unsensed))
     parameters, checks = model.parameters, setup_checks(fixture, arm, arm.home_rad)
     if isinstance(fixture, Measured):
-        return Outlook(parameters=parameters, mobility=arm.joint_count, checks=checks)
+        return Feasibility(parameters=parameters, mobility=arm.joint_count, checks=checks)
     loop = fixture.model(arm)
     x = nominal_vector(loop.parameters)
     mobility, choice, refusal, identified = None, None, None, None
@@ -99,7 +99,7 @@ def outlook(
         )
     except SessionError as error:
         refusal = error
-    return Outlook(
+    return Feasibility(
         parameters=parameters,
         home_to_closed_rad=home_to_closed_rad(arm, fixture),
         mobility=mobility,

@@ -225,5 +225,5 @@ def next_controlword(status: int, target: TargetState, *, previous: int = 0) -> 
 
 
 def state_of(statusword: int) -> DriveState:
-    """Return the state in a statusword; *not ready to switch on* if the bits code no state."""
+    """Return the state in a statusword; *not ready to switch on* if the bits encode no state."""
     return _decoded(statusword) or DriveState.NOT_READY_TO_SWITCH_ON

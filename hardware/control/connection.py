@@ -234,9 +234,10 @@ class Connection:
         self.token, self.in_control, self.took_control = OPERATOR_NODE, True, True
 
     def may_repeat(self, error: HardwareError) -> bool:
-        """Whether to repeat a step after this error: not if the arm is silent or control lapsed without host latency.
+        """Whether to repeat a step after this error.
 
-        If control lapsed because of host latency, it is requested again.
+        False if the arm is silent, or if control lapsed for a reason other than host latency; after host latency,
+        control is requested again.
         """
         if self.is_lost():
             return False

@@ -67,7 +67,7 @@ class ChainPoint(ABC):
 
     @abstractmethod
     def at(self, theta_rad: FloatArray) -> None:
-        """Evaluate at true angles theta_0, theta'_1 .. theta'_n, shape (n + 1,), rad."""
+        """Evaluate error and Jacobian at true angles theta_0, theta'_1 .. theta'_n, shape (n + 1,), rad."""
 
     def _place(self, theta_rad: FloatArray) -> FloatArray:
         """Compute all frames at these angles (n + 1,), rad; return the last frame (4, 4)."""
@@ -103,7 +103,7 @@ class LoopPoint(ChainPoint):
         self._hinge = hinge
 
     def at(self, theta_rad: FloatArray) -> None:
-        """Evaluate at true angles theta_0, theta'_1 .. theta'_n, shape (n + 1,), rad."""
+        """Evaluate error and Jacobian at true angles theta_0, theta'_1 .. theta'_n, shape (n + 1,), rad."""
         end = self._place(theta_rad)
         r0, r1, r2 = _rotation_vector(end[:3, :3].tolist())
         p = end[:3, 3]

@@ -125,7 +125,7 @@ class VirtualNode(canopen.LocalNode):
         self._readers[index, subindex] = reader
 
     def accept(self, index: int, writer: Writer) -> None:
-        """Have writes of an object (sub-index 0) handled by `writer`, which may raise `SdoAbortedError`."""
+        """Let `writer` handle writes of an object (sub-index 0); it may raise `SdoAbortedError`."""
         self._writers[index, 0] = writer
 
     def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:  # noqa: FBT001, FBT002

@@ -189,7 +189,7 @@ def refusal_reason(
             return f"home offset {offset} of joint {axis.joint} is beyond +-{limit} counts"
         if abs(angle * axis.scale.counts_per_rad - offset) > 1.0:
             return (
-                f"home offset {offset} of joint {axis.joint} differs from the joint's theta_off "
-                f"({angle * axis.scale.counts_per_rad:.1f} counts)"
+                f"home offset of joint {axis.joint} is {offset} counts, but its theta_off is "
+                f"{angle * axis.scale.counts_per_rad:.1f} counts (largest difference: 1 count)"
             )
     return None

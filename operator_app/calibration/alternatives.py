@@ -267,9 +267,9 @@ def _without_each_reading(stated: Experiment) -> Iterator[Alternative]:
 
 
 def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding, float, int]]:
-    """Return the finding of a step in the readings that `blind` ignores, with chi2/dof and dof after its correction.
+    """Return the finding of a step of the joint that is unsensed in `blind` only, with chi2/dof and dof once corrected.
 
-    Empty if there is no step, or if `blind` does not ignore exactly one joint more than `unsensed`.
+    Empty if there is no step, or not exactly one joint that is unsensed in `blind` but not among `unsensed`.
     """
     more = [j for j in blind.unsensed if j not in unsensed]
     if len(more) != 1:

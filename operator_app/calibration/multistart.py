@@ -169,7 +169,7 @@ def of_fixture(model: ClosureModel) -> set[str]:
 
 
 def fixture_elsewhere(estimate: Estimate, model: ClosureModel) -> tuple[Finding, ...]:
-    """Return the note that the fixture is not where its file states; no verdict depends on it."""
+    """Return a note if the fixture is not where its file states, else nothing; no verdict depends on it."""
     far = _far(estimate.without({p.name for p in estimate.parameters} - of_fixture(model)))
     if not far:
         return ()

@@ -172,8 +172,8 @@ def unwatching_words(identity: ArmIdentity) -> str:
     which = f"{'Joints' if several else 'Joint'} {', '.join(map(str, joints))}"
     return (
         f"{which}: the drive{'s have' if several else ' has'} no heartbeat timeout (1016h). When this program ends, "
-        f"{'they' if several else 'it'} may stay powered or free. Keep a hand on the hardware stop; sarcal arm-check "
-        "shows what happens"
+        f"{'they' if several else 'it'} may stay powered, or leave a joint free to move. Keep a hand on the hardware "
+        "stop; sarcal arm-check shows what happens"
     )
 
 

@@ -47,8 +47,8 @@ _DISTURBED = (
     "warnings name (--unsensed)"
 )
 _NOT_REPEATED = (
-    "pose {first}{placement} was not measured again after pose {last} ({reported}): a slip of a joint or the "
-    "fixture after pose {since} can be detected only from the poses themselves, and one in the last poses hardly at all"
+    "pose {first}{placement} was not measured again after the last pose, {last} ({reported}): a slip of a joint or "
+    "the fixture later than pose {since} shows only in the poses themselves, and a slip in the last poses hardly at all"
 )
 
 

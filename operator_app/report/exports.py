@@ -102,7 +102,10 @@ def _rows(calibration: Calibration) -> list[dict[str, Any]]:
 
 
 def _csv(calibration: Calibration) -> bytes:
-    """Return CSV: a row per parameter, in deg or mm; if not accepted, the last column states the reason for export."""
+    """Return CSV, a row per parameter, in deg or mm.
+
+    For a calibration that was not accepted, a last column has the operator's reason for exporting it anyway.
+    """
     estimate = calibration.solution.identified
     rows = [
         (p.name, side_of(calibration.solution.model, p.name), quantity_of(p).unit,

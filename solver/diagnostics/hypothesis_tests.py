@@ -179,7 +179,7 @@ def without_curves_in_specification(
 
 
 def _as_stated(j: int, faults: FaultModels, residuals: WhitenedResiduals) -> bool:
-    """Whether joint j's curve may be within specification, according to the loops' measurement if there is one."""
+    """Whether the linearity of joint j's sensor may be within specification: as measured, else by the residuals."""
     curve = faults.linearity_curve(j)
     if curve is None:
         return False

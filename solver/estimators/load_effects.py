@@ -348,15 +348,15 @@ def _pulled(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> FixtureLo
 
 
 def wrench_of(
-    J: FloatArray, E: FloatArray, torque: FloatArray, rub: float = FRICTION_M
+    J: FloatArray, E: FloatArray, torque: FloatArray, friction_m: float = FRICTION_M
 ) -> FloatArray:
     """Fixture's wrench (..., k, c) that keeps free joints at rest under torques (..., f, c).
 
     `J`: columns of the free joints (..., k, f). `E`: left null space (..., k, r) of the fixture's own degrees of
-    freedom. `rub`: friction as a lever, m.
+    freedom. `friction_m`: friction torque of a free joint per force at the fixture, N m/N.
     """
     K = np.swapaxes(E, -1, -2) @ J
-    held = K @ np.swapaxes(K, -1, -2) + rub**2 * np.eye(K.shape[-2])
+    held = K @ np.swapaxes(K, -1, -2) + friction_m**2 * np.eye(K.shape[-2])
     return np.asarray(-(E @ np.linalg.solve(held, K)) @ torque)
 
 

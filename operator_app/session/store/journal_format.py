@@ -290,7 +290,7 @@ def _other_version(schema: object) -> tuple[str, str]:
 
 
 def _resembles(first: bytes, begin: bytes, *, torn: bool) -> bool:
-    """Whether `first` starts with `begin` but for up to `MAX_CHANGED_BYTES` bytes; `first` may be shorter if `torn`."""
+    """Whether `first` starts with `begin` except for up to `MAX_CHANGED_BYTES` bytes; it may be shorter if `torn`."""
     begin = begin[: len(first)] if torn else begin
     same = sum(a == b for a, b in zip(first, begin, strict=False))
     return same >= len(begin) - MAX_CHANGED_BYTES

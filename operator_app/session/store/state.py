@@ -200,7 +200,7 @@ class SessionState:
 
     @property
     def used_poses(self) -> tuple[CapturedPose, ...]:
-        """Poses that are neither undone nor excluded."""
+        """Poses that are neither excluded nor removed by undo."""
         return tuple(p for p in self.poses if not p.excluded)
 
     @property

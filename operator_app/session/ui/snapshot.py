@@ -32,7 +32,7 @@ HUNG_S = 10.0
 
 
 class DataState(Enum):
-    """State of the joint data, by the age of the oldest data of any joint."""
+    """State of the joint data, by the age of the data of the joint whose data is oldest."""
 
     NONE = "no data"
     FRESH = "ok"

@@ -78,7 +78,9 @@ def test_free_joints_are_in_equilibrium_and_the_hinge_holds_no_moment(model, q):
     torque = rng.normal(size=(POSES, 7, 2))
     error = model.loop(x, q, u)
     free = [1, 2, 3, 5, 6]
-    F = wrench_of(error.jac_q[..., free], left_null_space(error.jac_u), torque[:, free], rub=1e-6)
+    F = wrench_of(
+        error.jac_q[..., free], left_null_space(error.jac_u), torque[:, free], friction_m=1e-6
+    )
     assert F.shape == (POSES, 6, 2)
     for j in free:
         step = 1e-6 * np.eye(7)[j]
@@ -96,7 +98,7 @@ def test_friction_keeps_the_wrench_finite_at_a_fold(model, q):
     folded[..., 4] = folded[..., 3]
     torque = np.zeros((POSES, 5, 1))
     torque[:, 3], torque[:, 4] = 1.0, -1.0
-    F = wrench_of(folded, left_null_space(error.jac_u), torque, rub=0.1)
+    F = wrench_of(folded, left_null_space(error.jac_u), torque, friction_m=0.1)
     assert np.abs(F).max() < 1e-9 / 0.1 + 1.0 / 0.1
 
 

@@ -76,8 +76,8 @@ def _code(shown: Preview) -> ExitCode:
 def _of_files(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, str]:
     """Return the procedure with the options' arm and fixture, None (no captured poses), and the plan's basis as text.
 
-    The drive joints of the procedure apply to its own arm; for another arm, or another kind of fixture in the default
-    procedure, the planner chooses them.
+    The planner chooses the drive joints, instead of those in the procedure, if the options replace the procedure's arm
+    or, in the default procedure, its kind of fixture.
     """
     procedure = load_procedure(args.procedure or "hinge")
     if args.arm:

@@ -76,7 +76,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def probe_json(result: Probe) -> dict[str, Any]:
-    """Return a probe as JSON data; `pdos`: valid PDOs; `room`: numbers of all PDOs, and object widths in bits."""
+    """Return a probe as JSON data; `pdos`: valid PDOs; `room`: all PDO numbers, and object widths in bits."""
     data = asdict(result)
     for node, shown in zip(result.nodes, data["nodes"], strict=True):
         shown["pdos"] = [
@@ -94,7 +94,7 @@ def probe_json(result: Probe) -> dict[str, Any]:
 
 
 def _report_no_nodes(result: Probe, bus: str) -> bool:
-    """If no nodes were probed, print why and return true."""
+    """Return whether no nodes were probed; if so, print why."""
     if result.busy:
         heard = ", ".join(map(str, result.heard)) or "none"
         say(

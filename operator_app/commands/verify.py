@@ -36,7 +36,7 @@ from operator_app.session.workflow.opening import Opening, begin, resume
 from solver.chain.poses import PoseSet
 
 OPEN_POSES = 24
-"""Number of poses of the open arm, for a separate calibration."""
+"""Default number of poses of the open arm, from which a separate calibration is made for comparison."""
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -87,7 +87,7 @@ def _from_file(file: str, joint_count: int) -> PoseSet:
 def _open_loop(
     args: argparse.Namespace, opening: Opening, solution: Solution, count: int | None
 ) -> ExitCode:
-    """Verify the session's calibration with endpoints measured by an instrument, on the arm now or read from a file."""
+    """Verify the session's calibration with an instrument's endpoints, measured now on the arm or read from a file."""
     if solution.model.dh_table(solution.estimate.x) is None:
         raise UsageError(
             "--open-loop verifies a calibration of one placement of a hinge or rigid fixture; "
@@ -157,7 +157,7 @@ def _open_arm(
 def _on_the_arm(
     opening: Opening, solution: Solution, count: int, *, homing: bool, record_to: Path | None
 ) -> tuple[VerificationResult, PoseSet]:
-    """Capture `count` new poses in the session, at other positions, and verify the calibration with them."""
+    """Capture `count` poses that differ from the session's poses, and verify the calibration with them."""
     if count < 1:
         raise UsageError("--poses: must be at least 1")
     with unattended(opening, record_to=record_to) as session:

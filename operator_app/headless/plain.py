@@ -291,7 +291,7 @@ class Plain:
             s = self.snapshot()
 
     def _stop(self) -> bool:
-        """Handle Ctrl-C: send STOP and return True; return False, to quit, if no arm can be or needs to be stopped."""
+        """Handle Ctrl-C: send STOP and return True; False if the arm is stopped, silent or not connected."""
         s = self.runner.snapshot()
         if not s.connected or s.stopped or s.data is DataState.LOST:
             return False

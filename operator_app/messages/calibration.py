@@ -59,7 +59,7 @@ SOURCE_REMEDIES = {
     "discrepancy": "find the deflection that depends on the pose and that no file states",
     "counts": "fit encoders with more counts: averaging at rest does not reduce the error of one count",
 }
-"""Remedies by source of the budget, without the joint's number; "" is any other source."""
+"""Remedies by source of error without the joint's number; the remedy of "" is for all other sources."""
 
 _HOLDS_ONLY = (
     ". No file states how well {fixed} is known: the stated tool accuracy holds only if the fixed value is right; "

@@ -157,7 +157,7 @@ def summary(procedure: Procedure) -> str:
 
 
 def _capital(text: str) -> str:
-    """Return text with a capital letter, unless it begins with a path, a name or a command, which are spelled so."""
+    """Return text with its first letter capitalised; text that begins with a path, name or command is unchanged."""
     first, _, _ = text.partition(" ")
     spelled = "/" in first or "_" in first or text.startswith(COMMAND_WORDS)
     return text if spelled else text[:1].upper() + text[1:]

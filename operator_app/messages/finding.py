@@ -19,7 +19,7 @@ CERTAIN = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedSize:
-    """A parameter with a value in `unit`, "rad" or "m"; `share`: part (0..1) of its information from the poses."""
+    """A parameter and a value in `unit`, "rad" or "m"; `share`: fraction of its information that the poses provide."""
 
     name: str
     size: float
@@ -48,7 +48,7 @@ class Finding:
     reported
         Text and remedy that a lower layer wrote (fixtures, solver, file readers).
     probability
-        Probability relative to all other explanations, including no fault.
+        Probability relative to all other explanations; that there is no fault is one of them.
     doubted
         Whether the finding is stated as a possibility, whatever its probability.
     blocking

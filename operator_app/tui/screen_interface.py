@@ -105,7 +105,7 @@ class ScreenInterface:
         self.do(action_table.by_name(name))
 
     def do_anywhere(self, action: Action | OnScreen) -> None:
-        """Do an action from the palette; if it belongs to another step, go to that step first, if it is open."""
+        """Do an action from the palette, after going to its step if necessary; if that step is closed, show why."""
         if self.app.step in action.steps or self.go(min(action.steps)):
             self.do(action)
 

@@ -48,9 +48,9 @@ ASCII = str.maketrans(
         "█": "#", "▁": "_", "▂": "_", "▃": "-", "▄": "-", "▅": "=", "▆": "=", "▇": "#",
     }
 )  # fmt: skip
-"""ASCII replacements of one character each, so that nothing moves. Braille is replaced by the code that draws it."""
+"""ASCII replacements of one character each, so that nothing moves. Plots choose ASCII or braille themselves."""
 PLUS_MINUS = "±", "+-"
-"""The only replacement by two characters: nothing after it is aligned."""
+"""The only replacement by two characters, possible because no aligned text follows this character."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,7 +1,7 @@
 """Checks of the joint readings before the drives are enabled; the result goes into the journal. Moves nothing.
 
-The checks, in order: a counter near zero outside its joint's range; closure as predicted by the captured poses or, with
-too few poses, closure within the tolerances of the files. With readings that do not close the loop (counter reset,
+The checks, in order: a counter near zero outside its joint's range; closure as predicted from the captured poses or,
+with too few poses, closure within the tolerances of the files. With readings that do not close the loop (counter reset,
 wrong direction, wrong joint order), the drives would move the arm to unintended positions.
 """
 
@@ -93,9 +93,9 @@ def _arm_from_earlier_placements(state: SessionState, procedure: Procedure) -> K
 
 
 LOOP_FALSE_REFUSAL_PROBABILITY = 1e-12
-"""Probability of refusing an arm within the tolerances of its files, which are taken as three standard deviations.
+"""Probability of refusing an arm within the tolerances of its files; a tolerance is taken as three standard deviations.
 
-It is this small because the files can be inaccurate: offsets by 25 deg, hinges by 40 mm and 15 deg.
+The probability is this small because files can be inaccurate: offsets by 25 deg, hinges by 40 mm and 15 deg.
 """
 
 FALSE_REFUSAL_PROBABILITY_KNOWN_ARM = 1e-5
@@ -104,15 +104,15 @@ FALSE_REFUSAL_PROBABILITY_KNOWN_ARM = 1e-5
 RESET_PROBABILITY = 1e-2
 """A counter at zero was reset if using its reading raises chi2 by an amount less probable than this.
 
-A joint is within `AT_ZERO_COUNTS` counts of zero by chance in one of 30,000 positions. Within k times that distance,
-it is so k times as often; this limit is therefore divided by k.
+A joint is within `AT_ZERO_COUNTS` counts of zero by chance in one of 30,000 positions. It is within k times that
+distance k times as often; the limit for a reading at that distance is therefore divided by k.
 """
 
 HOME_AT_ZERO_RAD = float(np.deg2rad(5.0))
 """A joint whose home is within this distance of zero is often at zero."""
 
 RESET_PROBABILITY_HOME_AT_ZERO = 1e-6
-"""`RESET_PROBABILITY` of joints whose home is at zero."""
+"""Replaces `RESET_PROBABILITY` if the homes of all joints concerned are within `HOME_AT_ZERO_RAD` of zero."""
 
 EXPLAINED_PROBABILITY = 1e-2
 """One joint alone explains the closure error if the chi2 without its reading has at least this probability."""
@@ -254,7 +254,7 @@ def _not_closing_remedy(explaining: dict[int, ClosureFit]) -> str:
 
 
 def _fits_without(loop: LoopAtReading, joints: tuple[int, ...]) -> dict[int, ClosureFit]:
-    """Return, by joint, the closure fitted without the reading of that joint, the lowest chi2 first."""
+    """Return, by joint, the closure fitted without the reading of that joint, in order of increasing chi2."""
     fits = {j: loop.fit(j) for j in joints}
     return dict(sorted(fits.items(), key=lambda item: item[1].chi2))
 

@@ -1,4 +1,4 @@
-"""Resume checks before the drives are enabled: same nodes, no counter reset, closure as predicted by captured poses.
+"""Resume checks before the drives are enabled: same nodes, no counter reset, closure as predicted from captured poses.
 
 Moves nothing; `return_check` follows once the arm may move. A reset sets a counter to zero at the current position.
 Until the next connection, the arm may sag, because hydraulic valves leak, and the counter then is not exactly zero.
@@ -182,7 +182,7 @@ def check_closure_by_poses(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Closure:
-    """Closure at the current pose, compared with its prediction by the captured poses.
+    """Closure at the current pose, compared with its prediction from the captured poses.
 
     Attributes
     ----------
@@ -191,9 +191,9 @@ class _Closure:
     unresolved_joints
         As in `ClosureResult`.
     probability
-        Probability of a larger chi2 with the parameters from the poses; None with too few poses for these.
+        Probability of a larger chi2 with the parameters from the poses; None if the poses do not determine these.
     closes
-        Whether the loop closes at all with these parameters.
+        Whether the loop closes at all with these parameters; true if there are none.
     as_predicted
         Whether the loop closes, and no available prediction contradicts the reading.
     """
@@ -212,7 +212,7 @@ def _predict_closure(
     reading: Reading,
     endpoint: FloatArray | None,
 ) -> _Closure:
-    """Compare a reading with its prediction by the captured poses of this placement."""
+    """Compare a reading with its prediction from the captured poses of this placement."""
     from scipy.special import chdtri
 
     here = CheckReading(
@@ -264,7 +264,7 @@ def _refusal(
     *,
     poses: int,
 ) -> ClosureRefusedError:
-    """Return the error for a reading that differs from its prediction by `poses` poses, with its most likely cause."""
+    """Return the error, with its likely cause, for a reading that contradicts the captured poses (`poses`: number)."""
     from scipy.special import chdtrc
 
     near, probability = closure.near, 1.0 if closure.probability is None else closure.probability
@@ -312,7 +312,7 @@ def _cause_text(near: Innovation | None) -> str:
 
 
 def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConstraint:
-    """Return the fixture with the nominal placement relative to which `parameters_from_poses` states the placement."""
+    """Return the fixture with the nominal placement to which the parameters from `parameters_from_poses` refer."""
     known = journal_calibration(state)
     fixture = procedure.fixture.fixture
     if isinstance(known, StoredCalibration):
@@ -321,7 +321,7 @@ def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConst
 
 
 def parameters_from_poses(state: SessionState, procedure: Procedure) -> Fixed | None:
-    """Return the parameters determined by the captured poses; None with too few poses.
+    """Return the parameters determined by the captured poses; None if the poses do not determine them.
 
     They are from the recorded calibration or, if there is none, from a quick fit, which is precise enough to detect
     shifts of degrees or millimetres.

@@ -1,4 +1,4 @@
-"""Compares a repeated pose with its first reading, and reports what has shifted between both, and by how much."""
+"""Compares a repeated pose with its first reading, and reports what has shifted in between, and by how much."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from solver.chain.rotations import rotation_matrix
 from solver.chain.sensors import NoSensor
 
 FIXTURE_MOVED_M, FIXTURE_TURNED_RAD = 4e-3, float(np.deg2rad(1.0))
-"""Larger displacements of the fixture are refused: even a slender fixture deflects less (paper, section 4). The
-diagnosis of the calibration detects smaller displacements."""
+"""Larger displacements of the fixture are refused: even the deflection of a slender fixture is smaller (paper,
+section 4). The diagnosis of the calibration detects smaller displacements."""
 
 
 def check_repeat(state: SessionState, procedure: Procedure) -> str:
@@ -104,10 +104,10 @@ def _significant_repeat(state: SessionState, procedure: Procedure) -> Repeat | N
 
 
 def _check_target_again(state: SessionState, procedure: Procedure) -> str:
-    """Raise GuardError if the target or the tracker has moved between both readings; else return "".
+    """Raise GuardError if the target or the tracker has moved between the two readings; else return "".
 
-    Compares the target's measured displacement with the one computed from the joint readings; errors of the arm's
-    parameters cancel.
+    Compares the target's measured displacement with the displacement computed from the joint readings, in which
+    errors of the arm's parameters cancel.
     """
     from scipy.special import chdtri
 

@@ -85,9 +85,9 @@ class SensorFaults:
         return tuple(pose.number for pose in state.poses[-1:])
 
     def _poses_with_present_reading(self, joint: int) -> tuple[int, ...]:
-        """Return the numbers of the latest poses in which `joint`, which did not follow, has the same reading as now.
+        """Return the numbers of the latest poses with the present reading of `joint`, whose drive did not follow.
 
-        Its sensor may have been stuck during these poses while the joint moved.
+        The sensor may have been stuck during these poses while the joint moved.
         """
         state, model = self._logbook.state, self._logbook.model
         if not state.poses_here:

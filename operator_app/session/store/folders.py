@@ -121,8 +121,8 @@ def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
 def _begun(entries: Sequence[SessionEntry]) -> dict[str, tuple[str, int]]:
     """Return (time of opening, sequence number) by folder name, to sort sessions whose journals have no `order`.
 
-    The sequence number is 0, except after the clock was set back: a session that would then precede the session opened
-    before it (`state.after`) gets the earlier-opened session's time, and its sequence number plus 1.
+    The sequence number is 0, except after the clock was set back: a session whose time is then not later than that of
+    the session opened before it (`state.after`) gets the latter's time, and the latter's sequence number plus 1.
     """
     states = {entry.folder.name: entry.state for entry in entries}
     begun: dict[str, tuple[str, int]] = {}

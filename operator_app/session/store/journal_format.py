@@ -1,4 +1,4 @@
-"""Format of a journal on disk: JSON lines, each with a checksum over itself and all earlier lines.
+"""Format of a journal on disk: JSON lines, each with a checksum of its own content and all earlier lines.
 
 Distinguishes an incomplete last line (power cut), a damaged line (changed later), a file that is not a
 journal, and a journal of a newer version. Also names and writes files beside the journal.
@@ -267,7 +267,7 @@ def require_own_format(complete: list[bytes], rest: bytes, path: Path) -> None:
 
 
 def _require_version(first: bytes, path: Path) -> None:
-    """Raise JournalForeignError if line 1 states an unknown version, unless its checksum fits the known version."""
+    """Raise JournalForeignError if line 1 states an unknown version, unless the checksum shows it is damaged."""
     match = re.match(rb'\{"schema":"([^"\\]{0,60})"', first)
     split = split_checksum(first)
     if match is None or match[1].decode(errors="replace") == JOURNAL_SCHEMA:
@@ -290,7 +290,7 @@ def _other_version(schema: object) -> tuple[str, str]:
 
 
 def _resembles(first: bytes, begin: bytes, *, torn: bool) -> bool:
-    """Whether `first` starts with `begin` except for up to `MAX_CHANGED_BYTES` bytes; it may be shorter if `torn`."""
+    """Whether `first` starts with `begin` (if `torn`: a part of it); up to `MAX_CHANGED_BYTES` bytes may differ."""
     begin = begin[: len(first)] if torn else begin
     same = sum(a == b for a, b in zip(first, begin, strict=False))
     return same >= len(begin) - MAX_CHANGED_BYTES

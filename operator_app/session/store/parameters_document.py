@@ -123,7 +123,7 @@ def parameters_document(
 
 
 def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mapping[str, float]]:
-    """Return shares of variance by parameter and source; omits lengths that are corrected only within tolerance."""
+    """Return shares of variance by parameter and source; omits lengths that are free only within tolerance."""
     if solution.components is None:
         return {}
     estimate = solution.estimate
@@ -179,7 +179,7 @@ def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
 
 
 def _with_measured(table: DhTable, offsets_rad: Mapping[int, float]) -> DhTable:
-    """Return the table with theta_off of the unsensed joints replaced by `offsets_rad` (by joint) from the loops."""
+    """Return the table with theta_off of the unsensed joints replaced by `offsets_rad` (by joint)."""
     theta_off = np.array(table.theta_off_rad)
     for joint, offset in offsets_rad.items():
         theta_off[joint] = offset
@@ -211,5 +211,5 @@ def _forced_warning(solution: Solution, reason: str) -> tuple[DocumentWarning, .
 
 
 def _figures(reading: ResidualSigma) -> TwoFigures:
-    """Return rms and the paper's figure of a residual, converted from m to mm or from rad to mrad."""
+    """Return a residual by both interpretations of eqs. 14 and 15, converted from m to mm or from rad to mrad."""
     return TwoFigures(rms=1e3 * reading.rms, as_printed=1e3 * reading.as_printed)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 PROCESS_POLL_S = 0.02
-"""Interval between calls of `go_on`, which may end the calculation."""
+"""Interval between calls of `SolvingProcess.go_on`, which may end the calculation."""
 NICENESS = 5
 """Increment of the niceness of the process: screen and bus have priority."""
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")

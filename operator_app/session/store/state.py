@@ -254,7 +254,7 @@ class SessionState:
         )
 
     def required_poses(self, capture: CapturePlan) -> int:
-        """Return the number of used poses, in all placements, that completes the current placement.
+        """Return the number of used poses, summed over all placements, with which the current placement is complete.
 
         In a planned capture, the poses chosen by the plan are required in addition to the explored poses.
         """

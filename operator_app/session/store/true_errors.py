@@ -23,7 +23,7 @@ Truths = Callable[[int], Mapping[str, float]]
 def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int = 1) -> Solution:
     """Return a calibration with its true errors; `first`: number of the first placement that has poses.
 
-    The tool position error does not include the placement error of the fixture, as in `HandAccuracy`.
+    As in `HandAccuracy`, the tool position error excludes the placement error of the fixture.
     """
     estimate = solution.identified
     inside, of = 0, 0

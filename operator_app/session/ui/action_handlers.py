@@ -21,7 +21,7 @@ VERIFY_POSES = 5
 def task(
     kind: TaskKind, text: str, work: Callable[[Operations], None]
 ) -> Callable[[ActionContext], None]:
-    """Return a handler that submits `work` as a task, without a question."""
+    """Return a handler that submits `work` as a task, without asking for confirmation."""
     return lambda context: context.submit(kind, text, work)
 
 

@@ -32,7 +32,7 @@ HUNG_S = 10.0
 
 
 class DataState(Enum):
-    """State of the joint data, by the age of the data of the joint whose data is oldest."""
+    """State of the joint data, determined by the joint with the oldest data."""
 
     NONE = "no data"
     FRESH = "ok"

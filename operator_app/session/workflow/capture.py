@@ -41,7 +41,7 @@ from solver.chain.poses import PoseSet
 from solver.loops.placements import Placements
 
 CANDIDATES_PER_POSE = 4
-"""Number of candidate targets per new pose if only those with a clear straight path can be used."""
+"""Number of candidate targets per new pose if only targets with a clear straight path can be used."""
 
 
 def connect(session: Session, listener: Listener, *, measuring: bool = True) -> ArmIdentity:
@@ -136,7 +136,7 @@ def go_home_if_outside(session: Session, listener: Listener) -> None:
 
 
 def _check_unresolved_joints(session: Session, listener: Listener) -> None:
-    """If a joint's shift could not be detected at the current pose, move to the nearest pose at 5 deg/s and repeat it.
+    """If a joint's shift could not be detected at the current pose, move at 5 deg/s to the nearest pose and repeat it.
 
     Raises
     ------
@@ -184,7 +184,7 @@ def outlier_warning(session: Session) -> str:
 
 
 def _check_last_pose(session: Session, listener: Listener, planned: PlannedCapture | None) -> None:
-    """If the last pose does not fit the earlier ones, repeat the first pose at once.
+    """If the last pose does not fit the earlier poses, repeat the first pose immediately.
 
     Raises
     ------
@@ -288,7 +288,7 @@ def _repeat_first_pose_and_come_back(
 def verify(
     session: Session, solution: Solution, poses: int, listener: Listener
 ) -> tuple[VerificationResult, PoseSet]:
-    """Capture new poses at other positions and test a calibration with them, without changing the calibration.
+    """Capture new poses, different from the session's, and test a calibration with them without changing it.
 
     The modes must be set. The result and the new poses are recorded in the journal.
     Raises `GuardError` if fewer than `poses` can be reached.

@@ -242,7 +242,7 @@ def _procedure(
 REPRODUCIBLE_EVENTS = frozenset(
     {"opened", "imported", "pose", "solved", "checked", "exported", "closed"}
 )
-"""Events of a session that can be made again from the same poses."""
+"""A session with no other events can be made again from its poses."""
 
 
 def replace_session(

@@ -31,7 +31,7 @@ CHECK_GLYPHS = {
 
 
 NEAR_END_RAD = math.radians(3.0)
-"""Predicted distance from the end of a joint's range below which the joint is marked, rad."""
+"""A joint is marked if its predicted range comes closer than this to an end of the joint's allowed range."""
 
 
 class PlacementPanel(Lines):

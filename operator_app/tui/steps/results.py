@@ -124,7 +124,7 @@ class ResultsPlot(Lines):
     page = 0
     count = 1
     words_from = 1
-    """Index of the first page with text or a table; these pages need the whole width."""
+    """Index of the first page with text or a table; this page and all later pages need the whole width."""
     framed = True
     """Whether the frame shows the title; without a frame the title is the first line."""
 

@@ -112,7 +112,7 @@ def sparkline(values: Sequence[float], width: int) -> Span:
 
 _TURN, _TILT = np.deg2rad(35.0), np.deg2rad(18.0)
 _AXIS_M = 0.16
-"""Half the length at which the hinge axis is drawn."""
+"""Half the length of the drawn hinge axis."""
 VISIBLE_RAD = 0.015
 """Smallest rotation that is redrawn, rad: a smaller one moves the drawing by less than a dot, and may be RVDT noise."""
 

@@ -101,7 +101,7 @@ class ArmIdentity:
 class Fault:
     """An emergency message; `joint` is None for the supervisor.
 
-    Code 0 stands for a missing message: a drive left *operation enabled* or stopped following its target silently.
+    Code 0 means that no message came when a drive left *operation enabled* or stopped following its target.
     """
 
     node: int

@@ -291,7 +291,7 @@ class Abort(IntEnum):
     LOCAL_CONTROL = 0x08000021
     """The control token is not held."""
     DEVICE_STATE = 0x08000022
-    """The token is taken, or there is nothing to commit."""
+    """The command is not possible now, e.g. another node holds the token, or there is nothing to commit."""
     NO_DATA = 0x08000024
 
 

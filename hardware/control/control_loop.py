@@ -38,7 +38,7 @@ IDLE_GROWTH, MAX_IDLE_POLL_S = 1.1, 0.02
 """A new task does not wake the loop while the loop waits for a frame. Each idle wait is a tenth longer than the last,
 up to MAX_IDLE_POLL_S, so that a task waits for at most about a tenth of the preceding idle time."""
 SYNCS_AFTER_STOP = 20
-"""SYNCs after STOP in fast forward, in which the drives come to rest."""
+"""Number of SYNCs sent after STOP in fast forward, so that the drives come to rest."""
 
 
 class ControlLoop:

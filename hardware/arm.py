@@ -251,7 +251,7 @@ class ArmInterface(Protocol):
         """Move joints in position mode to their targets, in a straight line in joint space; all arrive together."""
 
     def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
-        """Wait until each joint's positions in the last `window` samples span no more than `spread_rad`; false on time-out."""
+        """Wait until each joint's last `window` positions span no more than `spread_rad`; false on time-out."""
 
     def capture(self, samples: int) -> Reading:
         """Average `samples` samples, each latched on one SYNC."""

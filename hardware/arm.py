@@ -101,7 +101,7 @@ class ArmIdentity:
 class Fault:
     """An emergency message; `joint` is None for the supervisor.
 
-    Code 0 stands for a missing message: a drive left *operation enabled* or stopped following its target silently.
+    Code 0 means that no message came when a drive left *operation enabled* or stopped following its target.
     """
 
     node: int
@@ -251,7 +251,7 @@ class ArmInterface(Protocol):
         """Move joints in position mode to their targets, in a straight line in joint space; all arrive together."""
 
     def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
-        """Wait until each joint's positions at `window` SYNCs span no more than `spread_rad`; false on time-out."""
+        """Wait until each joint's last `window` positions span no more than `spread_rad`; false on time-out."""
 
     def capture(self, samples: int) -> Reading:
         """Average `samples` samples, each latched on one SYNC."""

@@ -95,7 +95,7 @@ def refuse_target(limits: JointLimits, target_counts: float, previous_counts: fl
 
 
 def refuse_move(limits: JointLimits, target_counts: float, speed_rad_per_s: float) -> str:
-    """Return why a move to this target at this speed is refused, empty if allowed; the target must be in range."""
+    """Return why a move to this target at this speed is refused, e.g. a target out of range; empty if allowed."""
     if not math.isfinite(target_counts):
         return f"joint {limits.joint}: the target is not a finite number"
     if not math.isfinite(speed_rad_per_s):

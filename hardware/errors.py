@@ -10,7 +10,7 @@ from enum import Enum
 class HardwareError(Exception):
     """Base class of all errors of the arm, its bus and its instrument.
 
-    `kept_writes`: sentences on what was written into drives before the error and was not undone.
+    `kept_writes`: sentences on what was written into drives before the error and remains there.
     """
 
     kept_writes: tuple[str, ...] = ()
@@ -118,7 +118,7 @@ class MappingMismatch(HardwareError):
 
 
 class MappingChanged(HardwareError):
-    """The set-up of nodes was changed during the connection; `differs` contains the present differences."""
+    """The set-up of nodes was changed during the connection; `differs` states the differences that were found."""
 
     def __init__(self, differs: MappingMismatch) -> None:
         self.differs = differs
@@ -332,7 +332,7 @@ class UploadRefused(HardwareError):
 
 
 class UploadUnknown(HardwareError):
-    """A parameter document was sent and committed, but the outcome is unknown."""
+    """The commit of a parameter document was sent, but whether it was carried out is unknown."""
 
 
 class InstrumentError(HardwareError):

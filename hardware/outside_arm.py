@@ -179,7 +179,7 @@ class OutsideArm:
             )
 
     def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
-        """Wait until each joint's positions in `window` samples span no more than `spread_rad`; false on time-out."""
+        """Wait until each joint's last `window` positions span no more than `spread_rad`; false on time-out."""
         if len(spread_rad) != len(self._limits) or window < 1:
             raise ValueError("settling needs one spread per joint and a window of at least 1")
         with self._translated_errors():

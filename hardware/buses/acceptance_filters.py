@@ -23,10 +23,10 @@ _FUNCTION_CODE = 0x780
 def set_hardware_filters(bus: can.BusABC, filters: list[CanFilter]) -> None:
     """Set filters on a bus whose adapter or kernel applies them, and on the in-process bus; other buses get none.
 
-    python-can's own software filter is used on the in-process bus only: its non-waiting `recv` returns None for a
-    dropped frame, so a reader that empties the queue would stop while answers are left (the in-process bus has no
-    such readers). For adapters with room for fewer filters (Kvaser, SYSTEC and Vector: one), python-can falls back to
-    its software filter (`_is_filtered` is then false); these filters are removed again.
+    python-can's own software filter is used on the in-process bus only. With that filter, a non-waiting `recv` returns
+    None for a dropped frame, so a reader that empties the queue would stop while answers are left (the in-process bus
+    has no such readers). For adapters with room for fewer filters (Kvaser, SYSTEC and Vector: one), python-can falls
+    back to that filter and sets `_is_filtered` to false; the filters are then removed again.
     """
     if isinstance(bus, VirtualBus):
         bus.set_filters(filters)
@@ -56,7 +56,7 @@ def operator_filters(profile: BusProfile) -> list[CanFilter]:
 
 
 def controller_filters(joints: int) -> list[CanFilter]:
-    """Return the filters of the arm's end: commands, and heartbeats of all nodes, as any may hold the token."""
+    """Return the filters of the arm's end: commands, and heartbeats of all nodes, since any node may hold the token."""
     return [
         _single(objects.COB_SYNC),
         *(

@@ -219,7 +219,7 @@ class LoopbackBus(can.BusABC):
         return message, False
 
     def _apply_filters(self, filters: CanFilters | None) -> None:
-        """Have the kernel filter frames; if it cannot, python-can filters them."""
+        """Set the filters in the kernel; if the kernel cannot filter, python-can filters the frames."""
         self._is_filtered = False  # read by python-can
         if not _IS_LINUX:
             return

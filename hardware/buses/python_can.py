@@ -169,8 +169,8 @@ def open_sender(settings: BusSettings) -> can.BusABC:
 def stamping_clock(settings: BusSettings) -> Callable[[], float] | None:
     """Return the clock of this computer that stamps frames on arrival; None if the interface has no such stamps.
 
-    In an hour, the clock of an adapter (kvaser, pcan, vector, gs_usb) drifts by more than the age limit of a sample.
-    Frames of a serial adapter are stamped only when they are read.
+    The clock of an adapter (kvaser, pcan, vector, gs_usb) is not used: in an hour it drifts by more than the age limit
+    of a sample. Nor are the stamps of a serial adapter, whose frames are stamped only when they are read.
     """
     return time.time if settings.interface in _HOST_STAMPED else None
 

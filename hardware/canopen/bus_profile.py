@@ -1,7 +1,7 @@
 """Set-up of an arm's nodes on the bus: node numbers, PDOs, modes.
 
-SYNC, EMCY, SDO and heartbeats use CiA 301's predefined connection set. The maker's choices are described here and
-compared with every drive, or written into it, before anything is enabled.
+SYNC, EMCY, SDO and heartbeats use CiA 301's predefined connection set. The drive maker's choices are described here
+and compared with every drive, or written into it, before anything is enabled.
 """
 
 from __future__ import annotations

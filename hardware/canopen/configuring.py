@@ -164,7 +164,7 @@ def plan_changes(access: ObjectAccess, profile: BusProfile) -> tuple[PdoChange, 
 def _change(
     access: ObjectAccess, profile: BusProfile, node: int, records: PdoRecords
 ) -> PdoChange | str | None:
-    """Return the change that gives a PDO the profile's settings; None if it has them, a sentence if it is absent."""
+    """Return the change that sets a PDO as in the profile; None if unnecessary, a sentence if the PDO is absent."""
     pdo, communication, mapping, types = records
     cob_id, entries = read_number(access, node, communication, 1), read_map(access, node, mapping)
     if cob_id is None or entries is None:

@@ -117,7 +117,7 @@ def limits_of(description: ArmDescription, profile: BusProfile) -> tuple[JointLi
 
 
 def read_rated_torques_nm(access: ObjectAccess, profile: BusProfile) -> tuple[float, ...]:
-    """Return each joint's torque (N m) at 1000 per mille in 6077h, from profile or 6076h; `WrongArm` if in neither."""
+    """Return each joint's rated torque, N m, from the profile or else 6076h; `WrongArm` if neither states it."""
     torques = []
     for number, joint in enumerate(profile.joints, 1):
         if joint.rated_torque_nm is not None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from hardware.canopen.sdo import ObjectAccess
 
 POSITION_AGREEMENT_RAD = 0.01
-"""Largest allowed difference between positions by PDO and SDO: RVDT noise, and creep between the two readings."""
+"""Largest allowed difference of positions by PDO and SDO; covers RVDT noise, and creep between the two readings."""
 
 NOT_VALID, EXTENDED, GENERATES_SYNC = 1 << 31, 1 << 29, 1 << 30
 """Flag bits of a COB-ID."""

@@ -176,7 +176,7 @@ ARM_JOINTS: Final = 3
 
 
 class ParameterCommand(IntEnum):
-    """Values of 2002h. All need the control token. If refused, the SDO transfer is aborted; 2004h has the reason."""
+    """Values of 2002h; all need the control token. A refusal aborts the SDO transfer; 2004h has the reason."""
 
     STAGE = 1
     """Check the document in 2000h against the schema, this arm and its limits."""
@@ -244,7 +244,7 @@ class EmergencyCode(IntEnum):
 
 
 STOP_CONTACTS: Final = (EmergencyCode.EXTERNAL_STOP, EmergencyCode.EXTERNAL_STOP_SECOND)
-"""Codes of a pressed external stop."""
+"""Emergency codes of a pressed external stop."""
 
 EMERGENCY_TEXT: Final = {
     EmergencyCode.NONE: "no error",
@@ -291,7 +291,7 @@ class Abort(IntEnum):
     LOCAL_CONTROL = 0x08000021
     """The control token is not held."""
     DEVICE_STATE = 0x08000022
-    """The token is taken, or there is nothing to commit."""
+    """The command is not possible now, e.g. another node holds the token, or there is nothing to commit."""
     NO_DATA = 0x08000024
 
 

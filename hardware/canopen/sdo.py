@@ -26,8 +26,8 @@ MIN_UNANSWERED, MAX_UNANSWERED_FRACTION = 8, 0.1
 """Access stops when at least this number, and more than this fraction, of all requests are unanswered. A connection
 needs 600 requests: with 1 % of all frames lost, 2 connections in 10,000 are refused; with 10 % lost, all are."""
 UNIQUENESS_REQUESTS, DUPLICATE_FRACTION = 20, 0.75
-"""Test requests to a node, and the fraction answered twice that shows two devices. If every tenth frame is doubled in
-each direction, one single device in 10^8 reaches this fraction."""
+"""Number of test requests to a node; if at least this fraction is answered twice, two devices are inferred. If every
+tenth frame is doubled in each direction, a single device reaches the fraction with a probability of 10^-8."""
 _IN_TRANSIT_S = 0.02
 _ABORT, _GENERAL_ERROR = 0x80, 0x08000000
 
@@ -95,7 +95,7 @@ class ObjectAccess:
         return tuple(node for node, n in sorted(self._answered.items()) if n > 1.5 * requests[node])
 
     def duplicate_error(self, nodes: tuple[int, ...]) -> DuplicateNodeId:
-        """Return the error for nodes with surplus answers, with the cause that is known."""
+        """Return the error for nodes with surplus answers; it says whether another program sent requests to each."""
         return DuplicateNodeId(nodes, asked_by_others=self._asked_by_others.issuperset(nodes))
 
     def require_unique_nodes(self) -> None:

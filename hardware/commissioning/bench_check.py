@@ -1,7 +1,7 @@
 """Acceptance check of an arm on the bench in a safe order; asks before anything moves.
 
-Requirements are in `clauses` and `checks`. A failure ends the check: at once while drives are on, otherwise after the
-last read-only check.
+Requirements are in `clauses` and `checks`. A failure ends the check: immediately while drives are on, otherwise after
+the last read-only check.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Checks of a moving arm (it reaches targets; a watch, Ctrl-C and STOP halt it) and of an arm on a CAN bus.
 
-`sarcal arm-check` and the contract test for arms of other packages use them, and `hardware.commissioning.clauses`.
+`sarcal arm-check` and the contract test for arms of other packages use these checks and those of `clauses`.
 """
 
 from __future__ import annotations

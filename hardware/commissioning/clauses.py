@@ -105,7 +105,7 @@ def reads(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
 
 
 def settles(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
-    """Check that `settle` reports an arm at rest as settled, but not for a negative spread."""
+    """Check that `settle` reports an arm at rest as settled, and as not settled if the allowed spread is negative."""
     wide = [bounds.single_sample_rad] * joints
     rests = arm.settle(window=_WINDOW, spread_rad=wide, timeout_syncs=_LONG_SYNCS)
     never = arm.settle(window=_WINDOW, spread_rad=[-1.0] * joints, timeout_syncs=_SHORT_SYNCS)

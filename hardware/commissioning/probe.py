@@ -58,7 +58,7 @@ class FoundNode:
     Attributes
     ----------
     device_type, device_name, serial_number
-        1000h, 1008h and 1018h; None or "" if absent.
+        1000h; 1008h, empty if absent; 1018h sub 4, None if absent.
     position_counts
         6064h of a drive.
     problems, unread, notes

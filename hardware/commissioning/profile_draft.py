@@ -63,7 +63,7 @@ def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> 
 
 
 def _current(node: FoundNode, *, sent: bool) -> tuple[Pdo, ...]:
-    """Choose usable PDOs one by one, always the PDO with most of the objects still missing, until no PDO adds any."""
+    """Choose usable PDOs one by one, each time the one that adds most of the needed objects, until none adds any."""
     usable = [pdo for pdo in node.pdos if pdo.valid and pdo.sent is sent and not _unusable(pdo)]
     missing, chosen = set(_NEEDED[sent]), list[DrivePdo]()
     while missing:

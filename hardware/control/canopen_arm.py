@@ -169,7 +169,7 @@ class CanopenArm(ConnectableArm):
         return result
 
     def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
-        """Wait until each joint's positions at `window` SYNCs span no more than `spread_rad`; false on time-out."""
+        """Wait until each joint's last `window` positions span no more than `spread_rad`; false on time-out."""
         if len(spread_rad) != self._n or window < 1:
             raise ValueError("settling needs one spread per joint and a window of at least 1")
         link = self._link

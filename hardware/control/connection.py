@@ -59,7 +59,7 @@ class Connection:
     modes
         6061h of each drive as last read; None if it is neither position nor free.
     token
-        Holder of the control token as last read or written; OPERATOR_NODE may also mean an earlier operator.
+        Holder of the control token as last read or written; OPERATOR_NODE may also stand for an earlier operator.
     in_control, took_control
         Whether this program is in control now, and whether it was in control at any time in this connection.
     """

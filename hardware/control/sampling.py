@@ -100,7 +100,7 @@ def _only_target_changed(before: Setpoint | None, command: Setpoint) -> bool:
 
 
 DUPLICATE_SYNCS = 10
-"""Surplus answers from which a joint counts as two devices; single frames may be doubled."""
+"""Number of surplus answers that show two devices with the node number of a joint; fewer may be doubled frames."""
 
 SPEED_SYNCS = 5
 """Speeds are means over this many control periods."""

@@ -285,7 +285,7 @@ class StartUp:
             raise self._access.duplicate_error(duplicates)
 
     def _read_fault_codes(self, first: Sample) -> None:
-        """Read 603Fh of drives in fault: their emergencies were sent before this program listened."""
+        """Record the error code (603Fh) of each drive in fault: its emergency was sent before this program listened."""
         codes = {
             node: self._access.read_unsigned(node, objects.ERROR_CODE)
             for node, status in zip(self._profile.drives, first.statuswords, strict=True)

@@ -18,14 +18,14 @@ from hardware.canopen.objects import CONTROL_PERIOD_S
 ACCELERATION_RAD_PER_S2 = 1.0
 """Acceleration and deceleration of joints."""
 SMOOTHING_PERIODS = 10
-"""Length of the moving average; the jerk stays below acceleration / (this * period) * 2."""
+"""Length of the moving average; the jerk stays below 2 * acceleration / (SMOOTHING_PERIODS * control period)."""
 
 
 def coming_to_rest_s(speed_rad_per_s: float) -> float:
     """Return the braking distance of a joint divided by its speed, s, in a move at `speed_rad_per_s`.
 
-    It is the sum of half the deceleration time (the mean speed is half), half the length of the moving average, and two
-    control periods of delay. It also holds for a free joint whose motion is proportional to that of the driven joints.
+    It is half the deceleration time (the mean speed is half of `speed_rad_per_s`), plus half the length of the moving
+    average and two control periods of delay. It also holds for a free joint that moves in proportion to driven joints.
     """
     delay_s = (0.5 * (SMOOTHING_PERIODS - 1) + 2.0) * CONTROL_PERIOD_S
     return 0.5 * speed_rad_per_s / ACCELERATION_RAD_PER_S2 + delay_s

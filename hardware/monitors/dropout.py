@@ -28,7 +28,7 @@ CONFIRMED_SYNCS: Final = 10
 """After a drive has answered this many times as commanded, no answer from before the command can still arrive."""
 DROPOUT_SYNCS: Final = 2
 """Consecutive *disabled* answers that count as a dropout of a drive enabled for fewer than `CONFIRMED_SYNCS`; meanwhile
-the joint gets no command. After more SYNCs, one such answer counts."""
+the joint gets no command. If the drive was enabled for longer, one such answer counts."""
 NOT_FOLLOWING_SYNCS: Final = 50
 """0.5 s without bit 12: longer than a mode change, during which a drive may set or clear that bit."""
 

@@ -37,7 +37,7 @@ WINDOW_SAMPLES = 6
 ENCODER_COUNTS = 4.0
 """Jump threshold at rest. Rounding of the six readings gives less than three counts."""
 RVDT_COUNTS = 64.0
-"""Jump threshold at rest, 1.9 deg for 12 bits over 120 deg: 12 sigma if readings have noise of two counts."""
+"""Jump threshold at rest, 1.9 deg for 12 bits over 120 deg; 12 sigma of the tested value for noise of two counts."""
 COUPLED_FRACTION, COUPLED_NOISE = 0.1, 0.6
 """A real jerk moves another joint by more than COUPLED_FRACTION of the jump plus COUPLED_NOISE of that joint's
 threshold."""

@@ -82,7 +82,7 @@ def _describe_sdo(data: bytes) -> str:
 
 
 _CANCEL_POLL_S = 0.05
-"""Longest time in which a wait notices `cancelled`."""
+"""Longest time that a wait takes to notice `cancelled`."""
 _TIMEOUT_FACTOR = 5
 """Longest wait in wall-clock time, as a multiple of its time-out, in case no thread receives any more."""
 

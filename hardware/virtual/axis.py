@@ -19,7 +19,7 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt
 class JointCommand:
     """Command of one joint for a control period.
 
-    If `mode` is None, the drive is off and the joint's blocked valve holds it. `target_rad` is in sensor coordinates
+    If `mode` is None, the drive is off and a blocked valve holds the joint. `target_rad` is in sensor coordinates
     and is used in POSITION mode only.
     """
 

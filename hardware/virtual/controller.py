@@ -43,7 +43,7 @@ _CATCH_UP_FRAMES = 1000
 """Frames handled before a heartbeat counts as lost: it may be behind them in the queue."""
 _NODE_BITS = 0x7F
 STORM = 50
-"""Emergencies with every SYNC in an emergency storm."""
+"""Number of emergencies sent on every SYNC in an emergency storm."""
 _STORM_EMERGENCY = objects.EMCY.pack(0x1000, objects.ErrorBit.GENERIC, bytes(5))
 
 
@@ -337,7 +337,7 @@ class VirtualController:
                     node.beat()
 
     def _lost(self, node: int) -> bool:
-        """Whether a node was silent for too long; host latency is excluded, as a node on this computer has it too."""
+        """Whether a node was silent for too long; host latency is excluded: it delays a node on this computer too."""
         return self._latency.listened_s - self._heard_s.get(node, -math.inf) > self._timeout_s
 
     def _run_work(self) -> None:

@@ -97,7 +97,7 @@ class Disturbances:
     lost_tpdos, doubled_tpdos
         Number of TPDO1 that a joint will still lose; joints that answer every SYNC twice.
     frozen_counts, lost_counts, ripple_counts
-        Fixed reading of a sensor, offset of its readings (the drive follows it), standard deviation of added noise.
+        Fixed reading of a sensor, offset of its readings (which the drive follows), standard deviation of added noise.
     diverged_counts
         Distance of a joint from its drive's target, which grows every control period.
     blocked, sagging

@@ -189,7 +189,7 @@ class DriveGroup:
             self.quick_stop()
 
     def _command_of(self, node: DriveNode) -> JointCommand:
-        """Return the command of a drive as its active faults change it; an error of its sensor shifts the target."""
+        """Return a drive's command, changed by active faults; lost counts and a divergence shift the joint's target."""
         command, faults = node.drive.command(), self._disturbances
         if command.mode is JointMode.FREE and node.number in faults.blocked:
             return replace(command, mode=None)

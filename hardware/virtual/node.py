@@ -121,7 +121,7 @@ class VirtualNode(canopen.LocalNode):
     # ---- objects -----------------------------------------------------------------------------------
 
     def serve(self, index: int, subindex: int, reader: Reader) -> None:
-        """Have reads of an object answered by `reader`."""
+        """Let `reader` answer reads of an object."""
         self._readers[index, subindex] = reader
 
     def accept(self, index: int, writer: Writer) -> None:
@@ -198,7 +198,7 @@ _ABORT, _ABORTED = 0x80, struct.Struct("<B3sI")
 
 
 class ControllerNetwork(canopen.Network):
-    """A `canopen.Network` on an open bus, without a receiving thread; applies the faults to frames."""
+    """A `canopen.Network` on an open bus, without a receiving thread; applies the active faults to frames."""
 
     def __init__(self, bus: can.BusABC, disturbances: Disturbances) -> None:
         super().__init__(bus)

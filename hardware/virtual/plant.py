@@ -6,7 +6,7 @@ D of the true angles (first the hinge's, or an unused angle without a hinge; the
     1/2 sum_position k (target - theta - D)^2 + 1/2 e(theta + D)' K e(theta + D)
         + 1/2 sum d D^2 / dt - gravity' D + friction(D)
 
-with e the closure error and K the fixture's stiffness (backward Euler of the overdamped chain). With a hinge two
+with e the closure error, K and k the stiffness of fixture and servos, d the damping (backward Euler). With a hinge two
 drives move the arm; with one drive the arm sags, and a third drive with an inconsistent target builds up torque.
 """
 
@@ -61,7 +61,7 @@ class Loads:
     friction_nm
         Dry friction of each joint, shape (n,).
     payload_kg
-        Uncompensated mass at the origin of each frame, shape (n,).
+        Uncompensated mass at the origin of each of frames 1..n, shape (n,).
     down
         (3,) unit vector along gravity in frame 0.
     """
@@ -145,7 +145,7 @@ class Plant:
 
     @property
     def closure_error(self) -> FloatArray:
-        """Deflection of the fixture, (k,): its closure components, i.e. rotation vector (rad), then position (m)."""
+        """Deflection of the fixture, (k,): the rotation vector (rad) if it is constrained, then the position (m)."""
         return self._point.error + self._slip
 
     def slip(self, slip_m: float) -> None:
@@ -261,7 +261,7 @@ class Plant:
 
 
 def _gravity_levers(loads: Loads) -> tuple[FloatArray, FloatArray]:
-    """Return signed masses (n, n + 2), kg, that joints 1..n carry at origins -1..n; G (3, 3) with ``p x g = p @ G``."""
+    """Return M (n, n + 2), kg, and G (3, 3): ``M @ origins_m`` are mass moments about each joint; ``p x g = p @ G``."""
     mass, g = loads.payload_kg, GRAVITY_M_PER_S2 * loads.down
     n = len(mass)
     lever = np.zeros((n, n + 2))

@@ -96,7 +96,7 @@ class _Specimen:
     Attributes
     ----------
     free
-        (5, n): differences of entries that may be identified.
+        (5, n): differences of theta_off (rad), s (m), a (m), alpha and beta (rad) in entries that may be identified.
     maker
         (4, n): differences of s (m), a (m), alpha and beta (rad) in entries that are not identified.
     """

@@ -57,7 +57,7 @@ class SupervisorNode(VirtualNode):
     validate
         Function that strictly parses a document.
     later
-        Function that has work run outside the control loop, in order of the calls.
+        Function that queues work, to be run outside the control loop in the order of the calls.
 
     Attributes
     ----------

@@ -42,7 +42,7 @@ SCALE_SD = float(np.log(2.0))
 """Standard deviation of the logarithm of a source's scale (ratio to the stated one): a factor of two is one sigma."""
 
 SCALE_CORRELATION = 0.5
-"""Correlation of two sources' scales in logarithm: whoever states one size with a margin states the others so as well.
+"""Correlation of two sources' scales in logarithm: whoever states one size with a margin often does so for all.
 Half of the variance is common, so sources that the poses hardly determine follow the others."""
 
 FAST_SHARE = 0.3
@@ -176,8 +176,8 @@ class VarianceSearch:
     If a variance leaves its floor, the curvature changes quickly, and plain steps may oscillate forever. The slope at a
     step's end, which is calculated anyway, locates the maximum along the step; the next iteration starts there.
 
-    `fast`: whether steps shrink so fast that the rest is negligible; the argument's value is kept until two steps can be
-    compared.
+    `fast`: whether steps shrink so fast that the rest is negligible; the argument's value is kept until two steps can
+    be compared.
     """
 
     def __init__(self, *, fast: bool = False) -> None:

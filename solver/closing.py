@@ -188,7 +188,7 @@ def newton_step(error: LoopError, sigma: FloatArray) -> tuple[FloatArray, FloatA
     """Return the smallest joint corrections (m, n) that close linearised loops, and the unsensed angles' step (m, U).
 
     Smallest means smallest ``|dq / sigma|``: with S = diag(sigma) and ``B = E' J_q S``, the correction divided by sigma
-    is ``-B' (B B')^-1 E' c``. Where B is rank-deficient, the part that no joint can close is left open.
+    is ``-B' (B B')^-1 E' c``. If B is rank-deficient, the part that no joint can close is left open.
     """
     reduced = reduced_equations(error)
     w, B = reduced.w[..., None], reduced.B * sigma

@@ -106,7 +106,7 @@ class PoseSet:
 
     @property
     def sample_counts(self) -> IntArray:
-        """Number of readings averaged at each pose (m,); 1 where not recorded."""
+        """Number of readings averaged at each pose (m,); 1 if not recorded."""
         return np.ones(len(self), dtype=np.int64) if self.samples is None else self.samples
 
     @property

@@ -21,7 +21,7 @@ AT_POSES = 0.4
 """Ratio of the false-alarm rate of steps at poses to that of the continuous statistic; simulated, 10 to 300 poses."""
 
 AT_ONCE = 400_000
-"""Elements of the largest matrix for the suspects that are evaluated at once; this limits the memory needed."""
+"""Elements of the largest matrix for the suspects that are evaluated together; this limits the memory needed."""
 
 FREE = 1e-7
 """Least share of a column's sum of squares that the fit must leave for a step along it to be detectable."""

@@ -163,10 +163,10 @@ MOST_CAUSES_FITTED = 4
 """Largest number of causes fitted one after the other; a pose set with more is not usable."""
 
 MOST_CAUSES_REPORTED = 5
-"""Largest number of causes reported at once; a cause for which the calibration is refused is always reported."""
+"""Largest number of causes reported together; a cause for which the calibration is refused is always reported."""
 
 MOST_SOURCES_REPORTED = 3
-"""Largest number of sources beyond their specification that are reported at once."""
+"""Largest number of sources beyond their specification that are reported together."""
 
 # Readings
 
@@ -235,8 +235,8 @@ STUCK_JOINT_CORRECTION_RAD = np.deg2rad(0.5)
 loops without the joint's reading."""
 
 STUCK_JOINT_CORRECTION_RATIO = 4.0
-"""A joint has turned without a change of its reading if the loop then closes with corrections this many times smaller
-than with the joint at rest, and if `STUCK_JOINT_MOTION_SHARE` is reached as well."""
+"""A joint has turned without a change of its reading if the loop closes, with this joint free, with corrections this
+many times smaller than with the joint at rest, and if `STUCK_JOINT_MOTION_SHARE` is reached as well."""
 
 STUCK_JOINT_MOTION_SHARE = 0.1
 """Least corrections that count, with the joint at rest, as a share of the change of the readings: smaller ones may be

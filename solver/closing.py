@@ -34,7 +34,7 @@ LONGEST_CORRECTION_RAD = 0.5
 """Largest correction of a joint or unsensed angle in one iteration."""
 
 STALLED_RAD = 1e-14
-"""A shorter step is rounding: the pose cannot be closed any further."""
+"""A shorter step is due to rounding: the pose cannot be closed any further."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +70,7 @@ class ReducedEquations:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rates:
-    """Derivatives of the unsensed angles with respect to parameters, joint angles and displacements.
+    """Negative derivatives of the unsensed angles with respect to parameters, joint angles and displacements.
 
     Attributes
     ----------
@@ -180,7 +180,7 @@ def close_loops(
 
 
 def measure_with_fixed(joints: Sequence[int], joint_count: int) -> FloatArray:
-    """Return `sigma_rad` (n,) for `close_loops`: equal for all joints, 0 for the fixed `joints` (1-based)."""
+    """Return `sigma_rad` (n,) for `close_loops`: 0 for the fixed `joints` (1-based), equal for all others."""
     return np.where(np.isin(np.arange(1, joint_count + 1), joints), 0.0, 1.0)
 
 
@@ -188,7 +188,7 @@ def newton_step(error: LoopError, sigma: FloatArray) -> tuple[FloatArray, FloatA
     """Return the smallest joint corrections (m, n) that close linearised loops, and the unsensed angles' step (m, U).
 
     Smallest means smallest ``|dq / sigma|``: with S = diag(sigma) and ``B = E' J_q S``, the correction divided by sigma
-    is ``-B' (B B')^-1 E' c``. Where B is rank-deficient, the part that no joint can close is left open.
+    is ``-B' (B B')^-1 E' c``. If B is rank-deficient, the part that no joint can close is left open.
     """
     reduced = reduced_equations(error)
     w, B = reduced.w[..., None], reduced.B * sigma

@@ -83,7 +83,7 @@ class ArmModel:
     hayati_rows
         Rows that join parallel axes: they have beta_j in place of s_j, because s_j is not unique there.
     assumed
-        Values of the error model that the arm's file does not state, so that defaults are used, as ``key: value``.
+        Default values of the error model, used because the arm's file states none, as ``key: value``.
     """
 
     name: str

@@ -35,7 +35,7 @@ class DhTable:
     alpha_rad
         Twists about x_j.
     beta_rad
-        Hayati's twists about y_j; zeros where none is given.
+        Hayati's twists about y_j; zeros if none are given.
     """
 
     theta_off_rad: FloatArray

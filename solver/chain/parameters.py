@@ -1,7 +1,7 @@
 """Names, quantities and nominal values of the estimated parameters.
 
 Names are the paper's: ``theta_off_1``, ``s_1``, ``a_0``, ``alpha_7``; the number is the D-H row. ``beta_2`` is
-Hayati's [9], in place of ``s_2`` where row 2 joins parallel axes.
+Hayati's [9], in place of ``s_2`` if row 2 joins parallel axes.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ class PoseSet:
         Measured endpoint: x, y, z (m), shape (m, 3), or also a rotation vector (rad), shape (m, 6). None
         without an instrument.
     utc, notes
-        Time and operator's note of each pose, length m, "" for a pose without; None if not recorded for any pose.
+        Time and operator's note of each pose, length m, "" if a pose has none; None if not recorded for any pose.
     """
 
     placement: IntArray
@@ -106,7 +106,7 @@ class PoseSet:
 
     @property
     def sample_counts(self) -> IntArray:
-        """Number of readings averaged at each pose (m,); 1 where not recorded."""
+        """Number of readings averaged at each pose (m,); 1 if not recorded."""
         return np.ones(len(self), dtype=np.int64) if self.samples is None else self.samples
 
     @property

@@ -47,7 +47,7 @@ def rotation_vector(R: FloatArray) -> FloatArray:
 
 
 def _largest_row(R: FloatArray, w: FloatArray) -> FloatArray:
-    """Return the row (m, 4) of 4 q q', q = (w, x, y, z), of the largest of x, y, z; `w` (m, 4): row of the scalar w."""
+    """Return the row (m, 4) of 4 q q', q = (w, x, y, z), for the largest of x, y, z; `w` (m, 4): the row for w."""
     d = np.diagonal(R, axis1=-2, axis2=-1)
     k, every = np.argmax(d, axis=-1), np.arange(len(R))
     row = np.empty_like(w)

@@ -86,7 +86,7 @@ class Rvdt:
 
     @property
     def gain_rad(self) -> float:
-        """Deviation caused by a gain error, rms over full scale: one standard deviation."""
+        """Deviation, rms over full scale, caused by a gain error of one standard deviation."""
         return self.gain * self.full_scale_rad / math.sqrt(12.0)
 
 

@@ -76,7 +76,7 @@ Action = GoTo | Capture | ChangeDrives | Finished
 def path_watch(
     trace_rad: FloatArray | None, tolerance_rad: float, ranges: Ranges
 ) -> Callable[[FloatArray], str | None]:
-    """Return a function that checks readings (n,) during one move: its result is the reason to end the move, else None.
+    """Return a function that checks readings (n,) during one move and returns the reason to end the move, or None.
 
     `trace_rad`: predicted readings (t, n); None to check the ranges only. `ranges`: joint ranges, narrowed by the
     stopping distance.
@@ -106,7 +106,7 @@ def path_watch(
 def moves_along(
     route: Sequence[Leg], drives: tuple[int, ...], goal: str, *, of: str = ""
 ) -> list[GoTo | ChangeDrives]:
-    """Return moves and changes of drives along a route, from present `drives`; `goal`, `of`: words for the reasons."""
+    """Return moves and changes of drives along a route, from present `drives`; the reasons contain `goal` and `of`."""
     moves: list[GoTo | ChangeDrives] = []
     for leg in route:
         if leg.drives != drives:

@@ -43,9 +43,9 @@ MOST_UNREACHED = 12
 EASIER_LEVERAGE = 0.7
 """Share of the least leverage that is accepted when nothing else can be reached."""
 REPLAN_SHIFT_RAD = float(np.deg2rad(0.5))
-"""A plan is made again when the estimate moves its poses by more than this."""
+"""A plan is made again when a new estimate moves the plan's poses by more than this."""
 NEXT_TO_RAD = 0.5
-"""Distance (over all joints) from a candidate within which the drives go straight to a captured pose."""
+"""Largest distance (Euclidean, all joints) of a captured pose from the candidate where the last move to it starts."""
 
 BACK = "to a captured pose"
 
@@ -117,7 +117,7 @@ class Campaign:
         return np.array(self._readings).reshape(-1, len(self._q))
 
     def propose(self) -> Action:
-        """Return the next action; until its end is reported, the same again. `ValueError` after the campaign's end."""
+        """Return the next action, always the same until its end is reported; `ValueError` after the campaign's end."""
         while not self._queue:
             match self.phase:
                 case Phase.EXPLORING:
@@ -289,8 +289,8 @@ class Campaign:
     def _route(self, plan: PosePlan, target: int) -> tuple[Leg, ...] | None:
         """Return a path from the current pose to a candidate of `plan`; None if no safe path is found.
 
-        The path need keep only four fifths of the planning margin: between two candidates that keep the whole margin,
-        it may come nearer to the end of a range than both.
+        The path has to keep only four fifths of the planning margin: between two candidates that keep the whole margin,
+        it may come nearer to the end of a range than either candidate.
         """
         return plan.graph.route(
             self.task.model,

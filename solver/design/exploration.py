@@ -24,12 +24,12 @@ RAY_STEP_RAD = float(np.deg2rad(4.0))
 REACH_RAD = float(np.deg2rad(28.0))
 """Length of a ray."""
 CAPTURE_EVERY = 3
-"""Steps between captured poses, with two drives or more."""
+"""Steps between captured poses; with a single drive, every step is captured."""
 RAY_MARGIN_RAD = float(np.deg2rad(5.0))
 """Least distance of every joint from the ends of its range."""
 MOST_RATE = 2.5
-"""Largest allowed ratio of a passive joint's motion to the drives'; more means that a singularity is near. If the
-ratio at the start is larger already, up to twice this limit is allowed."""
+"""Largest allowed ratio of a passive joint's motion to the drives'; more means that a singularity is near. If 1.3
+times the ratio at the start exceeds this limit, that much is allowed, but at most twice the limit."""
 
 
 @dataclass(slots=True)

@@ -53,7 +53,7 @@ class MotionLimits:
 
 
 LIMITS = MotionLimits(least_leverage=0.2, most_rate=5.0)
-"""Limits of every path, unless no path keeps them."""
+"""Default limits of a path; a campaign eases them if no path keeps them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

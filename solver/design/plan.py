@@ -265,7 +265,7 @@ def prediction_sigma(
 ) -> FloatArray:
     """Largest standard deviation of a free joint's predicted angle at given drive angles, for each pose (m,), rad.
 
-    With the drives fixed, the loop moves the free joints by ``dq = -(E' J_p)^+ E' C dphi``.
+    With the drives fixed, the loop moves the free joints (columns J_p of J_q) by ``dq = -(E' J_p)^+ E' C dphi``.
     """
     A, B = reduced_jacobian(model, x, q, u)
     free = [j for j in range(q.shape[-1]) if j + 1 not in drives]

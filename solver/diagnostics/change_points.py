@@ -18,10 +18,10 @@ from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, STEP_EDGE_POSES
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 
 AT_POSES = 0.4
-"""False alarms of steps at poses only, as a share of those of the continuous statistic; simulated, 10 to 300 poses."""
+"""Ratio of the false-alarm rate of steps at poses to that of the continuous statistic; simulated, 10 to 300 poses."""
 
 AT_ONCE = 400_000
-"""Elements of the largest matrix for the suspects that are evaluated at once; this limits the memory needed."""
+"""Elements of the largest matrix for the suspects that are evaluated together; this limits the memory needed."""
 
 FREE = 1e-7
 """Least share of a column's sum of squares that the fit must leave for a step along it to be detectable."""
@@ -54,7 +54,7 @@ class ChangePoint:
     size
         Size of the step (d,), in the units of the suspect's quantities.
     chi2, dof
-        Reduction of chi2 when the step is fitted, and its number of unknowns.
+        Reduction of chi2 when the step is fitted, and the number of components of the step.
     threshold
         Value that `chi2` exceeds, for any pose and suspect, in a share `FALSE_ALARM_PROBABILITY` of sound pose sets.
     """

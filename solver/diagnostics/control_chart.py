@@ -29,7 +29,7 @@ LAMBDA = 0.3
 """Weight of the newest value in the EWMA; the Handbook has 0.2 to 0.3."""
 
 PRIOR_DOF = 8.0
-"""Degrees of freedom of the common ratio of observed to stated scatter; single quantities differ by about 25 %."""
+"""Degrees of freedom of the common ratio of observed to stated scatter; that of one quantity differs by about 25 %."""
 
 SHEWHART_SHARE = 0.1
 """Part of the false-alarm probability given to single sessions; shifts of six times the scatter show in both charts."""
@@ -42,7 +42,7 @@ LEAST_RATIO = 0.1
 class ChartSignal:
     """Detected shift of quantity `name` by `size` (standard deviation `sigma`), from session `at` on.
 
-    Session `detected_at` (from 0) is the first to show the shift, in chart `chart`: ``shewhart`` or ``ewma``.
+    Session `detected_at` (counted from 0) is the first to show the shift, in chart `chart`: ``shewhart`` or ``ewma``.
     """
 
     name: str

@@ -149,7 +149,7 @@ def diagnose(
     taken
         (m,): position of each pose of the fit in time order.
     measured
-        Linearity deviations, by joint (1-based), of the sensors for which loops have measured them.
+        Linearity deviations of sensors as determined by the loops, by joint (1-based).
     """
     stated = fit.stated
     order = np.argsort(taken, kind="stable")
@@ -243,7 +243,7 @@ def _with_cause(
 def _changes(
     faults: FaultModels, residuals: WhitenedResiduals, outliers: Outliers
 ) -> Iterable[Candidate]:
-    """Yield the steps and outliers in the residuals as candidates; `outliers` are the outliers at the fit's noise."""
+    """Yield the steps and outliers in the residuals as candidates; `outliers`: result of `find_outliers` at scale 1."""
     scale = noise_scale(residuals.chi2, residuals.dof)
     changes = faults.changes()
     for step in steps(residuals, faults.suspects(), scale=scale):

@@ -33,7 +33,7 @@ class Cause(Enum):
 
 
 class PeakDeviation(NamedTuple):
-    """Largest deviation of a sensor over the poses and its sigma, rad; `from_line`: whether without gain error."""
+    """Largest deviation of a sensor over the poses and its sigma, rad; `from_line`: whether from the best-fit line."""
 
     peak: float
     sd: float
@@ -71,8 +71,8 @@ class Candidate:
         Largest deviation that the files state, or 0. If not 0, only a deviation that exceeds it by `CERTAIN_SIGMAS`
         standard deviations counts as a cause.
     measured
-        The sensor's linearity deviation as loops without this sensor's readings measured it, which is more accurate;
-        None if not measured.
+        The sensor's linearity deviation as determined by loops that do not use its readings, which is more accurate;
+        None if not determined.
     lines
         (m, 2), orthonormal: the constant and the straight line of a sensor's offset and gain.
     entries

@@ -37,7 +37,7 @@ class FaultModels:
     """A fit's system with poses in the order in which they were taken.
 
     `order` (m,): index in the fit of the k-th pose taken. `readings` (m, n), rad, are in time order. `measured`:
-    linearity deviations, by joint (1-based), of the sensors for which loops have measured them.
+    linearity deviations of sensors as determined by the loops, by joint (1-based).
     """
 
     arm: ArmModel

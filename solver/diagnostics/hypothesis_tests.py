@@ -179,7 +179,7 @@ def without_curves_in_specification(
 
 
 def _as_stated(j: int, faults: FaultModels, residuals: WhitenedResiduals) -> bool:
-    """Whether the linearity of joint j's sensor may be within specification: as measured, else by the residuals."""
+    """Whether the linearity of joint j's sensor may be within specification (from the residuals if not measured)."""
     curve = faults.linearity_curve(j)
     if curve is None:
         return False
@@ -210,8 +210,8 @@ class Outliers:
 def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outliers:
     """Test every pose against the others; `scale` is the factor of the variances (see `noise_scale`).
 
-    The most improbable pose is set aside and the rest is tested again, so that outliers do not hide each other. Of many
-    poses, several are set aside at a time, so that the work is proportional to their number. No pose leaves the fit.
+    The most improbable pose is set aside and the rest is tested again, so that outliers do not hide each other. With
+    many poses, several are set aside at a time, so that the work is proportional to their number. The fit keeps all.
     """
     from scipy.special import chdtri
 

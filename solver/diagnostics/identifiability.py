@@ -35,7 +35,7 @@ NOT_AT_ALL_DEG = 0.05
 
 TREND_POINTS = 10
 TREND_FLOOR = 1e-12
-"""Least ratio of eigenvalues of the normal equations for a point of the trend: a condition number of 1e6."""
+"""Least ratio of smallest to largest eigenvalue of the normal equations for a point of the trend: condition 1e6."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

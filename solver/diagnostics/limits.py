@@ -17,7 +17,7 @@ ENTRY_SUSPICION_PROBABILITY = 0.1
 calibration before any test is certain of it."""
 
 CHI2_BAND_PROBABILITY = 0.99
-"""chi2/dof outside this central band contradicts the noise model."""
+"""chi2/dof outside the central band of this probability contradicts the noise model."""
 
 CHI2_NOTICE_PROBABILITY = 0.01
 """A chi2 at stated noise that is less likely than this is reported."""
@@ -32,7 +32,7 @@ DRIFT_FALSE_ALARM_PROBABILITY = 0.01
 """Chance that two calibrations of an unchanged arm are reported to differ in any parameter."""
 
 CONTROL_CHART_FALSE_ALARM_PROBABILITY = 0.0017
-"""Chance of a false alarm in one session: 1 % in 12 sessions, 5 % if the scatter differs by 35 % between them."""
+"""Chance of a false alarm in one session; in 12 sessions together 1 %, or 5 % if their scatters differ by 35 %."""
 
 CURVATURE_FALSE_ALARM_PROBABILITY = 0.01
 """Chance of reporting a straight RVDT as curved."""
@@ -55,7 +55,7 @@ POSSIBLE_CAUSE_PROBABILITY = 0.1
 # Misfit: chi2/dof at stated variances, and ratios of it
 
 CHI2_PER_DOF_SECOND_START = 2.0
-"""Beyond this a fit is repeated from another start; if poses differ little, a wrong local optimum may leave no more."""
+"""Beyond this a fit is repeated from another start; if poses differ little, a wrong optimum may leave as little."""
 
 CHI2_PER_DOF_EXPLAINED = 2.0
 """A cause that leaves at most this chi2/dof is the whole explanation."""
@@ -77,13 +77,13 @@ SMALLEST_NOISE_SCALE = 0.25
 """Least factor by which variances are scaled: stated errors are upper limits, so sound sets have chi2/dof below 1."""
 
 OTHER_START_MISFIT_SHARE = 0.5
-"""A second start replaces the first if it leaves less than this share of the misfit."""
+"""A second start replaces the first if it leaves less than this share of the first's misfit."""
 
 OTHER_SOLUTION_COST_SHARE = 0.5
 """Another solution is better when it leaves less than this share of the squared closure error."""
 
 POSE_CHI2_UNPREDICTED = 20.0
-"""chi2 of a new pose beyond which the poses before it do not predict it: the largest of 3,000 sound ones was 10."""
+"""chi2 of a new pose beyond which the poses before it do not predict it: the largest of 3,000 sound poses was 10."""
 
 POSE_CHI2_RATIO_UNPREDICTED = 6.0
 """A new pose counts as unpredicted only if its chi2 is also this many times the largest chi2 of the poses before it.
@@ -139,7 +139,7 @@ FEW_DOF = 30
 """With fewer degrees of freedom no test has power."""
 
 REFUSED_DOF = 10
-"""With fewer, even the sigmas are wrong: with four poses, 95 % intervals held the true value in 82 % of cases."""
+"""With fewer, even the sigmas are wrong: with four poses, 95 % intervals contained the true value in 82 % of cases."""
 
 FLIPPED_SHARE_REFUSED = 0.25
 """With a larger share of the poses on the other branch, it is unknown which branch is meant."""
@@ -151,7 +151,7 @@ STEP_EDGE_POSES = 3
 """Least number of poses on either side of a step: fewer are outliers, which another test reports."""
 
 FROZEN_POSES = 4
-"""So many consecutive readings that agree within noise, while other joints move, may be a frozen sensor."""
+"""At least this many consecutive readings that agree within noise while other joints move may mean a frozen sensor."""
 
 OTHERS_MOVED_RAD = np.deg2rad(1.0)
 """Least change of the other joints' readings that counts as motion."""
@@ -163,10 +163,10 @@ MOST_CAUSES_FITTED = 4
 """Largest number of causes fitted one after the other; a pose set with more is not usable."""
 
 MOST_CAUSES_REPORTED = 5
-"""Largest number of causes reported at once; a cause for which the calibration is refused is always reported."""
+"""Largest number of causes reported together; a cause for which the calibration is refused is always reported."""
 
 MOST_SOURCES_REPORTED = 3
-"""Largest number of sources beyond their specification that are reported at once."""
+"""Largest number of sources beyond their specification that are reported together."""
 
 # Readings
 
@@ -181,14 +181,14 @@ FAR_OUT_OF_RANGE_SHARE = 0.1
 
 SATURATED_SIGMAS = 3.0
 SATURATED_POSES = 3
-"""So many readings within `SATURATED_SIGMAS` of the same end of full scale are saturated."""
+"""At least this many readings within `SATURATED_SIGMAS` of the same end of full scale count as saturated."""
 
 RADIANS_SPAN_RAD = np.deg2rad(5.0)
 """A joint whose readings, taken as radians, differ by less does not move in either unit."""
 
 MOTION_SPREAD_SIGMAS = 6.0
 MOTION_SPREAD_RAD = np.deg2rad(0.05)
-"""A spread of one pose's samples beyond both `MOTION_SPREAD_*` shows motion; less averages out below encoder errors."""
+"""A spread of one pose's samples beyond both `MOTION_SPREAD_*` shows motion; a smaller one hardly affects the mean."""
 
 SAME_READING_RAD = 1e-5
 """Readings that differ by less in every joint count as the same: files have three decimals of a degree."""
@@ -216,7 +216,7 @@ NOISE_INTERVAL_RATIO = 4.0
 
 NO_CLOSURE_M = 0.01
 NO_CLOSURE_RAD = 0.03
-"""Closure error (rms) from which loops count as not closed at all."""
+"""Loops with a closure error (rms) of at least this count as not closed at all."""
 
 ALTERNATIVE_FIXTURE_POSES = 20
 ALTERNATIVE_CLOSURE_M = 2e-3
@@ -235,12 +235,12 @@ STUCK_JOINT_CORRECTION_RAD = np.deg2rad(0.5)
 loops without the joint's reading."""
 
 STUCK_JOINT_CORRECTION_RATIO = 4.0
-"""A joint has turned without a change of its reading if the loop then closes with corrections this many times smaller
-than with the joint at rest, and if `STUCK_JOINT_MOTION_SHARE` is reached as well."""
+"""A joint has turned without a change of its reading if the loop closes, with this joint free, with corrections this
+many times smaller than with the joint at rest, and if `STUCK_JOINT_MOTION_SHARE` is reached as well."""
 
 STUCK_JOINT_MOTION_SHARE = 0.1
-"""Least corrections with the joint at rest that count, as a share of the motion: the placement is known only roughly,
-and with a ball four drive joints hardly overdetermine a rotation."""
+"""Least corrections that count, with the joint at rest, as a share of the change of the readings: smaller ones may be
+due to a placement known only roughly, and with a ball the loop hardly overdetermines the rotation of a joint."""
 
 STEP_RESIDUAL_SHARE = 0.25
 """A joint's reading has a step if the step leaves at most this share of the squares that a smooth curve leaves."""

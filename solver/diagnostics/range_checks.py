@@ -78,7 +78,7 @@ class ReadingsOutOfRangeError(SolverError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mistake:
-    """A simple mistake that would explain the readings, and the remedy; `q_rad` are the readings without it."""
+    """A simple mistake that would explain the readings, and the remedy; `q_rad`: the readings without the mistake."""
 
     code: str
     text: str
@@ -231,7 +231,7 @@ def _whole_turns(arm: ArmModel, q: FloatArray, joint: int) -> bool:
 
 
 def _saturated_poses(reading: FloatArray, middle_rad: float, sensor: Rvdt) -> IntArray:
-    """Poses in which an RVDT is saturated: `SATURATED_POSES` or more readings at the same end of full scale."""
+    """Poses with an RVDT reading at the same end of full scale; empty if there are fewer than `SATURATED_POSES`."""
     end = 0.5 * sensor.full_scale_rad
     near = limits.SATURATED_SIGMAS * sensor.sigma_rad
     for side in (-1.0, 1.0):

@@ -34,8 +34,8 @@ class FixtureLoads:
     """Loads on a fixture at m poses, under uncertain masses and centres.
 
     `pull` (m, k, a): wrenches S W for a unit of each uncertain coefficient (a), in the frame of the deflection.
-    `halves`: for each half, its share of the compliance and the rotation (m, k, k) of its axes in this frame; None if
-    the axes are those of the frame. A rotation acts on angles and positions separately, so it commutes with S.
+    `halves`: for each half, its share of the compliance and the rotation (m, k, k) of its axes in this frame (None if
+    the axes are those of the frame). A rotation acts on angles and positions separately, so it commutes with S.
     """
 
     pull: FloatArray

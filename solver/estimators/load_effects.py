@@ -44,7 +44,7 @@ from solver.estimators.compliance import (
 from solver.loops.closure import ClosureModel
 
 FRICTION_M = 0.1
-"""Friction of a free joint, as a lever (m): N m for each N at the fixture."""
+"""Friction torque of a free joint per force at the fixture, N m/N."""
 
 TOOL_SIDE_COMPLIANCE = 0.5
 """Compliance of the fixture's half on the tool, as a share of the compliance of the half on the table."""
@@ -53,7 +53,7 @@ MOST_DRIVE_SETS = 8
 """Largest number of sets of joints in position mode that are evaluated, chosen evenly from all."""
 
 HALF_NORMAL_MEAN = np.sqrt(2.0 / np.pi)
-"""Mean of a compliance whose mean square is 1: half-normal, since none is negative."""
+"""Mean of a compliance whose mean square is 1: half-normal, since no compliance is negative."""
 
 SAG_COLUMNS, DEFLECTION_COLUMNS = 3, 24
 """Columns for the twist of a joint, and for the deflection in one placement."""

@@ -44,25 +44,25 @@ COMPARABLE_SIGMA = 3.0
 
 SIGN_TEST_SIGMA, SIGN_TEST_VARIANCE_SIGMA, DOUBTFUL_SIGN_SHARE = 0.1, 0.5, 0.25
 """The sign of gravity is tested at convergence, or once the changes of parameters and variances (in sigmas) are below
-the first two. Before convergence the test decides only if `gravity_share` differs from one half by the third, or by
-the last step of the variances if that is less."""
+the first two. Before convergence the test decides only if `gravity_share` differs from one half by at least the
+third, or by at least the last step of the variances (in sigmas) if that is less."""
 
 FREE_ITERATIONS = 20
 NEGLIGIBLE_GAIN = 0.1
-"""After `FREE_ITERATIONS` variances are fixed when their next step would gain less than this in log-likelihood."""
+"""From iteration `FREE_ITERATIONS` on, variances are fixed once a step would gain less than this in log-likelihood."""
 
 CHI2_LARGE_START = 4.0
-"""chi2/dof from which the search starts at large variances."""
+"""If chi2/dof exceeds this, the search for the variances starts at large values."""
 
 CHI2_ABANDONED = 30.0
-"""chi2/dof at large variances from which variances are not estimated: such a misfit is a fault, for the tests to
+"""If chi2/dof exceeds this even at large variances, they are not estimated: such a misfit is a fault, for the tests to
 diagnose."""
 
 CURVATURE_SHARE = 3.0
 """Error of a Newton step as a share of the step, per rad or m of its largest component: the error is quadratic."""
 
 LEAST_MOTION_SHARE, TINY = 1e-3, 1e-200
-"""Directions in which joints move a loop by less than the first stay open; the second avoids a division by zero."""
+"""Directions of a loop with less than this share of the joints' effect stay open; `TINY` avoids a division by zero."""
 
 POSES_FOR_VARIANCES = 600
 """Number of poses that estimate the variances if there are more than twice as many; all poses would improve the

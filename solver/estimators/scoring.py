@@ -42,7 +42,7 @@ SCALE_SD = float(np.log(2.0))
 """Standard deviation of the logarithm of a source's scale (ratio to the stated one): a factor of two is one sigma."""
 
 SCALE_CORRELATION = 0.5
-"""Correlation of two sources' scales in logarithm: whoever states one size with a margin states the others so as well.
+"""Correlation of two sources' scales in logarithm: whoever states one size with a margin often does so for all.
 Half of the variance is common, so sources that the poses hardly determine follow the others."""
 
 FAST_SHARE = 0.3

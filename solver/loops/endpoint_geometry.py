@@ -25,14 +25,14 @@ class Line:
     direction: FloatArray
 
     def in_frame(self, R: FloatArray, p_m: FloatArray) -> Line:
-        """Return the line in a frame where the line's present frame has rotation `R` and origin `p_m`."""
+        """Return the line in a frame in which the line's present frame has rotation `R` and origin `p_m`."""
         return Line(point_m=p_m + R @ self.point_m, direction=R @ self.direction)
 
 
 def constrained_axis_entries(ground: Line, hand: Line, n: int) -> dict[str, float]:
     """D-H entries of links 0, 1 and n, by name, with alpha_0 and alpha_n in [0, pi], for two lines that coincide.
 
-    Where neighbouring axes are parallel (Hayati [9]) the common normal is not unique; the
+    If neighbouring axes are parallel (Hayati [9]), their common normal is not unique; the
     normal through the tool's or the table's point is taken.
 
     Parameters

@@ -2,7 +2,7 @@
 
 Many starts are minimised in one batch. If the fixture can be projected out (`solver.search.inner`), only the inner
 joints' offsets are guessed, and a few poses far apart suffice. The best minima are then refined with all unknowns on
-all poses. The result states how many starts led to each, and whether a solution that is not equivalent fits as well.
+all poses. The result states how many starts led to each minimum, and whether a non-equivalent solution fits as well.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from solver.search.starts import best_minima
 
 STARTS = 500
 STARTS_WITHOUT_DIRECTION = 1500
-"""Default numbers of starts. Where the tool's direction is constrained too (hinge, rigid), 4 to 40 % of the starts
+"""Default numbers of starts. If the tool's direction is constrained too (hinge, rigid), 4 to 40 % of the starts
 reach the solution; with a ball and little motion of the joints, 1 %."""
 
 FIRST_POLISH = 12

@@ -27,7 +27,7 @@ from solver.loops.closure import ClosureModel, ConstrainedPart, ToolConstraint, 
 from solver.loops.endpoint_geometry import Line
 
 RIDGE = 1e-9
-"""Ridge that keeps the projection defined where t may slide along h; too small to affect the result."""
+"""Ridge that keeps the projection defined if t may slide along h; too small to affect the result."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

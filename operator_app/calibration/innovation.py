@@ -43,7 +43,7 @@ class Innovation:
     chi2, dof
         chi2 of the reading, infinite if the loop does not close at it; and its degrees of freedom.
     usual
-        Largest chi2 of the earlier poses, each predicted by the others; this is large too if the files are wrong.
+        Largest chi2 of an earlier pose, predicted by the other earlier poses; it is also large if the files are wrong.
     shifts
         Shift of each joint (1-based) whose reading is used.
     """
@@ -93,7 +93,7 @@ LEAST, AT_MOST = 10, 60
 
 
 def is_unpredicted(experiment: Experiment) -> bool:
-    """Whether the last of these poses contradicts the prediction by those before it."""
+    """Whether the last pose contradicts its prediction from the poses before it; false if it cannot be predicted."""
     count = len(experiment.poses)
     if count <= LEAST or not experiment.fixture.holds_hand:
         return False

@@ -144,7 +144,7 @@ def compare_readings(
 
 
 def _of_joint(explained: float) -> float:
-    """Gain in log-likelihood from a step change of one joint's reading, at its most likely variance."""
+    """Gain in log-likelihood from a step change of one joint's reading, at the step's most likely variance."""
     return 0.5 * (explained - 1.0 - float(np.log(explained))) if explained > 1.0 else 0.0
 
 

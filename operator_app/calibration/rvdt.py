@@ -49,7 +49,7 @@ def check_rvdts(
 ) -> tuple[RvdtVerdict, ...]:
     """Test the noise of every RVDT and, if there is a single placement, its readings against the loops.
 
-    `calibrated`: fit of the `distinct` poses (k,) with the RVDTs' readings; the fit without these starts from it.
+    `calibrated`: fit of the `distinct` poses (k,) with the RVDTs' readings, used to start the fit without them.
     """
     arm, poses = experiment.arm, experiment.poses
     sensors = {

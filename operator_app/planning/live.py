@@ -219,9 +219,9 @@ def most_informative(
     forecast: Forecast,
     open_waypoints: Sequence[int],
 ) -> int | None:
-    """Return the open waypoint (index) that adds most information to the poses `taken_rad` (m, n).
+    """Return the waypoint (index) in `open_waypoints` that adds most information to the poses `taken_rad` (m, n).
 
-    None if no open waypoint is reachable, or no pose is taken.
+    None if none of these waypoints is reachable, or no pose is taken.
     """
     candidates = [k for k in open_waypoints if forecast.reachable[k]]
     if not candidates or not len(taken_rad):

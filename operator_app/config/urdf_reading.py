@@ -38,7 +38,7 @@ Matrix = FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfJoint:
-    """One revolute joint: name, range (rad), speed (rad/s) or None, torque (Nm) or None; None: not stated.
+    """One revolute joint: name, range (rad), speed (rad/s) and torque (N m); None if the speed or torque is not stated.
 
     `placeholders`: the file's limits that are too large for any arm, as text.
     """

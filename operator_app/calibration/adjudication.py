@@ -219,7 +219,7 @@ def _misfit_causes(
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...], bool]:
     """Explain the misfit by the causes that the tests support or, if it is gross, by alternative models.
 
-    Returns the causes, those of them that are alternative models, and whether a blocking misfit remains unexplained.
+    Returns all causes, the alternative models among them, and whether a blocking misfit remains unexplained.
     """
     diagnosis, scale = case.diagnosis, case.chi2_per_dof
     by_tests = causes_of(diagnosis, case.found.estimate, case.judged, labels)

@@ -117,7 +117,7 @@ def far_from_nominal(
 def local_minimum_causes(
     model: ClosureModel, estimate: Estimate, q: FloatArray, judged: tuple[str, ...]
 ) -> tuple[Finding, ...]:
-    """Return the finding of an estimate far from nominal or, if it exists, of a better solution; empty if near nominal.
+    """Return the finding of a better solution, else of an estimate far from nominal; empty if the estimate is near.
 
     `q`: readings (m, n) of the used poses, rad. `judged`: names of the identified parameters.
     """

@@ -84,8 +84,8 @@ def predict_new_poses(
     Returns
     -------
     Whitened residuals of the new poses, in their order, with at least the stated variances; the chi2 test with the
-    variances estimated in the calibration; and the columns (m, E, k) of each possible shift, by joint number or
-    `FIXTURE`. None if no model fits both sets of poses.
+    variances estimated in the calibration; and the derivatives (m, E, k) of the E closure equations of each pose with
+    respect to each possible shift, by joint number or `FIXTURE`. None if no model fits both sets of poses.
     """
     solution, old = made.solution, _used(made)
     if len(new.poses.placements) == 1:

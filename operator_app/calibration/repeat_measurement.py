@@ -164,7 +164,7 @@ def repeats_of(
 ) -> tuple[tuple[RepeatedReading, Repeat], ...]:
     """Compare the two readings of every repeated pose that is among the poses `used`, to which `model` belongs.
 
-    Empty for an open arm, where the drives alone determine the repeated pose.
+    Empty for an open arm, because its drives alone determine the repeated pose.
     """
     if model.parts()[0][0].constrained_part is None:
         return ()

@@ -159,7 +159,7 @@ def _noise_of_rvdts(
 def measured_deviations(
     verdicts: tuple[RvdtVerdict, ...], arm: ArmModel
 ) -> dict[int, PeakDeviation]:
-    """Linearity deviations, by joint, of the RVDTs for which the loop could measure them."""
+    """Linearity deviations, by joint, of the RVDTs for which they could be determined from the loops."""
     return {
         v.joint: linearity_deviation(v.figures, sensor)
         for v in verdicts

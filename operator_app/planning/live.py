@@ -27,9 +27,9 @@ from solver.loops.closure import ClosureModel, poses_needed
 from solver.loops.open_arm import MeasuredClosure
 
 EACH_UP_TO = 100
-"""Up to this number of poses, an estimate follows each pose."""
+"""Up to this number of poses, the parameters are estimated after each pose."""
 GROWTH = 1.02
-"""Beyond that number, an estimate follows when the number of poses has grown by this factor."""
+"""With more poses, the parameters are estimated whenever the number of poses has grown by this factor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

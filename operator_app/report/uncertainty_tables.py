@@ -1,4 +1,4 @@
-"""Tables of error sources (magnitudes, shares of variance, effect of halving them) and of the posterior's results."""
+"""Tables of error sources (magnitudes, shares of variance, effect of halving), distances and the best D-H table."""
 
 from __future__ import annotations
 
@@ -236,7 +236,7 @@ def best_table_table(solution: Solution) -> FactTable | None:
 
 
 def posterior_data(solution: Solution) -> dict[str, Any]:
-    """Return the posterior's results as JSON data; angles in deg, lengths in m or as the key states."""
+    """Return shares, scales, distances, best D-H table and corrections as JSON; deg, and m or as the key states."""
     best = solution.best
     data: dict[str, Any] = {
         "shares": dict(solution.shares),

@@ -1,7 +1,7 @@
 """Innovation of a new reading: the deviation from its prediction by earlier poses, and shifts that would explain it.
 
-Earlier poses have determined linearity deviation, sag and compliance near the reading, so that these add no uncertainty
-to the prediction; they would if the reading were compared with the parameters alone.
+Earlier poses have determined linearity deviation, sag and compliance near the reading, so that these errors add no
+uncertainty to the prediction, in contrast to a prediction from the parameters alone.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Innovation:
     Attributes
     ----------
     chi2, dof
-        chi2 of the reading, infinite if the loop does not close at it; and its degrees of freedom.
+        chi2 of the reading (infinite if the loop does not close there), and its degrees of freedom.
     usual
         Largest chi2 of an earlier pose, predicted by the other earlier poses; it is also large if the files are wrong.
     shifts

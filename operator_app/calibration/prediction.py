@@ -1,4 +1,4 @@
-"""Prediction of new poses from a calibration's own poses, both in one error model."""
+"""Prediction of new poses from a calibration's own poses, with one error model for both."""
 
 from __future__ import annotations
 

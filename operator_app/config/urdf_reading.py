@@ -108,7 +108,7 @@ def parse_urdf(data: bytes, file: str, *, base: str = "", tip: str = "") -> Urdf
     Parameters
     ----------
     base, tip
-        Names of the links; empty: the file's root link, and the only end of its revolute joints apart from grippers.
+        Names of the links; empty: the file's root link, and the link at the end of the only arm, without a gripper.
 
     Raises
     ------

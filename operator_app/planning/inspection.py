@@ -1,4 +1,4 @@
-"""Combines the files of `sarcal check` into arms in fixtures, and predicts whether they can be calibrated."""
+"""Combines the files of `sarcal check` into arms in fixtures, and predicts whether these arms can be calibrated."""
 
 from __future__ import annotations
 

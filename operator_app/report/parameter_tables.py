@@ -52,7 +52,7 @@ def precision_of(
 
 
 def nominal_places(parameters: Iterable[Parameter]) -> Callable[[Quantity], int]:
-    """Return a function from quantity (angle, length) to the decimal places that show its nominal values exactly."""
+    """Return a function from quantity (angle, length) to the decimal places that show all nominal values exactly."""
     listed = tuple(parameters)
 
     def places(quantity: Quantity) -> int:

@@ -29,7 +29,7 @@ from solver.posterior.corrections import ReadingCorrection
 
 SMALLEST_P = 1e-12
 LARGEST = 3
-"""Number of sources of error that are named where there is no room for all."""
+"""Number of sources of error that are named if there is no room for all."""
 
 
 def components_table(

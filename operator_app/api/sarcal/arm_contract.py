@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 STEP_RAD = math.radians(2.0)
 BOUNDS = Bounds(samples=10, still_rad=math.radians(0.5), near_rad=math.radians(0.5))
-"""Step of a drive joint, and limits of comparisons; both suit an arm in a fixture, where the free joints follow."""
+"""Step of a drive joint, and limits of comparisons; both suit an arm in a fixture, in which free joints follow."""
 
 
 class ConnectedArm:

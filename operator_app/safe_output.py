@@ -42,8 +42,8 @@ def as_json(value: object) -> str:
 def say(text: str = "", *, err: bool = False, streaming: bool = False) -> None:
     """Print lines on stdout or stderr.
 
-    Write errors on stderr and a closed pipe are ignored, since exit code and files hold the result; if `streaming`, a
-    closed pipe is an error.
+    A failed write to stderr and a closed pipe are ignored, since exit code and files hold the result; if `streaming`,
+    a closed pipe is an error.
 
     Raises
     ------

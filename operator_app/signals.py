@@ -15,7 +15,7 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 INTERRUPTED = 130
 """Exit code, copied from `operator_app.exit_codes`, which takes too long to load at the start."""
 AGAIN_S = 3.0
-"""Time after a signal within which a second signal counts as the same one, and does not interrupt the cleanup."""
+"""Time after a signal within which a further signal counts as a repetition, and does not interrupt the cleanup."""
 THREADS_S = 1.5
 """Longest time that threads may run after the main thread has ended."""
 

@@ -84,7 +84,7 @@ def run_controller(
     """Run the virtual controller of an arm on a bus; it stores parameters in the folder `slots` (None: in memory).
 
     The plant is this arm in `fixture` (default: the built-in hinge) and `placement`; raises SessionError if it cannot
-    be built. `script`: faults at given SYNCs. `attended`: the operator program calls `VirtualController.attend`.
+    be built. `script`: faults at given SYNCs. `attended`: whether this program calls `VirtualController.attend`.
     """
     fixture = load_fixture("hinge") if fixture is None else fixture
     chosen = virtual_arm(arm, fixture, choices, placement)

@@ -184,7 +184,7 @@ def _impossible_compliance(diagnosis: Diagnosis) -> bool:
 def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return one finding for each code; it blocks if any finding of that code blocks.
 
-    A code occurs twice if the fit of its cause removed only a part of the misfit that the cause explains.
+    A code occurs twice if one fit of its cause did not remove all of the misfit that the cause explains.
     """
     by_code: dict[str, Finding] = {}
     for cause in causes:
@@ -216,9 +216,9 @@ def little_motion(
 ) -> tuple[Finding, ...]:
     """Return the finding that some parameters have large standard deviations because the poses differ little.
 
-    A standard deviation (P,) is reported if it exceeds the stated one (`known`: rad, m, by parameter) or is large; it
-    blocks acceptance if it is too large for any use. `narrows` returns, for the name of a parameter, the source of
-    error that dominates its sigma, or "" if only more varied poses help.
+    A standard deviation (P,) is reported if it is large or exceeds the parameter's value in `known` (rad, m); it blocks
+    acceptance if it is too large for any use. `known`: standard deviations that files state. `narrows`: function that
+    returns the source of error that dominates the sigma of a named parameter, or "" if only more varied poses help.
     """
     wide, coarse, refuses = [], [], False
     worst, farthest = "", 0.0

@@ -219,7 +219,7 @@ def _misfit_causes(
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...], bool]:
     """Explain the misfit by the causes that the tests support or, if it is gross, by alternative models.
 
-    Returns the causes, those of them that are alternative models, and whether a blocking misfit remains unexplained.
+    Returns all causes, the alternative models among them, and whether a blocking misfit remains unexplained.
     """
     diagnosis, scale = case.diagnosis, case.chi2_per_dof
     by_tests = causes_of(diagnosis, case.found.estimate, case.judged, labels)
@@ -261,7 +261,7 @@ def _misfit_causes(
 
 
 def _wrong_distances(case: _Case, margin: float) -> tuple[Finding, ...]:
-    """Findings of measured distances that explain the misfit with at most `margin` more chi2 than the best fault."""
+    """Findings of distances whose omission leaves at most `margin` more chi2 than the best fault; else empty."""
     best = case.diagnosis.best
     most_chi2 = np.inf if best is None else best.evidence.chi2 + margin
     return wrong_distances(case.stated, case.found.linear, most_chi2=most_chi2)
@@ -317,10 +317,10 @@ def stated_by_fixture(parameters: tuple[Parameter, ...], stated: Experiment) -> 
 
 
 def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
-    """Return the finding of parameters that these poses hardly determine in any solution, so that values are arbitrary.
+    """Return the finding of parameters that these poses hardly determine; empty if there are none.
 
-    Evaluated at the nominal values, since the sigmas of a diverged fit have no meaning. Empty if parallel axes in the
-    nominal geometry are the cause.
+    Evaluated at the nominal values, since the sigmas of a diverged fit have no meaning. Also empty if parallel axes in
+    the nominal geometry are the cause.
     """
     design, model = case.found.linear.design, case.model
     nominal = nominal_vector(model.parameters)

@@ -43,7 +43,7 @@ PROMISING_COST_SHARE = 0.3
 """An alternative is solved completely if it leaves less than this share of the squared closure error."""
 
 PER_FREEDOM = 4.6
-"""Penalty for each equation that an alternative does not use: log of 100."""
+"""Reduction of an alternative's log weight for each degree of freedom fewer than the stated model has: log of 100."""
 
 LEAST_M = 2e-3
 """Two lengths that differ by less are equal within tolerance."""
@@ -74,8 +74,8 @@ def find_alternatives(
     scale, dof
         chi2/dof of the stated model at stated variances (infinite if it could not be solved), and its dof.
     near
-        Try only simple mistakes in the poses or arm file whose correction brings the solution near the nominal values,
-        even if the stated model fits well.
+        Try only simple mistakes in the poses or arm file, and keep those whose correction brings the solution near the
+        nominal values. The stated model may fit well.
     of_files
         Try only simple mistakes in the poses or arm file.
     sensors
@@ -140,8 +140,8 @@ def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
 def wrong_distances(stated: Experiment, fit: LinearFit, *, most_chi2: float) -> tuple[Finding, ...]:
     """Return findings of the measured distances between sockets whose omission makes the poses fit; else ().
 
-    `most_chi2`: largest chi2 that an explanation may leave, at the known noise of the `fit`. For large errors, the
-    loops are solved again without these distances, since the `fit` is linear.
+    `most_chi2`: largest allowed chi2 without these distances, at the known noise of `fit`. If chi2 of the linear `fit`
+    is larger, the loops are solved again, since large errors are not linear.
     """
     fit_stated = fit.stated
     known = compared(stated.fixture, stated.poses, fit_stated)
@@ -267,9 +267,9 @@ def _without_each_reading(stated: Experiment) -> Iterator[Alternative]:
 
 
 def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding, float, int]]:
-    """Return the finding of a step of the joint that is unsensed in `blind` only, with chi2/dof and dof once corrected.
+    """Return the finding of a step in one joint's readings, with chi2/dof and dof after correction of the step.
 
-    Empty if there is no step, or not exactly one joint that is unsensed in `blind` but not among `unsensed`.
+    The joint is the one that `blind` has in addition to `unsensed`. Empty if there is no step, or no single such joint.
     """
     more = [j for j in blind.unsensed if j not in unsensed]
     if len(more) != 1:

@@ -448,7 +448,7 @@ def _require_identifiable(
 
 
 def _identifiability_of(fitted: Fitted, part: Calibrated) -> Identifiability:
-    """Identifiability at the fit: from the fit's own equations if all joints are sensed, else from the loops alone."""
+    """Identifiability at the fitted parameters: by the fit's equations if all joints are sensed, else by the loops."""
     screened = fitted.before
     prepared = screened.before
     loops = prepared.loops

@@ -63,7 +63,7 @@ class CalibratedArm:
     corrections: Corrections | None = None
 
     def table(self, frame: Frame = "flange") -> DhTable:
-        """Return D-H rows 1..n for uncorrected readings, up to the arm's own frame n or the frame with the tip."""
+        """Return D-H rows 1..n for uncorrected readings, to the arm's own frame n or to the frame with the tip."""
         if self.best is None:
             return self.flange if frame == "flange" else self.hand
         if frame == "tip":
@@ -123,7 +123,7 @@ class CalibratedArm:
     def rate_m_per_rad(self, joint: int, rates: dict[str, float], q_rad: FloatArray) -> FloatArray:
         """Displacement of the tip (m,), m per rad of error in the fixed offset of `joint`, at readings (m, n).
 
-        `rates`: change of the other parameters per rad, by name. With several placements, those of the first are used.
+        `rates`: change of the other parameters per rad, by name; of several placements, the first one's rates are used.
         """
         plain = {name.partition("[")[0]: rate for name, rate in reversed(rates.items())}
         names = (DhEntry(DhKind.THETA_OFF, joint).name, *self.free)

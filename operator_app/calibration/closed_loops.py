@@ -60,7 +60,7 @@ def identifiable_loops(
     drop: bool,
     progress: Progress | None,
 ) -> IdentifiableLoops:
-    """Choose the poses of one branch and the parameters they identify; if all joints are sensed, estimate these."""
+    """Choose the poses of one branch and their identifiable parameters; estimate these if all joints are sensed."""
     q, arm, choice, made = experiment.poses.q_rad, experiment.arm, None, None
     if search:
         choice = global_start(model, q, progress=progress)
@@ -88,7 +88,7 @@ def identifiable_loops(
 def _without_unidentifiable(
     model: ClosureModel, arm: ArmModel, x0: FloatArray | None, q: FloatArray, *, drop: bool
 ) -> tuple[ClosureModel, tuple[str, ...]]:
-    """Fix unidentifiable parameters: with `drop`, or if all are offsets whose uncertainty the arm's file states."""
+    """Fix unidentifiable parameters if `drop`, or if all are offsets of stated uncertainty; otherwise fix none."""
     if not drop and arm.offset_tolerance_rad is None:
         return model, ()
     smaller, unidentifiable = drop_unidentifiable(model, x0, q, sigma_rad=arm.sigma_rad())

@@ -278,7 +278,7 @@ SAME_NOMINAL = 1e-9
 """Fixed entries of two calibrations count as different if they differ by more than this (rad, m)."""
 
 REPORTED_SCALE = 1.1
-"""Factors on standard deviations above this are reported."""
+"""A factor on standard deviations is reported if it exceeds this value."""
 
 
 def notices(

@@ -37,7 +37,7 @@ EXCEEDED_KINDS = {
     "encoder": FindingKind.ENCODERS_EXCEED,
     "joint": FindingKind.PLAY_EXCEEDS,
 }
-"""Kinds by the first word of a variance component's name."""
+"""Kinds of finding by the first word of a variance component's name."""
 
 
 def finding_of(
@@ -90,7 +90,7 @@ def finding_of(
 
 
 def exceeded(larger: ExceededSpecification, design: LinearModel) -> Finding:
-    """Return the finding that a source of error exceeds its specification; other sources may exceed theirs too."""
+    """Return the finding that one source of error exceeds its specification."""
     name, _, which = larger.component.partition("_")
     figures = {"times": larger.times}
     if name == "fixture":

@@ -60,8 +60,8 @@ class EntryHistory:
     side
         Part that the entries describe: arm, table or tool.
     values, sigma, within
-        (sessions, entries), rad and m: values (of equivalent ones, those nearest to the first session's), their
-        standard uncertainty, and the type A part of this uncertainty.
+        (sessions, entries), rad and m: values (in the equivalent parameter vector nearest to the first session's),
+        their standard uncertainty, and the type A part of this uncertainty.
     chart
         Control limits of each session, and the shifts of entries in the order in which they were detected.
     smallest
@@ -195,7 +195,7 @@ def _due(
     parts: Sequence[EntryHistory],
     interval: timedelta | None,
 ) -> tuple[datetime, str]:
-    """Return when the next calibration is due: at once after a shift or failed verification, or after the interval."""
+    """Return when and why the next calibration is due: on the date of a shift or failed check, else by interval."""
     last = accepted[-1].document.utc
     if failed := [v for v in checks if v.utc > last and not v.holds]:
         return failed[-1].utc, f"the verification of {failed[-1].utc:%Y-%m-%d} did not hold"

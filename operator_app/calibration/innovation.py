@@ -1,7 +1,7 @@
 """Innovation of a new reading: the deviation from its prediction by earlier poses, and shifts that would explain it.
 
-Earlier poses have determined linearity deviation, sag and compliance near the reading, so that these add no uncertainty
-to the prediction; they would if the reading were compared with the parameters alone.
+Earlier poses have determined linearity deviation, sag and compliance near the reading, so that these errors add no
+uncertainty to the prediction, in contrast to a prediction from the parameters alone.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ class Innovation:
     Attributes
     ----------
     chi2, dof
-        chi2 of the reading, infinite if the loop does not close at it; and its degrees of freedom.
+        chi2 of the reading (infinite if the loop does not close there), and its degrees of freedom.
     usual
-        Largest chi2 of the earlier poses, each predicted by the others; this is large too if the files are wrong.
+        Largest chi2 of an earlier pose, predicted by the other earlier poses; it is also large if the files are wrong.
     shifts
         Shift of each joint (1-based) whose reading is used.
     """
@@ -93,7 +93,7 @@ LEAST, AT_MOST = 10, 60
 
 
 def is_unpredicted(experiment: Experiment) -> bool:
-    """Whether the last of these poses contradicts the prediction by those before it."""
+    """Whether the last pose contradicts its prediction from the poses before it; false if it cannot be predicted."""
     count = len(experiment.poses)
     if count <= LEAST or not experiment.fixture.holds_hand:
         return False

@@ -117,7 +117,7 @@ def far_from_nominal(
 def local_minimum_causes(
     model: ClosureModel, estimate: Estimate, q: FloatArray, judged: tuple[str, ...]
 ) -> tuple[Finding, ...]:
-    """Return the finding of an estimate far from nominal or, if it exists, of a better solution; empty if near nominal.
+    """Return the finding of a better solution, else of an estimate far from nominal; empty if the estimate is near.
 
     `q`: readings (m, n) of the used poses, rad. `judged`: names of the identified parameters.
     """
@@ -214,8 +214,8 @@ def has_diverged(
 ) -> bool:
     """Whether a gross cause blocks acceptance and the solution is either implausible or too uncertain for any use.
 
-    `scale`: chi2/dof at stated variances. `judged`: names of the identified parameters. `anywhere`: names of those that
-    are plausible at any distance from their nominal values.
+    `scale`: chi2/dof at stated variances. `judged`: names of the identified parameters. `anywhere`: names of parameters
+    that are plausible at any distance from their nominal values.
     """
     # A local optimum counts as diverged even if it fits well.
     if not any(
@@ -248,6 +248,6 @@ def _limit(parameter: Parameter) -> float:
 
 
 def _described(estimate: Estimate, judged: tuple[str, ...]) -> Estimate:
-    """Return the estimate of the `judged` parameters, without those of single placements if there are several."""
+    """Return the estimate of the `judged` parameters; with several placements, only of those that all share."""
     names = [p.name for p in estimate.parameters]
     return estimate.without([n for n in names if n not in judged or n.endswith("]")])

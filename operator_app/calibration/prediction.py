@@ -1,4 +1,4 @@
-"""Prediction of new poses from a calibration's own poses, both in one error model."""
+"""Prediction of new poses from a calibration's own poses, with one error model for both."""
 
 from __future__ import annotations
 
@@ -84,8 +84,8 @@ def predict_new_poses(
     Returns
     -------
     Whitened residuals of the new poses, in their order, with at least the stated variances; the chi2 test with the
-    variances estimated in the calibration; and the columns (m, E, k) of each possible shift, by joint number or
-    `FIXTURE`. None if no model fits both sets of poses.
+    variances estimated in the calibration; and the derivatives (m, E, k) of the E closure equations of each pose with
+    respect to each possible shift, by joint number or `FIXTURE`. None if no model fits both sets of poses.
     """
     solution, old = made.solution, _used(made)
     if len(new.poses.placements) == 1:
@@ -212,7 +212,7 @@ def _used(made: CalibrationWithPoses) -> PoseSet:
 def _model(
     made: CalibrationWithPoses, old: PoseSet, both: Experiment, start: Mapping[str, float]
 ) -> tuple[ClosureModel, FloatArray, list[int | None]]:
-    """Return the loops of all poses, and each parameter's value and column in the estimate (None: from `start`)."""
+    """Return the loops of all poses, the parameters' values, and their columns in the estimate (None: from `start`)."""
     estimate = made.solution.estimate
     known = {p.name: k for k, p in enumerate(estimate.parameters)}
     model = both.loop()

@@ -144,7 +144,7 @@ def compare_readings(
 
 
 def _of_joint(explained: float) -> float:
-    """Gain in log-likelihood from a step change of one joint's reading, at its most likely variance."""
+    """Gain in log-likelihood from a step change of one joint's reading, at the step's most likely variance."""
     return 0.5 * (explained - 1.0 - float(np.log(explained))) if explained > 1.0 else 0.0
 
 
@@ -164,7 +164,7 @@ def repeats_of(
 ) -> tuple[tuple[RepeatedReading, Repeat], ...]:
     """Compare the two readings of every repeated pose that is among the poses `used`, to which `model` belongs.
 
-    Empty for an open arm, where the drives alone determine the repeated pose.
+    Empty for an open arm, because its drives alone determine the repeated pose.
     """
     if model.parts()[0][0].constrained_part is None:
         return ()

@@ -56,7 +56,7 @@ class Solution:
         Labels of poses whose readings do not fit the others, the worst first. They are still used: the operator decides
         on their exclusion.
     rvdt
-        Verdict on each RVDT, for which its joint was taken as unsensed.
+        Verdict on each RVDT, from a fit in which its joint was taken as unsensed.
     reasons
         Reasons why the calibration is not accepted; empty if it is accepted.
     adjudication

@@ -49,7 +49,7 @@ def check_rvdts(
 ) -> tuple[RvdtVerdict, ...]:
     """Test the noise of every RVDT and, if there is a single placement, its readings against the loops.
 
-    `calibrated`: fit of the `distinct` poses (k,) with the RVDTs' readings; the fit without these starts from it.
+    `calibrated`: fit of the `distinct` poses (k,) with the RVDTs' readings, used to start the fit without them.
     """
     arm, poses = experiment.arm, experiment.poses
     sensors = {
@@ -159,7 +159,7 @@ def _noise_of_rvdts(
 def measured_deviations(
     verdicts: tuple[RvdtVerdict, ...], arm: ArmModel
 ) -> dict[int, PeakDeviation]:
-    """Linearity deviations, by joint, of the RVDTs for which the loop could measure them."""
+    """Linearity deviations, by joint, of the RVDTs for which they could be determined from the loops."""
     return {
         v.joint: linearity_deviation(v.figures, sensor)
         for v in verdicts

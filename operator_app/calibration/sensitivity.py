@@ -17,7 +17,7 @@ from solver.diagnostics.stated_sizes import exceeded_specifications
 from solver.estimators.variance_components import Calibrated
 
 WORST = 3
-"""Number of parameters for which a sentence is written."""
+"""Number of least certain parameters that are reported."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -61,8 +61,8 @@ class Fixed:
     rvdt_sd_rad
         Estimated noise and linearity deviation of RVDTs together, standard deviation by joint.
     fixture_variance
-        Estimated compliance variance of the fixture (6,), or None. This and `rvdt_sd_rad` are used only if
-        smaller than stated.
+        Estimated compliance variance of the fixture (6,), rad^2 and m^2; None if not estimated. This and
+        `rvdt_sd_rad` are used only if smaller than stated.
     unsensed_joints
         Joints whose readings the calibration did not use.
     """

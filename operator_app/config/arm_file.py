@@ -49,7 +49,7 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 
 
 class RowModel(StrictModel):
-    """One D-H row. ``fixture`` stands for an entry that the fixture determines (Table 1's asterisk).
+    """One D-H row. ``fixture`` stands for an entry that the fixture determines (an asterisk in the paper's Table 1).
 
     ``beta_deg`` is Hayati's angle, identified in place of s if the row joins parallel axes; ``s_m`` is then optional.
     """

@@ -226,8 +226,8 @@ LEAST_HEIGHT_M = 0.01
 """Height of the triangle below which its targets are nearly in line: rotations about that line are not measurable."""
 
 MOST_OFF_M, MOST_OFF_SPREADS = 1e-3, 8.0
-"""Limits of the distance of a pose's targets from the common triangle, in metres and relative to the median distance:
-beyond both, a target has moved or two were exchanged."""
+"""Limits of the largest distance of a pose's targets from the common triangle: in metres, and relative to the median
+over the poses. Beyond both limits, a target has moved or two were exchanged."""
 
 TRIANGLE_ITERATIONS = 5
 """Iterations of aligning all triangles with their mean; from the second one on, the mean changes only by terms

@@ -251,7 +251,7 @@ def _in_our_unit(name: str, candidates: list[str]) -> str:
 
 
 def _unknown(name: str, candidates: list[str]) -> tuple[str, str, str]:
-    """Return text and remedy for an unknown column, and the column that was probably meant."""
+    """Return text and remedy for an unknown column, and the column that was probably meant ("" if there is none)."""
     if not name:
         return "this column has no name", "name it or remove it", ""
     text = "unknown column"

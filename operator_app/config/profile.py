@@ -40,7 +40,7 @@ _HEXADECIMAL = r"([0-9A-Fa-f]{1,8})h"
 def _form(
     pattern: str, what: str, example: str
 ) -> tuple[StringConstraints, object, WithJsonSchema]:
-    """Return the annotations of a text that must match `pattern`; the error calls it `what` and shows `example`."""
+    """Return annotations of a text that must match `pattern`; an error calls the text `what` and shows `example`."""
 
     def check(text: str) -> str:
         if not re.fullmatch(pattern, text):
@@ -157,7 +157,7 @@ class ProfileFile(StrictRecord):
     sdo_timeout_s: Annotated[PositiveNumber, Field(ge=0.05, le=60.0)] | None = None
 
     def for_joints(self, count: int | None = None) -> BusProfile:
-        """Return the profile for `count` joints; None: up to the highest joint listed, or all possible."""
+        """Return the profile for `count` joints; None: up to the highest joint listed, or all possible if none is."""
         if count is None:
             listed = max((joint.joint for joint in self.joints), default=0)
             room = MAX_JOINTS if self.supervisor == "none" else min(MAX_JOINTS, self.supervisor - 1)

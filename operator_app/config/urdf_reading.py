@@ -38,7 +38,7 @@ Matrix = FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfJoint:
-    """One revolute joint: name, range (rad), speed (rad/s) or None, torque (Nm) or None; None: not stated.
+    """One revolute joint: name, range (rad), speed (rad/s) and torque (N m); None if the speed or torque is not stated.
 
     `placeholders`: the file's limits that are too large for any arm, as text.
     """
@@ -108,7 +108,7 @@ def parse_urdf(data: bytes, file: str, *, base: str = "", tip: str = "") -> Urdf
     Parameters
     ----------
     base, tip
-        Names of the links; empty: the file's root link, and the only end of its revolute joints apart from grippers.
+        Names of the links; empty: the file's root link, and the link at the end of the only arm, without a gripper.
 
     Raises
     ------

@@ -46,8 +46,8 @@ class DrivePrediction:
     here, region
         Rankings at the current pose and over the reachable region, the best first.
     inexact
-        Joints with a linearity deviation above `INEXACT_RAD`, which would miss planned positions: other joints are
-        preferred as drives.
+        Joints with a linearity deviation above `INEXACT_RAD`. As drives they would miss planned positions; other joints
+        are preferred.
     """
 
     here: tuple[RankedDrives, ...]
@@ -63,7 +63,7 @@ class DriveChoice:
     Attributes
     ----------
     sets
-        All drive sets that a plan may use: `drives` first, then those that reach other poses.
+        All drive sets that a plan may use: `drives` first, then the sets that reach other poses.
     prediction, trial
         Rankings by the model and by trials on the arm; `trial` is () without trials.
     """

@@ -42,7 +42,7 @@ class Feasibility:
     choice
         Choice of drive joints; None for an open arm, or if no joints can drive.
     refusal
-        Why no joints can drive; None if they can.
+        Reason why no set of joints can drive the arm; None if a set can, or for an open arm.
     identifiability
         Identifiability from poses over the whole reachable region; None if there is no such region.
     """

@@ -1,4 +1,4 @@
-"""Combines the files of `sarcal check` into arms in fixtures, and predicts whether they can be calibrated."""
+"""Combines the files of `sarcal check` into arms in fixtures, and predicts whether these arms can be calibrated."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Chain:
     held
         Entries fixed at their value in the arm file, with the reason.
     home
-        Proposed home (n,), rad, with its `Feasibility`; None if the arm's own home is good or none was found.
+        Proposed home (n,), rad, with its `Feasibility`; None if the arm's own home is good, or no home was found.
     poses
         Names of the poses files for this arm and fixture, each with the identifiability from its poses.
     unfit

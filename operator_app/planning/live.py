@@ -27,9 +27,9 @@ from solver.loops.closure import ClosureModel, poses_needed
 from solver.loops.open_arm import MeasuredClosure
 
 EACH_UP_TO = 100
-"""Up to this number of poses, an estimate follows each pose."""
+"""Up to this number of poses, the parameters are estimated after each pose."""
 GROWTH = 1.02
-"""Beyond that number, an estimate follows when the number of poses has grown by this factor."""
+"""With more poses, the parameters are estimated whenever the number of poses has grown by this factor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -219,9 +219,9 @@ def most_informative(
     forecast: Forecast,
     open_waypoints: Sequence[int],
 ) -> int | None:
-    """Return the open waypoint (index) that adds most information to the poses `taken_rad` (m, n).
+    """Return the waypoint (index) in `open_waypoints` that adds most information to the poses `taken_rad` (m, n).
 
-    None if no open waypoint is reachable, or no pose is taken.
+    None if none of these waypoints is reachable, or no pose is taken.
     """
     candidates = [k for k in open_waypoints if forecast.reachable[k]]
     if not candidates or not len(taken_rad):

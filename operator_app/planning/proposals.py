@@ -38,7 +38,7 @@ CONDITION_LIMIT = 100.0
 BEST = 2
 """Number of closed poses whose identifiability is predicted."""
 AXES = frozen(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 1.0], [1.0, -1.0, 1.0]]))
-"""Hinge axis directions in the tool frame, tried while the fixture is unknown; none is along the last joint."""
+"""Hinge axis directions in the tool frame, tried while the fixture is unknown; none is along the last joint's axis."""
 
 
 def bent_home(arm: ArmModel) -> FloatArray | None:
@@ -62,7 +62,7 @@ def closing_home(
 ) -> tuple[FloatArray, Feasibility] | None:
     """Return a home pose (n,), rad, near the arm's home, within a degree of a closed pose, and its `Feasibility`.
 
-    `from_home`: the `Feasibility` at the arm file's home. None if that home is good, the arm is open or none was found.
+    None if the home in the arm file (feasibility: `from_home`) is good, the arm is open, or no such pose was found.
     """
     home_to_closed_rad = from_home.home_to_closed_rad
     if not fixture.holds_hand or (

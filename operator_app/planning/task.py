@@ -47,7 +47,7 @@ def ranges_of(arm: ArmModel) -> Ranges:
 
 
 def margin_rad(arm: ArmModel) -> FloatArray:
-    """Return the margin (n,), rad, of planned poses to the ends of the ranges; it includes linearity deviation."""
+    """Return the margin (n,), rad, of planned poses to the ends of the ranges, linearity deviation included."""
     return MARGIN_RAD + arm.linearity_rad()
 
 

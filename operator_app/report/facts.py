@@ -1,7 +1,7 @@
 """Facts of a calibration: verdict, headlines, tables and notices, built once for all renderers.
 
 Text, HTML page, JSON, terminal app and plain mode render these facts and make no decisions. A table that is added to
-`facts_of` appears in all of them, but JSON has only the figures with a key, and further data from `calibration_data`.
+`facts_of` appears in all of them, but JSON has only figures with a key. `calibration_data` adds further data to JSON.
 """
 
 from __future__ import annotations

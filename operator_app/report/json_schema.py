@@ -176,7 +176,7 @@ def unidentifiable_data(
 ) -> dict[str, Any]:
     """Return the object for a pose set that leaves parameters undetermined (exit code 5).
 
-    It has all keys of a calibration; those of its results are empty or null.
+    It has all keys of a calibration; keys of results have empty or null values.
     """
     directions, poses, arm = error.directions, len(experiment.poses), experiment.arm
     # As in the calibration: an instrument may measure points only, and joints may have no sensor.

@@ -29,7 +29,7 @@ MOST_PLACES = 6
 HEAT_STEPS = 5
 
 SEVERAL_SIGMAS = 3.0
-"""The note on both estimators mentions a difference from this number of sigmas on."""
+"""The note on both estimators mentions the largest difference if it is at least this many sigmas."""
 
 
 def precision(estimate: Estimate) -> Callable[[Quantity], int]:
@@ -52,7 +52,7 @@ def precision_of(
 
 
 def nominal_places(parameters: Iterable[Parameter]) -> Callable[[Quantity], int]:
-    """Return a function from quantity (angle, length) to the decimal places that show its nominal values exactly."""
+    """Return a function from quantity (angle, length) to the decimal places that show all nominal values exactly."""
     listed = tuple(parameters)
 
     def places(quantity: Quantity) -> int:

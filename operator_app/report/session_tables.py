@@ -115,7 +115,7 @@ def sensor_words(sensor: Sensor, *, used: bool) -> str:
 
 
 def rvdt_table(subject: Subject) -> FactTable | None:
-    """Return the table of each RVDT's gain, linearity and noise, relative to the loop's angles; None if not known."""
+    """Return the table of each RVDT's gain, linearity and noise, from the loops; None if not known."""
     rows: list[tuple[Cell, ...]] = []
     for verdict in () if subject.solution is None else subject.solution.rvdt:
         sensor = subject.procedure.arm.joints[verdict.joint - 1].sensor

@@ -21,7 +21,7 @@ def entry(label: str, *parts: str | Span, column: int = 12) -> Line:
 
 
 short_entry = partial(entry, column=11)
-"""Make a line with a label in the narrower column of steps that have a drawing."""
+"""Make a line with a label in a narrower column, for the steps of the terminal app that show a drawing."""
 
 
 def length(of: Line) -> int:
@@ -61,7 +61,7 @@ def wrapped(text: str, width: int, role: str = "text", indent: str = "") -> list
 
 
 def window(rows: Sequence[Line], first: int, height: int) -> tuple[list[Line], int, int]:
-    """Return the rows that fit, from `first` on, their number, and the index of the first row shown.
+    """Return as many rows as fit, from `first` on; the number of these rows; and the index of the first one.
 
     If not all rows fit, an additional last row states how many are below or, at the end of the list, above.
     """

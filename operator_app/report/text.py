@@ -110,7 +110,7 @@ def _groups(columns: Sequence[Column]) -> list[tuple[int, int]]:
 
 
 ROLES = {"found": "bold"}
-"""Roles of figures that the terminal app shows in the style of another role, with that other role."""
+"""The terminal app shows figures with the role of a key in the style of the role that is its value."""
 
 
 def table_spans(table: FactTable) -> tuple[list[Line], list[Line]]:

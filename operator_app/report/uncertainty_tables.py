@@ -1,4 +1,4 @@
-"""Tables of error sources (magnitudes, shares of variance, effect of halving them) and of the posterior's results."""
+"""Tables of error sources (magnitudes, shares of variance, effect of halving), distances and the best D-H table."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from solver.posterior.corrections import ReadingCorrection
 
 SMALLEST_P = 1e-12
 LARGEST = 3
-"""Number of sources of error that are named where there is no room for all."""
+"""Number of sources of error that are named if there is no room for all."""
 
 
 def components_table(
@@ -236,7 +236,7 @@ def best_table_table(solution: Solution) -> FactTable | None:
 
 
 def posterior_data(solution: Solution) -> dict[str, Any]:
-    """Return the posterior's results as JSON data; angles in deg, lengths in m or as the key states."""
+    """Return shares, scales, distances, best D-H table and corrections as JSON; deg, and m or as the key states."""
     best = solution.best
     data: dict[str, Any] = {
         "shares": dict(solution.shares),
@@ -280,7 +280,7 @@ _PER_SI = np.array([np.rad2deg(1.0) if kind.is_angle else 1.0 for kind in DhKind
 
 
 def _correction_data(c: ReadingCorrection) -> dict[str, Any]:
-    """Return one correction; coefficients are in deg, for gravity in deg/(N m) times kg and deg/(N m) times kg m."""
+    """Return one correction; coefficients: deg, or for gravity masses (kg) and first moments (kg m) times deg/(N m)."""
     data: dict[str, Any] = {
         "source": c.source,
         "joint": c.joint,

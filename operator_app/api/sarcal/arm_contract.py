@@ -5,7 +5,7 @@
     CAN_INTERFACE=my_arm CAN_CHANNEL=127.0.0.1:7400 pytest --pyargs sarcal.arm_contract
 
 The arm is found as `sarcal run` finds it. `SARCAL_PROCEDURE` names the procedure with its arm, fixture and speeds
-(default hinge). **The arm moves**: the drive joints move by `STEP_RAD` and back, and STOP is tested. These
+(default: ``hinge``). **The arm moves**: the drive joints move by `STEP_RAD` and back, and STOP is tested. These
 motions are left out for an arm that is moved by hand. Without CAN_INTERFACE the embedded virtual arm is used.
 
 The requirements are in `hardware.commissioning.clauses` and `.checks`; `sarcal arm-check` tests the same.
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 STEP_RAD = math.radians(2.0)
 BOUNDS = Bounds(samples=10, still_rad=math.radians(0.5), near_rad=math.radians(0.5))
-"""Step of a drive joint, and limits of comparisons; both suit an arm in a fixture, where the free joints follow."""
+"""Step of a drive joint, and limits of comparisons; both suit an arm in a fixture, in which free joints follow."""
 
 
 class ConnectedArm:

@@ -100,8 +100,8 @@ def identity_of(
 ) -> ArmIdentity:
     """Return the identity of an arm whose joint drives have no identities of their own.
 
-    `serial_number` must differ between arms, so that a session never has poses of two arms. `speaks` names the protocol
-    in text for the operator, such as ``"JSON"``. A simulated arm has a `device_name` that begins with
+    `serial_number` must differ between arms, so that a session never has poses of two arms. `speaks`: name of the
+    protocol for texts to the operator, such as ``"JSON"``. A simulated arm has a `device_name` that begins with
     `SIMULATED_NAME`. `by_hand`: only a person moves the arm, so that no hardware stop is required.
     """
     nodes = tuple(

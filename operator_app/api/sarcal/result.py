@@ -236,7 +236,7 @@ class Result:
         """Write a session folder (journal, poses.csv, report.html, parameters.yaml) and return its path.
 
         ``sarcal report``, ``compare``, ``verify`` and ``export`` work on this folder. parameters.yaml is left out
-        if the calibration was not accepted, or has no D-H table of the whole loop (a ball).
+        if the calibration was not accepted, or has no D-H table of the whole loop (such as with a ball).
 
         A session of the same poses, arm and fixture in the folder is replaced, and its exports are removed, so that a
         notebook cell or a script may be run again. Other files remain.
@@ -306,7 +306,7 @@ class Result:
             The file `into` cannot be read, or describes another arm.
         SessionError
             The calibration is not accepted and `force` gives no reason; or a parameters file was requested but there is
-            no D-H table of the whole loop (a ball).
+            no D-H table of the whole loop (such as with a ball).
         WriteError
             The file cannot be written.
         """

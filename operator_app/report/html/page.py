@@ -184,7 +184,7 @@ def _tool(subject: Subject) -> list[Html]:
 
 
 def banner(subject: Subject) -> Html:
-    """Return the banner of a simulated arm; empty for a real one."""
+    """Return the banner of a simulated arm; empty for a real arm."""
     if not subject.simulated:
         return Html("")
     scenario = subject.state.settings.get("scenario")

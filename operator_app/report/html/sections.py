@@ -205,7 +205,7 @@ def _joints(subject: Subject) -> Section:
 
 
 def _rvdt(subject: Subject) -> Section | None:
-    """Return the section of RVDT readings against the angles that the loops measure; None if no joint has an RVDT."""
+    """Return the section of RVDT readings against the angles from the loops; None if no joint has an RVDT."""
     joints, estimate = rvdt_joints(subject), subject.implicit
     if not joints:
         return None

@@ -42,7 +42,7 @@ TITLE = 16.0
 BARS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#bdbdbd")
 ENDINGS = ("svg", "pdf")
 FONT, PDF_FONT = '"DejaVu Sans", Verdana, sans-serif', "Vera"
-"""Bitstream Vera is part of the PDF library; the standard fonts of PDF readers have no minus sign."""
+"""Fonts of SVG and PDF. The PDF library includes Vera; the standard fonts of PDF readers have no minus sign."""
 
 
 @dataclass(frozen=True, slots=True)

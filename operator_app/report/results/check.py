@@ -234,7 +234,7 @@ def _freedom(chain: Chain) -> list[str]:
 
 
 def _other_home(chain: Chain) -> list[str]:
-    """Return lines that propose a home for the arm file; empty if its home is usable or no other one is known."""
+    """Return lines that propose a home for the arm file; empty if its own home is usable or no other home is known."""
     if chain.home is None:
         return []
     home, feasibility = chain.home

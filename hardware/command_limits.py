@@ -117,4 +117,4 @@ def _distance_outside(limits: JointLimits, counts: float) -> float:
 
 def _out_of_range(limits: JointLimits, counts: float) -> str:
     ends = f"{limits.lower_counts} .. {limits.upper_counts}"
-    return f"joint {limits.joint}: {counts:.0f} counts are outside {ends}"
+    return f"joint {limits.joint}: the target of {counts:.0f} counts is outside {ends}"

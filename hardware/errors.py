@@ -132,7 +132,7 @@ class MappingChanged(HardwareError):
 def _remedies(differences: Sequence[ObjectMismatch]) -> Iterator[str]:
     """Yield the remedies for these differences, grouped by whether and how a bus profile can accept them."""
     for kind, otherwise in (
-        (ProfileRemedy.NONE, " (no bus profile can allow for that)"),
+        (ProfileRemedy.NONE, " (no bus profile can accept another value)"),
         (
             ProfileRemedy.HEARTBEAT_PERIOD,
             ", or allow that period in a bus profile (heartbeat: slowest_ms)",

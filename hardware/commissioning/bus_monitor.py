@@ -145,7 +145,7 @@ class BusMonitor:
                 self._in_block.discard(node)
             if data[0] == _ABORT:
                 code = int.from_bytes(data[4:8], "little")
-                yield f"{self._node_name(node)}: refuses {place} ({code:08X}h)"
+                yield f"{self._node_name(node)}: access to {place} was refused (abort code {code:08X}h)"
 
     def _sdo_request(self, node: int, data: bytes, place: str) -> Iterator[str]:
         if node in self._in_block:

@@ -234,7 +234,8 @@ def _guard(drive: DriveFacts) -> Clause:
             passed = False
             text += f"; a run requires at most {MAX_OPERATOR_TIMEOUT_S:g} s"
         elif guard > ADVISED_OPERATOR_TIMEOUT_S:
-            text += f", and keeps moving until then if this program dies (advised: {ADVISED_OPERATOR_TIMEOUT_S:g} s)"
+            limit = f"advised: at most {ADVISED_OPERATOR_TIMEOUT_S:g} s"
+            text += f", and keeps moving until then if this program dies ({limit})"
         else:
             passed = True
     return Clause(name="guard", passed=passed, text=text, joint=drive.joint)

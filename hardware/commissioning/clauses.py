@@ -134,7 +134,7 @@ def is_enabled_unmoved(arm: ArmInterface, bounds: Bounds) -> Iterator[Clause]:
     yield Clause(
         name="holding mode",
         passed=not other_mode,
-        text=f"{joints_words(other_mode)} is not in position mode: an enabled joint must be held"
+        text=f"{joints_words(other_mode)} is not in position mode, in which an enabled drive must hold its joint"
         if other_mode
         else "all drives are in position mode",
     )

@@ -38,7 +38,7 @@ def describe_master_frame(profile: BusProfile, identifier: int, data: bytes) -> 
 
     TPDOs of the profile count as frames of the nodes, whatever their identifiers.
     """
-    cob_id = f"({identifier:03X}h)"
+    cob_id = f"(COB-ID {identifier:03X}h)"
     if identifier == objects.COB_NMT:
         return f"{_describe_nmt(data)} {cob_id}"
     if identifier == objects.COB_SYNC:

@@ -180,7 +180,7 @@ def refusal_reason(
     joints = len(axes)
     counts, angles = parameters.home_offset_counts, parameters.theta_off_rad
     if len(counts) != joints or len(angles) != joints:
-        return f"{len(counts)} home offsets and {len(angles)} angles for {joints} joints"
+        return f"the document has {len(counts)} home offsets and {len(angles)} angles, but this arm has {joints} joints"
     for axis, offset, angle in zip(axes, counts, angles, strict=True):
         if not math.isfinite(angle):
             return f"theta_off of joint {axis.joint} is not a finite number"

@@ -134,8 +134,11 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
         return f"must be {limit_words} {context[name]:g}, not {value:g}", "correct the number"
     if kind in ("too_short", "too_long"):
         few = kind == "too_short"
-        bound = f"at least {context['min_length']}" if few else f"at most {context['max_length']}"
-        limit = f"{bound} are {'required' if few else 'allowed'}"
+        limit = (
+            f"it needs at least {context['min_length']}"
+            if few
+            else f"it may have at most {context['max_length']}"
+        )
         return f"has {context['actual_length']} items; {limit}", "correct the list"
     if kind == "string_pattern_mismatch":
         text = f"{value_in_words(value)} does not have the required form"

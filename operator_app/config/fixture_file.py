@@ -270,7 +270,7 @@ class MeasuredModel(CommonFields):
     def _needed_for_a_pose(cls, value: float, info: ValidationInfo) -> float:
         if info.data.get("measures") == "pose" and value == 0.0:
             text = "an instrument that measures poses needs an angular standard deviation"
-            report(info, ("instrument_sigma_deg",), text, "state it, or write measures: position")
+            report(info, ("instrument_sigma_deg",), text, "state it, or write `measures: position`")
         return value
 
     def own(self) -> dict[str, Any]:

@@ -100,7 +100,7 @@ def load_joint_log(
         raise only(file, "has a header but no poses", "capture poses first")
     all_columns = range(len(body[0].cells))
     if header and len(header) != len(all_columns):
-        text = f"the header has {len(header)} cells, the first row of angles {len(all_columns)}"
+        text = f"the header has {len(header)} cells, but the first row of angles has {len(all_columns)}"
         raise only(file, text, "name each column, or remove the header", line=rows[0].line)
     by = (
         find_column("--placement", placement, header, len(all_columns), file) if placement else None
@@ -258,7 +258,7 @@ def _angles(body: list[Row], where: tuple[int, ...], file: str, *, radians: bool
     angles = np.zeros((len(body), len(where)))
     for k, row in enumerate(body):
         if len(row.cells) != width:
-            text = f"{len(row.cells)} cells; the lines before have {width}"
+            text = f"has {len(row.cells)} cells; the lines before it have {width}"
             problems.append(
                 Problem(file=file, line=row.line, text=text, remedy="correct this line")
             )
@@ -279,7 +279,7 @@ def _angles(body: list[Row], where: tuple[int, ...], file: str, *, radians: bool
             break
     if doubted:
         # A wrong unit is one mistake, however many cells show it.
-        more = f", like {plural(len(doubted) - 1, 'other cell')}" if doubted[1:] else ""
+        more = f", and so may {plural(len(doubted) - 1, 'other cell')}" if doubted[1:] else ""
         remedy = "leave out --rad if the log is in degrees" if radians else "give degrees"
         problems.append(replace(doubted[0], text=f"{doubted[0].text}{more}", remedy=remedy))
     if problems:

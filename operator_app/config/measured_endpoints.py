@@ -182,7 +182,7 @@ def _require_names(names: Any) -> None:
         near = difflib.get_close_matches(name, known, n=1, cutoff=0.75)
         if meant:
             right = "degrees" if meant[0].endswith("_deg") else "metres"
-            raise BadLine(f"has {name}: give {right} and call it {meant[0]}")
+            raise BadLine(f"has {name}: convert it to {right} and name it {meant[0]}")
         raise BadLine(
             f"has the unknown key {name}" + (f": did you mean {near[0]}?" if near else "")
         )

@@ -184,9 +184,10 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
         # Seven columns in radians are reported as one mistake.
         matching = {name: c for name, c in other_unit.items() if c.endswith(ending)}
         if matching:
+            it = "it" if len(matching) == 1 else "them"
             remedy = (
-                f"angles are in degrees, lengths in metres: give {right} and call "
-                f"{'it' if len(matching) == 1 else 'them'} {', '.join(matching.values())}"
+                f"angles are in degrees, lengths in metres: convert {it} to {right} and name {it} "
+                f"{', '.join(matching.values())}"
             )
             text = f"unknown column{'' if len(matching) == 1 else 's'}"
             yield names.index(next(iter(matching))) + 1, ", ".join(matching), text, remedy

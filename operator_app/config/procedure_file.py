@@ -154,7 +154,10 @@ def check_joints(file_model: ProcedureFile, arm: ArmModel | None) -> Iterator[Co
             yield (
                 ("modes", "position", k),
                 f"joint {joint} is in position mode and unsensed",
-                "a joint whose reading is not used cannot be driven to a position",
+                (
+                    "a joint whose reading is not used cannot be driven to a position: remove it from modes.position "
+                    "or from unsensed_joints"
+                ),
             )
     if modes.trial and drives:
         yield (

@@ -109,7 +109,7 @@ def load_timed_log(
             cells.extend(_angle(row.cells[k], file, row.line, k) for k in where)
         elif row is not lines[-1]:
             # A killed recorder leaves its last line incomplete.
-            text = f"{len(row.cells)} cells; the lines before have {width}"
+            text = f"has {len(row.cells)} cells; the lines before it have {width}"
             raise only(file, text, "correct this line", line=row.line)
     table = np.array(cells).reshape(-1, 1 + len(where))
     time_s, q = table[:, 0], table[:, 1:]

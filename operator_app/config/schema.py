@@ -109,7 +109,7 @@ def read_by_kind(models: Mapping[str, type[M]], data: bytes, *, kind: str, file:
         hint = f"did you mean {near[0]}? " if near else ""
         known = f"{value_in_words(which)} is not a known kind of {kind}"
         text = known if "kind" in document.data else "is missing"
-        problems.append(document.problem(("kind",), text, f"{hint}one of: {options}"))
+        problems.append(document.problem(("kind",), text, f"{hint}use one of: {options}"))
         raise ConfigError(problems)
     return _validate(models[which], document, problems)
 
@@ -160,8 +160,11 @@ def _check_schema(document: YamlDocument, kind: str) -> Iterator[Problem]:
         elif match is not None:
             problem = document.problem(
                 ("schema",),
-                f"version {match[2]} of the {kind} file",
-                f"this program reads version {', '.join(map(str, versions))}",
+                f"the {kind} file has version {match[2]}",
+                (
+                    f"this program reads version {', '.join(map(str, versions))}: use a version of sarcal that reads "
+                    f"version {match[2]}"
+                ),
             )
         # All other problems would only follow from this one.
         raise ConfigError((problem,))

@@ -51,7 +51,7 @@ SOURCE_REMEDIES = {
     "offsets": "find the joints' zeros by another method and state offset_tolerance_deg",
     "placement": "measure the fixture's placement twice as accurately and state its tolerance",
     "encoder_accuracy": "centre the encoders twice as accurately and state their accuracy_deg",
-    "fixture_give": "mount a fixture twice as stiff, or load it less, and state its compliance (give)",
+    "fixture_give": "mount a fixture twice as stiff, or load it less, and state its compliance (key give)",
     "instrument": "measure twice as accurately, or four times as many poses, and state the instrument's sigma",
     "joint_play": "halve the joints' play and state the new value",
     "sag": "state the links' masses, or a smaller sag_deg if the joints really sag less than the arm file states",
@@ -183,9 +183,9 @@ def _share(f: Finding) -> str:
 
 
 def _shares(f: Finding) -> str:
-    return "; ".join(
-        f"{item.name}: {100.0 * (item.share or 0.0):.0f} % from these poses"
-        + (f", sigma {_with_unit(item)}" if item.unit else "")
+    return ", ".join(
+        f"{item.name} ({100.0 * (item.share or 0.0):.0f} % from these poses"
+        + (f", sigma {_with_unit(item)})" if item.unit else ")")
         for item in f.sizes
     )
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from enum import Enum
 from typing import Self
 
-_FIX_BOLTS = "tighten its bolts and check for play; otherwise state its compliance (give) in the fixture file"
+_FIX_BOLTS = "tighten its bolts and check for play; otherwise state its compliance (key give) in the fixture file"
 _UNSENSED = "calibrate with --unsensed {joint}"
 _NEARER = "take more poses that differ more from each other, or state nominal values closer to the true ones"
 _REPEAT_JOINT = (
@@ -41,7 +41,10 @@ _TOGETHER = (
     "check that arm file, fixture file and poses belong together; find out what was changed between the poses; try "
     "--global-start"
 )
-_DISTANCE = "measure the distance again and correct the fixture file: an error of it scales all lengths of the arm"
+_DISTANCE = (
+    "measure the distance again and correct the fixture file: an error in this distance scales all lengths of the "
+    "arm"
+)
 _DISTURBED = (
     "take more poses, look for a pose that was disturbed, or calibrate without the readings of the joint that the "
     "warnings name (--unsensed)"
@@ -115,7 +118,7 @@ class FindingKind(Enum):
     WRONG_FIXTURE_HINGE = (
         "WRONG_FIXTURE",
         "the loops close like those of a hinge, not of a {name} fixture",
-        "calibrate with the fixture file of that hinge; this command writes one from these poses: {last_name}",
+        "calibrate with the fixture file of that hinge; this command writes that file from these poses: {last_name}",
     )
     WRONG_FIXTURE_BALL = (
         "WRONG_FIXTURE",
@@ -123,7 +126,7 @@ class FindingKind(Enum):
         (
             "find why the fixture can tilt; or, if it is a ball, calibrate with a fixture file of that ball and "
             "--drop-unidentifiable (a ball does not separate the first joint's offset from the socket's place); "
-            "this command writes one from these poses: {last_name}"
+            "this command writes that file from these poses: {last_name}"
         ),
     )
     READING_STEP = (
@@ -292,12 +295,12 @@ class FindingKind(Enum):
     REPEAT_FIXTURE_MOVED = (
         "RETURN_FIXTURE",
         (
-            "the fixture moved by about {displacement} between pose {first} and its repeat measurement after {after:d} "
-            "poses, more than its file states"
+            "the fixture moved by about {displacement}, more than its file states, between pose {first} and its repeat "
+            "measurement after {after:d} poses"
         ),
         (
-            "tighten its bolts and check for play, then take all poses again; otherwise state its compliance (give) in "
-            "the fixture file"
+            "tighten its bolts and check for play, then take all poses again; otherwise state its compliance (key "
+            "give) in the fixture file"
         ),
     )
     REPEAT_READING_STEP = (
@@ -316,8 +319,8 @@ class FindingKind(Enum):
     UNEXPLAINED_PATTERN = (
         "UNNAMED",
         (
-            "the readings scatter no more than the files state, but their pattern is not due to chance ({tests}), and "
-            "no single fault explains it"
+            "the readings scatter no more than the files state, but their pattern is not due to chance (significant "
+            "tests: {tests}), and no single fault explains it"
         ),
         _TOGETHER,
     )
@@ -361,7 +364,7 @@ class FindingKind(Enum):
     )
     POSE_OUT_OF_RANGE = (
         "RANGE_POSE",
-        "{poses} was left out: {joints} are outside their ranges in it",
+        "{poses} was left out: its readings of {joints} are outside the joint ranges",
         "correct that row, take the pose again or remove it",
     )
 
@@ -369,8 +372,8 @@ class FindingKind(Enum):
     POSES_FLIPPED = (
         "FLIPPED_BRANCH",
         (
-            "{poses} ({count:d} of {of:d}) {several:close|closes} only with the tool upside down on the hinge and "
-            "{several:were|was} left out"
+            "{poses} ({count:d} of {of:d} poses) {several:close|closes} only with the tool upside down on the hinge "
+            "and {several:were|was} left out"
         ),
         "take {several:them|it} again with the tool the right way up, or remove {several:them|it}",
     )
@@ -396,7 +399,7 @@ class FindingKind(Enum):
     )
     SIGMAS_WIDE = (
         "LITTLE_MOTION",
-        "large standard uncertainties: {sizes}",
+        "these standard uncertainties are large: {sizes}",
         "{narrowing}",
     )
     CONDITION = (
@@ -404,7 +407,10 @@ class FindingKind(Enum):
         "scaled condition number {size:CONDITION} is above {limit:CONDITION} (weakest direction: {listed})",
         "poses that differ more from each other would give smaller sigmas",
     )
-    KNOWN_BY_FILES = ("AS_STATED", "determined more by the files than by the poses: {shares}")
+    KNOWN_BY_FILES = (
+        "AS_STATED",
+        "the files determine these parameters more than the poses do: {shares}",
+    )
     SAME_PLACEMENT = (
         "SAME_PLACEMENT",
         (
@@ -500,7 +506,7 @@ class FindingKind(Enum):
             "the solution diverged: it is far from what the files state, or its sigmas are useless. None of its "
             "figures describes the arm or the fixture"
         ),
-        "remove the first cause and calibrate again",
+        "remove the first cause listed and calibrate again",
     )
     CHI2_EXCEEDS = (
         "CHI2",
@@ -517,7 +523,7 @@ class FindingKind(Enum):
     )
     FIXED_BY_CHOICE = (
         "HELD",
-        "not calibrated but fixed, as stated in the arm's file: {fixed_at}{tolerance}{holds}",
+        "this calibration does not estimate the parameters that the arm's file fixes: {fixed_at}{tolerance}{holds}",
         "{releasing}",
     )
     LENGTHS_EXACT = (
@@ -551,7 +557,7 @@ class FindingKind(Enum):
     # Sessions, reports and files.
     REPORTED = ("{name}", "{reported}", "{reported_remedy}")
     JOURNAL_TORN = ("TORN", "{reported}; it contained no accepted pose")
-    SOLVED_AGAIN = ("SOLVED_AGAIN", "solved again for this report: {reported}")
+    SOLVED_AGAIN = ("SOLVED_AGAIN", "the poses were solved again for this report: {reported}")
     NOT_CROSS_VALIDATED = (
         "UNCHECKED",
         (
@@ -590,7 +596,7 @@ class FindingKind(Enum):
         "TABLE",
         (
             "{name} was taken as {a:ANGLE_4|LENGTH_4} in A and {b:ANGLE_4|LENGTH_4} in B: the other parameters "
-            "compensate for it"
+            "compensate for the difference"
         ),
     )
     COMPARED_REFUSED = ("{name}", "{last_name} was {reported}")

@@ -233,7 +233,7 @@ def _judge(joint: int, sensor: Rvdt, figures: RvdtFigures, share: float) -> Rvdt
         allowed = f"sigma {100.0 * figures.linearity_sd:.2f} %, {allowed}"
         if verdict is Soundness.CURVED:
             head = "curved, but not significantly beyond its specification"
-    covered = f"over the {100.0 * figures.covered:.0f} % that the poses cover"
+    covered = f"over the {100.0 * figures.covered:.0f} % of full scale that the poses cover"
     parts = [
         f"RVDT of joint {joint}: {head}",
         f"linearity {100.0 * figures.linearity:.2f} % of full scale ({allowed}) {covered}",

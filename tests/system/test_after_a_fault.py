@@ -210,7 +210,7 @@ def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path, bus):
         beating.stop()
         own.shutdown()
         assert "another program uses this bus: " in said
-        assert "the heartbeat of an operator, node 127 (77Fh)" in said
+        assert "the heartbeat of an operator, node 127 (COB-ID 77Fh)" in said
         assert "No node was probed" in said
         watcher.send_signal(signal.SIGINT)
         out = finished(watcher, 0).out

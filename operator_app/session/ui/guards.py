@@ -20,7 +20,7 @@ from operator_app.session.ui.snapshot import (
     TaskKind,
 )
 from operator_app.session.ui.steps import Step
-from operator_app.units import DATA_AGE, SILENCE
+from operator_app.units import DATA_AGE, SILENCE, plural
 from solver.loops.closure import poses_needed
 
 Missing = tuple[str, ...]
@@ -52,7 +52,7 @@ def modes_ready(s: SessionSnapshot) -> Missing:
     unticked = len(s.procedure.fixture.checklist) - len(s.ticked)
     if unticked:
         refused += (
-            f"{unticked} item{'s' if unticked > 1 else ''} of the check list not ticked (step 2)",
+            f"{plural(unticked, 'item')} of the check list {'are' if unticked > 1 else 'is'} not ticked (step 2)",
         )
     return refused
 
@@ -76,7 +76,9 @@ def calibrate_ready(s: SessionSnapshot) -> Missing:
     """The Calibrate step needs enough poses to have more equations than parameters."""
     used, needed = len(s.state.used_poses), poses_for(s)
     if used < needed:
-        return (f"{used} of at least {needed} poses captured (step 4)",)
+        return (
+            f"{used} of the {needed} required poses {'is' if used == 1 else 'are'} captured (step 4)",
+        )
     return ()
 
 
@@ -94,7 +96,7 @@ def export_ready(s: SessionSnapshot) -> Missing:
     if before := results_ready(s):
         return before
     if s.solution is not None and not s.solution.accepted:
-        return tuple(f"not accepted: {reason}" for reason in s.solution.reasons)
+        return tuple(f"the calibration is not accepted: {reason}" for reason in s.solution.reasons)
     return ()
 
 

@@ -122,8 +122,8 @@ class Instrument:
                 raise TargetLostError(endpoint.lost)
             if self._full and len(endpoint.endpoint) == 3:
                 raise InstrumentError(
-                    f"{self.name} sent no orientation for pose {pose}, and the fixture file states measures: "
-                    f"pose. Let it send one of {ROTATION_EXAMPLE}; or write measures: position"
+                    f"{self.name} sent no orientation for pose {pose}, and the fixture file states `measures: "
+                    f"pose`. Let it send one of {ROTATION_EXAMPLE}; or write `measures: position` in it"
                 )
             return endpoint.endpoint if self._full else endpoint.endpoint[:3]
 

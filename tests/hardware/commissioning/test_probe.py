@@ -73,8 +73,9 @@ def test_what_watches_the_operators_heartbeat_is_looked_at(bus):
 def test_where_an_operator_is_at_work_nobody_is_asked(bus):
     bus.other_operator = True
     found = look(bus)
-    assert "another program uses this bus: the heartbeat of an operator, node 127 (77Fh)" in (
-        found.busy
+    assert (
+        "another program uses this bus: the heartbeat of an operator, node 127 (COB-ID 77Fh)"
+        in (found.busy)
     )
     assert found.nodes == ()
     assert 127 in found.heard
@@ -91,16 +92,16 @@ def test_where_somebody_sends_sync_nobody_is_asked(bus):
 @pytest.mark.parametrize(
     ("identifier", "data", "words"),
     [
-        (0x000, "0100", "the NMT command 'start' to all nodes (000h)"),
-        (0x000, "8203", "the NMT command 'reset communication' to node 3 (000h)"),
-        (0x000, "", "an NMT command (000h)"),
-        (0x603, "4064600000000000", "a read of 6064h of node 3 (603h)"),
-        (0x62A, "2b4060000f000000", "a write to 6040h of node 42 (62Ah)"),
-        (0x603, "a006100000000000", "a read of 1006h of node 3 (603h)"),
-        (0x603, "c206100000000000", "a write to 1006h of node 3 (603h)"),
-        (0x603, "6000000000000000", "an SDO transfer with node 3 (603h)"),
-        (0x205, "0f000000000008", "a command to joint 5 (205h)"),
-        (0x30C, "00", "a command to node 12, RPDO2 (30Ch)"),
+        (0x000, "0100", "the NMT command 'start' to all nodes (COB-ID 000h)"),
+        (0x000, "8203", "the NMT command 'reset communication' to node 3 (COB-ID 000h)"),
+        (0x000, "", "an NMT command (COB-ID 000h)"),
+        (0x603, "4064600000000000", "a read of 6064h of node 3 (COB-ID 603h)"),
+        (0x62A, "2b4060000f000000", "a write to 6040h of node 42 (COB-ID 62Ah)"),
+        (0x603, "a006100000000000", "a read of 1006h of node 3 (COB-ID 603h)"),
+        (0x603, "c206100000000000", "a write to 1006h of node 3 (COB-ID 603h)"),
+        (0x603, "6000000000000000", "an SDO transfer with node 3 (COB-ID 603h)"),
+        (0x205, "0f000000000008", "a command to joint 5 (COB-ID 205h)"),
+        (0x30C, "00", "a command to node 12, RPDO2 (COB-ID 30Ch)"),
     ],
 )
 def test_whatever_only_a_master_sends_is_named_and_nobody_is_asked(bus, identifier, data, words):
@@ -131,7 +132,7 @@ def test_who_comes_while_the_nodes_are_asked_is_named(bus):
     found = look(bus)
     assert len(found.nodes) == 8
     assert (
-        "started to use this bus during the probe: a read of 6064h of node 8 (608h)"
+        "started to use this bus during the probe: a read of 6064h of node 8 (COB-ID 608h)"
         in found.meanwhile
     )
 
@@ -140,7 +141,7 @@ def test_many_kinds_of_frames_are_told_in_a_sentence(bus):
     for node in range(1, 10):
         bus.say(0x600 + node, bytes.fromhex("4064600000000000"))
     found = look(bus)
-    assert found.busy.endswith("of node 6 (606h); and 3 more")
+    assert found.busy.endswith("of node 6 (COB-ID 606h); and 3 more")
 
 
 def test_an_empty_bus_is_empty(bus):

@@ -241,7 +241,10 @@ def test_what_does_not_go_with_a_recording_is_refused(tmp_path, ends_with):
         ([str(log), "--time", "when"], "--time: there is no column 'when'"),
         ([str(log), "--time", "time", "--topic", "/a"], "--topic is for bags"),
         ([str(ms), "--time", "time", "--rad"], "s apart (median), too far for a dwell of 1 s"),
-        ([str(tmp_path / "mid.csv"), "--time", "1", "--rad"], "2 cells; the lines before have"),
+        (
+            [str(tmp_path / "mid.csv"), "--time", "1", "--rad"],
+            "has 2 cells; the lines before it have",
+        ),
     ):
         assert said in ends_with(2, "import", *words, *PANDA, "--sessions", tmp_path / "s").err
     assert "is a ROS 2 bag; sarcal import" in ends_with(2, "solve", bag, *PANDA).err

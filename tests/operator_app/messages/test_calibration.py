@@ -47,10 +47,12 @@ EXAMPLE = Finding(
 
 RATES = {"theta_off_3": 0.11}
 RVDT_TEXT = (
-    "RVDT of joint 3: out of specification; linearity 0.90 % of full scale (specification 0.5 %) over the 83 % that "
-    "the poses cover"
+    "RVDT of joint 3: out of specification; linearity 0.90 % of full scale (specification 0.5 %) over the 83 % of "
+    "full scale that the poses cover"
 )
-RVDT_NOISE = "the readings of joint 3's RVDT scatter by 0.09 deg (at most 0.02 deg)"
+RVDT_NOISE = (
+    "RVDT of joint 3: out of specification; noise of a single reading 9.0 LSB (specification 2 LSB)"
+)
 OWN = {
     K.FIXTURE_SLIPPED: {"names": ("tool",), "poses": ("7", "8")},
     K.WRONG_FIXTURE_HINGE: {"names": ("rigid", "sarcal new fixture --kind hinge")},

@@ -240,4 +240,4 @@ def test_who_stopped_the_nodes_comes_before_that_they_have_stopped():
         nodes, JointMonitor(), stop_latched=False, now_s=0.1, heartbeat_timeout_s=1.0
     )
     assert isinstance(found, OtherMaster)
-    assert "the NMT command 'enter pre-operational' to all nodes (000h)" in str(found)
+    assert "the NMT command 'enter pre-operational' to all nodes (COB-ID 000h)" in str(found)

@@ -96,7 +96,7 @@ def test_a_slow_heartbeat_may_be_set_or_said_in_a_profile(bus, period_ms, sayabl
     said = str(refused.value)
     assert "Set 1017h in these drives as expected, with their maker's tool" in said
     assert ("heartbeat: slowest_ms" in said) is sayable
-    assert ("no bus profile can allow for that" in said) is not sayable
+    assert ("no bus profile can accept another value" in said) is not sayable
     assert "probe --draft" not in said
 
 
@@ -121,7 +121,7 @@ def test_a_torque_or_an_offset_that_a_drive_would_add_is_refused_by_name(bus, in
     said = str(refused.value)
     assert f"Set {index:04X}h in these drives as expected, with their maker's tool" in said
     assert "send it as 0 with the commands, or write 0 (pdo_maps: configured), then connect" in said
-    for wrong in ("probe --draft", "no bus profile can allow for that"):
+    for wrong in ("probe --draft", "no bus profile can accept another value"):
         assert wrong not in said
     assert not [identifier for identifier, _ in bus.sent if 0x200 < identifier <= 0x207]
 

@@ -230,7 +230,7 @@ class ControlLoop:
         return False
 
     def _advance(self, task: LoopTask) -> None:
-        """Run a task's next step and its SYNC, or finish it."""
+        """Run a task's next step and send its SYNC, or finish the task."""
         try:
             commands = task.advance(self.sample)
             if commands is not None:

@@ -176,7 +176,7 @@ def files_allow(stated: SpecimenFiles, truth: LoopTruth, home_rad: FloatArray) -
 
 
 def open_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) -> OpenTruth:
-    """Return the arm of `truth` without its fixture, with a target; the instrument's placement is drawn.
+    """Return the arm of `truth` without its fixture, with a target; the instrument's placement is drawn at random.
 
     Entries that cannot be separated from base and target placements are nominal.
     """

@@ -149,7 +149,7 @@ def _of_joint(explained: float) -> float:
 
 
 def _of_fixture(d: FloatArray, columns: FloatArray) -> tuple[float, FloatArray]:
-    """Gain in log-likelihood from a slip of the fixture, and that slip in units of the columns."""
+    """Gain in log-likelihood from a slip of the fixture, and the slip as coefficients of `columns`."""
     values, vectors = np.linalg.eigh(columns @ columns.T)
     along = vectors.T @ d
     spread = 1.0 + SLIP_SIZES[:, None] ** 2 * np.maximum(values, 0.0)

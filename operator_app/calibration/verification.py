@@ -127,10 +127,9 @@ class VerificationResult:
 
 
 def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed:
-    """Return the parameters of a calibration with its other results.
+    """Return the calibrated parameters, their covariance, noise of sensors and fixture, and unsensed joints.
 
-    `placement`: calibrated placement of the new poses, whose parameters get names without a number. None: all
-    placements.
+    `placement`: only parameters of this placement, under names without its number. None: those of all placements.
     """
     estimate, components = solution.estimate, solution.components
     components_found = () if components is None else components.components

@@ -98,7 +98,7 @@ def _open_loop(
         instrument = load_fixture(args.instrument).fixture
         if not isinstance(instrument, Measured):
             raise UsageError(
-                f"--instrument: {args.instrument} is a {instrument.kind}, not an instrument"
+                f"--instrument: {args.instrument!r} is a fixture of kind {instrument.kind}, not an instrument"
             )
         poses = _from_file(args.csv, arm.joint_count)
     else:

@@ -249,7 +249,7 @@ class FindingKind(Enum):
             "joint {joint} {certain:sags|may sag} by {size:SCATTER} rms, depending on the pose, more than its sag_deg "
             "allows"
         ),
-        "check joint {joint} for play or a weak link, or state a larger sag_deg",
+        "check joint {joint} for play or a compliant link, or state a larger sag_deg",
     )
     PLAY_EXCEEDS = (
         "PLAY",
@@ -586,7 +586,7 @@ class FindingKind(Enum):
     COMPARED_FIXTURES = ("FIXTURE", "A used the fixture '{name}', B the fixture '{last_name}'")
     COMPARED_ESTIMATORS = (
         "ESTIMATOR",
-        "A was estimated by {name}, B by {last_name}: systematic sensor errors affect the two estimates differently",
+        "A was estimated with '{name}', B with '{last_name}': systematic sensor errors affect the two differently",
     )
     COMPARED_ENTRIES = (
         "ENTRIES",

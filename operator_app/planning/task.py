@@ -129,7 +129,7 @@ def fixed_parameter_checks(procedure: Procedure) -> tuple[SetupCheck, ...]:
 
 
 def entries_to_fix(arm: ArmModel, fixture: EndpointConstraint) -> Mapping[str, str]:
-    """Return, for a new procedure, the free entries of an arm that a fixture cannot identify, with the reason."""
+    """Return the free entries of an arm that poses in this fixture cannot identify, with the reason."""
     return {
         check.entry or f"theta_off_{check.joint}": check.text
         for check in setup_checks(fixture, arm, arm.home_rad)

@@ -137,7 +137,7 @@ def _comparable(
 
 @dataclass(frozen=True, slots=True)
 class _Search:
-    """Search over candidates `root` (m, r, N) in comparable units; the first `parameters` unknowns count."""
+    """Search among candidates `root` (m, r, N) in comparable units, for the first `parameters` unknowns."""
 
     root: FloatArray
     parameters: int

@@ -54,7 +54,7 @@ def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
             overstated = used.fixture_variance is not None and scatter < 1.0 / UNEXPLAINED
             if scatter <= UNEXPLAINED and not overstated:
                 break
-            used = _with_give(noise, estimate, used)
+            used = _with_fixture_variance(noise, estimate, used)
             estimate = estimate_implicit(model, q, used, x0=start)
         scatter = max(1.0, estimate.chi2_per_dof or 1.0)
         trusted = (
@@ -79,8 +79,8 @@ def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
     return calibrate
 
 
-def _with_give(noise: NoiseModel, estimate: Estimate, used: NoiseModel) -> NoiseModel:
-    """Return `noise` with the fixture variance of `used` times chi2/dof or, if it has none, squared closure errors."""
+def _with_fixture_variance(noise: NoiseModel, estimate: Estimate, used: NoiseModel) -> NoiseModel:
+    """Return `noise` with the fixture variance of `used`, times chi2/dof; if that has none, squared closure errors."""
     if used.fixture_variance is not None:
         scale = estimate.chi2_per_dof or 1.0
         return replace(noise, fixture_variance=used.fixture_variance * scale)

@@ -290,7 +290,7 @@ class Layout:
         along = np.repeat((turn_rad, shift_m), (self.rows - 3, 3))
         self.loaded = loaded_give(self.errors, along)
         if self.deflecting_rows:
-            self._smooth_give(group, process, like)
+            self._smooth_deflection(group, process, like)
         if self.loaded is not None:
             names = [f"load{i}" for i in range(self.loaded.width)]
             self._group("fixture_give", names, self._scale("compliance"))
@@ -343,7 +343,7 @@ class Layout:
             names = [f"sag{i}_{j + 1}" for j in self.sag_joints for i in range(self.sags.width)]
             self._group("sag", names, self._scale("sag"))
 
-    def _smooth_give(
+    def _smooth_deflection(
         self, group: IntArray | None, alike: Callable[[], PoseProcess], like: Layout | None
     ) -> None:
         groups = 1 if group is None else len(np.unique(group))
@@ -422,7 +422,7 @@ class Layout:
         return np.array([c.start for c in self.components])
 
     def stated_variances(self) -> FloatArray:
-        """Components (K,) as the files state them, with noise of the full stated deflection and play."""
+        """Components (K,) as the files state them: all of deflection and play, not only the non-repeatable share."""
         return np.array([c.stated for c in self.components])
 
     def as_stated(self, v: FloatArray) -> FloatArray:

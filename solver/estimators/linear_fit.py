@@ -297,7 +297,8 @@ class LinearFit:
     def pull_covariance(self, effects: IntArray) -> FloatArray:
         """Covariance (k, k) of the pulls of some effects (indices) if the model is right.
 
-        Effects of which poses determine only sums have correlated pulls. Zero for an effect without information.
+        If the poses determine only the sum of some effects, their pulls are correlated. Rows of effects without
+        information are zero.
         """
         columns = self.design.hard + effects
         determined = np.eye(len(columns)) - self.H_inverse[np.ix_(columns, columns)]

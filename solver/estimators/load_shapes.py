@@ -162,7 +162,7 @@ def shapes_of_sag(q: FloatArray, errors: ErrorModel, basis: PoseBasis) -> Shapes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LoadedGive:
+class LoadedDeflection:
     """Deflection of a fixture under load, without the share `UNMODELLED_SHARE`.
 
     `sizes` (k,): stated standard deviation of each closure component, rad and m. The arrays of shapes are the largest
@@ -189,8 +189,8 @@ class LoadedGive:
         )
 
 
-def loaded_give(errors: ErrorModel, sizes: FloatArray) -> LoadedGive | None:
+def loaded_give(errors: ErrorModel, sizes: FloatArray) -> LoadedDeflection | None:
     """Return the deflection under load; None if loads are unknown or zero, or `sizes` (k,) are all zero."""
     if errors.loads is None or not sizes.any() or not errors.loads.all_deflections.any():
         return None
-    return LoadedGive(loads=errors.loads, sizes=sizes)
+    return LoadedDeflection(loads=errors.loads, sizes=sizes)

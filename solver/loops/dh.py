@@ -160,7 +160,7 @@ class DhLoop(ArmLoop):
 
     @property
     def constrained_part(self) -> ConstrainedPart:
-        """The fixture constrains a line of the tool (hinge) or the whole tool (rigid)."""
+        """Part of the tool that the fixture constrains: a line (hinge) or the whole frame (rigid)."""
         return ConstrainedPart.AXIS if self.hinge else ConstrainedPart.FRAME
 
     def constraint_entries(self, at: ToolConstraint) -> dict[str, float]:

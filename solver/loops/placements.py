@@ -255,7 +255,7 @@ class Placements(ClosureModel):
         )
 
     def freed(self, entries: Sequence[DhEntry]) -> Placements:
-        """Return the same loops with these entries of the arm's table unknown as well."""
+        """Return the same loops in which these entries of the arm's table are unknown, too."""
         return replace(self, models=tuple(model.freed(entries) for model in self.models))
 
     def with_table(self, table: DhTable) -> Placements:

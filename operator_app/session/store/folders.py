@@ -81,7 +81,7 @@ def find_session(root: Path, reference: str) -> Path:
         if os.path.lexists(candidate / JOURNAL_NAME):
             return candidate
     raise SessionError(
-        f"{reference} is not a session: it contains no {JOURNAL_NAME}",
+        f"'{reference}' is not a session: it contains no {JOURNAL_NAME}",
         f"name a session folder, or `latest`; `sarcal session list` shows those in {root}",
     )
 

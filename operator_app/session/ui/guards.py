@@ -236,7 +236,7 @@ def moves_real_arm(s: SessionSnapshot) -> bool:
 
 
 def may_remount(s: SessionSnapshot) -> Missing:
-    """Remounting needs a fixture, an explored capture, and all poses of the current placement."""
+    """Remounting needs a fixture, a capture without a plan, and all poses of the current placement captured."""
     if missing := idle(s):
         return missing
     if not s.procedure.fixture.fixture.holds_hand:

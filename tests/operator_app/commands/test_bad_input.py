@@ -41,7 +41,7 @@ CASES: dict[str, tuple[Callable[[Path], list[str]], str]] = {
     "nobody's home": (lambda _: ["run", "~nosuchuser/x"], "~nosuchuser/x: there is no such file"),
     "nobody's poses": (lambda _: ["solve", "~nosuchuser/x", *ARM], "there is no such file"),
     "nobody's session": (lambda _: ["report", "~nosuchuser/x"], "'~nosuchuser/x' is not a session"),
-    "nobody's parameters": (lambda _: ["compare", "~nosuchuser/x", "y"], "~nosuchuser/x is no"),
+    "nobody's parameters": (lambda _: ["compare", "~nosuchuser/x", "y"], "'~nosuchuser/x' is no"),
     "nobody's sessions": (lambda _: ["run", "--sessions", "~nosuchuser/x"], "no such home folder"),
     "nobody's export": (lambda _: ["export", "x", "-o", "~nosuchuser/x"], "no such home folder"),
     "nobody's recording": (lambda _: ["probe", "--record", "~nosuchuser/x"], "no such home folder"),

@@ -43,7 +43,7 @@ class _Ray:
 
 @dataclass(slots=True)
 class _Here:
-    """Latest readings, and the rates of the joints there."""
+    """Latest readings, and the joints' rates at these readings."""
 
     q: FloatArray
     rates: FloatArray

@@ -53,7 +53,7 @@ class HypothesisTest:
         false_alarm: float = FALSE_ALARM_PROBABILITY,
         among: int = 1,
     ) -> HypothesisTest:
-        """Test `chi2` with `dof` degrees of freedom, the largest of `among` values."""
+        """Test `chi2`, the largest of `among` values; it has `dof` degrees of freedom."""
         from scipy.special import chdtri
 
         return cls(

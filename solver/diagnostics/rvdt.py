@@ -159,7 +159,7 @@ def _without_compliance(
     """Return the noise with a lower limit of 0 if a fixture more compliant than stated may have caused it.
 
     A turning fixture looks like noise of the wrist, and no pose separates the two. So if the fixture deflects more
-    than stated, none of the scatter between poses certainly belongs to the sensor.
+    than stated, it may have caused all the scatter between poses.
     """
     uncertain = {j: replace(one, low=0.0) for j, one in noise.items() if not one.from_spread}
     compliance = compliance_test(fit.stated, fit.design) if uncertain else None

@@ -110,7 +110,7 @@ class DhLoop(ArmLoop):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Axes (m, 3, 3) of table and tool in frame -1, which is fixed to the tool; the table turns by theta_0."""
+        """Axes of the table and of the tool, each (m, 3, 3), in frame -1, which is fixed to the tool; the table turns by theta_0."""
         table, hand = ClosureModel.fixture_axes(self, x, q, u)
         if self.hinge:
             table = rotation_about_z(u[..., 0])
@@ -146,7 +146,7 @@ class DhLoop(ArmLoop):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Unknown ones of link 0's entries, s_1 and theta_off_1; the last two start at the common normal of z_-1 and z_0."""
+        """Unknown entries of link 0, and s_1 and theta_off_1, which start at the common normal of z_-1 and z_0."""
         return tuple(
             e.name
             for e in self.entries

@@ -110,7 +110,7 @@ class DhLoop(ArmLoop):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Axes of the table and of the tool, each (m, 3, 3), in frame -1, which is fixed to the tool; the table turns by theta_0."""
+        """Axes (m, 3, 3) of table and of tool in frame -1, which is fixed to the tool; the table turns by theta_0."""
         table, hand = ClosureModel.fixture_axes(self, x, q, u)
         if self.hinge:
             table = rotation_about_z(u[..., 0])

@@ -277,7 +277,7 @@ def _share(
     figures: RvdtFigures,
     offsets_rad: dict[int, float],
 ) -> float:
-    """Share of the squared closure error at all readings that a correction of one joint's readings removes."""
+    """Share of the squared closure error at the readings that is removed by correcting those of one joint."""
     known = known | {f"theta_off_{j}": float(wrap_angle(v)) for j, v in offsets_rad.items()}
     x = np.array([known.get(p.name, p.nominal) for p in sensed.parameters])
     better = q.copy()

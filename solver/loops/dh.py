@@ -146,7 +146,7 @@ class DhLoop(ArmLoop):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Unknown entries of link 0, and s_1 and theta_off_1 if unknown; these start at the common normal of z_-1, z_0."""
+        """Unknown entries of link 0, and s_1, theta_off_1 if unknown: measured from the common normal of z_-1, z_0."""
         return tuple(
             e.name
             for e in self.entries

@@ -288,7 +288,7 @@ class GrowingFile(LinePort):
         return heading.decode(errors="replace").strip("\r\n\ufeff")
 
     def ask(self, question: str) -> None:
-        """Have `line` read from the present end of the file on; if a row is incomplete there, it will be skipped."""
+        """Make `line` start at the present end of the file or, if the row there is incomplete, after that row."""
         self._at = self._size()
         self._skip_next = False
         if self._at:

@@ -138,7 +138,7 @@ class LatencyMonitor:
     clock
         Function that returns monotonic time, s.
     stamps
-        Function that returns the time (s) of the clock that stamps frames; None if that is no clock of this computer.
+        Function that returns the time (s) of the clock that stamps frames; None if that clock is not this computer's.
     arm_waits
         Whether the arm's time stands still while the host is busy (`Pace.FAST_FORWARD`), so that there is no latency.
     """

@@ -51,7 +51,7 @@ ABSENT = frozenset({Abort.NO_OBJECT, Abort.NO_SUBINDEX})
 
 
 def check_mapping(access: ObjectAccess, profile: BusProfile, silent: Iterable[int] = ()) -> None:
-    """Compare the PDOs of all drives with the profile; nodes that are no drives are skipped.
+    """Compare the PDOs of all drives with the profile; nodes that are not drives are skipped.
 
     Raises `MappingMismatch` with node, object, expected and found value of every difference; it also names the
     `silent` nodes.

@@ -75,7 +75,7 @@ class Turn:
         )
 
     def midway_watch(self, act: Callable[[], str | None]) -> MidwayWatch:
-        """Make a watch that acts once after `part_rad`."""
+        """Make a watch that calls `act` once, after the joint moved by `part_rad`."""
         start = float(self.arm.capture(self.bounds.samples).mean_rad[self.joint - 1])
         return MidwayWatch(joint=self.joint, after_rad=self.part_rad, act=act, start_rad=start)
 

@@ -160,7 +160,7 @@ class ControlLoop:
         return self._sampler.view.sample
 
     def alarm(self) -> HardwareError | None:
-        """Return the alarm that requires the current steps to bring the arm to rest and end; None if there is none."""
+        """Return the alarm because of which the current steps must stop the arm and end; None if there is none."""
         task = self._tasks.first
         every = alarms(
             self.nodes,

@@ -108,7 +108,7 @@ class StartUp:
     def run(self, press: object | None, *, takes_over: bool) -> ArmIdentity:
         """Find the nodes, check them, start heartbeat and SYNC; arguments as in `Connection.open`.
 
-        Sets rated torques, token and modes of the connection.
+        Sets the connection's rated torques, token and modes.
         """
         loop, access, profile = self._loop, self._access, self._profile
         self._pressed = lambda: loop.latch.last_press is not press

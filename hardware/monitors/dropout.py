@@ -35,7 +35,7 @@ NOT_FOLLOWING_SYNCS: Final = 50
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dropout:
-    """A drive changed to `state` without a command; if that is *operation enabled*, it stopped following its target."""
+    """A drive changed to `state` without a command; *operation enabled* means that it stopped following its target."""
 
     joint: int
     state: DriveState

@@ -82,7 +82,7 @@ class ContinuityMonitor:
         self._recent.clear()
 
     def update(self, sample: Sample) -> CountJump | None:
-        """Take in a sample; return a jump once it is confirmed, `QUIET_SYNCS` after it happened."""
+        """Take in a sample; return a jump once it is confirmed, `QUIET_SYNCS` SYNCs after the jump."""
         recent = self._recent
         if (
             not sample.complete

@@ -116,5 +116,5 @@ class AttendingBus(EmbeddedBus):
 
 
 def attended_openers(controller: VirtualController) -> BusOpeners:
-    """Return the bus openers for an operator in the same process as a controller that is `attended`."""
+    """Return the bus openers for an operator in the process of a controller made with `attended`."""
     return BusOpeners(main=lambda settings: AttendingBus(settings.channel, controller.attend))

@@ -95,7 +95,7 @@ class ChainPoint(ABC):
 class LoopPoint(ChainPoint):
     """Frame n constrained to frame -1; error: rotation vector (rad), then position (m).
 
-    Without a `hinge` theta_0 must stay zero.
+    If `hinge` is false, theta_0 must stay 0.
     """
 
     def __init__(self, table: DhTable, *, hinge: bool = True) -> None:

@@ -261,7 +261,7 @@ def _misfit_causes(
 
 
 def _wrong_distances(case: _Case, margin: float) -> tuple[Finding, ...]:
-    """Findings of distances whose omission leaves at most `margin` more chi2 than the best fault; else empty."""
+    """Findings of distances whose omission reduces chi2 to at most the best fault's plus `margin`; else empty."""
     best = case.diagnosis.best
     most_chi2 = np.inf if best is None else best.evidence.chi2 + margin
     return wrong_distances(case.stated, case.found.linear, most_chi2=most_chi2)

@@ -226,7 +226,7 @@ class Diagnosed:
 
 
 def prepare(task: Task) -> Prepared:
-    """Build the loops; refuse too few poses, readings out of range, and placements without unique parameters."""
+    """Build the loops; refuse too few poses, readings out of range, and placements with ambiguous parameters."""
     experiment, model = task.experiment, task.experiment.loop()
     poses, unsensed = experiment.poses, experiment.unsensed
     require_enough_poses(model, len(poses))

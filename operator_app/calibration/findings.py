@@ -144,7 +144,7 @@ def reading_step(
 
 
 def range_finding(out_of_range: RangeFinding, poses: PoseSet, *, notice: bool = False) -> Finding:
-    """Return the finding of a joint's readings outside its range; saturation blocks acceptance unless `notice`."""
+    """Return the finding of readings out of range; if saturated, they block acceptance unless `notice` is true."""
     return Finding(
         kind=RANGE_KINDS[out_of_range.fault][notice],
         joint=out_of_range.joint,

@@ -168,7 +168,7 @@ def measured_deviations(
 
 
 def rvdt_causes(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> tuple[Finding, ...]:
-    """Findings of RVDTs that are out of specification but have no other fault: the sigmas include their deviations."""
+    """Findings of RVDTs out of specification but without other faults; the sigmas include the RVDTs' deviations."""
     return tuple(
         Finding(kind=_kind_of(v, arm), joint=v.joint, sensor="RVDT", reported=(v.text,))
         for v in verdicts

@@ -226,7 +226,7 @@ def _with_prediction(
     start: Mapping[str, float],
     result: VerificationResult,
 ) -> VerificationResult:
-    """Return the test that uses the calibration's own poses or, if no model fits both, the `result` without them."""
+    """Return the test that also uses the calibration's poses; if no model fits these and the new poses, `result`."""
     from scipy.special import chdtrc
 
     predicted = predict_new_poses(new, made, start)

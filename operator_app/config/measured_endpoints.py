@@ -267,7 +267,7 @@ def _turns(shape: FloatArray, measured: FloatArray) -> FloatArray:
 
 
 def _frame(shape: FloatArray) -> FloatArray:
-    """Return axes x, y, z (columns) of a triangle's frame, (3, 3); rows of `shape`: points from the centroid."""
+    """Return axes x, y, z (columns) of a triangle's frame, (3, 3); rows of `shape`: points minus centroid."""
     x = shape[0] / np.linalg.norm(shape[0])
     z = np.cross(shape[0], shape[1])
     z = z / np.linalg.norm(z)

@@ -335,7 +335,7 @@ class ScreenInterface:
     # -- everything else ---------------------------------------------------------------------------
 
     def stop(self) -> None:
-        """Send the software STOP from this thread at once."""
+        """Send the software STOP from this thread, without waiting."""
         runner = self.app.runner
         if runner is not None and runner.connected:
             runner.stop()

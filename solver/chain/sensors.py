@@ -162,7 +162,7 @@ class SensorCurve:
         return self.lines + self.bends
 
     def place(self, theta_rad: FloatArray) -> FloatArray:
-        """Sensor angles (m,) relative to the middle, in units of half the full scale."""
+        """Sensor angles (m,) from mid-scale in units of half the full scale, limited to +-1.2."""
         x = (theta_rad - self.middle_rad) / self.half_scale_rad
         # Beyond full scale a sensor saturates; polynomials would diverge there.
         return np.asarray(np.clip(x, -1.2, 1.2))

@@ -210,7 +210,7 @@ class PathGraph:
     def _follow(
         self, model: ClosureModel, x: FloatArray, ranges: Ranges, nodes: list[tuple[int, int]]
     ) -> tuple[Leg, ...] | None:
-        """Compute every straight move of a path; remove the first edge that fails and return None."""
+        """Return the straight moves along a path; if an edge fails, remove it and return None."""
         legs = []
         for layer, group in groupby(nodes, key=lambda node: node[0]):
             poses = [pose for _, pose in group]

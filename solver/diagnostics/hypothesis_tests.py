@@ -53,7 +53,7 @@ class HypothesisTest:
         false_alarm: float = FALSE_ALARM_PROBABILITY,
         among: int = 1,
     ) -> HypothesisTest:
-        """Test `chi2` with `dof` degrees of freedom, the largest of `among` values."""
+        """Test `chi2`, the largest of `among` values; it has `dof` degrees of freedom."""
         from scipy.special import chdtri
 
         return cls(
@@ -211,7 +211,7 @@ def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outlie
     """Test every pose against the others; `scale` is the factor of the variances (see `noise_scale`).
 
     The most improbable pose is set aside and the rest is tested again, so that outliers do not hide each other. With
-    many poses, several are set aside at a time, so that the work is proportional to their number. The fit keeps all.
+    many poses, several are set aside at a time to limit the work. The fit itself keeps all poses.
     """
     from scipy.special import chdtri
 

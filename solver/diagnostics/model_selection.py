@@ -65,10 +65,10 @@ def noise_scale(chi2: float, dof: int, most: float = 1.0) -> float:
 
 
 def log_likelihood(residuals: WhitenedResiduals, *, most_noise: float) -> float:
-    """Log-likelihood without a known fault.
+    """Log-likelihood if no known fault occurred.
 
-    `most_noise`: largest scale of the variances; 1 if errors are as stated or less, infinite if an unknown cause makes
-    all errors larger.
+    `most_noise`: largest scale of the variances; 1 if errors are no larger than stated, infinite if an unknown cause
+    makes all errors larger.
     """
     scale = noise_scale(residuals.chi2, residuals.dof, most_noise)
     return -0.5 * (max(residuals.dof, 1) * float(np.log(scale)) + residuals.chi2 / scale)

@@ -180,7 +180,7 @@ class LinearModel(Layout):
                 yield along(rows, "fixture_give", np.ones((1, 1)), name)
 
     def noise_variance(self, v: FloatArray, poses: slice = slice(None)) -> FloatArray:
-        """Variance of the noise along joints, rad^2, and closure components (m, n + k)."""
+        """Noise variance (m, n + k) along n joints, rad^2, and k closure components."""
         return np.asarray(sum(s.variance(v) for s in self.noise_sources(poses)))
 
     def noise_rates(self, poses: slice) -> FloatArray:

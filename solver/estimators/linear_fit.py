@@ -102,7 +102,7 @@ class LinearFit:
         return w, rows
 
     def distance_deviations(self) -> FloatArray:
-        """Measured distances minus the distances that the poses alone give (k,), in sigmas of this difference."""
+        """Measured distances (k,) minus those calculated from the poses alone, in sigmas of this difference."""
         w, rows = self._distances()
         known = 1.0 - ((rows @ self.half) ** 2).sum(-1)
         return np.asarray(-(w + rows @ self.coefficients) / np.sqrt(np.maximum(known, 1e-12)))

@@ -139,7 +139,7 @@ def region_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
 
 
 def _omitted_lines(omitted: Sequence[int]) -> list[str]:
-    """Return lines that name the poses without a number in the drawing; empty if there are none."""
+    """Return lines that list the poses whose number is not in the drawing; empty if there are none."""
     if not omitted:
         return []
     text = f"Poses not numbered, for lack of room: {names(omitted)}."

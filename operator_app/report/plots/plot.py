@@ -26,7 +26,7 @@ class Axis:
     ticks: tuple[float, ...]
 
     def place(self, value: float, start: float, end: float) -> float:
-        """Return the coordinate of a value, between `start` (of `low`) and `end` (of `high`)."""
+        """Return the coordinate of a value; `low` is at `start`, `high` at `end`."""
         return start + (value - self.low) / (self.high - self.low) * (end - start)
 
     @property
@@ -108,7 +108,7 @@ class LogAxis(Axis):
     """A logarithmic axis; ticks are at powers of ten and, if these are few, at 2 and 5 times powers of ten."""
 
     def place(self, value: float, start: float, end: float) -> float:
-        """Return the coordinate of a positive value, between `start` (of `low`) and `end` (of `high`)."""
+        """Return the coordinate of a positive value; `low` is at `start`, `high` at `end`."""
         share = math.log(value / self.low) / math.log(self.high / self.low)
         return start + share * (end - start)
 

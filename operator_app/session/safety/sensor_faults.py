@@ -85,7 +85,7 @@ class SensorFaults:
         return tuple(pose.number for pose in state.poses[-1:])
 
     def _poses_with_present_reading(self, joint: int) -> tuple[int, ...]:
-        """Return the numbers of the latest poses with the present reading of `joint`, whose drive did not follow.
+        """Return the numbers of the latest poses in which `joint` read the same as now; its drive did not follow.
 
         The sensor may have been stuck during these poses while the joint moved.
         """

@@ -34,7 +34,7 @@ THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class Solver(Protocol):
-    """Calls a function in this or another process; unless `progress` is None, the function gets it as an argument."""
+    """Calls a function in this or another process, and passes `progress` to the function unless it is None."""
 
     def __call__(
         self,

@@ -208,7 +208,7 @@ class Runner:
     def submit(
         self, kind: TaskKind, text: str, work: Callable[[], None], *, uncancellable: bool = False
     ) -> None:
-        """Queue a task for the worker and return at once. An `uncancellable` task is short and moves nothing."""
+        """Queue a task for the worker; do not wait for it. An `uncancellable` task is short and moves nothing."""
         job = _Job(kind, text, work, threading.Event(), uncancellable)
         with self._submitting:
             if self._closing.is_set():

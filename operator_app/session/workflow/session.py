@@ -274,7 +274,7 @@ class Session(Logbook):
         return self.state.poses[-1]
 
     def take_check_reading(self, kind: str, *, of: int = 0) -> CheckReading:
-        """Measure and record a pose like `capture`, but for a check; it is not used for the calibration."""
+        """Measure and record a check pose as `capture` does; it is not used for the calibration."""
         self._keep("reading", {"number": len(self.state.readings) + 1, "kind": kind, "of": of})
         return self.state.readings[-1]
 

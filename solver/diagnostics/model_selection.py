@@ -118,7 +118,7 @@ def evidence_of_own(
     *,
     most: float = np.inf,
 ) -> Evidence | None:
-    """Compute the evidence of separate columns G (p, r, c) for each of the poses (p,); otherwise as `evidence`."""
+    """Compute evidence like `evidence`, but with separate columns and coefficients for each of the poses `own` (p,)."""
     p, _, c = G.shape
     columns = OwnColumns.of(residuals, own, G * expected_size.reshape(p, 1, c))
     if not (columns.own > 0.0).any():

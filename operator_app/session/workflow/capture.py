@@ -236,7 +236,7 @@ def _repeat_pose(
     suspect: bool = False,
     speed_rad_per_s: float | None = None,
 ) -> Sequence[Mapping[int, float]]:
-    """Move to pose `first` (in a planned capture, always the first used pose), measure it again, compare the readings.
+    """Move to pose `first` (the first used pose in a planned capture), measure it again, and compare the readings.
 
     Returns the same as `_repeat_first_pose`.
     """

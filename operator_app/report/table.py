@@ -43,7 +43,7 @@ class Column:
 
 
 def words(*titles: str) -> tuple[Column, ...]:
-    """Return columns of text."""
+    """Return text columns with these titles."""
     return tuple(Column(title, words=True) for title in titles)
 
 

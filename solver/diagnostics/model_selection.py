@@ -60,7 +60,7 @@ class Evidence:
 
 
 def noise_scale(chi2: float, dof: int, most: float = 1.0) -> float:
-    """Ratio of the variances to the stated variances that fits chi2, from `SMALLEST_NOISE_SCALE` to `most`."""
+    """Ratio of actual to stated variances, chi2/dof, limited to between `SMALLEST_NOISE_SCALE` and `most`."""
     return min(most, max(SMALLEST_NOISE_SCALE, chi2 / max(dof, 1)))
 
 

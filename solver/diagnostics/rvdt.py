@@ -167,7 +167,7 @@ def _without_compliance(
 
 
 def _undecidable(reading: FloatArray, of_loops: Scatter, sensor: Rvdt) -> str:
-    """Reason why these poses cannot decide; empty if they can."""
+    """Reason why these poses do not determine the RVDT's curve; empty if they do."""
     if len(reading) < limits.RVDT_LEAST_POSES:
         return f"{len(reading)} poses are too few, {limits.RVDT_LEAST_POSES} are needed"
     span = float(np.ptp(reading) / sensor.full_scale_rad)

@@ -136,7 +136,7 @@ def go_home_if_outside(session: Session, listener: Listener) -> None:
 
 
 def _check_unresolved_joints(session: Session, listener: Listener) -> None:
-    """If a joint's shift could not be detected at the current pose, move at 5 deg/s to the nearest pose and repeat it.
+    """If a joint's shift would not show at the current pose, move at 5 deg/s to the nearest captured pose; repeat it.
 
     Raises
     ------

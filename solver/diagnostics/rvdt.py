@@ -30,7 +30,7 @@ NOISY = "check its plug, screen and excitation, or average more samples per pose
 
 
 class Soundness(Enum):
-    """Condition of an RVDT as the loop measures it."""
+    """Condition of an RVDT, determined from the closed loop."""
 
     SOUND = "sound"
     CURVED = "curved, within specification"

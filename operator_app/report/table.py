@@ -43,7 +43,7 @@ class Column:
 
 
 def words(*titles: str) -> tuple[Column, ...]:
-    """Return text columns with these titles."""
+    """Return columns of text."""
     return tuple(Column(title, words=True) for title in titles)
 
 

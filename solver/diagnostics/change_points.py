@@ -75,7 +75,7 @@ def steps(
     scale: float = 1.0,
     false_alarm: float = FALSE_ALARM_PROBABILITY,
 ) -> tuple[ChangePoint, ...]:
-    """Return the most significant step of each suspect, in order of decreasing significance.
+    """Return the most significant step of each suspect, in order of significance.
 
     `residuals`: whitened residuals of the fit, poses in time order. `low_noise`: residuals whitened with smaller noise,
     for suspects with `of_reading`. `scale`: ratio of the variances to those of the fit.

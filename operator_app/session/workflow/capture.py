@@ -136,7 +136,7 @@ def go_home_if_outside(session: Session, listener: Listener) -> None:
 
 
 def _check_unresolved_joints(session: Session, listener: Listener) -> None:
-    """If a joint's shift would not show at the current pose, move at 5 deg/s to the nearest captured pose; repeat it.
+    """Repeat the nearest captured pose, moving at 5 deg/s, if a joint's shift would not show at the current pose.
 
     Raises
     ------

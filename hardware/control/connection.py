@@ -199,7 +199,7 @@ class Connection:
         raise MappingChanged(differs)
 
     def _differing_positions(self) -> MappingMismatch | None:
-        """Return the differences between positions by SDO and PDO; None if there is none or a node does not answer."""
+        """Return the differences between SDO and PDO positions; None if they agree or a node does not answer."""
         counts = self.loop.view.sample.counts
         try:
             if self._compares_positions:

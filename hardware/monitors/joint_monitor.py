@@ -223,7 +223,7 @@ class JointMonitor:
         return self.switched_off != before
 
     def expect_jerk(self) -> None:
-        """Suspend jump detection: a drive gets a command other than the next target of its move."""
+        """Suspend jump detection, since a drive gets a command other than its move's next target."""
         self._continuity.expect_jerk()
 
     def reset(self) -> None:

@@ -184,7 +184,7 @@ class VirtualController:
         return self._clock()
 
     def restart(self) -> None:
-        """Power-cycle all nodes; call by `post` only."""
+        """Power-cycle all nodes; call through `post` only."""
         self._heard_s.clear()
         for node in self._nodes:
             with node.lock:

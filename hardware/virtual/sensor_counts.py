@@ -98,7 +98,7 @@ class JointSensor:
         return 0.0 if self.curve is None else self.curve.deviation_rad(angle_rad - self.zero_rad)
 
     def counts(self, angle_rad: float, standard_normal: float) -> int:
-        """Read a true angle in sensor coordinates with one draw of standard normal noise."""
+        """Return the counts at a true angle in sensor coordinates; `standard_normal` scales the noise."""
         reading = (angle_rad + self.deviation_rad(angle_rad)) / self.resolution_rad
         count = round(reading + self.noise_counts * standard_normal)
         return int(min(max(count, self.lowest_counts), self.highest_counts))

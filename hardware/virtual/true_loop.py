@@ -99,7 +99,7 @@ class BallTruth(Truth):
     ground_m: FloatArray
 
     def named(self) -> dict[str, float]:
-        """Return the D-H entries and both centres."""
+        """Return the D-H entries and both centres, by name."""
         return Truth.named(self) | _axes(tip=self.tip_m, ground=self.ground_m)
 
     def loop(self) -> PointClosure:

@@ -182,7 +182,7 @@ TURNS_RAD = 0.5e-3
 
 
 def other_fixtures(stated: Experiment) -> Iterator[Alternative]:
-    """Yield alternatives whose fixture has fewer constraints than the stated one, so that more loops may close."""
+    """Yield alternatives whose fixture has fewer constraints than the stated one, so that loops close more easily."""
     if isinstance(stated.fixture, Rigid):
         yield hinge_instead(stated)
     if isinstance(stated.fixture, Hinge | Rigid):

@@ -428,7 +428,7 @@ def _require_identifiable(
 ) -> None:
     """Raise an error that names the unidentifiable directions, or the fault that causes them.
 
-    The implicit estimator accepts directions with a parameter in `prior`, whose uncertainty the arm's file states.
+    The implicit estimator accepts directions that involve a parameter in `prior` (uncertainty stated in the arm file).
     """
     task, loops, model = prepared.task, prepared.loops, prepared.hard
     known = frozenset[str]() if task.by_paper else prior

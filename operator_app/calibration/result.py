@@ -42,7 +42,7 @@ class Solution:
     before
         Closure sigmas at the nominal parameters, for comparison with `estimate.sigmas`.
     dropped_flipped
-        Indices (into all poses) left out because they are on the flipped branch.
+        Indices of poses that were left out because they are on the flipped branch.
     held
         Unknowns that were fixed at their nominal values on request.
     tolerated

@@ -31,7 +31,7 @@ SETTINGS_SCHEMA = "sarcal/settings/1"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UserSettings(StrictRecord):
-    """Content of the file; None for missing settings.
+    """Content of the settings file; None for missing settings.
 
     Attributes
     ----------

@@ -313,7 +313,7 @@ class StandardTerminal:
         return input(sanitized(prompt))
 
     def touched(self, timeout_s: float) -> bool:
-        """Wait at most this long for a line from a terminal; input from a pipe is not read."""
+        """Wait up to `timeout_s` for a line from a terminal; true if one came, false for a pipe (not read)."""
         if not sys.stdin.isatty():
             select.select([], [], [], timeout_s)
             return False

@@ -157,7 +157,7 @@ class ScreenInterface:
         return self.app.main.query_one(CaptureView).marked_pose(s)
 
     def item(self, s: SessionSnapshot) -> int | None:
-        """Index of the marked item of the check list or, if it is ticked, of the first unticked item; None if none."""
+        """Index of the marked item of the check list; if it is ticked, of the first unticked; None if all are."""
         open_items = action_table.open_items(s)
         marked = self.marked_item()
         return marked if marked in open_items else next(iter(open_items), None)

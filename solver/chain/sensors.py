@@ -153,7 +153,7 @@ class SensorCurve:
 
     @property
     def bends(self) -> int:
-        """Number of Legendre polynomials; 0 if they are left out."""
+        """Number of Legendre polynomials among the shapes; may be 0."""
         return len(SHAPE_WEIGHTS) if self.bent else 0
 
     @property

@@ -75,10 +75,10 @@ def steps(
     scale: float = 1.0,
     false_alarm: float = FALSE_ALARM_PROBABILITY,
 ) -> tuple[ChangePoint, ...]:
-    """Test every suspect for a step at every pose, the most significant suspect first.
+    """Return the most significant step of each suspect, in order of significance.
 
-    `residuals`: whitened residuals of the fit, with poses in time order. `low_noise`: residuals whitened by less noise,
-    for suspects with `of_reading`. `scale`: factor of the variances relative to the variances of the fit.
+    `residuals`: whitened residuals of the fit, poses in time order. `low_noise`: residuals whitened with smaller noise,
+    for suspects with `of_reading`. `scale`: ratio of the variances to those of the fit.
     """
     m = len(residuals.white)
     if m < 2 * STEP_EDGE_POSES or not suspects:

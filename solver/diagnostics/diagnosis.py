@@ -271,7 +271,7 @@ def _evidence(residuals: WhitenedResiduals, c: Candidate) -> Evidence | None:
 
 
 def _ranked(residuals: WhitenedResiduals, candidates: Iterable[Candidate]) -> CauseRanking:
-    """Compare all candidates with each other, with no fault and with an unknown fault."""
+    """Rank all candidates against each other, no fault, and an unknown fault."""
     listed = [
         (c, e)
         for c in candidates

@@ -60,7 +60,7 @@ class Evidence:
 
 
 def noise_scale(chi2: float, dof: int, most: float = 1.0) -> float:
-    """Ratio of the variances to the stated variances that fits chi2, from `SMALLEST_NOISE_SCALE` to `most`."""
+    """Ratio of actual to stated variances, chi2/dof, limited to between `SMALLEST_NOISE_SCALE` and `most`."""
     return min(most, max(SMALLEST_NOISE_SCALE, chi2 / max(dof, 1)))
 
 
@@ -118,7 +118,7 @@ def evidence_of_own(
     *,
     most: float = np.inf,
 ) -> Evidence | None:
-    """Compute the evidence of separate columns G (p, r, c) for each of the poses (p,); otherwise as `evidence`."""
+    """Compute evidence like `evidence`, but with separate columns and coefficients for each of the poses `own` (p,)."""
     p, _, c = G.shape
     columns = OwnColumns.of(residuals, own, G * expected_size.reshape(p, 1, c))
     if not (columns.own > 0.0).any():

@@ -30,7 +30,7 @@ NOISY = "check its plug, screen and excitation, or average more samples per pose
 
 
 class Soundness(Enum):
-    """Condition of an RVDT as the loop measures it."""
+    """Condition of an RVDT, determined from the loop."""
 
     SOUND = "sound"
     CURVED = "curved, within specification"
@@ -167,7 +167,7 @@ def _without_compliance(
 
 
 def _undecidable(reading: FloatArray, of_loops: Scatter, sensor: Rvdt) -> str:
-    """Reason why these poses cannot decide; empty if they can."""
+    """Reason why these poses cannot determine the curve; empty if they can."""
     if len(reading) < limits.RVDT_LEAST_POSES:
         return f"{len(reading)} poses are too few, {limits.RVDT_LEAST_POSES} are needed"
     span = float(np.ptp(reading) / sensor.full_scale_rad)

@@ -426,7 +426,7 @@ class Layout:
         return np.array([c.stated for c in self.components])
 
     def as_stated(self, v: FloatArray) -> FloatArray:
-        """`stated_variances` (K,), but for the fixture's placement the estimate in `v` (K,) if it is larger."""
+        """`stated_variances` (K,); for the fixture's placement, the estimate in `v` (K,) if it is larger."""
         stated = self.stated_variances()
         for k, c in enumerate(self.components):
             if c.name == PLACEMENT:

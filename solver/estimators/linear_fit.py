@@ -133,7 +133,7 @@ class LinearFit:
         return self.system.part(slice(0, len(self.design.q)))
 
     def at_poses(self, poses: IntArray) -> LinearFit:
-        """Return the same linearisation for a selection of poses, solved from these poses only."""
+        """Return the linear fit of a selection of poses alone, at the same linearisation."""
         return LinearFit(self.design.at_poses(poses), self.system.at_poses(poses), self.v)
 
     @cached_property

@@ -282,7 +282,7 @@ def gravity_share(fit: LinearFit) -> float:
 
 
 def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: FitStart | None) -> State:
-    """Start from a previous fit, or from readings with loops that close as well as `x0` allows."""
+    """Return the state of `near`; if None, the readings, with unsensed angles that best close the loops."""
     x, q = np.array(x0, dtype=float), design.q
     if near is not None:
         e, u = near.corrections, near.unsensed

@@ -166,11 +166,11 @@ class Action(Entry):
     Attributes
     ----------
     guard
-        Function that returns the reasons why the action is refused, () if it is allowed; called again after questions.
+        Function that returns the reasons why the action is refused, () if it is allowed; called again after an answer.
     work
         Function that submits a task, changes a setting, or opens another session.
     prompt
-        Text in plain mode; by default label and help.
+        Text in plain mode; default: label and help.
     rows
         Function that returns prompts by row number; plain mode lists the action once for each row.
     """

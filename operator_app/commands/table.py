@@ -60,7 +60,7 @@ def declare(command: str, parser: argparse.ArgumentParser) -> None:
 
 
 def parser_of(command: str) -> argparse.ArgumentParser:
-    """Return the parser of one command (`app` stands for `sarcal` itself) as its help page shows it."""
+    """Return the parser of one command (`app` stands for `sarcal` itself), with its name and options."""
     made = argparse.ArgumentParser(prog="sarcal" if command == APP else f"sarcal {command}")
     declare(command, made)
     return made

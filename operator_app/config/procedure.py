@@ -126,7 +126,7 @@ class SettleRule(StrictRecord):
     timeout_syncs: Annotated[int, Field(strict=True, ge=2, le=1_000_000)]
 
     def spread_rad(self, arm: ArmModel) -> tuple[float, ...]:
-        """Allowed spread of every joint of `arm`; infinite for a joint without a sensor."""
+        """Allowed spread of each joint's readings; infinite for a joint without a sensor."""
         return tuple(
             math.inf
             if isinstance(joint.sensor, NoSensor)

@@ -120,8 +120,8 @@ class PathGraph:
     ) -> tuple[Leg, ...] | None:
         """Find a path, check it along its whole length, and return its legs; None if no path passes the check.
 
-        `model`, `x`, `ranges`: loops, parameters (P,) and ranges against which the trace is checked. `drives`: the
-        drive joints in position mode at the source.
+        `model`, `x`, `ranges`: loop closure, parameters (P,) and ranges for tracing and checking the path.
+        `drives`: drive joints at pose `source`.
         """
         for _ in range(ATTEMPTS):
             nodes = self._search(source, target, drives)

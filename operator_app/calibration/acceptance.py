@@ -340,7 +340,7 @@ def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> 
 
 
 def _slipped_since(read: RepeatedReading, repeat: Repeat, estimate: Estimate) -> Finding:
-    """Return the finding that the fixture or a joint's reading slipped between two readings of a pose."""
+    """Return the finding that the fixture moved or a joint's reading stepped between two readings of a pose."""
     from scipy.special import chdtri
 
     # Prior odds: a step in one of n joints, against a slip or a deflection of the fixture.

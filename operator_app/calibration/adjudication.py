@@ -317,7 +317,7 @@ def stated_by_fixture(parameters: tuple[Parameter, ...], stated: Experiment) -> 
 
 
 def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
-    """Return the finding of parameters that these poses hardly determine; empty if there are none.
+    """Return findings on parameters that these poses hardly determine; empty if there are none.
 
     Evaluated at the nominal values, since the sigmas of a diverged fit have no meaning. Also empty if parallel axes in
     the nominal geometry are the cause.

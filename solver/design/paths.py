@@ -224,7 +224,7 @@ class PathGraph:
     def _leg(
         self, model: ClosureModel, x: FloatArray, ranges: Ranges, layer: int, poses: list[int]
     ) -> Leg | None:
-        """Join poses by few safe straight moves; if no move is safe, remove the next edge and return None."""
+        """Join poses by few safe straight moves; where none is safe, remove the edge ahead and return None."""
         drives = self.drive_sets[layer]
         columns = [j - 1 for j in drives]
         q, u = self.manifold.q[poses], self.manifold.u[poses]

@@ -146,7 +146,7 @@ class OpenTruth(Truth):
         return OpenPoint(self.table)
 
     def closed_near(self, reading_rad: FloatArray) -> tuple[FloatArray, float]:
-        """Return the true joint angles (n,) at a reading (n,), rad, and 0 for the hinge angle; nothing has to close."""
+        """Return the true joint angles (n,) at a reading (n,), rad, and 0 for the hinge angle; there is no closure."""
         return np.asarray(reading_rad) + self.offsets_rad, 0.0
 
     def target(self, theta_rad: FloatArray) -> tuple[FloatArray, FloatArray]:

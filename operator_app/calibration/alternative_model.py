@@ -216,7 +216,7 @@ def hinge_instead(stated: Experiment) -> Alternative:
 
 
 def _ball_instead(stated: Experiment) -> Alternative:
-    """Return the alternative with a ball: at the stated hinge, or else at the tool point that moves least."""
+    """Return the alternative with a ball: at the hinge if one is stated, else at the tool point that moves least."""
     fixture = stated.fixture
     R, p = frames = _frames(stated.arm, stated.poses)
     if isinstance(fixture, Hinge):

@@ -291,7 +291,7 @@ class Plain:
             s = self.snapshot()
 
     def _stop(self) -> bool:
-        """Send STOP on Ctrl-C and return True; do nothing and return False if the arm is stopped, silent or not connected."""
+        """Send STOP on Ctrl-C and return True; False, without STOP, if the arm is stopped, silent or not connected."""
         s = self.runner.snapshot()
         if not s.connected or s.stopped or s.data is DataState.LOST:
             return False

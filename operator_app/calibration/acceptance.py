@@ -184,7 +184,7 @@ def _impossible_compliance(diagnosis: Diagnosis) -> bool:
 def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return one finding for each code; it blocks if any finding of that code blocks.
 
-    A code occurs twice if one fit of its cause did not remove all of the misfit that the cause explains.
+    A code occurs twice if the first fit of its cause left part of the misfit that the cause explains.
     """
     by_code: dict[str, Finding] = {}
     for cause in causes:

@@ -37,7 +37,7 @@ class Encoder:
 
     @property
     def resolution_rad(self) -> float:
-        """One count."""
+        """One count, rad."""
         return 2.0 * math.pi / self.counts_per_rev
 
     @property

@@ -43,7 +43,7 @@ ON_A_BUS = ("arm-check", "controller", "export", "monitor", "probe", "reset", "r
 
 
 def module(command: str) -> Any:
-    """Import and return the module of a command, which does its work."""
+    """Import and return the module that does a command's work."""
     return importlib.import_module(f"operator_app.commands.{_module_name(command)}")
 
 

@@ -46,7 +46,7 @@ class Terminal(Protocol):
         """Return the typed line; raises EOFError at the end of the input."""
 
     def touched(self, timeout_s: float) -> bool:
-        """Wait at most this long for a line; discard it, and return whether one was typed."""
+        """Wait `timeout_s` at most for a line; return whether one was typed, and discard it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

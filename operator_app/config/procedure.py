@@ -85,7 +85,7 @@ class Modes(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exploration(StrictRecord):
-    """Exploration range of a drive joint, relative to its start angle; a check of the file uses its home angle."""
+    """Exploration range of a drive joint, relative to its start angle; a check of the file uses the angle at home."""
 
     joint: Count
     from_deg: Annotated[AngleDeg, Field(le=0.0)]

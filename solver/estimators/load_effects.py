@@ -246,7 +246,7 @@ def load_basis(
 
 
 def _side(torque: FloatArray) -> FloatArray:
-    """Expected sign (m, n) of a normal torque: shape 0 is its mean, the other shapes are its sigmas."""
+    """Expected sign (m, n) of a Gaussian torque: shape 0 is its mean, the other shapes are its sigmas."""
     from scipy.special import erf
 
     spread = np.sqrt(2.0 * (torque[..., 1:] ** 2).sum(-1))

@@ -213,7 +213,7 @@ class CanopenArm(ConnectableArm):
         return read_drive_facts(self._link.access, self._link.profile)
 
     def another(self) -> CanopenArm:
-        """Return a second arm object for the same arm and bus, not connected, such as another program would have."""
+        """Return a second, unconnected arm object for the same arm and bus, like that of another program."""
         setup = self.on_bus
         return CanopenArm(
             setup.description,

@@ -55,7 +55,7 @@ class Dropout:
 
 @dataclass(slots=True)
 class _Joint:
-    """Numbers of SYNCs, since the command to enable, at which the drive reported each condition."""
+    """How many SYNCs since the command to enable found the drive in each condition."""
 
     enabled_syncs: int = 0
     disabled_syncs: int = 0

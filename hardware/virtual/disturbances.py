@@ -166,7 +166,7 @@ class Disturbances:
         return True
 
     def divergence(self, joint: int) -> int:
-        """Return the distance of a joint from its drive's target in this period, counts; it grows with every call."""
+        """Return the distance of a joint from its drive's target in this period, counts; each call increases it."""
         counts = self.diverged_counts.get(joint)
         if counts is None:
             return 0

@@ -184,7 +184,7 @@ def _impossible_compliance(diagnosis: Diagnosis) -> bool:
 def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return one finding for each code; it blocks if any finding of that code blocks.
 
-    A code occurs twice if one fit of its cause did not remove all of the misfit that the cause explains.
+    A code occurs twice if the first fit of its cause left part of the misfit that the cause explains.
     """
     by_code: dict[str, Finding] = {}
     for cause in causes:
@@ -340,7 +340,7 @@ def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> 
 
 
 def _slipped_since(read: RepeatedReading, repeat: Repeat, estimate: Estimate) -> Finding:
-    """Return the finding that the fixture or a joint's reading slipped between two readings of a pose."""
+    """Return the finding that the fixture moved or a joint's reading stepped between two readings of a pose."""
     from scipy.special import chdtri
 
     # Prior odds: a step in one of n joints, against a slip or a deflection of the fixture.

@@ -317,7 +317,7 @@ def stated_by_fixture(parameters: tuple[Parameter, ...], stated: Experiment) -> 
 
 
 def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
-    """Return the finding of parameters that these poses hardly determine; empty if there are none.
+    """Return findings on parameters that these poses hardly determine; empty if there are none.
 
     Evaluated at the nominal values, since the sigmas of a diverged fit have no meaning. Also empty if parallel axes in
     the nominal geometry are the cause.
@@ -399,7 +399,7 @@ def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
 
 
 def _geometry_causes(checks: tuple[SetupCheck, ...]) -> tuple[Finding, ...]:
-    """Return findings of fixture axes so nearly parallel to a joint axis that D-H entries are ambiguous (Hayati)."""
+    """Return findings on fixture axes so nearly parallel to a joint axis that D-H entries are ambiguous (Hayati)."""
     return tuple(
         Finding(
             kind=FindingKind.PARALLEL_AXES,

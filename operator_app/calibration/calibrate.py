@@ -448,7 +448,7 @@ def _require_identifiable(
 
 
 def _identifiability_of(fitted: Fitted, part: Calibrated) -> Identifiability:
-    """Identifiability at the fitted parameters: by the fit's equations if all joints are sensed, else by the loops."""
+    """Identifiability at the fitted parameters, from the fit's equations or, with unsensed joints, the loop closure."""
     screened = fitted.before
     prepared = screened.before
     loops = prepared.loops

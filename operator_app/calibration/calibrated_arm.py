@@ -63,7 +63,7 @@ class CalibratedArm:
     corrections: Corrections | None = None
 
     def table(self, frame: Frame = "flange") -> DhTable:
-        """Return D-H rows 1..n for uncorrected readings, to the arm's own frame n or to the frame with the tip."""
+        """Return D-H rows 1..n for uncorrected readings; they end in the arm's own frame n or the tip's frame."""
         if self.best is None:
             return self.flange if frame == "flange" else self.hand
         if frame == "tip":

@@ -127,7 +127,7 @@ def _beside(calibrated: Calibrated, model: ClosureModel, q: FloatArray) -> FitSt
 def _noise_of_rvdts(
     sensors: Mapping[int, Rvdt], poses: PoseSet, kept: BoolArray, calibrated: Calibrated
 ) -> dict[int, SingleNoise]:
-    """Noise of single readings, by joint, from the spread of samples or else from the loops; unknown noise is left out.
+    """Noise of single readings, by joint, from the spread of samples or else from the closure; omits unknown noise.
 
     Poses in which a joint moved while it was read are left out; `motion_causes` reports them.
     """

@@ -157,7 +157,7 @@ def _rvdt_sd(components: Sequence[Component]) -> dict[int, float]:
 
 
 def predict(new: Experiment, fixed: Fixed) -> HeldOutPoses:
-    """Test new poses with the fixed parameters alone: linearity deviation, sag and compliance count as noise."""
+    """Test new poses with the parameters fixed; linearity deviation, sag and compliance count as noise."""
     model = freed(new.loop(), fixed.values)
     x, covariance = _in_order(model, fixed)
     return verify(model, x, covariance, new.poses.q_rad, stated_noise(new, fixed))

@@ -37,7 +37,7 @@ class Encoder:
 
     @property
     def resolution_rad(self) -> float:
-        """One count."""
+        """One count, rad."""
         return 2.0 * math.pi / self.counts_per_rev
 
     @property
@@ -168,7 +168,7 @@ class SensorCurve:
         return np.asarray(np.clip(x, -1.2, 1.2))
 
     def basis(self, theta_rad: FloatArray) -> FloatArray:
-        """Shapes (m, width) at sensor angles (m,): the line (rad, times `gain`), polynomials times `SHAPE_WEIGHTS`."""
+        """Shapes (m, width) at sensor angles (m,): a line of slope `gain`, then the weighted polynomials."""
         x = self.place(theta_rad)
         shapes = [(self.gain * self.half_scale_rad * x)[:, None]] * self.lines
         if self.bent:

@@ -147,7 +147,7 @@ class Explorer:
             ray.ended = stopped
 
     def _plan_rays(self) -> list[_Ray]:
-        """Plan trial motions of each drive, then rays: single drives first, then diagonals."""
+        """Plan trial motions of each drive, then rays: first along single drives, then diagonal."""
         count = len(self.drives)
         unit = np.eye(count)
         wiggles = [_Ray(direction=s * e, steps=1) for e in unit for s in (1.0, -1.0)]

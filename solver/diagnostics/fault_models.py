@@ -191,7 +191,7 @@ class FaultModels:
                 )
 
     def linearity_curve(self, j: int) -> Candidate | None:
-        """Return the candidate for line and curve of joint j's RVDT; None for any other sensor."""
+        """Return the candidate for gain error and linearity deviation of joint j's RVDT; None for any other sensor."""
         sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]
         if not isinstance(sensor, Rvdt):
             return None

@@ -243,7 +243,7 @@ def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outlie
 
 
 def pose_columns(residuals: WhitenedResiduals, poses: IntArray) -> FloatArray:
-    """Columns (p, r, r), one for each equation of the poses (p,), in units of noise: fitting them removes the poses."""
+    """Columns (p, r, r), one for each equation of the poses (p,), in units of noise: fitting them omits the poses."""
     return np.asarray(np.linalg.inv(residuals.whitener[poses]))
 
 

@@ -277,7 +277,7 @@ def identifiability_of_fit(
     taken: IntArray,
     without: Collection[int] = (),
 ) -> Identifiability:
-    """Compute the identifiability of the unknowns `names` from the poses of `fit`, with all other unknowns known.
+    """Compute the identifiability of the unknowns `names` from the poses of `fit` if all others are known.
 
     `taken` (m,): position of each pose of the fit in time order. `without`: joints (1-based) whose readings are not
     used.

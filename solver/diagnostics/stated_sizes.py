@@ -25,7 +25,7 @@ SCORING_STEPS = 6
 
 
 def with_estimated_motion_noise(fit: LinearFit) -> LinearFit:
-    """Return `fit` with the motion noise of fixture and joints reduced as far as the poses show less.
+    """Return `fit` with the motion noise of fixture and joints reduced where the poses show less than stated.
 
     The stated noise of the fixture is multiplied by one factor, the stated noise of the joints by another. The factors
     follow from one scoring step of the restricted likelihood at the stated variances, which is exact if all noise is of
@@ -75,7 +75,7 @@ def sensor_noise_with_found_motion(fit: LinearFit) -> tuple[FloatArray, FloatArr
 class ExceededSpecification:
     """A source of error that exceeds its specification.
 
-    `component`: name of the source in the error model. `times`: estimated standard deviation over the stated one.
+    `component`: name of the source in the error model. `times`: estimated divided by stated standard deviation.
     `log_chance`: logarithm of the probability of so large an estimate if the source is as stated.
     """
 

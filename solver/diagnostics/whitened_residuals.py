@@ -83,7 +83,7 @@ class WhitenedResiduals:
     def _extended(
         self, new: FloatArray, along: FloatArray, inside: FloatArray
     ) -> WhitenedResiduals:
-        """Append fitted columns (m * r, c), orthogonal to U, whose scores are `along` (c,)."""
+        """Append `new` fitted columns (m * r, c) to U, orthogonal to it, with scores `along` (c,)."""
         m, r, _ = self.U.shape
         return replace(
             self,

@@ -278,7 +278,7 @@ class Layout:
         process: Callable[[], PoseProcess],
         like: Layout | None,
     ) -> None:
-        """Add the deflection of the fixture that repeats at the same pose or under the same load."""
+        """Add the part of the fixture's deflection that repeats at the same pose or under the same load."""
         # Rows of the closure components, and the stated deflection along them.
         self.deflecting_rows: list[tuple[slice, float]] = []
         misfit = (self.rows == 6) * [slice(0, 3)] + [slice(self.rows - 3, self.rows)]

@@ -204,8 +204,8 @@ def load_basis(
 ) -> LoadBasis:
     """Return the effects of load at joint angles `q` (m, n) and unsensed angles `u` (m, U), rad.
 
-    `x`: parameters (P,), near the truth. `stated_deflection`: rad and m, which set how much moments count relative to
-    forces. Each placement has its own `deflection_columns` columns.
+    `x`: parameters (P,), near the truth. `stated_deflection`: rad and m, whose ratio weights moments against forces.
+    Each placement has its own `deflection_columns` columns.
     """
     m, k = len(q), model.components
     parts = model.parts()
@@ -246,7 +246,7 @@ def load_basis(
 
 
 def _side(torque: FloatArray) -> FloatArray:
-    """Expected sign (m, n) of a torque whose first shape is its mean and whose other shapes are its deviations."""
+    """Expected sign (m, n) of a Gaussian torque: shape 0 is its mean, the other shapes are its sigmas."""
     from scipy.special import erf
 
     spread = np.sqrt(2.0 * (torque[..., 1:] ** 2).sum(-1))

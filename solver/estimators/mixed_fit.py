@@ -175,7 +175,7 @@ def _iterate(
     *,
     derivatives: Derivatives | None = None,
 ) -> MixedFit:
-    """Iterate to convergence. If `variances` (K,) are given, they stay fixed, and `derivatives` belong to them."""
+    """Iterate to convergence. `variances` (K,), if given, stay fixed; `derivatives` are those at `variances`."""
     v = design.start_variances() if variances is None else variances
     free = variances is None and len(v) > 0
     settled = SETTLED_BESIDE_VARIANCES_SIGMA if free else SETTLED_SIGMA

@@ -198,7 +198,7 @@ def estimate_of(settled: SettledFit, model: ClosureModel, q: FloatArray) -> Esti
 
 
 def _by_name(variances: Mapping[str, float], layout: Layout) -> FloatArray:
-    """Variances (K,) of a layout; components that are not named keep their start values."""
+    """Variances (K,) of a layout's components; start values for those not in `variances`."""
     v = np.array([variances.get(c.name, c.start) for c in layout.components])
     return np.asarray(np.clip(v, layout.floors, layout.ceilings))
 

@@ -99,7 +99,7 @@ class InnerProblem:
         return r, J - L @ np.linalg.solve(N, Lt @ J)
 
     def filled(self, offsets: FloatArray) -> FloatArray:
-        """Parameters (P,) of the placement's loop for offsets (K,)."""
+        """Parameters (P,) of the placement's loop for joint offsets (K,)."""
         values = {
             f"theta_off_{j}": float(wrap_angle(v))
             for j, v in zip(self.searched, offsets, strict=True)

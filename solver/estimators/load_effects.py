@@ -288,7 +288,7 @@ def _wrenches(
 def _load_deflection(
     part: ArmPoses, stated_deflection: tuple[float, float], columns: int, torque: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Deflection (m, k, c) in units of the stated deflection, and the variance (m, k) that it leaves out.
+    """Return basis functions (m, k, c) of the deflection, per stated deflection, and the variance (m, k) they omit.
 
     `torque`: gravity's torque at all poses if they are few, else None.
     """

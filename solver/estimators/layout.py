@@ -79,7 +79,7 @@ class VarianceComponent:
 
     `stated` is the value in the files. With `scaled`, the variance has a log-normal prior with median `start` (method,
     section 10): it stays near `start` unless the poses determine it. `soft`: the variance v has a prior proportional to
-    exp(-v / (2 soft)). `ceiling`: upper limit. One step may raise the variance from any lower value to `raise_limit`.
+    exp(-v / (2 soft)). `ceiling`: upper limit. `raise_limit`: value to which any step may raise the variance.
     `spread_variance` is an estimate of the variance with `spread_dof` degrees of freedom, from spreads within poses or
     from a specification.
     """

@@ -31,7 +31,7 @@ SEEN = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HypothesisTest:
-    """One test. It fires if `statistic` exceeds `threshold`; on a sound pose set the probability is `false_alarm`."""
+    """One test, which fires if `statistic` exceeds `threshold`: with probability `false_alarm` on a sound pose set."""
 
     code: str
     statistic: float

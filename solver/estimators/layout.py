@@ -422,7 +422,7 @@ class Layout:
         return np.array([c.start for c in self.components])
 
     def stated_variances(self) -> FloatArray:
-        """Variances (K,) as the files state them: of all deflection and play, not only of their non-repeatable shares."""
+        """Variances (K,) as the files state them: of all deflection and play, not only the non-repeatable part."""
         return np.array([c.stated for c in self.components])
 
     def as_stated(self, v: FloatArray) -> FloatArray:

@@ -126,7 +126,7 @@ class OpenTruth(Truth):
     tip_rotation: FloatArray
 
     def named(self) -> dict[str, float]:
-        """Return by name: D-H entries, positions of base and target."""
+        """Return the D-H entries and the positions of base and target, by name."""
         return Truth.named(self) | _axes(base=self.base_m, tip=self.tip_m)
 
     def loop(self) -> MeasuredClosure:

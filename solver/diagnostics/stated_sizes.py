@@ -49,7 +49,7 @@ def with_estimated_motion_noise(fit: LinearFit) -> LinearFit:
 
 
 def sensor_noise_with_found_motion(fit: LinearFit) -> tuple[FloatArray, FloatArray]:
-    """Return the variances of `fit`, those of noise estimated again without priors, and the standard errors; (K,).
+    """Estimate the noise variances of `fit` again, without priors; return all variances and their standard errors (K,).
 
     Priors at the stated values keep sigmas from being too small, but attribute part of a sensor's noise to fixture and
     joints.

@@ -125,7 +125,7 @@ class LoadBasis:
         )
 
     def joints_at(self, q: FloatArray) -> LoadBasis:
-        """Return the effects of load on the joints of the free arm at other angles `q` (m, n), rad."""
+        """Return the effects of load on the joints of an arm without fixture, at other angles `q` (m, n), rad."""
         m, (_, k, c) = len(q), self.all_deflections.shape
         torque = replace(self.gravity.part, q=q, u=np.zeros((m, 0))).torques(slice(None))
         expected, sag, missed, side = self.gravity.sags(torque)
@@ -288,7 +288,7 @@ def _wrenches(
 def _load_deflection(
     part: ArmPoses, stated_deflection: tuple[float, float], columns: int, torque: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return basis functions (m, k, c) of the deflection, per stated deflection, and the variance (m, k) they omit.
+    """Return basis functions (m, k, c) of the deflection in units of the stated one, and the omitted variance (m, k).
 
     `torque`: gravity's torque at all poses if they are few, else None.
     """

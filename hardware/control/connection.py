@@ -157,7 +157,7 @@ class Connection:
 
     @property
     def left_enabled(self) -> bool:
-        """Whether any drive's last statusword shows power, and this connection has taken control."""
+        """Whether this connection took control and a drive's last statusword shows power."""
         return self.took_control and any(
             state_of(word) in POWERED_STATES for word in self.loop.view.sample.statuswords
         )

@@ -43,9 +43,9 @@ class Innovation:
     chi2, dof
         chi2 of the reading (infinite if the loop does not close there), and its degrees of freedom.
     usual
-        Largest chi2 of an earlier pose as predicted from the other earlier ones; also large if the files are wrong.
+        Largest chi2 of an earlier pose as predicted from the others; also large if the files are wrong.
     shifts
-        By joint (1-based) whose reading is used: the shift that would explain the deviation.
+        Shift of each used reading that would explain the deviation, by joint (1-based).
     """
 
     chi2: float

@@ -76,7 +76,7 @@ class DriveChoice:
 
     @property
     def ranked(self) -> tuple[RankedDrives, ...]:
-        """The ranking over the region, with the chosen set moved to the front."""
+        """The ranking over the region; the chosen set is first."""
         region = self.prediction.region
         return tuple(sorted(region, key=lambda r: r.drives != self.drives))
 

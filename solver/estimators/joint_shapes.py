@@ -67,7 +67,7 @@ class JointShapes:
         return np.asarray(self.at(angle, poses) @ (self._along * b[:, None]))
 
     def _constant_shapes(self, poses: slice) -> FloatArray:
-        """Shapes (m, c), with zeros in the columns that depend on the corrected angles (linearity deviations)."""
+        """Shapes (m, c); those that depend on the corrected angles (linearity deviations) are zero."""
         layout, readings = self._layout, self._poses
         turning = np.flatnonzero(layout.accuracy)
         turn = readings.q[poses, turning] if len(turning) else np.zeros((len(readings.q[poses]), 0))

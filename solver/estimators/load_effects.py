@@ -125,7 +125,7 @@ class LoadBasis:
         )
 
     def joints_at(self, q: FloatArray) -> LoadBasis:
-        """Return the effects of load on the joints of an arm without fixture, at other angles `q` (m, n), rad."""
+        """Return the effects of load on joints without a fixture, at other angles `q` (m, n), rad."""
         m, (_, k, c) = len(q), self.all_deflections.shape
         torque = replace(self.gravity.part, q=q, u=np.zeros((m, 0))).torques(slice(None))
         expected, sag, missed, side = self.gravity.sags(torque)

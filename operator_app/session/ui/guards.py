@@ -83,7 +83,7 @@ def calibrate_ready(s: SessionSnapshot) -> Missing:
 
 
 def results_ready(s: SessionSnapshot) -> Missing:
-    """The Results step needs a calibration from the current poses; a resumed session shows it after connecting."""
+    """The Results step needs a calibration from the current poses; a resumed session shows it once connected."""
     if s.solution is None and s.state.solved and not s.connected:
         return ("the calibration of this session is shown once the arm is connected (step 1)",)
     if s.solution is None:

@@ -213,7 +213,7 @@ def read_map(access: ObjectAccess, node: int, index: int) -> tuple[Entry, ...] |
 def _cob_id(
     access: ObjectAccess, node: int, index: int, sub: int, expected: int, *, refused: int
 ) -> Iterator[ObjectMismatch]:
-    """Yield a mismatch if a COB-ID is not the expected one, or its flag bit `refused` is set."""
+    """Yield a mismatch if a COB-ID is not the expected one, or if its flag bit `refused` is set."""
     value = read_number(access, node, index, sub)
     wrong = value is None or value & (IDENTIFIER | EXTENDED | refused) != expected
     if wrong:

@@ -40,7 +40,7 @@ class LinearityDeviation:
     def drawn(
         cls, rng: np.random.Generator, *, full_scale_rad: float, peak: float
     ) -> LinearityDeviation:
-        """Draw a random shape with peak deviation `peak` (fraction of full scale), in which high degrees are weaker."""
+        """Draw a random shape with peak deviation `peak` (fraction of full scale), with weaker high degrees."""
         shape = rng.choice((-1.0, 1.0), 4) * rng.uniform(0.4, 1.0, 4) * (1.0, 1.0, 0.4, 0.2)
         unit = cls(coefficients_rad=shape, half_scale_rad=0.5 * full_scale_rad)
         largest = unit.peak_rad()

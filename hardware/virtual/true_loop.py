@@ -126,7 +126,7 @@ class OpenTruth(Truth):
     tip_rotation: FloatArray
 
     def named(self) -> dict[str, float]:
-        """Return the D-H entries and the positions of base and target."""
+        """Return D-H entries and positions of base and target, by name."""
         return Truth.named(self) | _axes(base=self.base_m, tip=self.tip_m)
 
     def loop(self) -> MeasuredClosure:

@@ -391,7 +391,7 @@ def _screening_causes(experiment: Experiment, known: PriorInformation) -> tuple[
 
 
 def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
-    """Return the finding that several solutions fit the poses; empty if only one does, or without a search."""
+    """Return the finding that several solutions fit the poses; empty if only one does or `search` is None."""
     if search is None or not search.alternatives:
         return ()
     solutions = {"solutions": 1 + len(search.alternatives)}

@@ -151,7 +151,7 @@ class Solution:
 
     @property
     def identified(self) -> Estimate:
-        """The estimate of the identified parameters, without lengths and twists corrected within tolerances."""
+        """The estimate of the parameters except `tolerated`, the lengths and twists corrected within tolerances."""
         return self.estimate.without(self.tolerated)
 
     @property

@@ -183,7 +183,7 @@ SEEN = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixedParameters:
-    """Fixed values of the h parameters without a prior: steps `x` (h,) from the linearisation, covariance (h, h)."""
+    """Values of the h parameters without a prior: steps `x` (h,) from the linearisation, covariance (h, h)."""
 
     x: FloatArray
     covariance: FloatArray

@@ -243,7 +243,7 @@ class FaultModels:
             )
 
     def _fixture(self) -> Iterator[Candidate]:
-        """Yield candidates for a compliant fixture: deflections independent between poses, or smooth in the pose."""
+        """Yield candidates for a compliant fixture: deflections random in each pose, or smooth functions of pose."""
         if not self.design.deflecting_rows:
             return
         Et = np.swapaxes(self.system.E, -1, -2)

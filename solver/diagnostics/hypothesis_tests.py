@@ -31,7 +31,7 @@ SEEN = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HypothesisTest:
-    """One test. It fires if `statistic` exceeds `threshold`; on a sound pose set the probability is `false_alarm`."""
+    """One test, which fires if `statistic` exceeds `threshold`: with probability `false_alarm` on a sound pose set."""
 
     code: str
     statistic: float
@@ -146,8 +146,8 @@ def prediction_test(stated: LinearFit) -> HypothesisTest:
 def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
     """Test for every variance whether the slope of the likelihood at the stated variances exceeds chance.
 
-    The slope is a sum of few squares (a sensor's gain and bow, for instance) minus its expectation. It is not normally
-    distributed but as chi2, with degrees of freedom that follow from its mean and variance (Satterthwaite).
+    The slope is a sum of few squares (a sensor's gain and bow, for instance) minus its expectation. The sum is
+    distributed as a scaled chi2, whose degrees of freedom follow from its mean and variance (Satterthwaite).
     """
     from scipy.special import chdtri
 

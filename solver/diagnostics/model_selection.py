@@ -127,7 +127,7 @@ def evidence_of_own(
 
     @cache
     def at(k: int) -> tuple[float, SolvedColumns]:
-        """Log-likelihood at a magnitude, and the coefficients."""
+        """Log-likelihood at `sizes[k]`, and the solved columns."""
         solved = columns.solved(float(sizes[k]) ** 2)
         chi2 = max(residuals.chi2 - solved.drop, 1e-12)
         f = max(SMALLEST_NOISE_SCALE, chi2 / dof)

@@ -26,7 +26,7 @@ class AdjustedPoses:
     Attributes
     ----------
     error, system
-        The loops of all poses and their reduced linear system at the start of the last step, which is negligibly small.
+        The loops' errors and the reduced linear system of all poses, at the start of the last, negligibly small step.
     corrections
         Joint corrections (m, n), rad: adjusted minus measured.
     unsensed

@@ -49,7 +49,7 @@ def with_estimated_motion_noise(fit: LinearFit) -> LinearFit:
 
 
 def sensor_noise_with_found_motion(fit: LinearFit) -> tuple[FloatArray, FloatArray]:
-    """Variances (K,) of `fit`, with the noise estimated again without priors, and their standard errors.
+    """Estimate the noise variances of `fit` again without priors; return all variances (K,) and their standard errors.
 
     Priors at the stated values keep sigmas from being too small, but attribute part of a sensor's noise to fixture and
     joints.

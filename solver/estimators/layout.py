@@ -79,7 +79,7 @@ class VarianceComponent:
 
     `stated` is the value in the files. With `scaled`, the variance has a log-normal prior with median `start` (method,
     section 10): it stays near `start` unless the poses determine it. `soft`: the variance v has a prior proportional to
-    exp(-v / (2 soft)). `ceiling`: upper limit. One step may raise the variance from any lower value to `raise_limit`.
+    exp(-v / (2 soft)). `ceiling`: upper limit. `raise_limit`: value to which any step may raise the variance.
     `spread_variance` is an estimate of the variance with `spread_dof` degrees of freedom, from spreads within poses or
     from a specification.
     """
@@ -422,7 +422,7 @@ class Layout:
         return np.array([c.start for c in self.components])
 
     def stated_variances(self) -> FloatArray:
-        """Components (K,) as the files state them: all of deflection and play, not only the non-repeatable share."""
+        """Variances (K,) as the files state them: of all deflection and play, not only the non-repeatable part."""
         return np.array([c.stated for c in self.components])
 
     def as_stated(self, v: FloatArray) -> FloatArray:

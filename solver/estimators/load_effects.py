@@ -125,7 +125,7 @@ class LoadBasis:
         )
 
     def joints_at(self, q: FloatArray) -> LoadBasis:
-        """Return the effects of load on the joints at other angles `q` (m, n), rad, without a fixture."""
+        """Return the effects of load on joints without a fixture, at other angles `q` (m, n), rad."""
         m, (_, k, c) = len(q), self.all_deflections.shape
         torque = replace(self.gravity.part, q=q, u=np.zeros((m, 0))).torques(slice(None))
         expected, sag, missed, side = self.gravity.sags(torque)
@@ -288,7 +288,7 @@ def _wrenches(
 def _load_deflection(
     part: ArmPoses, stated_deflection: tuple[float, float], columns: int, torque: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Deflection (m, k, c) in units of the stated deflection, and the variance (m, k) that it leaves out.
+    """Return basis functions (m, k, c) of the deflection in units of the stated one, and the omitted variance (m, k).
 
     `torque`: gravity's torque at all poses if they are few, else None.
     """

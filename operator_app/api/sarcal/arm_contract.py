@@ -82,7 +82,7 @@ class ConnectedArm:
         return position.position_rad + (STEP_RAD if up else -STEP_RAD)
 
     def turn(self, joint: int, target_rad: float, speed_rad_per_s: float) -> checks.Turn:
-        """Return the motion of a joint to a target, for a check to run."""
+        """Return the motion of a joint to a target, which a check executes."""
         return checks.Turn(
             arm=self.arm,
             joint=joint,

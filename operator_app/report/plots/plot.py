@@ -129,7 +129,7 @@ def log_axis(label: str, values: Iterable[float], *, unit: str = "") -> LogAxis:
 
 
 def _round_step(least: float, *, whole: bool) -> float:
-    """Return the smallest 1, 2 or 5 times a power of ten that is not below `least`; if `whole`, at least 1."""
+    """Return 1, 2 or 5 times a power of ten, the smallest that is not below `least`; if `whole`, at least 1."""
     if whole and least <= 1.0:
         return 1.0
     power = 10.0 ** math.floor(math.log10(least))

@@ -123,7 +123,7 @@ def require_no_stuck_sensor(state: SessionState, procedure: Procedure, reading: 
 
 
 def poses_with_same_reading(state: SessionState, arm: ArmModel, joint: int) -> tuple[int, ...]:
-    """Return the numbers of the consecutive latest poses in which a joint has the same count as in the last pose."""
+    """Return the numbers of the last pose and of those just before it in which a joint has the same reading."""
     near, poses = _resolution_rad(arm, joint), state.poses_here
     alike = takewhile(
         lambda pose: abs(pose.mean_rad[joint - 1] - poses[-1].mean_rad[joint - 1]) <= near,

@@ -188,7 +188,7 @@ def _answer(
 
 
 def _end_with_parent() -> None:
-    """End this process when standard input ends: the parent never writes to it, and closes it only by ending itself."""
+    """End this process when the parent has ended: only then does standard input end, as the parent never closes it."""
     while os.read(0, 1):
         pass
     os._exit(1)

@@ -364,7 +364,7 @@ class Session(Logbook):
             raise DrivesNotOffError(self._powered)
 
     def require_journal(self, *, unchanged: bool = False) -> None:
-        """If the journal is lost (with `unchanged`: or was changed), hold the arm and raise JournalLostError."""
+        """Hold the arm and raise JournalLostError if the journal is lost or, with `unchanged`, was changed."""
         try:
             super().require_journal(unchanged=unchanged)
         except JournalLostError:

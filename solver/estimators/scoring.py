@@ -141,7 +141,7 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
         return np.where(scaled, 0.5 * np.log(np.maximum(bound, TINY) / v), bound - v) * size
 
     def bounded(metric: FloatArray) -> FloatArray:
-        """Solve for the change; a variance that would leave its bounds stops there, and the rest is solved again."""
+        """Solve for the change; a variance that would leave its bounds is set to the bound; the rest is solved again."""
         change, free = np.zeros(len(v)), moving.copy()
         ridged = metric + 1e-9 * np.eye(len(v))
         while free.any():

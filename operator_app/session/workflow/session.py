@@ -172,7 +172,7 @@ class Session(Logbook):
         return self.model.joint_count - loop.equations_per_pose
 
     def check_modes(self, position_joints: tuple[int, ...]) -> None:
-        """Raise GuardError if this is a wrong number of joints in position mode."""
+        """Raise GuardError if these joints are a wrong set for position mode."""
         problem = modes_problem(
             position_joints,
             joint_count=self.model.joint_count,

@@ -162,7 +162,7 @@ class OwnColumns:
 
     @classmethod
     def of(cls, residuals: WhitenedResiduals, poses: IntArray, columns: FloatArray) -> OwnColumns:
-        """Prepare the columns (p, r, c) of `poses`."""
+        """Whiten columns (p, r, c) of `poses`; make those of each pose orthogonal."""
         white = residuals.whitener[poses] @ columns
         own, turn = np.linalg.eigh(np.swapaxes(white, -1, -2) @ white)
         turned = np.swapaxes(white @ turn, -1, -2)

@@ -109,7 +109,7 @@ class Logbook:
     # -- calibration -----------------------------------------------------------------------------
 
     def recorded_calibration(self) -> StoredCalibration | None:
-        """Return the journal's calibration if it is from the used poses, with the procedure's options; else None."""
+        """Return the journal's calibration if it is still current and has the procedure's options; else None."""
         own, then = self.procedure, self.state.solved
         options = (
             own.estimator,

@@ -100,7 +100,7 @@ class OutsideArm:
         return replace(identity, keeps_parameters=self._keeps_parameters)
 
     def close(self) -> bool:
-        """Close the arm; false if that failed or a drive may still follow commands. May be called again, by any thread."""
+        """Close the arm; false if that failed or a drive may follow commands. May be called twice, by any thread."""
         with self._close_lock:
             arm = self._arm
             if arm is None or self._closing:  # closing: re-entered by the closing thread

@@ -267,7 +267,10 @@ class Session(Logbook):
     def capture(
         self, waypoint: int = -1, note: str = "", *, planned: bool | None = None
     ) -> CapturedPose:
-        """Wait for standstill, measure and record a pose; `planned`: chosen by the plan, None outside a planned capture."""
+        """Wait for standstill, measure a pose and record it.
+
+        `planned`: whether a plan chose the pose; None outside a planned capture.
+        """
         campaign = {} if planned is None else {"planned": planned}
         number = self.state.captured + 1
         self._keep("pose", {"number": number, "waypoint": waypoint, "note": note, **campaign})

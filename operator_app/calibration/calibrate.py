@@ -181,7 +181,7 @@ class Screened:
     errors
         Error model of the distinct poses.
     distinct, which
-        Indices of the distinct poses; for every pose on the branch, its position among the distinct poses.
+        Indices of the distinct poses; for every pose on the branch, its position among them.
     prior
         Names of the arm's entries whose uncertainty the arm's file states.
     identifiability

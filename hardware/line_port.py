@@ -124,7 +124,7 @@ class LineStream:
 
 
 def require_short(length: int, name: str) -> None:
-    """Raise `InstrumentError` if `length`, the bytes of an unfinished line from the port `name`, reaches `LONGEST`."""
+    """Raise `InstrumentError` if an unfinished line of `length` bytes from the port `name` reaches `LONGEST`."""
     if length >= LONGEST:
         raise InstrumentError(
             f"{name} sends no lines: {length} bytes without an end of line. It must send one JSON "

@@ -165,7 +165,7 @@ def read_records(access: ObjectAccess, node: int, communication: int) -> Iterato
 def conflicting_pdos(
     access: ObjectAccess, node: int, profile: BusProfile, joint: JointProfile
 ) -> Iterator[tuple[int, int, int]]:
-    """Yield the valid PDOs that the profile does not use, and whose identifiers other frames of the arm have.
+    """Yield valid PDOs that the profile does not use but whose identifiers are those of other frames of the arm.
 
     A drive with such a PDO could obey another drive's commands. Each is yielded as number, index of the communication
     record, and COB-ID.

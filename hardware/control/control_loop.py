@@ -191,7 +191,7 @@ class ControlLoop:
             self._tasks.finish_all(self._closed_error())
 
     def _work(self) -> None:
-        """Run one step of the task, one SYNC or one frame; then send the heartbeat if due."""
+        """Advance the task by one step, else run one SYNC or receive a frame; then send the heartbeat if due."""
         task = self._tasks.first
         if task is not None and not self._must_resample():
             self._idle_poll_s = self._timing.idle_poll_s

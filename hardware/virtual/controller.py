@@ -173,7 +173,7 @@ class VirtualController:
             raise self.failure
 
     def post(self, action: Callable[[], object]) -> None:
-        """Run an action in the control loop; if called from the loop itself, at once."""
+        """Run an action in the control loop: immediately if called from the loop itself."""
         if threading.get_ident() == self._in_turn:
             action()
         else:

@@ -158,7 +158,7 @@ class Disturbances:
         return counts + self.lost_counts.get(joint, 0) + noise
 
     def loses_tpdo(self, joint: int) -> bool:
-        """Whether this TPDO1 of a joint is lost; counts down."""
+        """Whether this TPDO1 of a joint is lost; if so, decrement the number still to be lost."""
         remaining = self.lost_tpdos.get(joint, 0)
         if remaining == 0:
             return False

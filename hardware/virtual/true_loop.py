@@ -223,7 +223,7 @@ MAX_GRADIENT = 4.0
 
 
 def draw_wild_loop(rng: np.random.Generator) -> LoopTruth:
-    """Draw a truth whose loop closes exactly at `PAPER_HOME_RAD`."""
+    """Draw a true loop that closes exactly at `PAPER_HOME_RAD`."""
     loop = DhLoop(table=paper_loop().table, entries=entries(PLACEMENT_ENTRIES), hinge=True)
     nominal = nominal_vector(loop.parameters)
     reach = np.where([p.is_angle for p in loop.parameters], WILD_HINGE_RAD, WILD_HINGE_M)

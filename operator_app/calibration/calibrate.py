@@ -174,11 +174,14 @@ class Screened:
 
     Attributes
     ----------
-    model, tolerance
-        The loops with all free parameters; by name, the tolerance (rad, m) of each entry free within a tolerance.
+    model
+        The loops with all free parameters.
+    tolerance
+        Tolerance (rad, m), by name, of each entry free within a tolerance.
     errors
-        The error model of the `distinct` poses (indices into all poses); `which` maps every pose on the branch to one
-        of them.
+        Error model of the distinct poses.
+    distinct, which
+        Indices of the distinct poses; for every pose on the branch, its position among them.
     prior
         Names of the arm's entries whose uncertainty the arm's file states.
     identifiability

@@ -230,11 +230,11 @@ class ReadingTable:
         )
 
     def corrected(self, reading_rad: FloatArray) -> FloatArray:
-        """Correct readings; beyond the table, with the correction at its nearer end."""
+        """Correct readings; outside the table's range, by the correction at its nearer end."""
         return np.asarray(reading_rad + np.interp(reading_rad, self.reading_rad, self.add_rad))
 
     def beyond(self, reading_rad: FloatArray) -> int:
-        """Number of readings beyond the table."""
+        """Number of readings outside the table's range."""
         low, high = self.reading_rad[[0, -1]]
         return int(np.sum((reading_rad < low) | (reading_rad > high)))
 

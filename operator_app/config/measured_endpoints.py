@@ -126,7 +126,7 @@ def read_json_line(text: str) -> EndpointLine:
 
 
 def read_row(heading: str, text: str) -> EndpointLine:
-    """Read a row of CSV below its heading; raises BadLine."""
+    """Read a CSV row, given the heading; raises BadLine."""
     names, cells = _cells(heading), _cells(text)
     if len(names) != len(cells):
         raise BadLine(f"has {len(cells)} cells for {len(names)} columns")

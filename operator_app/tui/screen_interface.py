@@ -93,7 +93,7 @@ class ScreenInterface:
         return action is not None
 
     def do(self, action: Action | OnScreen) -> None:
-        """Do an action at the current step and show its result at once."""
+        """Do an action at the current step and show its result immediately."""
         if isinstance(action, OnScreen):
             ON_SCREEN[action.name](self)
         else:

@@ -37,7 +37,7 @@ Calibrate = Callable[[FloatArray], InterimEstimate]
 
 
 def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
-    """Return a calibration function: the implicit estimator, from nominal values or the last trusted estimate.
+    """Return a `Calibrate`: the implicit estimator, started at nominal values, later at the last trusted estimate.
 
     When the closure errors are far larger than the joint sensors' noise, the excess is attributed to the fixture's
     compliance and the poses are fitted again: otherwise the covariance would be too small.

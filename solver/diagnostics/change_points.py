@@ -99,9 +99,9 @@ def steps(
 def _largest(
     residuals: WhitenedResiduals, suspects: Sequence[Suspect], scale: float, level: float
 ) -> Iterator[ChangePoint]:
-    """Largest step of each of S suspects with the same number d of columns.
+    """Yield the most significant step of each of S suspects with d columns each.
 
-    `level` is the false-alarm probability of a suspect whose share is 1.
+    `level`: probability of a false alarm for a suspect with `share` 1.
     """
     m, r, K = residuals.U.shape
     S, d = len(suspects), suspects[0].columns.shape[-1]

@@ -170,7 +170,7 @@ class FaultModels:
         )
 
     def scales(self) -> Iterator[Candidate]:
-        """Yield a candidate for each encoder: a wrong number of counts per turn, an error that no file states."""
+        """Yield a candidate for each encoder: the file states a wrong number of counts per turn."""
         for j in self.sensed:
             if isinstance(self.arm.joints[j - 1].sensor, Encoder):
                 turn = self.readings[:, j - 1]

@@ -79,7 +79,7 @@ def evidence(
 ) -> Evidence | None:
     """Compute the evidence of columns G (m, r, c), with coefficients of expected magnitude `expected_size` (c,).
 
-    None if the fit already contains all of these columns. `most`: largest multiple of the expected magnitude.
+    None if the fit already contains all of these columns. `most`: largest multiple of `expected_size` to try.
     """
     s, C = residuals.score(G)
     s, C = expected_size * s, expected_size[:, None] * C * expected_size

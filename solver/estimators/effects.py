@@ -104,7 +104,7 @@ class NoiseSource:
     rates: FloatArray
 
     def variance(self, v: FloatArray) -> FloatArray:
-        """Variance (m, n + k) under the components `v` (K,)."""
+        """Variance (m, n + k) for variance components `v` (K,)."""
         return self.rates if self.component is None else self.rates * v[self.component]
 
 

@@ -116,7 +116,7 @@ class LinearFit:
         return self.chi2 - float(left @ np.linalg.lstsq(known, left, rcond=1e-12)[0])
 
     def _prior(self) -> FloatArray:
-        """Prior part of H's diagonal (width,): 0 for hard columns, 1 for effects."""
+        """Priors' part of H's diagonal (width,): 1 for effects, 0 for columns without prior."""
         hard = self.design.hard
         return np.repeat((0.0, 1.0), (hard, self.design.width - hard))
 

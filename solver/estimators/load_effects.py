@@ -361,7 +361,7 @@ def wrench_of(
 
 
 def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
-    """Up to `MOST_DRIVE_SETS` sets of ``joints - equations`` 0-based joints that may have been in position mode."""
+    """Up to `MOST_DRIVE_SETS` sets of ``joints - equations`` joints (from 0) that may have been in position mode."""
     every = list(combinations(range(joints), max(joints - equations, 0)))
     chosen = np.unique(
         np.linspace(0, len(every) - 1, min(MOST_DRIVE_SETS, len(every))).astype(np.int64)

@@ -98,7 +98,7 @@ class MixedFit:
     converged: bool
 
     def derivatives(self) -> Derivatives:
-        """Derivatives of the likelihood with respect to the variances at the solution."""
+        """Derivatives, at the solution, of the likelihood with respect to the variances."""
         return with_priors(self.fit) if self.found is None else self.found
 
 

@@ -101,7 +101,7 @@ class Calibrated:
     linear, order
         The fit, with its poses in canonical order, and the caller's index (m,) of each of these poses.
     found
-        Derivatives of the likelihood with respect to the variances at the solution.
+        Derivatives, at the solution, of the likelihood with respect to the variances.
     unsensed
         Unsensed angles (m, U), rad, in the caller's order.
     """

@@ -346,7 +346,7 @@ class Runner:
         )
 
     def send_quick_stop(self) -> bool:
-        """Send a quick stop without a message; return whether it was sent.
+        """Send a quick stop without informing the operator; return whether it was sent.
 
         Cancels all tasks except connecting, which the operator may have requested at the same time.
         """

@@ -197,7 +197,7 @@ class ActionContext:
     s: SessionSnapshot
 
     def submit(self, kind: TaskKind, text: str, work: Callable[[Operations], None]) -> None:
-        """Submit a task to the runner; returns at once."""
+        """Submit a task to the runner without waiting for it."""
         self.runner.submit(kind, text, lambda: work(self.runner.operations))
 
     def ask(self, question: Question, then: Callable[[ActionContext, str], None]) -> None:

@@ -172,7 +172,7 @@ class Session(Logbook):
         return self.model.joint_count - loop.equations_per_pose
 
     def check_modes(self, position_joints: tuple[int, ...]) -> None:
-        """Raise GuardError if this is a wrong number of joints in position mode."""
+        """Raise GuardError if these joints are a wrong set for position mode."""
         problem = modes_problem(
             position_joints,
             joint_count=self.model.joint_count,
@@ -267,7 +267,10 @@ class Session(Logbook):
     def capture(
         self, waypoint: int = -1, note: str = "", *, planned: bool | None = None
     ) -> CapturedPose:
-        """Wait for standstill, measure a pose and record it; `planned`: whether a plan chose it (None: explored)."""
+        """Wait for standstill, measure a pose and record it.
+
+        `planned`: whether a plan chose the pose; None outside a planned capture.
+        """
         campaign = {} if planned is None else {"planned": planned}
         number = self.state.captured + 1
         self._keep("pose", {"number": number, "waypoint": waypoint, "note": note, **campaign})

@@ -348,7 +348,7 @@ class Runner:
     def send_quick_stop(self) -> bool:
         """Send a quick stop without informing the operator; return whether it was sent.
 
-        Cancels all tasks except connecting, which the operator may have requested at the same time.
+        Cancels all cancellable tasks except connecting, which the operator may have requested at the same time.
         """
         for job in tuple(self._waiting_jobs):
             if not job.uncancellable and job.kind is not TaskKind.CONNECT:

@@ -148,7 +148,7 @@ class LinePort(ABC):
         self.name = name
 
     def open(self) -> str:
-        """Connect; return the heading line of a file, otherwise an empty string."""
+        """Connect; if the source is a file, return its heading line, else an empty string."""
         return ""
 
     @abstractmethod

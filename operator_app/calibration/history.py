@@ -146,7 +146,7 @@ def history_of(
 
 
 def _part(group: Sequence[PastCalibration], side: Side) -> EntryHistory:
-    """Return the history of the entries of one side that all calibrations have.
+    """Return the history of one side: of the entries that are in all calibrations.
 
     Of the arm's entries, only offsets are included: estimates of lengths and twists mostly repeat the maker's values.
     """

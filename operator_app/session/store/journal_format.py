@@ -171,7 +171,7 @@ def parse_journal(raw: bytes, path: Path) -> JournalContents:
     JournalDamagedError
         A complete line was changed.
     JournalForeignError
-        It is not a journal, or its version is unknown.
+        The bytes are not a journal, or its version is unknown.
     """
     *complete, rest = raw.split(b"\n")
     require_own_format(complete, rest, path)

@@ -132,7 +132,7 @@ class PlannedCapture:
     def run(self, after_pose: Callable[[], None] = lambda: None) -> CampaignEnd:
         """Carry out the campaign, with the joints from `ready` in position mode, and return its end.
 
-        Calls `after_pose` after each pose, before the campaign may change its plan: a path back is still known then.
+        Calls `after_pose` after each pose, before the campaign may change its plan, while a path back is still known.
 
         Raises
         ------

@@ -50,7 +50,7 @@ class ChangePoint:
     suspect
         Name of the suspect.
     pose
-        Index, in time order, of the first pose after the step.
+        Index in time order of the first pose after the step.
     size
         Size of the step (d,), in the units of the suspect's quantities.
     chi2, dof

@@ -36,7 +36,7 @@ length during a session."""
 class FaultModels:
     """A fit's system with poses in the order in which they were taken.
 
-    `order` (m,): element k is the fit's index of the k-th pose taken. `readings` (m, n), rad, are in time order.
+    `order` (m,): the fit's index of the k-th pose taken. `readings` (m, n), rad, are in time order.
     `measured`: linearity deviations of sensors as determined by the loops, by joint (1-based).
     """
 

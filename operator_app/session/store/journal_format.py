@@ -290,7 +290,7 @@ def _other_version(schema: object) -> tuple[str, str]:
 
 
 def _resembles(first: bytes, begin: bytes, *, torn: bool) -> bool:
-    """Whether `first` starts with `begin` (if `torn`: a part of it); up to `MAX_CHANGED_BYTES` bytes may differ."""
+    """Whether `first` (cut short if `torn`) starts with `begin`; up to `MAX_CHANGED_BYTES` bytes may differ."""
     begin = begin[: len(first)] if torn else begin
     same = sum(a == b for a, b in zip(first, begin, strict=False))
     return same >= len(begin) - MAX_CHANGED_BYTES

@@ -59,7 +59,7 @@ def box_of(
 ) -> Box:
     """Return the procedure's box around `home_rad` (n,) for these drive joints.
 
-    A joint that the procedure does not limit gets `DEFAULT_SPAN_DEG` to each side of the start pose `start_rad` (n,).
+    A joint that the procedure does not limit gets `DEFAULT_SPAN_DEG` to each side of the start, `start_rad` (n,).
     """
     known = {box.joint: box for box in plan.exploration}
     modest = {

@@ -195,7 +195,7 @@ def _due(
     parts: Sequence[EntryHistory],
     interval: timedelta | None,
 ) -> tuple[datetime, str]:
-    """Return when and why the next calibration is due: at the date of a failed check or shift, else after an interval."""
+    """Return when and why the next calibration is due: as of a failed check or a shift, else after an interval."""
     last = accepted[-1].document.utc
     if failed := [v for v in checks if v.utc > last and not v.holds]:
         return failed[-1].utc, f"the verification of {failed[-1].utc:%Y-%m-%d} did not hold"

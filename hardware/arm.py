@@ -73,7 +73,7 @@ class ArmIdentity:
     unwatching
         Joints whose drives do not report that they monitor the operator's heartbeat.
     configured, zeroed
-        Sentences on what was written into drives: `configured` has all, `zeroed` only those on torques and offsets set
+        Sentences on what was written into drives: `configured` has all; `zeroed` only those on torques and offsets set
         to 0, whose former values a communication reset may not restore.
     keeps_parameters
         Whether a controller stores a parameter document; if not, nothing is uploaded.

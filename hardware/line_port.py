@@ -57,7 +57,7 @@ class LineStream:
             self._drop()
 
     def line(self, wait_s: float, name: str) -> str | None:
-        """Return the next whole line; None on time-out; at end of file, `EOFError` with the last discarded line."""
+        """Return the next whole line; None on time-out; at end of file, `EOFError` with the line discarded last."""
         with self._news:
             self._news.wait_for(
                 lambda: self._ended or self._unended >= LONGEST or b"\n" in self._came, wait_s
@@ -148,7 +148,7 @@ class LinePort(ABC):
         self.name = name
 
     def open(self) -> str:
-        """Connect; return the heading line of a file, otherwise an empty string."""
+        """Connect; if the source is a file, return its heading line, else an empty string."""
         return ""
 
     @abstractmethod

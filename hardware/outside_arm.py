@@ -264,7 +264,7 @@ class OutsideArm:
 
     @contextmanager
     def _repeated_stop(self) -> Iterator[None]:
-        """If STOP is pressed during a command, send STOP once more, as the command may undo it; raise `StopLatched`."""
+        """If STOP is pressed during a command, which may undo it, send STOP once more and raise `StopLatched`."""
         try:
             yield
         finally:

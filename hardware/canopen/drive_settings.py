@@ -201,7 +201,7 @@ def check_operator_monitoring(access: ObjectAccess, profile: BusProfile) -> tupl
 def operator_monitoring_differences(
     access: ObjectAccess, node: int
 ) -> tuple[ObjectMismatch, ...] | None:
-    """Return what keeps a drive from monitoring the operator's heartbeat, empty if nothing; None if 1016h is absent."""
+    """Return what keeps a drive from monitoring the operator's heartbeat: empty if nothing, None if 1016h is absent."""
     watched = _heartbeat_consumers(access, node)
     if watched is None:
         return None

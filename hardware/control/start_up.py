@@ -197,7 +197,7 @@ class StartUp:
             raise ArmInUse(named, timeout_s)
 
     def _listen(self, for_s: float) -> None:
-        """Listen for `for_s` seconds; raise for another operator or master."""
+        """Listen for `for_s` s; raise an error on hearing another operator or master."""
         nodes = self._loop.nodes
         if nodes.wait_for_other_operator(for_s):
             raise ControlDenied(objects.OPERATOR_NODE)

@@ -28,7 +28,7 @@ _EMPTY_RANGE: Final = (math.inf, -math.inf)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Divergence:
-    """Since `sync_count` a joint is `counts` away from its target or, if `stopped`, from where it came to rest."""
+    """A joint that is `counts` away from its target (if `stopped`: from its rest position), since SYNC `sync_count`."""
 
     joint: int
     counts: int

@@ -156,7 +156,7 @@ class Drive:
         return self._command
 
     def read(self, counts: int, torque_nm: float, speed_rad_per_s: float) -> None:
-        """Take in the sensors at the end of a control period; switch modes, trip."""
+        """Take in sensor values after a control period; switch modes, check for faults."""
         self.finish_reaction()
         if self.loses_enable and self.state is DriveState.OPERATION_ENABLED:
             self.loses_enable, self.state, self._command = False, DriveState.SWITCHED_ON, None

@@ -41,7 +41,7 @@ class FaultDescription:
     texts
         Parts of possible messages to the operator; ``{joint}`` is the joint at fault.
     goes_on
-        Whether a session may also run to its end without such a message.
+        Whether a session may also run to its end without any such message.
     arm
         Reaction of the arm when the fault is reported.
     kept

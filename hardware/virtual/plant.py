@@ -242,7 +242,7 @@ class Plant:
         self._angles = angles
 
     def _rub(self, increment: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return dry friction (n + 1,), N m, elastic until sliding, and its derivative by `increment`, N m/rad."""
+        """Return dry friction (n + 1,), N m, elastic until sliding, and its slope over `increment`, N m/rad."""
         deflection = (self._bristle + increment) / PRESLIDING_RAD
         slope = np.where(np.abs(deflection) < 1.0, self._friction / PRESLIDING_RAD, 0.0)
         return self._friction * np.clip(deflection, -1.0, 1.0), slope

@@ -107,7 +107,7 @@ class Scenario:
     placement: int = 1
 
     def arm(self, arm: ArmModel) -> ArmModel:
-        """Return `arm`, its sensors replaced by those of this virtual arm."""
+        """Return `arm` with the sensors of this virtual arm."""
         if not self.encoders_only:
             return arm
         encoder = Encoder(counts_per_rev=ENCODER_COUNTS_PER_REV)

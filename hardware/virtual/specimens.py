@@ -201,9 +201,9 @@ def open_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) ->
 def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) -> Truth:
     """Return the truth of the same arm and fixture, mounted again within the tolerance of the fixture file.
 
-    The fixture's placement on the table changes, and on the tool too unless the fixture stays there; theta_off of the
-    first or last joint, which is measured from the fixture, changes with it. `ValueError` if the arm closes near home
-    in none of the placements drawn.
+    The fixture's placement on the table changes; that on the tool changes too, unless the fixture stays on it.
+    theta_off of the first or last joint, which is measured from the fixture, changes too. `ValueError` if no drawn
+    placement lets the arm close near home.
     """
     arm, model = stated.arm, stated.fixture.model(stated.arm)
     if not isinstance(model, DhLoop | PointClosure):

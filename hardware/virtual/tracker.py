@@ -96,7 +96,7 @@ class _Server(socketserver.ThreadingTCPServer):
         self._places = threading.BoundedSemaphore(CLIENTS)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Start a thread for the client; if `CLIENTS` are connected, send an error and disconnect."""
+        """Start a thread for the client; if `CLIENTS` clients are connected, send an error and disconnect."""
         if self._places.acquire(blocking=False):
             super().process_request(request, client_address)
             return

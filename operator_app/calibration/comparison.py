@@ -284,7 +284,7 @@ REPORTED_SCALE = 1.1
 def notices(
     a: ParametersDocument, b: ParametersDocument, scales: tuple[float, float]
 ) -> tuple[Finding, ...]:
-    """Return the differences between the documents other than those of the identified parameters.
+    """Return the differences between the documents, except differences of identified parameters.
 
     `scales`: factors applied to the standard deviations of `a` and `b`.
     """

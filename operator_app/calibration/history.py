@@ -146,7 +146,7 @@ def history_of(
 
 
 def _part(group: Sequence[PastCalibration], side: Side) -> EntryHistory:
-    """Return the history of the entries of one side that all calibrations have.
+    """Return the history of one side: of the entries that are in all calibrations.
 
     Of the arm's entries, only offsets are included: estimates of lengths and twists mostly repeat the maker's values.
     """
@@ -195,7 +195,7 @@ def _due(
     parts: Sequence[EntryHistory],
     interval: timedelta | None,
 ) -> tuple[datetime, str]:
-    """Return when and why the next calibration is due: on the date of a shift or failed check, else by interval."""
+    """Return when and why the next calibration is due: as of a failed check or a shift, else after an interval."""
     last = accepted[-1].document.utc
     if failed := [v for v in checks if v.utc > last and not v.holds]:
         return failed[-1].utc, f"the verification of {failed[-1].utc:%Y-%m-%d} did not hold"

@@ -156,7 +156,7 @@ def local_minimum_causes(
 
 
 def of_fixture(model: ClosureModel) -> set[str]:
-    """Names of the parameters that depend on the fixture's place, for its only placement or the first of several.
+    """Names of the parameters that depend on the fixture's placement (the first if there are several).
 
     The placements of an instrument and of its target are left out: a large error in these means that a file is wrong.
     """

@@ -243,7 +243,7 @@ def _covariance(estimate: Estimate, column: Sequence[int | None]) -> FloatArray:
 
 
 def concatenated_poses(old: PoseSet, new: PoseSet) -> PoseSet:
-    """Return both pose sets as one, the old poses first, without data that only one of them has."""
+    """Return both pose sets as one, the old poses first, without data that only one set has."""
     ends = [p.endpoint for p in (old, new) if p.endpoint is not None]
     columns = min((e.shape[1] for e in ends), default=0)
 

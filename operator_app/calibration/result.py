@@ -156,7 +156,7 @@ class Solution:
 
     @property
     def beside(self) -> Estimate | None:
-        """Estimate of the estimator that was not chosen, from the same poses; None if not computed."""
+        """Estimate by the estimator that was not chosen, from the same poses; None if not computed."""
         return self.implicit if self.estimate.estimator == "paper" else self.paper
 
     def with_notices(self, notices: Iterable[Finding]) -> Solution:

@@ -334,7 +334,7 @@ def _with_placement_found(
 
 
 def _in_order(model: ClosureModel, fixed: Fixed) -> tuple[FloatArray, FloatArray]:
-    """Return values and covariance in the model's order; parameters not in `fixed` are nominal, without variance."""
+    """Return values and covariance in the model's order; parameters not in `fixed` are nominal with variance 0."""
     known = list(fixed.values)
     names = [p.name for p in model.parameters]
     strange = sorted(set(known) - set(names))

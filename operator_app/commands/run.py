@@ -29,7 +29,7 @@ from solver.errors import UnidentifiableError
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Run and report; at the end the arm holds its position."""
+    """Run a procedure and report; at the end the arm holds position."""
     choices = choices_from(args)
     opening = (
         resume(args.resume, choices, root=args.sessions)

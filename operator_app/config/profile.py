@@ -157,7 +157,7 @@ class ProfileFile(StrictRecord):
     sdo_timeout_s: Annotated[PositiveNumber, Field(ge=0.05, le=60.0)] | None = None
 
     def for_joints(self, count: int | None = None) -> BusProfile:
-        """Return the profile for `count` joints; None: up to the highest joint listed, or all possible if none is."""
+        """Return the profile for `count` joints (None: up to the highest listed, or all if no joint is listed)."""
         if count is None:
             listed = max((joint.joint for joint in self.joints), default=0)
             room = MAX_JOINTS if self.supervisor == "none" else min(MAX_JOINTS, self.supervisor - 1)

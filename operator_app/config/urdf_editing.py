@@ -88,7 +88,7 @@ def xml_comment(lines: Iterable[str]) -> bytes:
 
 
 def _xml_text(text: str) -> str:
-    """Escape characters that XML does not allow, which serial numbers and names may contain."""
+    """Escape the characters that XML does not allow; serial numbers and names may contain them."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 

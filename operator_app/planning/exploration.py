@@ -59,7 +59,7 @@ def box_of(
 ) -> Box:
     """Return the procedure's box around `home_rad` (n,) for these drive joints.
 
-    A joint that the procedure does not limit gets `DEFAULT_SPAN_DEG` to each side of `start_rad` (n,), the start.
+    A joint that the procedure does not limit gets `DEFAULT_SPAN_DEG` to each side of the start, `start_rad` (n,).
     """
     known = {box.joint: box for box in plan.exploration}
     modest = {
@@ -88,8 +88,8 @@ def box_of(
 def waypoints(box: Box, *, poses: int, seed: int) -> tuple[Mapping[int, float], ...]:
     """Return the targets (joint number: rad) of the drive joints, in visiting order.
 
-    Three targets per requested pose, so that some can be unreachable. A resumed session gets the same plan. Cached,
-    because each visit needs all waypoints.
+    There are three targets per requested pose, as some may be unreachable. A resumed session gets the same plan.
+    Cached, because each visit needs all waypoints.
     """
     low, high = np.array(box.lower_rad), np.array(box.upper_rad)
     points = low + additive_recurrence(3 * poses, len(low), seed) * (high - low)

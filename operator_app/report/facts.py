@@ -243,7 +243,7 @@ def side_note(solution: Solution) -> str:
 
 
 def remedy_table(solution: Solution) -> FactTable | None:
-    """Return the table of offset, gain and corrections of each RVDT that the poses determine; None if there is none."""
+    """Return the table of RVDT offsets, gains and corrections that the poses determine; None if it is empty."""
     rows: list[tuple[Cell, ...]] = []
     for table in reading_tables(solution):
         head: tuple[Cell, ...] = (

@@ -71,9 +71,9 @@ class LinkMasses:
 
     @property
     def moments_sd(self) -> FloatArray:
-        """Square roots (n, 4, 4) of the covariances of `moments`: their errors are ``moments_sd @ z``, z ~ N(0, I).
+        """Square roots (n, 4, 4) of the covariances of `moments`, whose errors are ``moments_sd @ z``, z ~ N(0, I).
 
-        An error of the mass changes the first moment too (h = m c), an error of the centre the first moment alone.
+        An error of the mass also changes the first moment (h = m c); one of the centre changes only the first moment.
         """
         root = np.zeros((len(self.mass_kg), 4, 4))
         root[:, 0, 0] = self.mass_sd_kg

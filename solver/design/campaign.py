@@ -65,8 +65,8 @@ class Campaign:
     calibrate
         Interim calibration; by default the implicit estimator, started from nominal values.
     captured, taken
-        Readings (m, n) at poses of an earlier campaign on the same loop that still count, and how many of these poses
-        were planned. If the readings suffice for a trusted estimate, nothing is explored again.
+        Readings (m, n) at still valid poses of an earlier campaign on the same loop, and how many of these poses were
+        planned. If the readings suffice for a trusted estimate, nothing is explored again.
     at_rad
         Readings at the arm's present pose (n,); by default `start_rad`.
     """

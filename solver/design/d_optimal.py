@@ -90,8 +90,8 @@ def choose_poses(
         (m,): which candidates may be chosen; all by default.
     q, apart_rad
         Joint angles (m, n) of the candidates, and the least distance (Euclidean, rad) between chosen candidates.
-        Without it, the best set repeats nearly the same few poses, which averages sensor noise but not the linearity
-        deviations of sensors.
+        Without a least distance, the best set repeats nearly the same few poses, which averages sensor noise but not
+        the linearity deviations of sensors.
     """
     m, _, N = root.shape
     P = N if parameters is None else parameters

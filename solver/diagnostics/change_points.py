@@ -50,7 +50,7 @@ class ChangePoint:
     suspect
         Name of the suspect.
     pose
-        First pose after the step, index in time order.
+        Index in time order of the first pose after the step.
     size
         Size of the step (d,), in the units of the suspect's quantities.
     chi2, dof

@@ -213,7 +213,7 @@ class CommonShift:
 def predicted_residuals(
     fit: LinearFit, later: BoolArray, given: FixedParameters | None = None
 ) -> WhitenedResiduals:
-    """Return the residuals of the `later` poses (mask (m,)) from their prediction by the other poses of `fit`.
+    """Return the residuals of the `later` poses (mask (m,)) against their prediction from the other poses of `fit`.
 
     `given`: parameters with which to predict instead; then the other poses are not used.
     """

@@ -36,8 +36,8 @@ length during a session."""
 class FaultModels:
     """A fit's system with poses in the order in which they were taken.
 
-    `order` (m,): index in the fit of the k-th pose taken. `readings` (m, n), rad, are in time order. `measured`:
-    linearity deviations of sensors as determined by the loops, by joint (1-based).
+    `order` (m,): the fit's index of the k-th pose taken. `readings` (m, n), rad, are in time order.
+    `measured`: linearity deviations of sensors as determined by the loops, by joint (1-based).
     """
 
     arm: ArmModel

@@ -179,7 +179,7 @@ def without_curves_in_specification(
 
 
 def _as_stated(j: int, faults: FaultModels, residuals: WhitenedResiduals) -> bool:
-    """Whether the linearity of joint j's sensor may be within specification (from the residuals if not measured)."""
+    """Whether the linearity of joint j's sensor may be within specification (if not measured: by the residuals)."""
     curve = faults.linearity_curve(j)
     if curve is None:
         return False

@@ -156,7 +156,7 @@ def _like_radians(arm: ArmModel, q: FloatArray) -> list[int]:
 
 
 def rows_in_radians(arm: ArmModel, q: FloatArray) -> list[int]:
-    """Poses (0-based) with several readings outside their ranges, but none outside if taken as radians."""
+    """Poses (0-based) with several readings outside their ranges, but none if they are taken as radians."""
     outside = (_outside(arm, q) > 0.0).sum(axis=1) > 1
     inside = ~(_outside(arm, np.rad2deg(q)) > 0.0).any(axis=1)
     small = (np.abs(q) < np.deg2rad(2.0 * np.pi)).all(axis=1)

@@ -67,7 +67,7 @@ class RvdtFigures:
     table_rad: FloatArray
 
     def corrected(self, reading_rad: FloatArray) -> FloatArray:
-        """Correct readings with the curve; beyond the covered range, its value at the nearer end is used."""
+        """Correct readings with the curve; beyond its range, the curve keeps its value at the nearer end."""
         angle = reading_rad - self.curve(np.clip(reading_rad, self.curve.low, self.curve.high))
         # The curve is a function of the true angle, so it is evaluated again at the corrected one.
         return np.asarray(reading_rad - self.curve(np.clip(angle, self.curve.low, self.curve.high)))

@@ -36,7 +36,7 @@ class WhitenedResiduals:
     U
         (m, r, K): whitened fitted columns; together with the rows of the prior they are orthonormal.
     white
-        (m, r): ``L^-1 w`` minus its fitted part, P w.
+        (m, r): ``L^-1 w`` minus its fitted part.
     to_x
         (P, K): maps coefficients of `U` to changes of the parameters (rad, m).
     dof

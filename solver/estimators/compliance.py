@@ -70,7 +70,7 @@ def compliance_sizes(stated_deflection: tuple[float, float], *, rotations: int) 
 
 
 def blocks(k: int) -> list[slice]:
-    """Slices of k closure components with the same unit: rotations and positions, or positions alone."""
+    """Slices of the k closure components, one per unit: rotations and positions, or positions alone."""
     return [slice(0, 3), slice(3, 6)] if k == 6 else [slice(0, k)]
 
 

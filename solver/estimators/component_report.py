@@ -45,7 +45,7 @@ class Component:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComplianceTest:
-    """Score test of the stated compliance of a fixture against a larger one.
+    """Score test of a fixture's stated compliance against a larger one.
 
     Attributes
     ----------

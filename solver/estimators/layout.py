@@ -136,7 +136,7 @@ class Layout:
     """Groups and components of a closure model with stated errors, for readings `q` (m, n), rad.
 
     `like` is a layout of the same poses, whose smooth functions are reused. `floors`, `ceilings`, `raise_limits`,
-    `test_floors` and `scaled` (K,) are the values of the components, `index` their indices by name. `column` (P,):
+    `test_floors` and `scaled` (K,) have one value per component; `index`: its index by name. `column` (P,):
     column of each parameter, those without a prior first.
     """
 

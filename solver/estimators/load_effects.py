@@ -180,7 +180,7 @@ class Gravity:
         return cls(part=part, size=size, turn=size[..., None] * leading, rate=rate)
 
     def sags(self, torque: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Expected twist (m, n), columns of deviations (m, n, c), variance left out (m, n), side of play (m, n)."""
+        """Expected twist (m, n), deviations (m, n, c), variance that they omit (m, n), side of play (m, n)."""
         blocks = []
         for cut in _cuts(len(torque)):
             block = torque[cut]

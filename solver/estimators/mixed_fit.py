@@ -135,10 +135,10 @@ def fit_mixed(
     group
         Placement of each pose (m,): deflections of the fixture in different placements are independent.
     variances
-        Function that returns the variances (K,) for a layout; they are fixed, and so is `errors.signed`. None: both are
-        estimated.
+        Function that returns the variances (K,) for a layout; they and `errors.signed` stay fixed. None: variances
+        and `signed` are estimated.
     near
-        Start of the fit, if known; only with fixed variances.
+        Another fit to start from; only with fixed variances.
     """
     if variances is None and len(q) > 2 * POSES_FOR_VARIANCES:
         # Evenly over the poses in canonical order, so that the selection does not depend on their order.

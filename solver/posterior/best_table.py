@@ -51,7 +51,7 @@ class BestTable:
     left_m
         Root mean square, including uncertainty, of the part of the tool corrections that no table can represent.
     sigma_m
-        Expected root mean square of the tool's distance from its true position, where the arm is used.
+        Expected root mean square, over the arm's use, of the tool's distance from its true position.
     """
 
     rows: FloatArray

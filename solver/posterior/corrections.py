@@ -67,7 +67,7 @@ class ReadingCorrection:
 class Corrections:
     """All corrections of an arm.
 
-    `each`: the single corrections. `rows`: D-H rows 1..n (5, n) of the arm file, rad and m, for gravity's lever arms.
+    `each`: individual corrections. `rows`: D-H rows 1..n (5, n) of the arm file, rad and m, for gravity's lever arms.
     """
 
     each: tuple[ReadingCorrection, ...]

@@ -57,7 +57,7 @@ class InnerProblem:
     per_m: float
 
     def __call__(self, offsets: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Residuals (S, R) and their Jacobian (S, R, K) at offsets (S, K), fixture projected out."""
+        """Residuals (S, R) and their Jacobian (S, R, K) at offsets (S, K), with the fixture projected out."""
         frames = self._frames(offsets)
         M, p = frames.R_end, frames.p_end
         before = [j - 1 for j in self.searched]

@@ -102,7 +102,7 @@ def identity_of(
 
     `serial_number` must differ between arms, so that a session never has poses of two arms. `speaks`: name of the
     protocol for texts to the operator, such as ``"JSON"``. A simulated arm has a `device_name` that begins with
-    `SIMULATED_NAME`. `by_hand`: only a person moves the arm, so that no hardware stop is required.
+    `SIMULATED_NAME`. `by_hand`: only a person moves the arm, so no hardware stop is required.
     """
     nodes = tuple(
         NodeIdentity(

@@ -264,7 +264,7 @@ def _refusal(
     *,
     poses: int,
 ) -> ClosureRefusedError:
-    """Return the error, with its likely cause, for a reading that contradicts the captured poses (`poses`: number)."""
+    """Return the error, with its likely cause, for a reading that contradicts the `poses` captured poses."""
     from scipy.special import chdtrc
 
     near, probability = closure.near, 1.0 if closure.probability is None else closure.probability

@@ -171,7 +171,7 @@ def parse_journal(raw: bytes, path: Path) -> JournalContents:
     JournalDamagedError
         A complete line was changed.
     JournalForeignError
-        It is not a journal, or its version is unknown.
+        The bytes are not a journal, or its version is unknown.
     """
     *complete, rest = raw.split(b"\n")
     require_own_format(complete, rest, path)
@@ -290,7 +290,7 @@ def _other_version(schema: object) -> tuple[str, str]:
 
 
 def _resembles(first: bytes, begin: bytes, *, torn: bool) -> bool:
-    """Whether `first` starts with `begin` (if `torn`: a part of it); up to `MAX_CHANGED_BYTES` bytes may differ."""
+    """Whether `first` (cut short if `torn`) starts with `begin`; up to `MAX_CHANGED_BYTES` bytes may differ."""
     begin = begin[: len(first)] if torn else begin
     same = sum(a == b for a, b in zip(first, begin, strict=False))
     return same >= len(begin) - MAX_CHANGED_BYTES

@@ -319,7 +319,7 @@ def footer(step: Step, table: tuple[Action | OnScreen, ...] = ()) -> tuple[Actio
 
 
 def prompts(step: Step) -> tuple[list[Action], list[Action]]:
-    """Return two lists of actions that plain mode shows at a step: specific to some steps, and common to all steps."""
+    """Return the actions that plain mode shows at a step: those of only some steps, and those common to all steps."""
     of_step = [a for a in ACTIONS if isinstance(a, Action) and step in a.steps]
     common = [a for a in of_step if a.steps == EVERYWHERE]
     return [a for a in of_step if a not in common], common

@@ -199,7 +199,7 @@ class Operations:
         self._publisher.say(Level.INFO, f"pose {pose.number} captured (noise up to {noise})")
 
     def automatic(self) -> None:
-        """Capture the missing poses, explored or planned."""
+        """Capture the missing poses, by exploration or by plan."""
         try:
             end = take_poses(self._session, self._listener)
         finally:

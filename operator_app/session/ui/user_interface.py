@@ -141,7 +141,7 @@ class Entry:
     steps, footer
         Steps at which the keys work, and at which the footer shows them.
     offered
-        Function that returns whether the action is listed; if its guard refuses it, it is listed with the reason.
+        Function that returns whether the action is listed; an action refused by its guard is listed with the reason.
     """
 
     name: str

@@ -132,7 +132,7 @@ class PlannedCapture:
     def run(self, after_pose: Callable[[], None] = lambda: None) -> CampaignEnd:
         """Carry out the campaign, with the joints from `ready` in position mode, and return its end.
 
-        Calls `after_pose` after each pose, before the campaign may change its plan: a path back is still known then.
+        Calls `after_pose` after each pose, before the campaign may change its plan, while a path back is still known.
 
         Raises
         ------
@@ -223,7 +223,7 @@ class PlannedCapture:
     # -- carrying out ----------------------------------------------------------------------------
 
     def _move(self, campaign: Campaign, action: GoTo) -> None:
-        """Move, record and report to the campaign; a move that the operator ended is not reported."""
+        """Move; record the move and report it to the campaign, unless the operator ended it."""
         session = self._session
         self._listener.going(action)
         outcome = session.go_to(action.targets_rad, _path_watch(campaign, action))

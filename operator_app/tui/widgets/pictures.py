@@ -118,7 +118,7 @@ VISIBLE_RAD = 0.015
 
 
 def _view() -> FloatArray:
-    """Return the directions right and up on the screen, as rows (2, 3), in the base frame, whose x axis points up."""
+    """Return the screen's right and up directions (2, 3), as rows in the base frame, whose x axis points up."""
     turn = np.array([-np.sin(_TURN), np.cos(_TURN)])
     right = np.array([0.0, turn[1], -turn[0]])
     up = np.array([np.cos(_TILT), np.sin(_TILT) * turn[0], np.sin(_TILT) * turn[1]])

@@ -193,7 +193,7 @@ class JointMonitor:
         return "" if self.divergence is None else str(divergence_error(self.divergence))
 
     def stop_cause(self) -> HardwareError:
-        """Return the error that says why STOP is latched: uncommanded motion, or the operator pressed STOP."""
+        """Return the error with the reason why STOP is latched: uncommanded motion or the operator's STOP."""
         divergence = self.divergence
         return stop_latched_error() if divergence is None else divergence_error(divergence)
 

@@ -245,7 +245,7 @@ class LinearFit:
     def held_out_chi2(self, *parts: IntArray) -> list[tuple[float, int]]:
         """Misfit of each group of poses (indices (k,)) to its prediction from all others: chi2, degrees of freedom.
 
-        No refit is needed: with the projector P, chi2 is ``(P w)_F' P_FF^-1 (P w)_F``, and ``P_FF = I - N N'``.
+        No refit is needed: with the projector P and a group's rows F, chi2 is ``(P w)_F' P_FF^-1 (P w)_F``.
         """
         rows = [
             (part.times(self.half), part.w + part.times(self.coefficients)) for part in self.parts()

@@ -98,8 +98,8 @@ def scale_spread(fit: LinearFit, derivatives: Derivatives) -> FloatArray:
 class ScoringStep:
     """Newton's step of the variances.
 
-    `change` (K,): change of the variances, within their bounds. `largest`: largest change in standard errors. `slope`:
-    rise of the log-likelihood over the whole step if its slope stayed as at the start; about twice the possible gain.
+    `change` (K,): change of the variances, within their bounds. `largest`: the largest change, in units of its standard
+    error. `slope`: rise of the log-likelihood over the step if its slope stayed constant; about twice the actual rise.
     """
 
     change: FloatArray
@@ -132,12 +132,12 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
     moving &= (v < ceiling) | (score < 0.0)
 
     def changed(change: FloatArray) -> FloatArray:
-        """Variances after a change in standard errors."""
+        """Variances after a change, in units of standard errors."""
         grown = v * np.exp(np.clip(2.0 * change / size, -50.0, 50.0))
         return np.where(scaled, grown, v + change / size)
 
     def to(bound: FloatArray) -> FloatArray:
-        """Change in standard errors to a bound."""
+        """Change that reaches a bound, in units of standard errors."""
         return np.where(scaled, 0.5 * np.log(np.maximum(bound, TINY) / v), bound - v) * size
 
     def bounded(metric: FloatArray) -> FloatArray:

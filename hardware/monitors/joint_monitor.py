@@ -159,9 +159,9 @@ class JointMonitor:
     Attributes
     ----------
     jump, divergence
-        The first count jump and the first uncommanded motion, for which the arm was stopped; None if there was none.
+        The first count jump, and the first uncommanded motion, which stopped the arm; None each if there was none.
     switched_off
-        Joints with uncommanded motion: their drives are switched off.
+        Joints whose drives are switched off because of uncommanded motion.
     dropout
         Monitor of drive dropouts.
     """

@@ -176,8 +176,7 @@ class VarianceSearch:
     If a variance leaves its floor, the curvature changes quickly, and plain steps may oscillate forever. The slope at a
     step's end, which is calculated anyway, locates the maximum along the step; the next iteration starts there.
 
-    `fast`: whether steps shrink so fast that the rest is negligible; the argument's value is kept until two steps can
-    be compared.
+    `fast`: whether steps shrink so fast that all further ones are negligible; as given until two steps can be compared.
     """
 
     def __init__(self, *, fast: bool = False) -> None:

@@ -65,7 +65,7 @@ def check_arm(
     description: ArmDescription,
     profile: BusProfile,
 ) -> None:
-    """Compare model, joints, device types and the objects that the profile lists with the description of the arm.
+    """Compare the arm on the bus with its description: model, joints, device types, objects listed in the profile.
 
     Raises `WrongArm` with all differences.
     """

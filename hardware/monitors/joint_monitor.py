@@ -159,7 +159,7 @@ class JointMonitor:
     Attributes
     ----------
     jump, divergence
-        The first count jump, and the first uncommanded motion, which stopped the arm; None each if there was none.
+        The first count jump, and the first uncommanded motion, which stopped the arm; None if there was none.
     switched_off
         Joints whose drives are switched off because of uncommanded motion.
     dropout

@@ -213,7 +213,7 @@ class DriveGroup:
                 node.drive.lose_heartbeat()
 
     def lose_heartbeat_at(self, joint: int) -> None:
-        """Report a lost operator heartbeat to one drive; no effect if it is not under control or has already reacted."""
+        """Report a lost operator heartbeat to one drive if it is under control and has not reacted yet."""
         node = self.drives[joint - 1]
         with node.lock:
             if node.drive.in_control and EmergencyCode.HEARTBEAT_LOST not in node.drive.errors:

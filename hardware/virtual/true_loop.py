@@ -114,7 +114,7 @@ class BallTruth(Truth):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenTruth(Truth):
-    """An open arm with a target on its tool; row 0 of `table` is zero.
+    """An open arm with a target on its tool; `table` row 0 is zero.
 
     `base_m` (3,), `base_rotation` (3, 3): the arm's base in the instrument's frame; `tip_m`, `tip_rotation`: the target
     in the last frame.

@@ -236,8 +236,8 @@ def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, 
 def _loop(document: ParametersDocument) -> DhLoop:
     """Return the loop a document describes.
 
-    The first and the last joint count as unsensed if their offset was not identified, so that equivalent parameter
-    vectors may differ in the adjacent link with the offset unchanged.
+    A first or last joint counts as unsensed if its offset was not identified, so that equivalent parameter vectors may
+    differ in the adjacent link with that offset unchanged.
     """
     entries = tuple(DhEntry.parse(e.entry) for e in document.calibrated)
     known = {e.name for e in entries}

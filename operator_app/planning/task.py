@@ -144,7 +144,7 @@ def _errors_at(
     unsensed_joints: tuple[int, ...],
     samples: int,
 ) -> Callable[[FloatArray], ErrorModel]:
-    """Return a function from joint angles (m, n), rad, means of `samples` readings, to their error model."""
+    """Return a function from poses (m, n), rad, to their error model for means of `samples` readings."""
 
     def at_readings(q_rad: FloatArray) -> ErrorModel:
         m = len(q_rad)

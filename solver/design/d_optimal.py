@@ -137,9 +137,10 @@ def _comparable(
 
 @dataclass(frozen=True, slots=True)
 class _Search:
-    """Search for the candidates that best determine the first `parameters` unknowns.
+    """Search for candidates that determine the first `parameters` unknowns best.
 
-    `root` (m, r, N): square root of each candidate's information, in comparable units."""
+    `root` (m, r, N): square root of each candidate's information, in comparable units.
+    """
 
     root: FloatArray
     parameters: int

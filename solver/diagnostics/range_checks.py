@@ -175,7 +175,7 @@ def range_findings(
 
     Readings of `unsensed_joints` are not checked.
 
-    Raises `ReadingsOutOfRangeError` if half of the poses or more have readings far outside that no turn count explains.
+    Raises `ReadingsOutOfRangeError` if at least half of the poses are far outside, and not because of turn counts.
     """
     q = poses.q_rad
     outside = _outside(arm, q)

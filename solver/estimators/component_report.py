@@ -70,7 +70,7 @@ MOST_CERTAIN = 1e6
 
 
 def components(design: LinearModel, v: FloatArray, error: FloatArray) -> tuple[Component, ...]:
-    """Report noise and linearity of analogue sensors, and fixture noise; `v`, `error` (K,): variances, their errors."""
+    """Report noise and linearity of RVDTs, and fixture noise, from variances `v` (K,) and their standard `error`."""
     stated, out = design.stated_variances(), []
     for k, c in enumerate(design.components):
         kind = c.name.split("_")[0]

@@ -270,7 +270,7 @@ class LinearFit:
         return np.concatenate(chi2), np.concatenate(dof)
 
     def without_each(self) -> FloatArray:
-        """Changes (m, P) of the parameters when each pose in turn is left out and the variances are kept.
+        """Changes (m, P) of the parameters when each pose in turn is left out with variances kept.
 
         Without a refit, the coefficients change by ``H^-1 M' (I - M H^-1 M')^-1 e`` (matrix inversion lemma); M and the
         residual e are those of the pose. Directions that this pose alone determines do not contribute.

@@ -43,7 +43,7 @@ CONSTANT, LINEAR = 0.5, 0.5
 class PoseBasis:
     """Smooth functions of the pose, as columns.
 
-    `phi`: values (m, k). `missed` (m,): the process variance at each pose that is not in these columns.
+    `phi`: values (m, k). `missed` (m,): at each pose, the variance that these columns leave out.
     """
 
     phi: FloatArray

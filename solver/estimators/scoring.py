@@ -98,8 +98,8 @@ def scale_spread(fit: LinearFit, derivatives: Derivatives) -> FloatArray:
 class ScoringStep:
     """Newton's step of the variances.
 
-    `change` (K,): change of the variances, within their bounds. `largest`: the largest change, in units of its standard
-    error. `slope`: rise of the log-likelihood over the step if its slope stayed constant; about twice the actual rise.
+    `change` (K,): change of the variances, within their bounds. `largest`: largest change, in its standard errors.
+    `slope`: rise of the log-likelihood over the step if its slope stayed constant; about twice the actual rise.
     """
 
     change: FloatArray
@@ -132,7 +132,7 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
     moving &= (v < ceiling) | (score < 0.0)
 
     def changed(change: FloatArray) -> FloatArray:
-        """Variances after a change, in units of standard errors."""
+        """Variances after a change in units of standard errors."""
         grown = v * np.exp(np.clip(2.0 * change / size, -50.0, 50.0))
         return np.where(scaled, grown, v + change / size)
 

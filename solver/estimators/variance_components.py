@@ -225,7 +225,7 @@ def settle(
 ) -> SettledFit:
     """Make the fit of `estimate_with_errors`, without the report.
 
-    `near`, `variances`: see `fit_mixed`; `variances` may also be a mapping by name.
+    `near`, `variances` (also a mapping by name): see `fit_mixed`.
     """
     if isinstance(variances, Mapping):
         variances = partial(_by_name, variances)

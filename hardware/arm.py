@@ -137,7 +137,7 @@ class HostLatency:
     longest_s: float = 0.0
 
     def with_event(self, by_s: float, *, new: bool) -> HostLatency:
-        """Return a copy with one more latency of `by_s` if `new`, else with the last latency extended to `by_s`."""
+        """Return a copy with another latency, `by_s` long, if `new`; else with the last one at least `by_s` long."""
         last_s = by_s if new else max(by_s, self.last_s)
         return HostLatency(
             times=self.times + new, last_s=last_s, longest_s=max(last_s, self.longest_s)

@@ -172,7 +172,7 @@ class CalledLines(LinePort):
         self._answer: str | None = None
 
     def ask(self, question: str) -> None:
-        """Call the function with the question; `line` returns the answer."""
+        """Call the instrument's function; `line` returns its answer."""
         self._answer = self._function(question)
 
     def line(self, wait_s: float) -> str | None:

@@ -50,7 +50,7 @@ def press_ctrl_c() -> None:
 def ending_signals_interrupt(*, for_good: bool = False) -> Iterator[None]:
     """Context in which SIGINT, SIGTERM and SIGHUP raise KeyboardInterrupt; nested contexts share one handler.
 
-    `for_good`: the process ends after the context, so these signals are then ignored: none changes its exit code.
+    `for_good`: the process ends after the context, and these signals are then ignored, to keep its exit code.
     """
     global _first_s  # noqa: PLW0603
     before = {number: signal.getsignal(number) for number in ENDING}

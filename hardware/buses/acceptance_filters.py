@@ -40,7 +40,7 @@ def set_hardware_filters(bus: can.BusABC, filters: list[CanFilter]) -> None:
 
 
 def operator_filters(profile: BusProfile) -> list[CanFilter]:
-    """Return the filters for the operator's node: frames of the arm, and commands of other masters."""
+    """Return the operator's filters, which accept frames of the arm and commands of other masters."""
     return [
         _covering(pdo.cob_id for joint in profile.joints for pdo in joint.answers),
         _single(objects.COB_SYNC),

@@ -65,7 +65,7 @@ def check_arm(
     description: ArmDescription,
     profile: BusProfile,
 ) -> None:
-    """Compare the arm on the bus with its description: model, joints, device types and what the profile compares.
+    """Compare the arm on the bus with its description: model, joints, device types, objects listed in the profile.
 
     Raises `WrongArm` with all differences.
     """

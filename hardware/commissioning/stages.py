@@ -52,7 +52,7 @@ SCATTER_RAD: Final = math.radians(0.5)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:
-    """Samples per reading, a joint's largest change at rest (`still_rad`) and distance from target (`near_rad`)."""
+    """Samples per reading; limits of a joint's change at rest (`still_rad`) and deviation from target (`near_rad`)."""
 
     samples: int
     still_rad: float

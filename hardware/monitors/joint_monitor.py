@@ -159,9 +159,9 @@ class JointMonitor:
     Attributes
     ----------
     jump, divergence
-        The first count jump and the first uncommanded motion, for which the arm was stopped; None if there was none.
+        The first count jump, and the first uncommanded motion, which stopped the arm; None if there was none.
     switched_off
-        Joints with uncommanded motion: their drives are switched off.
+        Joints whose drives are switched off because of uncommanded motion.
     dropout
         Monitor of drive dropouts.
     """
@@ -193,7 +193,7 @@ class JointMonitor:
         return "" if self.divergence is None else str(divergence_error(self.divergence))
 
     def stop_cause(self) -> HardwareError:
-        """Return the error that says why STOP is latched: uncommanded motion, or the operator pressed STOP."""
+        """Return the error with the reason why STOP is latched: uncommanded motion or the operator's STOP."""
         divergence = self.divergence
         return stop_latched_error() if divergence is None else divergence_error(divergence)
 

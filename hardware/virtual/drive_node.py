@@ -207,13 +207,13 @@ class DriveGroup:
                 node.drive.quick_stop()
 
     def lose_heartbeat(self) -> None:
-        """Report the loss of the operator's heartbeat to all drives."""
+        """Report a lost operator heartbeat to all drives."""
         for node in self.drives:
             with node.lock:
                 node.drive.lose_heartbeat()
 
     def lose_heartbeat_at(self, joint: int) -> None:
-        """Report the loss of the operator's heartbeat to one drive, if it was under control and has not reacted yet."""
+        """Report a lost operator heartbeat to one drive if it is under control and has not reacted yet."""
         node = self.drives[joint - 1]
         with node.lock:
             if node.drive.in_control and EmergencyCode.HEARTBEAT_LOST not in node.drive.errors:

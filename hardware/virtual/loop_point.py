@@ -129,7 +129,7 @@ class LoopPoint(ChainPoint):
 class BallPoint(ChainPoint):
     """Point `tip_m` (3,) of the last link constrained to `ground_m` (3,) of the base; error: ball minus socket, m.
 
-    Frame -1 is the base: row 0 of the table is empty, and theta_0 stays zero.
+    Frame -1 is the base: row 0 of the table is zero, and theta_0 stays zero.
     """
 
     def __init__(self, table: DhTable, *, tip_m: FloatArray, ground_m: FloatArray) -> None:

@@ -92,7 +92,7 @@ class FolderDisk(Disk):
 
 
 class ParameterStore:
-    """Slots A and B on a disk, by default in memory. `OSError` of the disk is passed on."""
+    """Slots A and B on `disk` (default: in memory). `OSError` of the disk is passed on."""
 
     def __init__(self, disk: Disk | None = None) -> None:
         self._disk = Disk() if disk is None else disk

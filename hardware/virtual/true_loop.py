@@ -90,7 +90,7 @@ class LoopTruth(Truth):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BallTruth(Truth):
-    """An arm with a ball on its tool, in a socket on the table; D-H row 0 is zero.
+    """An arm with a ball on its tool, in a socket on the table; row 0 of `table` is zero.
 
     `tip_m`, `ground_m` (3,): centres of the ball in the last frame, and of the socket in the arm's base frame.
     """
@@ -114,7 +114,7 @@ class BallTruth(Truth):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenTruth(Truth):
-    """An open arm with a target on its tool; D-H row 0 is zero.
+    """An open arm with a target on its tool; row 0 of `table` is zero.
 
     `base_m` (3,), `base_rotation` (3, 3): the arm's base in the instrument's frame; `tip_m`, `tip_rotation`: the target
     in the last frame.

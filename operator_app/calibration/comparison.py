@@ -236,8 +236,8 @@ def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, 
 def _loop(document: ParametersDocument) -> DhLoop:
     """Return the loop a document describes.
 
-    A first or last joint whose offset was not identified counts as unsensed: equivalent parameter vectors may then
-    differ in the neighbouring link without a change of that offset.
+    A first or last joint counts as unsensed if its offset was not identified, so that equivalent parameter vectors may
+    differ in the adjacent link with that offset unchanged.
     """
     entries = tuple(DhEntry.parse(e.entry) for e in document.calibrated)
     known = {e.name for e in entries}

@@ -95,7 +95,7 @@ def _measured(distances: tuple[KnownDistance, ...]) -> tuple[MeasuredDistance, .
 
 
 def _loads(experiment: Experiment) -> LoadBasis | None:
-    """Effects of gravity at all poses; on the fixture only if the arm's file states masses.
+    """Effects of gravity at all poses: on the arm and, if its file states masses, on the fixture.
 
     Computed at the nominal values and in canonical order, so that the result does not depend, even in the last digit,
     on the start of a search or on the order of the poses in their file.

@@ -248,6 +248,6 @@ def _limit(parameter: Parameter) -> float:
 
 
 def _described(estimate: Estimate, judged: tuple[str, ...]) -> Estimate:
-    """Return the estimate of the `judged` parameters; with several placements, only of those that all share."""
+    """Return the estimate of the `judged` parameters; of several placements, only of the common ones."""
     names = [p.name for p in estimate.parameters]
     return estimate.without([n for n in names if n not in judged or n.endswith("]")])

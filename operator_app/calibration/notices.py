@@ -120,9 +120,9 @@ def _of_readings(
 def _of_parameters(
     solution: Solution, accuracy: HandAccuracy, arm: ArmModel, as_stated: tuple[str, ...]
 ) -> Iterator[Finding]:
-    """Notices about parameters that were dropped, fixed at the file's value, or are known mainly from the files.
+    """Notices about parameters that were dropped, were fixed by choice, or are known mainly from the files.
 
-    Also the notice that several solutions fit.
+    A further notice if several solutions fit.
     """
     rates = {h.name: h.rate_m_per_rad for h in accuracy.holds_for}
     if solution.held:

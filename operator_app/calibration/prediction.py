@@ -212,7 +212,7 @@ def _used(made: CalibrationWithPoses) -> PoseSet:
 def _model(
     made: CalibrationWithPoses, old: PoseSet, both: Experiment, start: Mapping[str, float]
 ) -> tuple[ClosureModel, FloatArray, list[int | None]]:
-    """Return the loops of all poses, the parameters' values, and their columns in the estimate (None: from `start`)."""
+    """Return the loops of all poses, the parameters' values, and their indices in the estimate (None: not in it)."""
     estimate = made.solution.estimate
     known = {p.name: k for k, p in enumerate(estimate.parameters)}
     model = both.loop()

@@ -275,8 +275,8 @@ def corrected_poses(poses: PoseSet, tables: Sequence[ReadingTable]) -> PoseSet:
 def measured_offsets(solution: Solution, arm: ArmModel, poses: PoseSet) -> dict[int, float]:
     """Offset (rad) of each joint whose readings were not used: mean of (angle from the loop minus reading).
 
-    `poses`: the poses of the solution. Joints without a sensor are left out and, if there are several placements, the
-    first and the last joint.
+    `poses`: the poses of the solution. Left out: joints without a sensor; with several placements, also the first
+    and the last joint.
     """
     model = solution.model
     used = np.setdiff1d(np.arange(len(poses)), solution.dropped_flipped)

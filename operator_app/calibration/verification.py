@@ -147,7 +147,7 @@ def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed
 
 
 def _rvdt_sd(components: Sequence[Component]) -> dict[int, float]:
-    """Noise and linearity deviation of each RVDT together, rad: the deviation is unknown at a new reading."""
+    """Root sum square of noise and linearity deviation of each RVDT, rad: both affect a new reading."""
     sd: dict[int, float] = {}
     for c in components:
         kind, _, number = c.name.partition("_")

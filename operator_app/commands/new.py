@@ -209,7 +209,7 @@ def _procedure(args: argparse.Namespace) -> int:
 def _copy(
     args: argparse.Namespace, parse: Callable[[bytes, str], object], *, refers: Sequence[str] = ()
 ) -> int:
-    """Copy a built-in file under another name; options `refers`, if given, replace its references to other files."""
+    """Copy a built-in file under another name; its references to files are replaced by given options in `refers`."""
     name = _named(args.name or f"my_{args.packaged}")
     instead = {k: _reference(args, name, v) for k in refers if (v := getattr(args, k))}
     content = copied(args.what, args.packaged, name=name, **instead)

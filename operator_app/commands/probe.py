@@ -76,7 +76,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def probe_json(result: Probe) -> dict[str, Any]:
-    """Return a probe as JSON data; `pdos`: valid PDOs; `room`: all PDO numbers, and object widths in bits."""
+    """Return a probe as JSON data; per node, `pdos`: valid PDOs; `room`: all PDO numbers, and bits per object."""
     data = asdict(result)
     for node, shown in zip(result.nodes, data["nodes"], strict=True):
         shown["pdos"] = [

@@ -355,7 +355,7 @@ def _is_hayati(row: RowModel) -> bool:
 
 
 def _identified_instead(entry: DhEntry, hayati: tuple[int, ...]) -> DhEntry:
-    """Return the entry to identify for a free entry of the file: between parallel axes, beta in place of s."""
+    """Return the entry to identify for a free entry of the file: beta for s in a Hayati row."""
     if entry.kind is DhKind.S and entry.row in hayati:
         return DhEntry(DhKind.BETA, entry.row)
     return entry

@@ -77,9 +77,9 @@ OWN_FORMATS = {
 
 
 class _Amount(float):
-    """A value (SI units) that a template formats by the name of a `Kind`.
+    """A value (SI units) for a template; its format specification is the name of a `Kind`.
 
-    ``A|B`` means A for angles and B for lengths.
+    ``A|B``: A for angles, B for lengths.
     """
 
     angle: bool

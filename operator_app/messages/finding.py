@@ -48,7 +48,7 @@ class Finding:
     reported
         Text and remedy that a lower layer wrote (fixtures, solver, file readers).
     probability
-        Probability relative to all other explanations; that there is no fault is one of them.
+        Probability among all explanations, one of which is that there is no fault.
     doubted
         Whether the finding is stated as a possibility, whatever its probability.
     blocking

@@ -215,7 +215,7 @@ def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> li
 
 
 def _against_here(prediction: DrivePrediction, best: RankedDrives) -> tuple[str, ...]:
-    """Return a text that compares the chosen set with the best set at the current pose."""
+    """Return a text that compares the chosen drive joints with the best ones at the current pose."""
     first = prediction.here[0]
     if first.drives == best.drives:
         return ("also best at the present pose",)

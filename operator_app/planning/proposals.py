@@ -62,7 +62,7 @@ def closing_home(
 ) -> tuple[FloatArray, Feasibility] | None:
     """Return a home pose (n,), rad, near the arm's home, within a degree of a closed pose, and its `Feasibility`.
 
-    None if the home in the arm file (feasibility: `from_home`) is good, the arm is open, or no such pose was found.
+    `from_home`: feasibility at the home in the arm file. None if that is good, for an open arm, or if no pose is found.
     """
     home_to_closed_rad = from_home.home_to_closed_rad
     if not fixture.holds_hand or (
@@ -106,9 +106,9 @@ def _closed(arm: ArmModel, model: ClosureModel, x: FloatArray) -> Iterator[Float
 
 
 def _least_motion(columns: FloatArray, joints: int | None = None) -> FloatArray:
-    """Return, for closed chains with the Jacobians `columns` (m, k, d), the motion (m,) of the joint that moves least.
+    """Return the motion (m,) of the joint that moves least, for closed chains with the Jacobians `columns` (m, k, d).
 
-    Only the first `joints` columns count (default: all). The motion is reduced near singularities.
+    Only the first `joints` columns count (default: all). Near singularities the result is scaled down.
     """
     rows, freedoms = columns.shape[1:]
     if freedoms <= rows:

@@ -144,7 +144,7 @@ def _errors_at(
     unsensed_joints: tuple[int, ...],
     samples: int,
 ) -> Callable[[FloatArray], ErrorModel]:
-    """Return a function that gives the error model of poses (m, n), each the mean of `samples` readings."""
+    """Return a function from poses (m, n), rad, to their error model for means of `samples` readings."""
 
     def at_readings(q_rad: FloatArray) -> ErrorModel:
         m = len(q_rad)

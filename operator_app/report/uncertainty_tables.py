@@ -280,7 +280,7 @@ _PER_SI = np.array([np.rad2deg(1.0) if kind.is_angle else 1.0 for kind in DhKind
 
 
 def _correction_data(c: ReadingCorrection) -> dict[str, Any]:
-    """Return one correction; coefficients: deg, or for gravity masses (kg) and first moments (kg m) times deg/(N m)."""
+    """Return a correction with coefficients in deg; for gravity, deg/(N m) times mass (kg) and first moment (kg m)."""
     data: dict[str, Any] = {
         "source": c.source,
         "joint": c.joint,

@@ -69,7 +69,7 @@ class DhTable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frames:
-    """All frames of a chain seen in its first frame.
+    """All frames of a chain, expressed in its first frame.
 
     Poses are last in memory: every step along a chain is then one pass over contiguous numbers, several times as fast
     as over (..., 3, 3). The properties are views with the poses first.
@@ -206,7 +206,7 @@ def screws(frames: Frames, entries: Entries) -> FloatArray:
     Returns
     -------
     Array of shape (C, 6, ...): the infinitesimal rotation (rad), then the translation (m), of the end
-    point, seen in the chain's first frame.
+    point, expressed in the chain's first frame.
 
     Notes
     -----

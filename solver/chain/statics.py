@@ -108,7 +108,7 @@ def unstated_masses(links: int) -> LinkMasses:
 def torque_rates(arm: Frames, down: FloatArray) -> FloatArray:
     """Gravity's torque about every joint per unit of every link's mass and first moment.
 
-    `arm`: frames 0..n of links 1..n, seen in frame 0. `down`: unit vector along gravity in frame 0, (3,); or several,
+    `arm`: frames 0..n of links 1..n, in frame 0. `down`: unit vector along gravity in frame 0, (3,); or several,
     (d, 3).
 
     Returns

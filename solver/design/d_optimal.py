@@ -137,7 +137,10 @@ def _comparable(
 
 @dataclass(frozen=True, slots=True)
 class _Search:
-    """Search among candidates `root` (m, r, N) in comparable units, for the first `parameters` unknowns."""
+    """Search for candidates that determine the first `parameters` unknowns best.
+
+    `root` (m, r, N): square root of each candidate's information, in comparable units.
+    """
 
     root: FloatArray
     parameters: int

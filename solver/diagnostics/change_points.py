@@ -155,7 +155,7 @@ def step_threshold(poses: int, dof: int, false_alarm: float) -> float:
         P(max > x) ~ x^(d/2) e^(-x/2) / (2^(d/2) Gamma(d/2)) ((1 - d/x) T + 4/x),
         T = log((1-h)^2 / h^2).
 
-    This formula also counts steps between poses, which are more than half of its alarms; `AT_POSES` corrects for them.
+    The formula includes maxima between poses, more than half of its alarms; `AT_POSES` corrects for this.
     """
     from scipy.special import chdtri, gammaln
 

@@ -72,7 +72,7 @@ class HypothesisTest:
         *,
         false_alarm: float = FALSE_ALARM_PROBABILITY,
     ) -> HypothesisTest:
-        """Test the sum of squares of normal deviations z (k,) with a `covariance` (k, k), in sigmas.
+        """Test the sum of squares of normal deviations z (k,), in sigmas, with this `covariance` (k, k).
 
         The sum is distributed as a shifted and scaled chi2 of the same mean, variance and skewness (Pearson 1959); for
         independent deviations that is chi2 itself.

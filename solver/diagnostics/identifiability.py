@@ -193,7 +193,7 @@ def _observability(s: FloatArray, poses: int) -> tuple[float, float, float, floa
 
 
 def _sparse_basis(null: FloatArray) -> FloatArray:
-    """Basis of the row space of `null` (k, P) with as few non-zero entries as elimination leaves.
+    """Basis of the row space of `null` (k, P), made sparse by Gauss-Jordan elimination with pivoting.
 
     A raw null vector mixes all unidentifiable directions; pivoting separates directions that share no parameter, so
     that each can be named.

@@ -171,11 +171,11 @@ def mostly_in_range(arm: ArmModel, q: FloatArray) -> bool:
 def range_findings(
     arm: ArmModel, poses: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
 ) -> tuple[RangeFinding, ...]:
-    """Return the joints whose readings lie outside the range in the arm file.
+    """Return a finding for each joint with readings outside its range in the arm file, or saturated.
 
     Readings of `unsensed_joints` are not checked.
 
-    Raises `ReadingsOutOfRangeError` if at least half of the poses have readings far outside, which rules out this arm.
+    Raises `ReadingsOutOfRangeError` if at least half of the poses are far outside, and not because of turn counts.
     """
     q = poses.q_rad
     outside = _outside(arm, q)

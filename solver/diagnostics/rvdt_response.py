@@ -34,7 +34,7 @@ class RvdtFigures:
         Slope of the best-fit line, reading per true angle; 1 means no error.
     linearity, linearity_sd
         Largest deviation from the best-fit line over the covered range, as a fraction of full scale, and its standard
-        deviation. From the line over the full scale the deviation may be larger, and occasionally smaller.
+        deviation. Over the full scale it may be larger or, occasionally, smaller.
     half_range
         Half the peak-to-peak deviation from unit gain, as a fraction of full scale.
     noise

@@ -213,7 +213,7 @@ class OwnColumns:
         return np.asarray(residuals.to_x @ (self.inside.T @ solved.b))
 
     def drawn(self, residuals: WhitenedResiduals) -> WhitenedResiduals:
-        """Return the residuals if the columns' coefficients are random with variance 1, as noise of these poses."""
+        """Return the residuals with these columns, times N(0, 1) coefficients, as further noise of their poses."""
         solved = self.solved(1.0)
         b = (self.turn @ solved.b.reshape(len(self.poses), -1, 1))[..., 0]
         white = residuals.white + residuals.U @ (self.inside.T @ solved.b)

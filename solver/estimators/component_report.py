@@ -70,7 +70,7 @@ MOST_CERTAIN = 1e6
 
 
 def components(design: LinearModel, v: FloatArray, error: FloatArray) -> tuple[Component, ...]:
-    """Report analogue sensors' noise and curves and the fixture's noise; `error`: standard errors of `v` (K,)."""
+    """Report noise and linearity of RVDTs, and fixture noise, from variances `v` (K,) and their standard `error`."""
     stated, out = design.stated_variances(), []
     for k, c in enumerate(design.components):
         kind = c.name.split("_")[0]

@@ -305,7 +305,7 @@ class Linearisation:
         return self._of(poses)[0]
 
     def rates(self, poses: slice) -> Rates:
-        """Rates of the unsensed angles at a slice of the poses."""
+        """`Rates` of the unsensed angles at a slice of the poses."""
         return self._of(poses)[1]
 
     def at_poses(self, poses: IntArray) -> System:

@@ -56,7 +56,7 @@ class NoiseModel:
 
     @property
     def deflection_variance(self) -> FloatArray:
-        """`fixture_variance` (6,); zeros if it is None."""
+        """`fixture_variance`, or zeros if that is None, (6,)."""
         return np.zeros(6) if self.fixture_variance is None else self.fixture_variance
 
 

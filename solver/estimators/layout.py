@@ -128,7 +128,7 @@ class Group:
     fixed: float = 0.0
 
     def variance(self, v: FloatArray) -> float:
-        """Variance of these columns' coefficients under the components (K,)."""
+        """Variance of these columns' coefficients for component values `v` (K,)."""
         return self.fixed + sum(rate * float(v[c]) for c, rate in self.rates)
 
 

@@ -98,7 +98,7 @@ class Triangle:
         return bool(condition > WELL_SEEN)
 
     def _scaled(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Column scale of J, and U, s, V' of the triangle with unit columns."""
+        """Column norms of J, and the SVD (U, s, V') of its triangle scaled to unit columns."""
         scale = column_scale(self.T)
         U, s, Vt = np.linalg.svd(self.T / scale)
         return scale, U, s, Vt

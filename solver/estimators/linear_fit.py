@@ -245,7 +245,7 @@ class LinearFit:
     def held_out_chi2(self, *parts: IntArray) -> list[tuple[float, int]]:
         """Misfit of each group of poses (indices (k,)) to its prediction from all others: chi2, degrees of freedom.
 
-        No refit is needed: with the projector P, chi2 is ``(P w)_F' P_FF^-1 (P w)_F``, and ``P_FF = I - N N'``.
+        No refit is needed: with the projector P and a group's rows F, chi2 is ``(P w)_F' P_FF^-1 (P w)_F``.
         """
         rows = [
             (part.times(self.half), part.w + part.times(self.coefficients)) for part in self.parts()
@@ -270,10 +270,10 @@ class LinearFit:
         return np.concatenate(chi2), np.concatenate(dof)
 
     def without_each(self) -> FloatArray:
-        """Changes (m, P) of the parameters when each pose in turn is left out, at the same variances.
+        """Changes (m, P) of the parameters when each pose in turn is left out with variances kept.
 
-        The coefficients change by ``H^-1 M' (I - M H^-1 M')^-1 (P w)``, with M and P w of the pose left out (matrix
-        inversion lemma), without a refit. In directions that this pose alone determines, the smallest change is taken.
+        Without a refit, the coefficients change by ``H^-1 M' (I - M H^-1 M')^-1 e`` (matrix inversion lemma); M and the
+        residual e are those of the pose. Directions that this pose alone determines do not contribute.
         """
         steps = []
         for part in self.parts():

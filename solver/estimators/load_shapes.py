@@ -43,7 +43,7 @@ CONSTANT, LINEAR = 0.5, 0.5
 class PoseBasis:
     """Smooth functions of the pose, as columns.
 
-    `phi`: values (m, k). `missed`: variance (m,) at each pose that these k columns leave out.
+    `phi`: values (m, k). `missed` (m,): at each pose, the variance that these columns leave out.
     """
 
     phi: FloatArray
@@ -69,7 +69,7 @@ class PoseProcess:
 
 
 def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess:
-    """Return the process over joint angles `q` (m, n), rad; `group` (m,): poses of different groups are independent."""
+    """Return the process at joint angles `q` (m, n), rad; it is independent between groups of poses (`group`: (m,))."""
     spread = np.maximum(q.std(axis=0), 1e-9)
     moving = np.ptp(q, axis=0) > np.deg2rad(0.5)
     angle = q[:, moving]

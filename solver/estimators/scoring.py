@@ -98,8 +98,8 @@ def scale_spread(fit: LinearFit, derivatives: Derivatives) -> FloatArray:
 class ScoringStep:
     """Newton's step of the variances.
 
-    `change` (K,): change of the variances, within their bounds. `largest`: largest change in standard errors. `slope`:
-    rise of the log-likelihood over the whole step if its slope stayed as at the start; about twice the possible gain.
+    `change` (K,): change of the variances, within their bounds. `largest`: largest change, in its standard errors.
+    `slope`: rise of the log-likelihood over the step if its slope stayed constant; about twice the actual rise.
     """
 
     change: FloatArray
@@ -132,12 +132,12 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
     moving &= (v < ceiling) | (score < 0.0)
 
     def changed(change: FloatArray) -> FloatArray:
-        """Variances after `change`, given in standard errors."""
+        """Variances after a change in units of standard errors."""
         grown = v * np.exp(np.clip(2.0 * change / size, -50.0, 50.0))
         return np.where(scaled, grown, v + change / size)
 
     def to(bound: FloatArray) -> FloatArray:
-        """Change that leads to `bound`, in standard errors."""
+        """Change that reaches a bound, in units of standard errors."""
         return np.where(scaled, 0.5 * np.log(np.maximum(bound, TINY) / v), bound - v) * size
 
     def bounded(metric: FloatArray) -> FloatArray:
@@ -176,8 +176,7 @@ class VarianceSearch:
     If a variance leaves its floor, the curvature changes quickly, and plain steps may oscillate forever. The slope at a
     step's end, which is calculated anyway, locates the maximum along the step; the next iteration starts there.
 
-    `fast`: whether steps shrink so fast that the rest is negligible; the argument's value is kept until two steps can
-    be compared.
+    `fast`: whether steps shrink so fast that all further ones are negligible; as given until two steps can be compared.
     """
 
     def __init__(self, *, fast: bool = False) -> None:

@@ -223,7 +223,10 @@ def settle(
     variances: Callable[[Layout], FloatArray] | Mapping[str, float] | None = None,
     progress: Progress | None = None,
 ) -> SettledFit:
-    """Fit as `estimate_with_errors`, without a report. `near`, `variances` (or a mapping by name): see `fit_mixed`."""
+    """Make the fit of `estimate_with_errors`, without the report.
+
+    `near`, `variances` (also a mapping by name): see `fit_mixed`.
+    """
     if isinstance(variances, Mapping):
         variances = partial(_by_name, variances)
     order = canonical_order(q)

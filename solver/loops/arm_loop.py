@@ -121,7 +121,7 @@ class ArmLoop(ClosureModel):
         return values[..., None, :]
 
     def frames(self, x: FloatArray, q: FloatArray, u: FloatArray) -> Frames:
-        """All frames of the chain at every pose, seen in its first frame."""
+        """All frames of the chain at every pose, expressed in its first frame."""
         table = self.tables(x)[..., None, :, :]
         offsets = table[..., 0, :]
         theta = np.empty((*np.broadcast(offsets[..., 0], q[..., 0]).shape, self.table.links))

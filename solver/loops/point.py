@@ -1,6 +1,6 @@
 """A point of the tool constrained to a point of the table: the loop of a ball joint.
 
-``p_n(q) + R_n(q) b - g = 0`` seen in the arm's base frame: b is the ball's centre in the flange frame n
+``p_n(q) + R_n(q) b - g = 0`` in the arm's base frame: b is the ball's centre in the flange frame n
 (tip_x, tip_y, tip_z), g the socket's centre in the base frame (ground_x, ground_y, ground_z). The ball's own three
 rotations are eliminated by leaving out the orientation: three equations for each pose [3], [5].
 """

@@ -288,7 +288,7 @@ class PowerReporting(Protocol):
 
     @property
     def left_powered(self) -> tuple[int, ...]:
-        """Joints whose drives still reported power, including those that hold after STOP."""
+        """Joints whose drives reported power at `close`, including those that hold after STOP."""
 
 
 @runtime_checkable

@@ -75,7 +75,7 @@ def offered_names() -> tuple[str, ...]:
 
 
 def offer(name: str) -> ArmOffer | None:
-    """Return the offer of this name; None if there is none. Raises `BusError` if there are two, or if loading fails."""
+    """Return the offered arm of this name, or None. Raises `BusError` if there are two, or if loading fails."""
     if name in can.VALID_INTERFACES:
         return None
     points = {(_package(p), p.value): p for p in entry_points(group=GROUP, name=name)}

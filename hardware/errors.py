@@ -75,7 +75,7 @@ class WrongArm(HardwareError):
 
 
 class ProfileRemedy(Enum):
-    """How a bus profile can allow for an object that differs."""
+    """How to make a bus profile accept an object that differs."""
 
     DESCRIBE_PDO = "describe it"
     HEARTBEAT_PERIOD = "heartbeat: slowest_ms"

@@ -124,7 +124,7 @@ class LineStream:
 
 
 def require_short(length: int, name: str) -> None:
-    """Raise `InstrumentError` if `length`, the bytes of an unfinished line from the port `name`, reaches `LONGEST`."""
+    """Raise `InstrumentError` if an unfinished line of `length` bytes from the port `name` reaches `LONGEST`."""
     if length >= LONGEST:
         raise InstrumentError(
             f"{name} sends no lines: {length} bytes without an end of line. It must send one JSON "
@@ -288,7 +288,7 @@ class GrowingFile(LinePort):
         return heading.decode(errors="replace").strip("\r\n\ufeff")
 
     def ask(self, question: str) -> None:
-        """Have `line` read from the present end of the file on; if a row is incomplete there, it will be skipped."""
+        """Make `line` start at the present end of the file or, if the row there is incomplete, after that row."""
         self._at = self._size()
         self._skip_next = False
         if self._at:

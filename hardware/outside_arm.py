@@ -188,7 +188,7 @@ class OutsideArm:
             )
 
     def capture(self, samples: int) -> Reading:
-        """Average `samples` samples."""
+        """Return the average of `samples` samples."""
         if samples < 1:
             raise ValueError("a reading needs at least one sample")
         with self._translated_errors():

@@ -40,7 +40,7 @@ class Timing:
     upload_retry_s
         Pause between attempts to upload; a lapsed token is granted again after the next heartbeat (100 ms).
     answer_timeouts_s
-        Time-out of a joint's answer to SYNC, by pace; longer in fast forward: simulated time stands still meanwhile.
+        Time-out of a joint's answer to SYNC, by pace; longer in fast forward, where waiting takes no simulated time.
     min_misses, lost_after_s
         A joint is lost after this many consecutive unanswered SYNCs and this silence; until then a move waits.
     idle_poll_s
@@ -138,7 +138,7 @@ class LatencyMonitor:
     clock
         Function that returns monotonic time, s.
     stamps
-        Function that returns the time (s) of the clock that stamps frames; None if that is no clock of this computer.
+        Function that returns the time (s) of the clock that stamps frames; None if that clock is not this computer's.
     arm_waits
         Whether the arm's time stands still while the host is busy (`Pace.FAST_FORWARD`), so that there is no latency.
     """

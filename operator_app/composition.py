@@ -294,7 +294,7 @@ def _completed(choices: Choices, bus: BusSettings, *, embedded: bool) -> Choices
 def _instrument(
     procedure: Procedure, choices: Choices, controller: VirtualController | None
 ) -> Instrument | None:
-    """Return the instrument of the options, the virtual arm or the procedure, in this order; None if there is none."""
+    """Return the instrument of the options, else of the virtual arm, else of the procedure; None if there is none."""
     fixture = procedure.fixture.fixture
     if not isinstance(fixture, Measured):
         return None

@@ -31,7 +31,7 @@ def _interrupt(_number: int, _frame: object) -> None:
 
 
 def _ignore(_number: int, _frame: object) -> None:
-    """Ignore a signal, also a pending one; unlike SIG_IGN, child processes do not inherit this handler."""
+    """Ignore a signal, also a pending one; unlike SIG_IGN, this handler is not inherited by child processes."""
 
 
 def interrupted() -> bool:

@@ -105,7 +105,7 @@ class Rates:
 
 
 def reduced_equations(error: LoopError) -> ReducedEquations:
-    """Multiply the linearised loop of every pose by E'."""
+    """Return E and the products of E' with the linearised loops."""
     E = left_null_space(error.jac_u)
     Et = np.swapaxes(E, -1, -2)
     return ReducedEquations(

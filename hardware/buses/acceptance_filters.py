@@ -40,7 +40,7 @@ def set_hardware_filters(bus: can.BusABC, filters: list[CanFilter]) -> None:
 
 
 def operator_filters(profile: BusProfile) -> list[CanFilter]:
-    """Return the filters of the operator's end: frames of the arm, and commands of other masters."""
+    """Return the filters for the operator's node: frames of the arm, and commands of other masters."""
     return [
         _covering(pdo.cob_id for joint in profile.joints for pdo in joint.answers),
         _single(objects.COB_SYNC),
@@ -56,7 +56,7 @@ def operator_filters(profile: BusProfile) -> list[CanFilter]:
 
 
 def controller_filters(joints: int) -> list[CanFilter]:
-    """Return the filters of the arm's end: commands, and heartbeats of all nodes, since any node may hold the token."""
+    """Return the filters for the arm's nodes: commands, and any node's heartbeat, since any may hold the token."""
     return [
         _single(objects.COB_SYNC),
         *(

@@ -171,7 +171,7 @@ def statusword(state: DriveState, flags: int = 0) -> int:
 
 
 def drive_state(status: int) -> DriveState:
-    """Return the state in a statusword; `ValueError` if the bits code no CiA 402 state."""
+    """Return the state in a statusword; `ValueError` if it shows no CiA 402 state."""
     state = _decoded(status)
     if state is None:
         raise ValueError(f"statusword {status:04X}h shows no CiA 402 state")

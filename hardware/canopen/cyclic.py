@@ -79,7 +79,7 @@ class PdoFields:
         self._struct, self._indices = struct.Struct(form), tuple(known)
 
     def pack(self, values: Mapping[int, int]) -> bytes:
-        """Encode `values`, which maps object indices to values."""
+        """Return the data of a PDO with `values`, by object index."""
         return self._struct.pack(*(values[index] for index in self._indices))
 
     def unpack(self, data: bytes | bytearray) -> dict[int, int] | None:

@@ -223,7 +223,7 @@ def operator_monitoring_differences(
 def following_windows_counts(
     access: ObjectAccess, profile: BusProfile, scales: Sequence[JointScale]
 ) -> tuple[float, ...]:
-    """Return each joint's limit of distance from its target, counts: 6065h / 3, at most 1 deg, at least 10 counts."""
+    """Return each joint's largest allowed following error, counts: 6065h / 3, at most 1 deg, at least 10 counts."""
     windows = []
     for node, scale in zip(profile.drives, scales, strict=True):
         drive_window = read_number(access, node, objects.FOLLOWING_WINDOW, 0)

@@ -51,7 +51,7 @@ ABSENT = frozenset({Abort.NO_OBJECT, Abort.NO_SUBINDEX})
 
 
 def check_mapping(access: ObjectAccess, profile: BusProfile, silent: Iterable[int] = ()) -> None:
-    """Compare the PDOs of all drives with the profile; nodes that are no drives are skipped.
+    """Compare the PDOs of all drives with the profile; nodes that are not drives are skipped.
 
     Raises `MappingMismatch` with node, object, expected and found value of every difference; it also names the
     `silent` nodes.
@@ -165,7 +165,7 @@ def read_records(access: ObjectAccess, node: int, communication: int) -> Iterato
 def conflicting_pdos(
     access: ObjectAccess, node: int, profile: BusProfile, joint: JointProfile
 ) -> Iterator[tuple[int, int, int]]:
-    """Yield the valid PDOs that the profile does not use, and whose identifiers other frames of the arm have.
+    """Yield valid PDOs that the profile does not use but whose identifiers are those of other frames of the arm.
 
     A drive with such a PDO could obey another drive's commands. Each is yielded as number, index of the communication
     record, and COB-ID.
@@ -213,7 +213,7 @@ def read_map(access: ObjectAccess, node: int, index: int) -> tuple[Entry, ...] |
 def _cob_id(
     access: ObjectAccess, node: int, index: int, sub: int, expected: int, *, refused: int
 ) -> Iterator[ObjectMismatch]:
-    """Yield a mismatch if a COB-ID is not the expected one, or its flag bit `refused` is set."""
+    """Yield a mismatch if a COB-ID is not the expected one, or if its flag bit `refused` is set."""
     value = read_number(access, node, index, sub)
     wrong = value is None or value & (IDENTIFIER | EXTENDED | refused) != expected
     if wrong:

@@ -122,7 +122,7 @@ class ObjectAccess:
             raise self.duplicate_error(twice)
 
     def _surplus(self) -> Counter[int]:
-        """Answers minus requests, by node."""
+        """Answers in excess of requests, by node."""
         return Counter(
             {node: self._answered[node] - self._network.asked[node] for node in self._clients}
         )

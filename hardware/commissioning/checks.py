@@ -49,7 +49,7 @@ class MidwayWatch:
     at_rad: float | None = None
 
     def __call__(self, snapshot: ArmSnapshot) -> str | None:
-        """Call `act` once, as soon as the joint has moved by `after_rad`; return a reason to end the move, or None."""
+        """Call `act` once, as soon as the joint has moved by `after_rad`; return its reason to end the move, if any."""
         position_rad = float(snapshot.positions_rad[self.joint - 1])
         if self.at_rad is not None or abs(position_rad - self.start_rad) < self.after_rad:
             return None
@@ -75,7 +75,7 @@ class Turn:
         )
 
     def midway_watch(self, act: Callable[[], str | None]) -> MidwayWatch:
-        """Make a watch that acts once after `part_rad`."""
+        """Make a watch that calls `act` once, after the joint moved by `part_rad`."""
         start = float(self.arm.capture(self.bounds.samples).mean_rad[self.joint - 1])
         return MidwayWatch(joint=self.joint, after_rad=self.part_rad, act=act, start_rad=start)
 

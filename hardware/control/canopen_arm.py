@@ -149,7 +149,7 @@ class CanopenArm(ConnectableArm):
     ) -> MoveResult:
         """Move joints in position mode to their targets, in a straight line in joint space; all arrive together.
 
-        Raises `CommandRefused` before anything moves; errors other than STOP only after the joints came to rest.
+        Raises `CommandRefused` before anything moves, and other errors except STOP after the joints came to rest.
         """
         link = self._link
         self._raise_if_stopped(link)
@@ -213,7 +213,7 @@ class CanopenArm(ConnectableArm):
         return read_drive_facts(self._link.access, self._link.profile)
 
     def another(self) -> CanopenArm:
-        """Return a second arm object for the same arm and bus, not connected, such as another program would have."""
+        """Return a second, unconnected arm object for the same arm and bus, like that of another program."""
         setup = self.on_bus
         return CanopenArm(
             setup.description,

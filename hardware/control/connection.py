@@ -139,7 +139,7 @@ class Connection:
             raise
 
     def read_states(self) -> tuple[DriveState, ...]:
-        """Read the state of every drive (6041h) by SDO, without `open`."""
+        """Read the state of every drive (6041h) by SDO; needs no `open`."""
         self.loop.start()
         statuswords = (self.access.read_unsigned(node, STATUSWORD) for node in self.profile.drives)
         return tuple(map(state_of, statuswords))
@@ -157,7 +157,7 @@ class Connection:
 
     @property
     def left_enabled(self) -> bool:
-        """Whether drives last reported power, and this program may have enabled them."""
+        """Whether this connection took control and a drive's last statusword shows power."""
         return self.took_control and any(
             state_of(word) in POWERED_STATES for word in self.loop.view.sample.statuswords
         )
@@ -199,7 +199,7 @@ class Connection:
         raise MappingChanged(differs)
 
     def _differing_positions(self) -> MappingMismatch | None:
-        """Return the differences between positions by SDO and PDO; None if there is none or a node does not answer."""
+        """Return the differences between SDO and PDO positions; None if they agree or a node does not answer."""
         counts = self.loop.view.sample.counts
         try:
             if self._compares_positions:

@@ -160,7 +160,7 @@ class ControlLoop:
         return self._sampler.view.sample
 
     def alarm(self) -> HardwareError | None:
-        """Return the alarm that requires the current steps to bring the arm to rest and end; None if there is none."""
+        """Return the alarm because of which the current steps must stop the arm and end; None if there is none."""
         task = self._tasks.first
         every = alarms(
             self.nodes,
@@ -191,7 +191,7 @@ class ControlLoop:
             self._tasks.finish_all(self._closed_error())
 
     def _work(self) -> None:
-        """Run one step of the task, one SYNC or one frame; then send the heartbeat if due."""
+        """Advance the task by one step, else run one SYNC or receive a frame; then send the heartbeat if due."""
         task = self._tasks.first
         if task is not None and not self._must_resample():
             self._idle_poll_s = self._timing.idle_poll_s

@@ -258,7 +258,7 @@ def _last_commands(loop: ControlLoop) -> Setpoints:
 
 
 def _higher_priority(alarm: HardwareError | None, ending: Exception | None) -> Exception | None:
-    """Return `alarm` if it is STOP or the cause of `ending`, the earlier error of a move if any; otherwise `ending`."""
+    """Return `alarm` if it is STOP or caused the earlier error `ending`, or if `ending` is None; else `ending`."""
     if ending is None or isinstance(alarm, Stopped):
         return alarm
     # The first sign of a trip or a lost node is often that its drive, or a neighbour's, is not enabled.

@@ -56,7 +56,7 @@ class CommandSender:
         self._sent: list[Setpoint | None] = [None] * len(self._frames)
 
     def send(self, commands: Setpoints, sync_count: int, *, moving: bool) -> None:
-        """Send changed commands, and repeat one joint's command (each joint in turn) in case a frame was lost."""
+        """Send changed commands; also repeat one command, each joint's in turn, since a frame may have been lost."""
         repeated = sync_count % len(self._frames)
         dropout = self._watch.dropout
         for joint, joint_command in enumerate(commands):

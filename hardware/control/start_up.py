@@ -108,7 +108,7 @@ class StartUp:
     def run(self, press: object | None, *, takes_over: bool) -> ArmIdentity:
         """Find the nodes, check them, start heartbeat and SYNC; arguments as in `Connection.open`.
 
-        Sets rated torques, token and modes of the connection.
+        Sets the connection's rated torques, token and modes.
         """
         loop, access, profile = self._loop, self._access, self._profile
         self._pressed = lambda: loop.latch.last_press is not press
@@ -237,7 +237,7 @@ class StartUp:
         return self._check_arm(identity)
 
     def _check_arm(self, identity: ArmIdentity) -> tuple[int, ...]:
-        """Compare everything except the PDOs; set heartbeat time-out, following windows and rated torques."""
+        """Check the arm except for its PDOs; set heartbeat time-out, following windows and rated torques."""
         access, profile, loop, link = self._access, self._profile, self._loop, self._link
         identifying.check_arm(access, identity, link.on_bus.description, profile)
         loop.heartbeat_timeout_s = heartbeat_timeout_s(access, profile, loop.heartbeat_timeout_s)

@@ -83,9 +83,10 @@ class StopLine:
         self._ways: tuple[Callable[[can.Message], None], ...] = (*own, spare.send_at_once)
 
     def send(self, last: Setpoints | None, counts: Sequence[int]) -> None:
-        """Send quick stop to every drive with its target and mode in `last`; if that is None, its position in `counts`.
+        """Send quick stop to every drive, with its target and mode in `last`.
 
-        Raises `BusError` if a frame could not be sent; all other frames were sent.
+        If `last` is None, the target is the drive's position in `counts`. Raises `BusError` if a frame could not be
+        sent; all other frames were sent.
         """
         failure: Exception | None = None
         deadline_s = time.monotonic() + CONTROL_PERIOD_S

@@ -32,7 +32,7 @@ class LoopTask:
     _started: bool = False
 
     def advance(self, sample: Sample) -> Setpoints | None:
-        """Run the steps up to their next SYNC and return its commands; raises `StopIteration` when the steps end."""
+        """Run the steps up to the next SYNC and return the commands; raises `StopIteration` when the steps end."""
         if self._started:
             return self.steps.send(sample)
         self._started = True

@@ -22,7 +22,7 @@ SMOOTHING_PERIODS = 10
 
 
 def coming_to_rest_s(speed_rad_per_s: float) -> float:
-    """Return the braking distance of a joint divided by its speed, s, in a move at `speed_rad_per_s`.
+    """Return a joint's braking distance divided by its speed, s, for a move at `speed_rad_per_s`.
 
     It is half the deceleration time (the mean speed is half of `speed_rad_per_s`), plus half the length of the moving
     average and two control periods of delay. It also holds for a free joint that moves in proportion to driven joints.

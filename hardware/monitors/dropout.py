@@ -35,7 +35,7 @@ NOT_FOLLOWING_SYNCS: Final = 50
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dropout:
-    """A drive changed to `state` without a command; if that is *operation enabled*, it stopped following its target."""
+    """A drive changed to `state` without a command; *operation enabled* means that it stopped following its target."""
 
     joint: int
     state: DriveState
@@ -55,7 +55,7 @@ class Dropout:
 
 @dataclass(slots=True)
 class _Joint:
-    """Numbers of SYNCs, since the command to enable, at which the drive reported each condition."""
+    """How many SYNCs since the command to enable found the drive in each condition."""
 
     enabled_syncs: int = 0
     disabled_syncs: int = 0

@@ -82,7 +82,7 @@ class ContinuityMonitor:
         self._recent.clear()
 
     def update(self, sample: Sample) -> CountJump | None:
-        """Take in a sample; return a jump once it is confirmed, `QUIET_SYNCS` after it happened."""
+        """Take in a sample; return a jump once it is confirmed, `QUIET_SYNCS` SYNCs after the jump."""
         recent = self._recent
         if (
             not sample.complete
@@ -223,7 +223,7 @@ class JointMonitor:
         return self.switched_off != before
 
     def expect_jerk(self) -> None:
-        """Suspend jump detection: a drive gets a command other than the next target of its move."""
+        """Suspend jump detection, since a drive gets a command other than its move's next target."""
         self._continuity.expect_jerk()
 
     def reset(self) -> None:

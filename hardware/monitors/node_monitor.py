@@ -255,7 +255,7 @@ class NodeMonitor:
         self.faults = (*self.faults, fault)
 
     def _is_command(self, identifier: int, data: bytes) -> bool:
-        """Whether a frame is a command to this arm other than quick stop, which STOP's handle may have sent."""
+        """Whether a frame is a command to this arm; quick stop does not count, since STOP may send it."""
         if identifier == objects.COB_SYNC:
             return len(data) <= 1  # with a counter or without
         if frames := self._commanded.get(identifier):

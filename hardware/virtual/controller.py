@@ -173,7 +173,7 @@ class VirtualController:
             raise self.failure
 
     def post(self, action: Callable[[], object]) -> None:
-        """Run an action in the control loop; if called from the loop itself, at once."""
+        """Run an action in the control loop: immediately if called from the loop itself."""
         if threading.get_ident() == self._in_turn:
             action()
         else:
@@ -184,7 +184,7 @@ class VirtualController:
         return self._clock()
 
     def restart(self) -> None:
-        """Power-cycle all nodes; call by `post` only."""
+        """Power-cycle all nodes; call through `post` only."""
         self._heard_s.clear()
         for node in self._nodes:
             with node.lock:

@@ -158,7 +158,7 @@ class Disturbances:
         return counts + self.lost_counts.get(joint, 0) + noise
 
     def loses_tpdo(self, joint: int) -> bool:
-        """Whether this TPDO1 of a joint is lost; counts down."""
+        """Whether this TPDO1 of a joint is lost; if so, decrement the number still to be lost."""
         remaining = self.lost_tpdos.get(joint, 0)
         if remaining == 0:
             return False
@@ -166,7 +166,7 @@ class Disturbances:
         return True
 
     def divergence(self, joint: int) -> int:
-        """Return the distance of a joint from its drive's target in this period, counts; it grows with every call."""
+        """Return the distance of a joint from its drive's target in this period, counts; each call increases it."""
         counts = self.diverged_counts.get(joint)
         if counts is None:
             return 0

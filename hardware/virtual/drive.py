@@ -122,7 +122,7 @@ class Drive:
     # ---- events ----------------------------------------------------------------------------------
 
     def quick_stop(self) -> None:
-        """Stop and hold, if enabled, without a controlword."""
+        """If enabled, stop and hold; no controlword is needed."""
         after = cia402.after_event(self.state, DriveEvent.QUICK_STOP)
         if after is not self.state:
             self.state = after

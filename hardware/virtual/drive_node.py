@@ -189,7 +189,7 @@ class DriveGroup:
             self.quick_stop()
 
     def _command_of(self, node: DriveNode) -> JointCommand:
-        """Return a drive's command, changed by active faults; lost counts and a divergence shift the joint's target."""
+        """Return a drive's command as active faults change it: mode, or target (lost counts or divergence)."""
         command, faults = node.drive.command(), self._disturbances
         if command.mode is JointMode.FREE and node.number in faults.blocked:
             return replace(command, mode=None)

@@ -79,7 +79,7 @@ class EmbeddedBus(VirtualBus):
 
 
 class AttendingBus(EmbeddedBus):
-    """Embedded bus on which a reader that waits for a frame runs the virtual arm meanwhile.
+    """Embedded bus on which a reader runs the virtual arm while it waits for a frame.
 
     `attend` (`VirtualController.attend`) is called when a frame is waited for and none is queued; a reader that
     waits while another thread sends is woken.
@@ -116,5 +116,5 @@ class AttendingBus(EmbeddedBus):
 
 
 def attended_openers(controller: VirtualController) -> BusOpeners:
-    """Return the bus openers for an operator in the same process as a controller that is `attended`."""
+    """Return the bus openers for an operator in the process of a controller made with `attended`."""
     return BusOpeners(main=lambda settings: AttendingBus(settings.channel, controller.attend))

@@ -95,7 +95,7 @@ class ChainPoint(ABC):
 class LoopPoint(ChainPoint):
     """Frame n constrained to frame -1; error: rotation vector (rad), then position (m).
 
-    Without a `hinge` theta_0 must stay zero.
+    If `hinge` is false, theta_0 must stay 0.
     """
 
     def __init__(self, table: DhTable, *, hinge: bool = True) -> None:
@@ -137,7 +137,7 @@ class BallPoint(ChainPoint):
         self._tip, self._ground = tip_m, ground_m
 
     def at(self, theta_rad: FloatArray) -> None:
-        """Evaluate error and Jacobian at angles theta_0 (left at zero), theta'_1 .. theta'_n, shape (n + 1,), rad."""
+        """Evaluate error and Jacobian at the angles (n + 1,), rad: theta_0 (which must be 0), theta'_1 .. theta'_n."""
         end = self._place(theta_rad)
         ball = end[:3, :3] @ self._tip + end[:3, 3]
         self.error[:] = ball - self._ground
@@ -152,7 +152,7 @@ class OpenPoint(ChainPoint):
         super().__init__(table, 0)
 
     def at(self, theta_rad: FloatArray) -> None:
-        """Compute all frames at angles theta_0 (left at zero), theta'_1 .. theta'_n, shape (n + 1,), rad."""
+        """Compute all frames at the angles (n + 1,), rad: theta_0 (which must be 0), theta'_1 .. theta'_n."""
         self._place(theta_rad)
 
 

@@ -73,7 +73,7 @@ class FolderDisk(Disk):
             os.fsync(file.fileno())
 
     def rename(self, old: str, new: str) -> None:
-        """Rename a file, replacing any file of the new name, and return when that is on the disk."""
+        """Rename a file, replacing any file of the new name; returns once the change is on the disk."""
         (self._folder / old).replace(self._folder / new)
         folder = os.open(self._folder, os.O_RDONLY)
         try:

@@ -203,7 +203,7 @@ class Plant:
         return stiffness, target
 
     def _advance(self, stiffness: FloatArray, target: FloatArray) -> None:
-        """Find the increment by Newton's method, starting from the extrapolated motion of the last two periods."""
+        """Find this period's motion by Newton's method, starting from an extrapolation of the last two periods."""
         start, point, K = self._angles, self._point, self._fixture
         gravity = self._gravity() if self._loaded else 0.0
         diagonal = stiffness + self._damping

@@ -205,7 +205,7 @@ def scenario(name: str, seed: int = 0) -> Scenario:
 
 
 def scenario_of(name: str, seed: int, stated: SpecimenFiles, placement: int = 1) -> Scenario:
-    """Return a scenario for an arm and a fixture: that of `scenario` if the files allow the paper's arm.
+    """Return the scenario for an arm and a fixture, with the paper's arm if the files allow it.
 
     Otherwise the truth is drawn by seed within the tolerances of the files, including (except in ``exact``) lengths and
     twists that the calibration does not identify. From the second `placement` on, the fixture is drawn again and the

@@ -40,7 +40,7 @@ class LinearityDeviation:
     def drawn(
         cls, rng: np.random.Generator, *, full_scale_rad: float, peak: float
     ) -> LinearityDeviation:
-        """Draw a random shape with peak deviation `peak` (fraction of full scale), in which high degrees are weaker."""
+        """Draw a random shape with peak deviation `peak` (fraction of full scale), with weaker high degrees."""
         shape = rng.choice((-1.0, 1.0), 4) * rng.uniform(0.4, 1.0, 4) * (1.0, 1.0, 0.4, 0.2)
         unit = cls(coefficients_rad=shape, half_scale_rad=0.5 * full_scale_rad)
         largest = unit.peak_rad()
@@ -98,7 +98,7 @@ class JointSensor:
         return 0.0 if self.curve is None else self.curve.deviation_rad(angle_rad - self.zero_rad)
 
     def counts(self, angle_rad: float, standard_normal: float) -> int:
-        """Read a true angle in sensor coordinates with one draw of standard normal noise."""
+        """Return the counts at a true angle in sensor coordinates; `standard_normal` scales the noise."""
         reading = (angle_rad + self.deviation_rad(angle_rad)) / self.resolution_rad
         count = round(reading + self.noise_counts * standard_normal)
         return int(min(max(count, self.lowest_counts), self.highest_counts))

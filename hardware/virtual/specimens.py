@@ -111,11 +111,11 @@ class _Specimen:
         stated = np.array([arm.length_tolerance_m, arm.length_tolerance_m, arm.twist_tolerance_rad])
         free, maker = np.zeros((5, n)), np.zeros((4, n))
         free[DhKind.THETA_OFF] = SPECIMEN_OFFSET_RAD * rng.uniform(-1.0, 1.0, n)
-        free[1:4] = 3.0 * stated * _truncated_normal(rng, (3, n))
+        free[1:4] = 3.0 * stated * _clipped_normal(rng, (3, n))
         maker[:3] = stated * rng.standard_normal((3, n))
         # For parallel axes (Hayati) a twist about y replaces the offset along z.
         twist = arm.twist_tolerance_rad[hayati]
-        free[DhKind.BETA, hayati] = 3.0 * twist * _truncated_normal(rng, twist.shape)
+        free[DhKind.BETA, hayati] = 3.0 * twist * _clipped_normal(rng, twist.shape)
         maker[-1, hayati] = twist * rng.standard_normal(len(hayati))
         maker[0, hayati] = 0.0
         return cls(free=free, maker=maker)
@@ -222,7 +222,7 @@ def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator)
         raise ValueError("in its first placement, this arm does not close near its home_deg")
     observable = _observable(stated, model, nominal, home_pose) > 0.0
     new = observable & np.array([p.name in sides for p in model.parameters])
-    drawn = (centre + size * _truncated_normal(rng, (len(size),)) for _ in range(MAX_DRAWS))
+    drawn = (centre + size * _clipped_normal(rng, (len(size),)) for _ in range(MAX_DRAWS))
     return _first_that_closes(
         (_truth(model, np.where(new, x, true), rows) for x in drawn),
         arm,
@@ -242,10 +242,10 @@ def _placement_errors(
         (stated.tolerance_rad if p.is_angle else stated.tolerance_m) * (p.name in placed)
         for p in model.parameters
     ]
-    return np.array(size) * _truncated_normal(rng, (len(size),))
+    return np.array(size) * _clipped_normal(rng, (len(size),))
 
 
-def _truncated_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
+def _clipped_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
     """Draw fractions of a tolerance: normal with standard deviation 1/3, clipped to -1..1."""
     return np.clip(rng.standard_normal(shape) / 3.0, -1.0, 1.0)
 

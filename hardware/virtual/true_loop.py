@@ -90,7 +90,7 @@ class LoopTruth(Truth):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BallTruth(Truth):
-    """An arm with a ball on its tool, in a socket on the table; row 0 is empty.
+    """An arm with a ball on its tool, in a socket on the table; D-H row 0 is zero.
 
     `tip_m`, `ground_m` (3,): centres of the ball in the last frame, and of the socket in the arm's base frame.
     """
@@ -99,7 +99,7 @@ class BallTruth(Truth):
     ground_m: FloatArray
 
     def named(self) -> dict[str, float]:
-        """Return the D-H entries and both centres."""
+        """Return the D-H entries and both centres, by name."""
         return Truth.named(self) | _axes(tip=self.tip_m, ground=self.ground_m)
 
     def loop(self) -> PointClosure:
@@ -114,7 +114,7 @@ class BallTruth(Truth):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenTruth(Truth):
-    """An open arm with a target on its tool; row 0 is empty.
+    """An open arm with a target on its tool; D-H row 0 is zero.
 
     `base_m` (3,), `base_rotation` (3, 3): the arm's base in the instrument's frame; `tip_m`, `tip_rotation`: the target
     in the last frame.
@@ -126,7 +126,7 @@ class OpenTruth(Truth):
     tip_rotation: FloatArray
 
     def named(self) -> dict[str, float]:
-        """Return the D-H entries and the positions of base and target."""
+        """Return D-H entries and positions of base and target, by name."""
         return Truth.named(self) | _axes(base=self.base_m, tip=self.tip_m)
 
     def loop(self) -> MeasuredClosure:
@@ -146,7 +146,7 @@ class OpenTruth(Truth):
         return OpenPoint(self.table)
 
     def closed_near(self, reading_rad: FloatArray) -> tuple[FloatArray, float]:
-        """Return the true joint angles (n,) at a reading (n,), rad, and 0 for the hinge angle; nothing has to close."""
+        """Return the true joint angles (n,) at a reading (n,), rad, and 0 for the hinge angle; there is no closure."""
         return np.asarray(reading_rad) + self.offsets_rad, 0.0
 
     def target(self, theta_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -223,7 +223,7 @@ MAX_GRADIENT = 4.0
 
 
 def draw_wild_loop(rng: np.random.Generator) -> LoopTruth:
-    """Draw a truth whose loop closes exactly at `PAPER_HOME_RAD`."""
+    """Draw a true loop that closes exactly at `PAPER_HOME_RAD`."""
     loop = DhLoop(table=paper_loop().table, entries=entries(PLACEMENT_ENTRIES), hinge=True)
     nominal = nominal_vector(loop.parameters)
     reach = np.where([p.is_angle for p in loop.parameters], WILD_HINGE_RAD, WILD_HINGE_M)

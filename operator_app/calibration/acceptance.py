@@ -160,7 +160,7 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
 
 
 def _left(diagnosis: Diagnosis) -> float:
-    """Return the chi2/dof after the last explanation; if there is no possible explanation, the stated chi2/dof."""
+    """Return the chi2/dof with the last explanation; if none is possible, that of the stated model."""
     last = diagnosis.rankings[-1].best if diagnosis.rankings else None
     if last is None or _impossible_compliance(diagnosis):
         return diagnosis.stated_chi2_per_dof
@@ -184,7 +184,7 @@ def _impossible_compliance(diagnosis: Diagnosis) -> bool:
 def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return one finding for each code; it blocks if any finding of that code blocks.
 
-    A code occurs twice if one fit of its cause did not remove all of the misfit that the cause explains.
+    A code occurs twice if the first fit of its cause left part of the misfit that the cause explains.
     """
     by_code: dict[str, Finding] = {}
     for cause in causes:
@@ -214,11 +214,11 @@ def little_motion(
     known: Mapping[str, float] = NOTHING_KNOWN,
     narrows: Callable[[str], str] | None = None,
 ) -> tuple[Finding, ...]:
-    """Return the finding that some parameters have large standard deviations because the poses differ little.
+    """Return a finding if the poses differ so little that some parameters have large standard deviations.
 
-    A standard deviation (P,) is reported if it is large or exceeds the parameter's value in `known` (rad, m); it blocks
-    acceptance if it is too large for any use. `known`: standard deviations that files state. `narrows`: function that
-    returns the source of error that dominates the sigma of a named parameter, or "" if only more varied poses help.
+    A standard deviation (P,) is reported if it is large or exceeds the one that a file states (`known`, rad or m, by
+    name); it blocks acceptance if it is too large for any use. `narrows`: function that returns the source of error
+    that dominates the sigma of a named parameter, or "" if only more varied poses help.
     """
     wide, coarse, refuses = [], [], False
     worst, farthest = "", 0.0
@@ -340,7 +340,7 @@ def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> 
 
 
 def _slipped_since(read: RepeatedReading, repeat: Repeat, estimate: Estimate) -> Finding:
-    """Return the finding that the fixture or a joint's reading slipped between two readings of a pose."""
+    """Return the finding that the fixture moved or a joint's reading stepped between two readings of a pose."""
     from scipy.special import chdtri
 
     # Prior odds: a step in one of n joints, against a slip or a deflection of the fixture.

@@ -261,7 +261,7 @@ def _misfit_causes(
 
 
 def _wrong_distances(case: _Case, margin: float) -> tuple[Finding, ...]:
-    """Findings of distances whose omission leaves at most `margin` more chi2 than the best fault; else empty."""
+    """Findings of distances whose omission reduces chi2 to at most the best fault's plus `margin`; else empty."""
     best = case.diagnosis.best
     most_chi2 = np.inf if best is None else best.evidence.chi2 + margin
     return wrong_distances(case.stated, case.found.linear, most_chi2=most_chi2)
@@ -317,7 +317,7 @@ def stated_by_fixture(parameters: tuple[Parameter, ...], stated: Experiment) -> 
 
 
 def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
-    """Return the finding of parameters that these poses hardly determine; empty if there are none.
+    """Return findings on parameters that these poses hardly determine; empty if there are none.
 
     Evaluated at the nominal values, since the sigmas of a diverged fit have no meaning. Also empty if parallel axes in
     the nominal geometry are the cause.
@@ -391,7 +391,7 @@ def _screening_causes(experiment: Experiment, known: PriorInformation) -> tuple[
 
 
 def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
-    """Return the finding that several solutions fit the poses; empty if only one does, or without a search."""
+    """Return the finding that several solutions fit the poses; empty if only one does or `search` is None."""
     if search is None or not search.alternatives:
         return ()
     solutions = {"solutions": 1 + len(search.alternatives)}
@@ -399,7 +399,7 @@ def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
 
 
 def _geometry_causes(checks: tuple[SetupCheck, ...]) -> tuple[Finding, ...]:
-    """Return findings of fixture axes so nearly parallel to a joint axis that D-H entries are ambiguous (Hayati)."""
+    """Return findings on fixture axes so nearly parallel to a joint axis that D-H entries are ambiguous (Hayati)."""
     return tuple(
         Finding(
             kind=FindingKind.PARALLEL_AXES,

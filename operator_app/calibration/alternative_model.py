@@ -153,7 +153,7 @@ BENDS = 3
 def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> tuple[int, float] | None:
     """Return the index of the pose at which a joint's readings (m,) step away from its angles (m,), and the step, rad.
 
-    Poses are in the order in which they were taken. None if no step explains most of the residuals of a smooth curve.
+    Poses are in the order in which they were taken. None if no step explains most of the deviation from a smooth curve.
     """
     m = len(reading_rad)
     if m < 2 * (limits.STEP_EDGE_POSES + BENDS):
@@ -182,7 +182,7 @@ TURNS_RAD = 0.5e-3
 
 
 def other_fixtures(stated: Experiment) -> Iterator[Alternative]:
-    """Yield alternatives whose fixture has fewer constraints than the stated one, so that more loops may close."""
+    """Yield alternatives whose fixture has fewer constraints than the stated one, so that loops close more easily."""
     if isinstance(stated.fixture, Rigid):
         yield hinge_instead(stated)
     if isinstance(stated.fixture, Hinge | Rigid):
@@ -216,7 +216,7 @@ def hinge_instead(stated: Experiment) -> Alternative:
 
 
 def _ball_instead(stated: Experiment) -> Alternative:
-    """Return the alternative with a ball: at the stated hinge, or else at the tool point that moves least."""
+    """Return the alternative with a ball: at the hinge if one is stated, else at the tool point that moves least."""
     fixture = stated.fixture
     R, p = frames = _frames(stated.arm, stated.poses)
     if isinstance(fixture, Hinge):

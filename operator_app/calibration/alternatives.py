@@ -232,7 +232,7 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
 
 
 def _frozen(stated: Experiment) -> Iterator[Alternative]:
-    """Yield alternatives in which a sensor is stuck in a run of poses, of which only the first pose is used."""
+    """Yield alternatives in which a sensor is stuck in a run of poses; only the run's first pose is used."""
     poses, sigma = stated.poses, stated.arm.sigma_rad()
     for j in range(1, poses.joint_count + 1):
         for first, last in constant_reading_runs(poses.q_rad, j, 3.0 * float(sigma[j - 1])):

@@ -174,11 +174,14 @@ class Screened:
 
     Attributes
     ----------
-    model, tolerance
-        The loops with all free parameters; by name, the tolerance (rad, m) of each entry free within a tolerance.
+    model
+        The loops with all free parameters.
+    tolerance
+        Tolerance (rad, m), by name, of each entry free within a tolerance.
     errors
-        The error model of the `distinct` poses (indices into all poses); `which` maps every pose on the branch to one
-        of them.
+        Error model of the distinct poses.
+    distinct, which
+        Indices of the distinct poses; for every pose on the branch, its position among them.
     prior
         Names of the arm's entries whose uncertainty the arm's file states.
     identifiability
@@ -226,7 +229,7 @@ class Diagnosed:
 
 
 def prepare(task: Task) -> Prepared:
-    """Build the loops; refuse too few poses, readings out of range, and placements without unique parameters."""
+    """Build the loops; refuse too few poses, readings out of range, and placements with ambiguous parameters."""
     experiment, model = task.experiment, task.experiment.loop()
     poses, unsensed = experiment.poses, experiment.unsensed
     require_enough_poses(model, len(poses))
@@ -428,7 +431,7 @@ def _require_identifiable(
 ) -> None:
     """Raise an error that names the unidentifiable directions, or the fault that causes them.
 
-    The implicit estimator accepts directions with a parameter in `prior`, whose uncertainty the arm's file states.
+    The implicit estimator accepts directions that involve a parameter in `prior` (uncertainty stated in the arm file).
     """
     task, loops, model = prepared.task, prepared.loops, prepared.hard
     known = frozenset[str]() if task.by_paper else prior
@@ -448,7 +451,7 @@ def _require_identifiable(
 
 
 def _identifiability_of(fitted: Fitted, part: Calibrated) -> Identifiability:
-    """Identifiability at the fitted parameters: by the fit's equations if all joints are sensed, else by the loops."""
+    """Identifiability at the fitted parameters, from the fit's equations or, with unsensed joints, the loop closure."""
     screened = fitted.before
     prepared = screened.before
     loops = prepared.loops

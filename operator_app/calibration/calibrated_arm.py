@@ -63,7 +63,7 @@ class CalibratedArm:
     corrections: Corrections | None = None
 
     def table(self, frame: Frame = "flange") -> DhTable:
-        """Return D-H rows 1..n for uncorrected readings, to the arm's own frame n or to the frame with the tip."""
+        """Return D-H rows 1..n for uncorrected readings; they end in the arm's own frame n or the tip's frame."""
         if self.best is None:
             return self.flange if frame == "flange" else self.hand
         if frame == "tip":
@@ -121,9 +121,9 @@ class CalibratedArm:
         return np.sqrt(spread_along(self._rates(q_rad, self.free)[1], part))
 
     def rate_m_per_rad(self, joint: int, rates: dict[str, float], q_rad: FloatArray) -> FloatArray:
-        """Displacement of the tip (m,), m per rad of error in the fixed offset of `joint`, at readings (m, n).
+        """Displacement of the tip (m,), m, per rad of error in the fixed offset of `joint`, at readings (m, n), rad.
 
-        `rates`: change of the other parameters per rad, by name; of several placements, the first one's rates are used.
+        `rates`: change of the other parameters per rad, by name; with several placements, those of the first apply.
         """
         plain = {name.partition("[")[0]: rate for name, rate in reversed(rates.items())}
         names = (DhEntry(DhKind.THETA_OFF, joint).name, *self.free)

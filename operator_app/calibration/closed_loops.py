@@ -27,7 +27,7 @@ class IdentifiableLoops(NamedTuple):
     Attributes
     ----------
     model
-        The loops with all unknowns; if unidentifiable ones are dropped on request, the same as `identifiable`.
+        The loops with all unknowns; equals `identifiable` if dropping unidentifiable unknowns was requested.
     identifiable, unidentifiable
         The loops with the unknowns that the poses identify, and the names of the others.
     q, kept

@@ -251,7 +251,7 @@ def _loop(document: ParametersDocument) -> DhLoop:
 
 
 def nearest_values(a: ParametersDocument, b: ParametersDocument) -> dict[str, float]:
-    """Return B's identified entries (rad, m), in the equivalent vector that is nearest to A's."""
+    """Return B's identified entries (rad, m), replaced by the equivalents nearest to A's."""
     loop = _loop(b)
     rows_a, rows_b = a.table.stacked(), b.table.stacked()
     x = np.array([rows_b[e.kind, e.row] for e in loop.entries])

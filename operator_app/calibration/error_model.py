@@ -71,7 +71,7 @@ def error_model(
 def stated_distances(
     fixture: EndpointConstraint, placements: tuple[int, ...]
 ) -> tuple[KnownDistance, ...]:
-    """Return the distances between a ball's sockets that its file states, for sockets in which poses were taken."""
+    """Return the distances, stated in a ball's file, between those of its sockets in which poses were taken."""
     known = fixture.distances if isinstance(fixture, Ball) else ()
     return tuple(d for d in known if set(d.between) <= set(placements))
 

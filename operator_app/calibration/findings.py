@@ -144,7 +144,7 @@ def reading_step(
 
 
 def range_finding(out_of_range: RangeFinding, poses: PoseSet, *, notice: bool = False) -> Finding:
-    """Return the finding of a joint's readings outside its range; saturation blocks acceptance unless `notice`."""
+    """Return the finding of readings out of range; if saturated, they block acceptance unless `notice` is true."""
     return Finding(
         kind=RANGE_KINDS[out_of_range.fault][notice],
         joint=out_of_range.joint,
@@ -298,7 +298,7 @@ def left_out_poses(
 ) -> tuple[tuple[Finding, ...], tuple[RangeFinding, ...]]:
     """Return findings that state why these poses (indices) were left out, and the findings of readings out of range.
 
-    If poses are left out because they are in radians, readings out of range only in these poses are not reported.
+    Readings that are out of range only in poses left out because they are in radians are not reported.
     """
     joints = {
         k: [f.joint for f in out_of_range if f.fault is ReadingFault.OUTSIDE and k in f.poses]

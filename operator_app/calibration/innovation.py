@@ -43,9 +43,9 @@ class Innovation:
     chi2, dof
         chi2 of the reading (infinite if the loop does not close there), and its degrees of freedom.
     usual
-        Largest chi2 of an earlier pose, predicted by the other earlier poses; it is also large if the files are wrong.
+        Largest chi2 of an earlier pose as predicted from the others; also large if the files are wrong.
     shifts
-        Shift of each joint (1-based) whose reading is used.
+        Shift of each used reading that would explain the deviation, by joint (1-based).
     """
 
     chi2: float

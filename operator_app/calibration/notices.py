@@ -184,7 +184,7 @@ def outliers_still_used(labels: tuple[str, ...]) -> tuple[Finding, ...]:
 
 
 def _ill_conditioned(identified: Identifiability, limits: AcceptanceLimits) -> tuple[Finding, ...]:
-    """Return a warning if the condition number exceeds the procedure's limit; acceptance depends on the sigmas."""
+    """Return a warning if the condition number exceeds the procedure's limit; it does not affect acceptance."""
     if identified.scaled_condition_number <= limits.scaled_condition_number:
         return ()
     return (

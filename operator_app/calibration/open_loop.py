@@ -46,7 +46,7 @@ class OpenLoopCheck:
 
     @property
     def disagree(self) -> tuple[ParameterChange, ...]:
-        """Parameters that differ significantly, the worst first."""
+        """Significant differences of parameters, the worst first."""
         return significant_changes(self.differences)
 
     @property

@@ -117,7 +117,7 @@ def distances(
     placements: tuple[int, ...],
     measured: Sequence[tuple[KnownDistance, float]] = (),
 ) -> tuple[Distance, ...]:
-    """Return the distances between the sockets of a ball; empty for other fixtures, or one placement.
+    """Return the distances between the sockets of a ball; empty for other fixtures or a single placement.
 
     `measured`: the measured distances that the estimate used, each with its deviation in sigmas.
     """

@@ -234,7 +234,7 @@ def _model(
 
 
 def _covariance(estimate: Estimate, column: Sequence[int | None]) -> FloatArray:
-    """Covariance of parameters, given their columns in the estimate; very large for a parameter without a column."""
+    """Covariance of parameters with indices `column` in the estimate; very large variance where an index is None."""
     indices = [k for k, c in enumerate(column) if c is not None]
     rows = [c for c in column if c is not None]
     covariance = np.diag(np.full(len(column), NOT_KNOWN**2))

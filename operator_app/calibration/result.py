@@ -42,7 +42,7 @@ class Solution:
     before
         Closure sigmas at the nominal parameters, for comparison with `estimate.sigmas`.
     dropped_flipped
-        Indices (into all poses) left out because they are on the flipped branch.
+        Indices of poses that were left out because they are on the flipped branch.
     held
         Unknowns that were fixed at their nominal values on request.
     tolerated
@@ -151,7 +151,7 @@ class Solution:
 
     @property
     def identified(self) -> Estimate:
-        """The estimate of the identified parameters, without lengths and twists corrected within tolerances."""
+        """The estimate of the parameters except `tolerated`, the lengths and twists corrected within tolerances."""
         return self.estimate.without(self.tolerated)
 
     @property

@@ -127,7 +127,7 @@ def _beside(calibrated: Calibrated, model: ClosureModel, q: FloatArray) -> FitSt
 def _noise_of_rvdts(
     sensors: Mapping[int, Rvdt], poses: PoseSet, kept: BoolArray, calibrated: Calibrated
 ) -> dict[int, SingleNoise]:
-    """Noise of single readings, by joint, from the spread of samples or else from the loops; unknown noise is left out.
+    """Noise of single readings, by joint, from the spread of samples or else from the closure; omits unknown noise.
 
     Poses in which a joint moved while it was read are left out; `motion_causes` reports them.
     """
@@ -168,7 +168,7 @@ def measured_deviations(
 
 
 def rvdt_causes(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> tuple[Finding, ...]:
-    """Findings of RVDTs that are out of specification but have no other fault: the sigmas include their deviations."""
+    """Findings of RVDTs out of specification but without other faults; the sigmas include the RVDTs' deviations."""
     return tuple(
         Finding(kind=_kind_of(v, arm), joint=v.joint, sensor="RVDT", reported=(v.text,))
         for v in verdicts
@@ -230,11 +230,11 @@ class ReadingTable:
         )
 
     def corrected(self, reading_rad: FloatArray) -> FloatArray:
-        """Correct readings; beyond the table, with the correction at its nearer end."""
+        """Correct readings; outside the table's range, by the correction at its nearer end."""
         return np.asarray(reading_rad + np.interp(reading_rad, self.reading_rad, self.add_rad))
 
     def beyond(self, reading_rad: FloatArray) -> int:
-        """Number of readings beyond the table."""
+        """Number of readings outside the table's range."""
         low, high = self.reading_rad[[0, -1]]
         return int(np.sum((reading_rad < low) | (reading_rad > high)))
 

@@ -51,8 +51,8 @@ class HandAccuracy:
     Attributes
     ----------
     before
-        Distance between the tool position from the arm file and the calibrated one, in the arm's base frame, without
-        the fixture's placement on table and tool.
+        Distance between the tool positions from the arm file and from the calibration, in the arm's base frame; the
+        fixture's placement does not matter.
     after
         Remaining error from the covariance of the parameters, one standard deviation.
     poses

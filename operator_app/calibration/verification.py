@@ -157,7 +157,7 @@ def _rvdt_sd(components: Sequence[Component]) -> dict[int, float]:
 
 
 def predict(new: Experiment, fixed: Fixed) -> HeldOutPoses:
-    """Test new poses with the fixed parameters alone: linearity deviation, sag and compliance count as noise."""
+    """Test new poses with the parameters fixed; linearity deviation, sag and compliance count as noise."""
     model = freed(new.loop(), fixed.values)
     x, covariance = _in_order(model, fixed)
     return verify(model, x, covariance, new.poses.q_rad, stated_noise(new, fixed))
@@ -226,7 +226,7 @@ def _with_prediction(
     start: Mapping[str, float],
     result: VerificationResult,
 ) -> VerificationResult:
-    """Return the test that uses the calibration's own poses or, if no model fits both, the `result` without them."""
+    """Return the test that also uses the calibration's poses; if no model fits these and the new poses, `result`."""
     from scipy.special import chdtrc
 
     predicted = predict_new_poses(new, made, start)

@@ -94,7 +94,7 @@ def _write(session: ImportedSession, root: Path | None) -> Path:
 def _poses(
     args: argparse.Namespace, joints: tuple[str, ...]
 ) -> tuple[PoseSet, dict[str, list[dict[str, Any]]]]:
-    """Return the poses of all files (each of several files is one placement), and the JSON data of recordings."""
+    """Return the poses of all files (if several, each file is one placement), and the JSON data of recordings."""
     unit: Unit | None = "rad" if args.rad else "deg" if args.deg else None
     pose_sets, recordings = [], []
     of_recordings = (args.dwell_s, args.spread_deg, args.topic) != (None, None, None)

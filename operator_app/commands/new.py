@@ -251,7 +251,7 @@ def _save(
 
 
 def _reference(args: argparse.Namespace, name: str, file: str) -> str:
-    """Return how a procedure file refers to another file: by name if built-in, otherwise by a path from its folder."""
+    """Return how a procedure file refers to another file: by name if built-in, else by absolute or relative path."""
     if file in (*builtin_names("arm"), *builtin_names("fixture")):
         return file
     path = expanded(file)

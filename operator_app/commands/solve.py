@@ -121,7 +121,7 @@ def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: Po
 
 
 def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[str, tuple[ReadingTable, ...]]:
-    """Return SHA-256 of the poses used for file ``--rvdt-table``, and the file's tables; "", () without the option."""
+    """Return the tables of file ``--rvdt-table``, after the SHA-256 of their poses; "" and () without the option."""
     if not args.rvdt_table:
         return "", ()
     document, option = load_parameters(args.rvdt_table), f"--rvdt-table {args.rvdt_table}"

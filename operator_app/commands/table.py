@@ -43,7 +43,7 @@ ON_A_BUS = ("arm-check", "controller", "export", "monitor", "probe", "reset", "r
 
 
 def module(command: str) -> Any:
-    """Import and return the module of a command, which does its work."""
+    """Import and return the module that does a command's work."""
     return importlib.import_module(f"operator_app.commands.{_module_name(command)}")
 
 
@@ -60,7 +60,7 @@ def declare(command: str, parser: argparse.ArgumentParser) -> None:
 
 
 def parser_of(command: str) -> argparse.ArgumentParser:
-    """Return the parser of one command (`app` stands for `sarcal` itself) as its help page shows it."""
+    """Return the parser of one command (`app` stands for `sarcal` itself), with its name and options."""
     made = argparse.ArgumentParser(prog="sarcal" if command == APP else f"sarcal {command}")
     declare(command, made)
     return made

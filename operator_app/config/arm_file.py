@@ -168,7 +168,7 @@ def check_home(
 
 
 def _check_per_row(info: ValidationInfo, items: Sequence[object], name: str, remedy: str) -> None:
-    """Report a list of joints or links whose length differs from the number of rows of the D-H table."""
+    """Report a list of joints or links if its length differs from the number of D-H rows."""
     rows = info.data.get("dh")
     if rows is not None and len(rows) != len(items):
         text = f"there are {len(items)} {name}s for {len(rows)} D-H rows"

@@ -73,7 +73,7 @@ def find_dwells(
     dwell_s: float = DWELL_S,
     spread_rad: float = DWELL_SPREAD_RAD,
 ) -> tuple[tuple[Dwell, ...], tuple[RefusedDwell, ...]]:
-    """Return the dwells of samples `q_rad` (m, n) at rising times `time_s` (m,), and the rests that are not dwells."""
+    """Return the dwells of samples `q_rad` (m, n) at rising times `time_s` (m,), and the rests refused as dwells."""
     if len(time_s) < LEAST_SAMPLES:
         return (), ()
     step = np.diff(time_s)

@@ -56,7 +56,7 @@ class FixtureSpec:
 
     @property
     def tolerance_m(self) -> float:
-        """Tolerance of the placement's lengths, m: largest difference of a true from a nominal length."""
+        """Tolerance of the placement's lengths, m: largest difference between true and nominal length."""
         return self.fixture.tolerance.position_m
 
     @property

@@ -126,7 +126,7 @@ def read_json_line(text: str) -> EndpointLine:
 
 
 def read_row(heading: str, text: str) -> EndpointLine:
-    """Read a row of CSV below its heading; raises BadLine."""
+    """Read a CSV row, given the heading; raises BadLine."""
     names, cells = _cells(heading), _cells(text)
     if len(names) != len(cells):
         raise BadLine(f"has {len(cells)} cells for {len(names)} columns")
@@ -267,7 +267,7 @@ def _turns(shape: FloatArray, measured: FloatArray) -> FloatArray:
 
 
 def _frame(shape: FloatArray) -> FloatArray:
-    """Return axes x, y, z (columns) of a triangle's frame, (3, 3); rows of `shape`: points from the centroid."""
+    """Return axes x, y, z (columns) of a triangle's frame, (3, 3); rows of `shape`: points minus centroid."""
     x = shape[0] / np.linalg.norm(shape[0])
     z = np.cross(shape[0], shape[1])
     z = z / np.linalg.norm(z)

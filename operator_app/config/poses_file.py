@@ -379,7 +379,7 @@ def _time(utc: str) -> datetime | None:
 
 
 def _euler_suspected(poses: PoseSet) -> tuple[FileWarning, ...]:
-    """Return a warning if three angles cannot be a rotation vector because they are longer than half a turn."""
+    """Return a warning if three angles are no rotation vector because their norm exceeds half a turn."""
     if poses.endpoint is None or poses.endpoint.shape[1] < 6:
         return ()
     longest_deg = float(np.rad2deg(np.linalg.norm(poses.endpoint[:, 3:], axis=1).max()))

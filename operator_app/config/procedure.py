@@ -85,7 +85,7 @@ class Modes(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exploration(StrictRecord):
-    """Exploration range of a drive joint, relative to its start angle (when the file is checked: the angle at home)."""
+    """Exploration range of a drive joint, relative to its start angle; a check of the file uses the angle at home."""
 
     joint: Count
     from_deg: Annotated[AngleDeg, Field(le=0.0)]
@@ -126,7 +126,7 @@ class SettleRule(StrictRecord):
     timeout_syncs: Annotated[int, Field(strict=True, ge=2, le=1_000_000)]
 
     def spread_rad(self, arm: ArmModel) -> tuple[float, ...]:
-        """Allowed spread of every joint of `arm`; infinite for a joint without a sensor."""
+        """Allowed spread of each joint's readings; infinite for a joint without a sensor."""
         return tuple(
             math.inf
             if isinstance(joint.sensor, NoSensor)

@@ -199,7 +199,7 @@ def _problems(
 def _without_alternatives(
     document: YamlDocument, placed: list[tuple[Path, ErrorDetails]]
 ) -> list[tuple[Path, ErrorDetails]]:
-    """Keep only one problem of a value that must be a certain word or of another type, and is neither.
+    """Keep only one problem of each value that is neither one of certain words nor of another allowed type.
 
     Pydantic lists the problems of every alternative. The problem with the words is kept if the value is nearly one
     of the words, or is text where no number is allowed.

@@ -145,7 +145,7 @@ class UrdfTree:
         return cls(name=robot.get("name", "arm"), file=file, elements=elements)
 
     def chain(self, base: str, tip: str) -> UrdfChain:
-        """Return the chain between two links; empty names and errors as in `parse_urdf`."""
+        """Return the chain between two links; for empty names and errors, see `parse_urdf`."""
         file, elements = self.file, self.elements
         links = {*elements, *(_links(e)[0] for e in elements.values())}
         for option, name in (("base", base), ("tip", tip)):

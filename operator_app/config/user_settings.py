@@ -31,7 +31,7 @@ SETTINGS_SCHEMA = "sarcal/settings/1"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UserSettings(StrictRecord):
-    """Content of the file; None for missing settings.
+    """Content of the settings file; None for missing settings.
 
     Attributes
     ----------
@@ -109,8 +109,7 @@ def parse_settings(data: bytes, file: str) -> UserSettings:
 def usual_bus(named: str | None = None) -> BusSettings | None:
     """Return the bus in the user's settings; None if no interface is set there. Raises ConfigError.
 
-    If an interface has been `named` already, or is in the environment, the settings are not read: None is returned
-    even if the file is invalid.
+    If an interface is `named`, or set in the environment, None is returned without reading the settings.
     """
     from hardware.buses.python_can import BusSettings
 

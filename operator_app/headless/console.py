@@ -156,7 +156,7 @@ def cut_short_lines(cut: CutShort) -> list[str]:
 
 
 def _danger(cut: CutShort) -> list[str]:
-    """Return the warning if a connected arm is not held; empty after an interrupt: the caller then raises an error."""
+    """Return a warning if a connected arm may not be holding; none after interrupts, as the caller raises an error."""
     error = cut.session.not_held
     if error is None or not cut.connected or isinstance(cut.cause, KeyboardInterrupt):
         return []

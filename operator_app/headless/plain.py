@@ -46,7 +46,7 @@ class Terminal(Protocol):
         """Return the typed line; raises EOFError at the end of the input."""
 
     def touched(self, timeout_s: float) -> bool:
-        """Wait at most this long for a line; discard it, and return whether one was typed."""
+        """Wait `timeout_s` at most for a line; return whether one was typed, and discard it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -291,7 +291,7 @@ class Plain:
             s = self.snapshot()
 
     def _stop(self) -> bool:
-        """Handle Ctrl-C: send STOP and return True; False if the arm is stopped, silent or not connected."""
+        """Send STOP on Ctrl-C and return True; False, without STOP, if the arm is stopped, silent or not connected."""
         s = self.runner.snapshot()
         if not s.connected or s.stopped or s.data is DataState.LOST:
             return False
@@ -313,7 +313,7 @@ class StandardTerminal:
         return input(sanitized(prompt))
 
     def touched(self, timeout_s: float) -> bool:
-        """Wait at most this long for a line from a terminal; input from a pipe is not read."""
+        """Wait up to `timeout_s` for a line from a terminal; true if one came, false for a pipe (not read)."""
         if not sys.stdin.isatty():
             select.select([], [], [], timeout_s)
             return False

@@ -115,7 +115,7 @@ _WORD = "mounted"
 def next_placement(
     opening: Opening, listener: ConsoleListener, *, root: Path, drives_off: bool = False
 ) -> Opening:
-    """Wait for the confirmation of the next placement, record it, and return the opening of the session.
+    """Wait for the confirmation of the next placement, record it, and return the session to resume.
 
     `drives_off`: whether this program has just released the arm, and the drives confirmed that they are off. For an arm
     simulated by this program there is nothing to confirm.

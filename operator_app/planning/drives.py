@@ -76,7 +76,7 @@ class DriveChoice:
 
     @property
     def ranked(self) -> tuple[RankedDrives, ...]:
-        """The ranking over the region with the chosen set first."""
+        """The ranking over the region; the chosen set is first."""
         region = self.prediction.region
         return tuple(sorted(region, key=lambda r: r.drives != self.drives))
 
@@ -204,7 +204,7 @@ def _joint_out_of_range(arm: ArmModel, manifold: Manifold) -> str:
 
 
 def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> list[RankedDrives]:
-    """Return the sets usable at the pose and over the region, best first; inexact joints only if unavoidable."""
+    """Return the sets usable at the pose and over the region, best first; without inexact joints if possible."""
     usable_now = {r.drives for r in prediction.here if r.usable}
     usable = [
         r

@@ -142,7 +142,7 @@ class Forecast:
     reachable
         (w,) bool: the loop closes there and every joint is inside its range.
     scaled_condition_number
-        Scaled condition number of as many reachable poses as are planned; inf if they do not determine all parameters.
+        Scaled condition number of the planned number of reachable poses; inf if they do not determine all parameters.
     """
 
     q_rad: FloatArray

@@ -152,7 +152,7 @@ def _whole_degrees(q: FloatArray) -> FloatArray:
 
 
 def ball_between(arm: ArmModel, hand_m: FloatArray, base_m: FloatArray | None) -> Ball:
-    """Return the ball with this centre (3,), tool frame, and socket (3,); `base_m` None: the centre's place at home."""
+    """Return the ball with this centre (3,), tool frame, and this socket (3,); None: where the centre is at home."""
     if base_m is None:
         R, p = _hand_at_home(arm)
         base_m = p + R @ hand_m

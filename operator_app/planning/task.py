@@ -110,7 +110,7 @@ def planning_task(
 
 
 def fixed_parameter_checks(procedure: Procedure) -> tuple[SetupCheck, ...]:
-    """Return a set-up check for each fixed entry of the arm, with the reason."""
+    """Return a set-up check for each fixed entry, with the reason why it is fixed."""
     stacked = procedure.arm.table.stacked()
     checks = []
     for name, reason in procedure.held.items():

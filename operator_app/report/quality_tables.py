@@ -296,7 +296,7 @@ def closure_row(
 
 
 def causes_table(solution: Solution) -> FactTable | None:
-    """Return the table of possible faults, most probable first (sentences only on the page); None if there are none."""
+    """Return the table of possible faults, most probable first (sentences only in HTML); None if there are none."""
     rows = tuple(
         (
             cause.code,

@@ -102,7 +102,7 @@ class Subject:
 
     @property
     def implicit(self) -> Estimate | None:
-        """Estimate of the implicit estimator, chosen or not; None if there is none."""
+        """The implicit estimator's estimate, even if another is used; None if there is none."""
         if self.solution is None:
             return None
         both = (self.solution.identified, self.solution.beside)

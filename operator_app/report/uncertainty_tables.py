@@ -236,7 +236,7 @@ def best_table_table(solution: Solution) -> FactTable | None:
 
 
 def posterior_data(solution: Solution) -> dict[str, Any]:
-    """Return shares, scales, distances, best D-H table and corrections as JSON; deg, and m or as the key states."""
+    """Return shares, scales, distances, best D-H table and corrections as JSON; deg and m, or units as in keys."""
     best = solution.best
     data: dict[str, Any] = {
         "shares": dict(solution.shares),

@@ -161,7 +161,7 @@ class SarcalApp(App[str]):
         self.main.set_interval(self.poll_s, self.poll)
 
     def _asked_to_end(self, reason: str, loop: asyncio.AbstractEventLoop) -> None:
-        """End the program by the event loop or, if that does not respond, at once without restoring the terminal."""
+        """End the program through the event loop or, if that does not respond, without restoring the terminal."""
         with contextlib.suppress(RuntimeError):  # the loop is closed: leaving already
             loop.call_soon_threadsafe(self.leave, reason)
         if self.owns_process:

@@ -316,7 +316,7 @@ class MainScreen(Screen[None]):
             self.call_after_refresh(self.forget)
 
     def _shown_at_once(self, s: SessionSnapshot) -> object:
-        """Return the parts of a snapshot whose changes are shown at once; changed ages and rates may be shown later."""
+        """Return the parts of a snapshot whose changes are shown immediately; changed ages and rates may wait."""
         joints = () if s.arm is None else tuple((j.mode, j.drive) for j in s.arm.joints)
         latest = s.messages[-1].number if s.messages else 0
         return (

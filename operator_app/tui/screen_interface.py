@@ -93,7 +93,7 @@ class ScreenInterface:
         return action is not None
 
     def do(self, action: Action | OnScreen) -> None:
-        """Do an action at the current step and show its result at once."""
+        """Do an action at the current step and show its result immediately."""
         if isinstance(action, OnScreen):
             ON_SCREEN[action.name](self)
         else:
@@ -157,7 +157,7 @@ class ScreenInterface:
         return self.app.main.query_one(CaptureView).marked_pose(s)
 
     def item(self, s: SessionSnapshot) -> int | None:
-        """Index of the marked item of the check list or, if it is ticked, of the first unticked item; None if none."""
+        """Index of the marked item of the check list; if it is ticked, of the first unticked; None if all are."""
         open_items = action_table.open_items(s)
         marked = self.marked_item()
         return marked if marked in open_items else next(iter(open_items), None)
@@ -335,7 +335,7 @@ class ScreenInterface:
     # -- everything else ---------------------------------------------------------------------------
 
     def stop(self) -> None:
-        """Send the software STOP from this thread at once."""
+        """Send the software STOP from this thread, without waiting."""
         runner = self.app.runner
         if runner is not None and runner.connected:
             runner.stop()

@@ -183,10 +183,10 @@ class ArmModel:
 
     @property
     def backlash_rad(self) -> FloatArray:
-        """Play of each joint, one standard deviation, shape (n,)."""
+        """Standard deviation of each joint's backlash, shape (n,)."""
         return np.array([joint.backlash_rad for joint in self.joints])
 
     @property
     def sag_rad(self) -> FloatArray:
-        """Elastic twist of each joint under load, one standard deviation, shape (n,)."""
+        """Standard deviation of each joint's elastic twist under load, shape (n,)."""
         return np.array([joint.sag_rad for joint in self.joints])

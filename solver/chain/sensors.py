@@ -37,7 +37,7 @@ class Encoder:
 
     @property
     def resolution_rad(self) -> float:
-        """One count."""
+        """One count, rad."""
         return 2.0 * math.pi / self.counts_per_rev
 
     @property
@@ -153,7 +153,7 @@ class SensorCurve:
 
     @property
     def bends(self) -> int:
-        """Number of Legendre polynomials; 0 if they are left out."""
+        """Number of Legendre polynomials among the shapes; may be 0."""
         return len(SHAPE_WEIGHTS) if self.bent else 0
 
     @property
@@ -162,13 +162,13 @@ class SensorCurve:
         return self.lines + self.bends
 
     def place(self, theta_rad: FloatArray) -> FloatArray:
-        """Sensor angles (m,) relative to the middle, in units of half the full scale."""
+        """Sensor angles (m,) from mid-scale in units of half the full scale, limited to +-1.2."""
         x = (theta_rad - self.middle_rad) / self.half_scale_rad
         # Beyond full scale a sensor saturates; polynomials would diverge there.
         return np.asarray(np.clip(x, -1.2, 1.2))
 
     def basis(self, theta_rad: FloatArray) -> FloatArray:
-        """Shapes (m, width) at sensor angles (m,): the line (rad, times `gain`), polynomials times `SHAPE_WEIGHTS`."""
+        """Shapes (m, width) at sensor angles (m,): a line of slope `gain`, then the weighted polynomials."""
         x = self.place(theta_rad)
         shapes = [(self.gain * self.half_scale_rad * x)[:, None]] * self.lines
         if self.bent:

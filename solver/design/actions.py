@@ -106,7 +106,7 @@ def path_watch(
 def moves_along(
     route: Sequence[Leg], drives: tuple[int, ...], goal: str, *, of: str = ""
 ) -> list[GoTo | ChangeDrives]:
-    """Return moves and changes of drives along a route, from present `drives`; the reasons contain `goal` and `of`."""
+    """Return moves and drive changes along a route; `drives`: present drives; `goal`, `of`: words for the reasons."""
     moves: list[GoTo | ChangeDrives] = []
     for leg in route:
         if leg.drives != drives:

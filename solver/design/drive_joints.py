@@ -41,7 +41,7 @@ class RankedDrives:
         Smallest singular value of the drives' share in the self-motion, from 0 at a singularity to 1 if the drives
         determine all motion; in a ranking over a region, the median over the poses that the set reaches.
     passive_conditioning
-        Smallest singular value of the passive joints' closure Jacobian, over a region the median; None for trials.
+        Smallest singular value of the passive joints' closure Jacobian, over a region the median; None after trials.
     fastest_passive, fastest_joint
         Largest ratio of a passive joint's speed to the drives' speed, and the number of this joint.
     still

@@ -43,7 +43,7 @@ class _Ray:
 
 @dataclass(slots=True)
 class _Here:
-    """Latest readings, and the rates of the joints there."""
+    """Latest readings, and the joints' rates at these readings."""
 
     q: FloatArray
     rates: FloatArray
@@ -147,7 +147,7 @@ class Explorer:
             ray.ended = stopped
 
     def _plan_rays(self) -> list[_Ray]:
-        """Plan trial motions of each drive, then rays: single drives first, then diagonals."""
+        """Plan trial motions of each drive, then rays: first along single drives, then diagonal."""
         count = len(self.drives)
         unit = np.eye(count)
         wiggles = [_Ray(direction=s * e, steps=1) for e in unit for s in (1.0, -1.0)]
@@ -187,7 +187,7 @@ class Explorer:
         return float(np.clip(1.3 * self._start_rate(direction), MOST_RATE, 2.0 * MOST_RATE))
 
     def _start_rate(self, direction: FloatArray) -> float:
-        """Largest ratio of a joint's motion to the drives' in this direction, at the start."""
+        """Largest ratio, at the start, of a joint's motion to the drives' in this direction."""
         return float(np.abs(self._start_rates @ direction).max() / np.abs(direction).max())
 
     def _return(self, ray: _Ray) -> tuple[GoTo, ...]:

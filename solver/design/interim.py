@@ -37,7 +37,7 @@ Calibrate = Callable[[FloatArray], InterimEstimate]
 
 
 def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
-    """Return a calibration function: the implicit estimator, from nominal values or the last trusted estimate.
+    """Return a `Calibrate`: the implicit estimator, started at nominal values, later at the last trusted estimate.
 
     When the closure errors are far larger than the joint sensors' noise, the excess is attributed to the fixture's
     compliance and the poses are fitted again: otherwise the covariance would be too small.
@@ -80,7 +80,7 @@ def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
 
 
 def _with_fixture_variance(noise: NoiseModel, estimate: Estimate, used: NoiseModel) -> NoiseModel:
-    """Return `noise` with the fixture variance of `used`, times chi2/dof; if that has none, squared closure errors."""
+    """Return `noise` with the fixture variance of `used` times chi2/dof; if it is None, with squared closure errors."""
     if used.fixture_variance is not None:
         scale = estimate.chi2_per_dof or 1.0
         return replace(noise, fixture_variance=used.fixture_variance * scale)

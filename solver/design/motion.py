@@ -101,7 +101,7 @@ class ChainMotion:
         return np.asarray(self.tangent[:, : self.joint_count] @ inverse)
 
     def passive_conditioning(self, drives: Sequence[int]) -> FloatArray:
-        """Smallest singular value of the passive joints' closure Jacobian (m,), 1 m : 1 rad."""
+        """Smallest singular value of the passive joints' closure Jacobian (m,); 1 m weighs as 1 rad."""
         passive = [c for c in range(self.jacobian.shape[-1]) if c + 1 not in drives]
         return np.asarray(np.linalg.svd(self.jacobian[..., passive], compute_uv=False)[..., -1])
 
@@ -151,7 +151,7 @@ class DriveTraces:
     closed: BoolArray
 
     def safe(self, ranges: Ranges, limits: MotionLimits) -> BoolArray:
-        """Which lines (b,) stay inside the ranges, away from singularities, and below the largest rate."""
+        """Whether each move (b,) stays inside the ranges, away from singularities and below the largest rate."""
         return np.asarray(
             self.closed
             & (ranges.clearance(self.q).min(-1) >= 0.0)

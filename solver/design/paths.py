@@ -120,8 +120,8 @@ class PathGraph:
     ) -> tuple[Leg, ...] | None:
         """Find a path, check it along its whole length, and return its legs; None if no path passes the check.
 
-        `model`, `x`, `ranges`: loops, parameters (P,) and ranges against which the trace is checked. `drives`: the
-        drive joints in position mode at the source.
+        `model`, `x`, `ranges`: loop closure, parameters (P,) and ranges for tracing and checking the path.
+        `drives`: drive joints at pose `source`.
         """
         for _ in range(ATTEMPTS):
             nodes = self._search(source, target, drives)
@@ -210,7 +210,7 @@ class PathGraph:
     def _follow(
         self, model: ClosureModel, x: FloatArray, ranges: Ranges, nodes: list[tuple[int, int]]
     ) -> tuple[Leg, ...] | None:
-        """Compute every straight move of a path; remove the first edge that fails and return None."""
+        """Return the straight moves along a path; if an edge fails, remove it and return None."""
         legs = []
         for layer, group in groupby(nodes, key=lambda node: node[0]):
             poses = [pose for _, pose in group]
@@ -224,7 +224,7 @@ class PathGraph:
     def _leg(
         self, model: ClosureModel, x: FloatArray, ranges: Ranges, layer: int, poses: list[int]
     ) -> Leg | None:
-        """Join poses by few safe straight moves; if no move is safe, remove the next edge and return None."""
+        """Join poses by few safe straight moves; where none is safe, remove the edge ahead and return None."""
         drives = self.drive_sets[layer]
         columns = [j - 1 for j in drives]
         q, u = self.manifold.q[poses], self.manifold.u[poses]

@@ -35,7 +35,7 @@ class PrecisionStatus(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WeakParameter:
-    """A parameter whose uncertainty exceeds the request.
+    """A parameter whose uncertainty exceeds the requested one.
 
     `name`: paper notation. `sigma`, `requested`: standard deviation now and requested, rad or m; `sigma` is inf if the
     parameter is not determined at all. `forecast`: standard deviation after all remaining poses.

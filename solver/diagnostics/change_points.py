@@ -75,10 +75,10 @@ def steps(
     scale: float = 1.0,
     false_alarm: float = FALSE_ALARM_PROBABILITY,
 ) -> tuple[ChangePoint, ...]:
-    """Test every suspect for a step at every pose, the most significant suspect first.
+    """Return the most significant step of each suspect, in order of significance.
 
-    `residuals`: whitened residuals of the fit, with poses in time order. `low_noise`: residuals whitened by less noise,
-    for suspects with `of_reading`. `scale`: factor of the variances relative to the variances of the fit.
+    `residuals`: whitened residuals of the fit, poses in time order. `low_noise`: residuals whitened with smaller noise,
+    for suspects with `of_reading`. `scale`: ratio of the variances to those of the fit.
     """
     m = len(residuals.white)
     if m < 2 * STEP_EDGE_POSES or not suspects:
@@ -99,9 +99,9 @@ def steps(
 def _largest(
     residuals: WhitenedResiduals, suspects: Sequence[Suspect], scale: float, level: float
 ) -> Iterator[ChangePoint]:
-    """Largest step of each of S suspects with the same number d of columns.
+    """Yield the most significant step of each of S suspects with d columns each.
 
-    `level` is the false-alarm probability of a suspect whose share is 1.
+    `level`: probability of a false alarm for a suspect with `share` 1.
     """
     m, r, K = residuals.U.shape
     S, d = len(suspects), suspects[0].columns.shape[-1]

@@ -183,7 +183,7 @@ SEEN = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixedParameters:
-    """Fixed values of the h parameters without a prior: steps `x` (h,) from the linearisation, covariance (h, h)."""
+    """Values of the h parameters without a prior: steps `x` (h,) from the linearisation, covariance (h, h)."""
 
     x: FloatArray
     covariance: FloatArray
@@ -255,7 +255,7 @@ def predicted_residuals(
 
 
 def shifted(residuals: WhitenedResiduals, subjects: Mapping[str, FloatArray]) -> CommonShift | None:
-    """Return the most significant common shift, None if none is significant. `subjects`: columns (m, r, c) by name."""
+    """Return the most significant shift common to all poses, if any; `subjects`: columns (m, r, c) by name."""
     from scipy.special import chdtri
 
     shifts = []

@@ -187,8 +187,8 @@ def _residual_tests(
 ) -> tuple[Outliers, list[HypothesisTest]]:
     """Search `residuals`, whitened by the noise of the fit, for outliers and steps.
 
-    Steps of a single reading are searched for in `low_noise`, residuals whitened by less motion noise if the poses show
-    less. The noise of the fit is not scaled down if the residuals are small: one sensor may exceed its specification
+    Steps of a single reading are searched for in `low_noise`, which is whitened by smaller motion noise if the poses
+    show it. The noise of the fit is not scaled down if the residuals are small: one sensor may exceed its specification
     while most sources are below theirs. Only readings use `low_noise`, because deflections that the smooth model
     describes badly resemble a change of the geometry rather than a step of a single reading.
     """
@@ -271,7 +271,7 @@ def _evidence(residuals: WhitenedResiduals, c: Candidate) -> Evidence | None:
 
 
 def _ranked(residuals: WhitenedResiduals, candidates: Iterable[Candidate]) -> CauseRanking:
-    """Compare all candidates with each other, with no fault and with an unknown fault."""
+    """Rank all candidates against each other, no fault, and an unknown fault."""
     listed = [
         (c, e)
         for c in candidates

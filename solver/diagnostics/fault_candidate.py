@@ -116,9 +116,9 @@ class Candidate:
         return out
 
     def deviation(self, b: FloatArray, covariance: FloatArray) -> PeakDeviation:
-        """Largest deviation over the poses, either with the gain error or from the best-fit line.
+        """Largest deviation over the poses, with the gain error included or from the best-fit line.
 
-        The one that exceeds `most_stated` by more standard deviations is returned, because the loop determines a
+        The one that exceeds `most_stated` by more standard deviations is returned, because the poses determine a
         sensor's linearity deviation far better than its gain.
         """
         if self.measured is not None and self.measured.beyond(self.most_stated):

@@ -170,7 +170,7 @@ class FaultModels:
         )
 
     def scales(self) -> Iterator[Candidate]:
-        """Yield a candidate for each encoder: a wrong number of counts per turn, an error that no file states."""
+        """Yield a candidate for each encoder: the file states a wrong number of counts per turn."""
         for j in self.sensed:
             if isinstance(self.arm.joints[j - 1].sensor, Encoder):
                 turn = self.readings[:, j - 1]
@@ -191,7 +191,7 @@ class FaultModels:
                 )
 
     def linearity_curve(self, j: int) -> Candidate | None:
-        """Return the candidate for line and curve of joint j's RVDT; None for any other sensor."""
+        """Return the candidate for gain error and linearity deviation of joint j's RVDT; None for any other sensor."""
         sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]
         if not isinstance(sensor, Rvdt):
             return None
@@ -243,7 +243,7 @@ class FaultModels:
             )
 
     def _fixture(self) -> Iterator[Candidate]:
-        """Yield candidates for a compliant fixture: deflections independent between poses, or smooth in the pose."""
+        """Yield candidates for a compliant fixture: deflections random in each pose, or smooth functions of pose."""
         if not self.design.deflecting_rows:
             return
         Et = np.swapaxes(self.system.E, -1, -2)

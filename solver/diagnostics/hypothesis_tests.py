@@ -31,7 +31,7 @@ SEEN = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HypothesisTest:
-    """One test. It fires if `statistic` exceeds `threshold`; on a sound pose set the probability is `false_alarm`."""
+    """One test, which fires if `statistic` exceeds `threshold`: with probability `false_alarm` on a sound pose set."""
 
     code: str
     statistic: float
@@ -53,7 +53,7 @@ class HypothesisTest:
         false_alarm: float = FALSE_ALARM_PROBABILITY,
         among: int = 1,
     ) -> HypothesisTest:
-        """Test `chi2` with `dof` degrees of freedom, the largest of `among` values."""
+        """Test `chi2`, the largest of `among` values; it has `dof` degrees of freedom."""
         from scipy.special import chdtri
 
         return cls(
@@ -146,8 +146,8 @@ def prediction_test(stated: LinearFit) -> HypothesisTest:
 def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
     """Test for every variance whether the slope of the likelihood at the stated variances exceeds chance.
 
-    The slope is a sum of few squares (a sensor's gain and bow, for instance) minus its expectation. It is not normally
-    distributed but as chi2, with degrees of freedom that follow from its mean and variance (Satterthwaite).
+    The slope is a sum of few squares (a sensor's gain and bow, for instance) minus its expectation. The sum is
+    distributed as a scaled chi2, whose degrees of freedom follow from its mean and variance (Satterthwaite).
     """
     from scipy.special import chdtri
 
@@ -211,7 +211,7 @@ def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outlie
     """Test every pose against the others; `scale` is the factor of the variances (see `noise_scale`).
 
     The most improbable pose is set aside and the rest is tested again, so that outliers do not hide each other. With
-    many poses, several are set aside at a time, so that the work is proportional to their number. The fit keeps all.
+    many poses, several are set aside at a time to limit the work. The fit itself keeps all poses.
     """
     from scipy.special import chdtri
 
@@ -243,7 +243,7 @@ def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outlie
 
 
 def pose_columns(residuals: WhitenedResiduals, poses: IntArray) -> FloatArray:
-    """Columns (p, r, r), one for each equation of the poses (p,), in units of noise: fitting them removes the poses."""
+    """Columns (p, r, r), one for each equation of the poses (p,), in units of noise: fitting them omits the poses."""
     return np.asarray(np.linalg.inv(residuals.whitener[poses]))
 
 

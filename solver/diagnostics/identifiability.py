@@ -261,7 +261,7 @@ def _direction(
 
 
 def _immobile_words(joints: tuple[int, ...], spans_rad: FloatArray) -> str:
-    """Return the clause that joints do not move, or how little they move."""
+    """Return a clause that states that joints do not move, or how little."""
     several = len(joints) > 1
     which = f"joint{'s' * several} {' and '.join(map(str, joints))}"
     most = float(np.rad2deg(max(spans_rad[j - 1] for j in joints)))
@@ -277,7 +277,7 @@ def identifiability_of_fit(
     taken: IntArray,
     without: Collection[int] = (),
 ) -> Identifiability:
-    """Compute the identifiability of the unknowns `names` from the poses of `fit`, with all other unknowns known.
+    """Compute the identifiability of the unknowns `names` from the poses of `fit` if all others are known.
 
     `taken` (m,): position of each pose of the fit in time order. `without`: joints (1-based) whose readings are not
     used.

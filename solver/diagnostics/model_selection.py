@@ -60,15 +60,15 @@ class Evidence:
 
 
 def noise_scale(chi2: float, dof: int, most: float = 1.0) -> float:
-    """Ratio of the variances to the stated variances that fits chi2, from `SMALLEST_NOISE_SCALE` to `most`."""
+    """Ratio of actual to stated variances, chi2/dof, limited to between `SMALLEST_NOISE_SCALE` and `most`."""
     return min(most, max(SMALLEST_NOISE_SCALE, chi2 / max(dof, 1)))
 
 
 def log_likelihood(residuals: WhitenedResiduals, *, most_noise: float) -> float:
-    """Log-likelihood without a known fault.
+    """Log-likelihood if no known fault occurred.
 
-    `most_noise`: largest scale of the variances; 1 if errors are as stated or less, infinite if an unknown cause makes
-    all errors larger.
+    `most_noise`: largest scale of the variances; 1 if errors are no larger than stated, infinite if an unknown cause
+    makes all errors larger.
     """
     scale = noise_scale(residuals.chi2, residuals.dof, most_noise)
     return -0.5 * (max(residuals.dof, 1) * float(np.log(scale)) + residuals.chi2 / scale)
@@ -79,7 +79,7 @@ def evidence(
 ) -> Evidence | None:
     """Compute the evidence of columns G (m, r, c), with coefficients of expected magnitude `expected_size` (c,).
 
-    None if the fit already contains all of these columns. `most`: largest multiple of the expected magnitude.
+    None if the fit already contains all of these columns. `most`: largest multiple of `expected_size` to try.
     """
     s, C = residuals.score(G)
     s, C = expected_size * s, expected_size[:, None] * C * expected_size
@@ -118,7 +118,7 @@ def evidence_of_own(
     *,
     most: float = np.inf,
 ) -> Evidence | None:
-    """Compute the evidence of separate columns G (p, r, c) for each of the poses (p,); otherwise as `evidence`."""
+    """Compute evidence like `evidence`, but with separate columns and coefficients for each of the poses `own` (p,)."""
     p, _, c = G.shape
     columns = OwnColumns.of(residuals, own, G * expected_size.reshape(p, 1, c))
     if not (columns.own > 0.0).any():
@@ -127,7 +127,7 @@ def evidence_of_own(
 
     @cache
     def at(k: int) -> tuple[float, SolvedColumns]:
-        """Log-likelihood at a magnitude, and the coefficients."""
+        """Log-likelihood at `sizes[k]`, and the solved columns."""
         solved = columns.solved(float(sizes[k]) ** 2)
         chi2 = max(residuals.chi2 - solved.drop, 1e-12)
         f = max(SMALLEST_NOISE_SCALE, chi2 / dof)

@@ -26,7 +26,7 @@ class AdjustedPoses:
     Attributes
     ----------
     error, system
-        The loops of all poses and their reduced linear system at the start of the last step, which is negligibly small.
+        The loops' errors and the reduced linear system of all poses, at the start of the last, negligibly small step.
     corrections
         Joint corrections (m, n), rad: adjusted minus measured.
     unsensed
@@ -116,7 +116,7 @@ def loop_angles(
     *,
     near: tuple[FloatArray, FloatArray],
 ) -> tuple[LoopAngle, ...]:
-    """Measure the unsensed arm joints of `model` at parameters `x` (P,) of `covariance` (P, P) and readings `q` (m, n).
+    """Estimate the unsensed arm joints' angles from readings `q` (m, n) and parameters `x` (P,), `covariance` (P, P).
 
     With c + J_q e + f + N du = 0 and S the covariance of J_q e + f, the best estimate of du has the covariance
     ``N^+ (S - S E (E' S E)^-1 E' S) N^+'``. `near`: as in `adjust_poses`.

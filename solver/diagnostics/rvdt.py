@@ -30,7 +30,7 @@ NOISY = "check its plug, screen and excitation, or average more samples per pose
 
 
 class Soundness(Enum):
-    """Condition of an RVDT as the loop measures it."""
+    """Condition of an RVDT, determined from the loop."""
 
     SOUND = "sound"
     CURVED = "curved, within specification"
@@ -159,7 +159,7 @@ def _without_compliance(
     """Return the noise with a lower limit of 0 if a fixture more compliant than stated may have caused it.
 
     A turning fixture looks like noise of the wrist, and no pose separates the two. So if the fixture deflects more
-    than stated, none of the scatter between poses certainly belongs to the sensor.
+    than stated, it may have caused all the scatter between poses.
     """
     uncertain = {j: replace(one, low=0.0) for j, one in noise.items() if not one.from_spread}
     compliance = compliance_test(fit.stated, fit.design) if uncertain else None
@@ -167,7 +167,7 @@ def _without_compliance(
 
 
 def _undecidable(reading: FloatArray, of_loops: Scatter, sensor: Rvdt) -> str:
-    """Reason why these poses cannot decide; empty if they can."""
+    """Reason why these poses cannot determine the curve; empty if they can."""
     if len(reading) < limits.RVDT_LEAST_POSES:
         return f"{len(reading)} poses are too few, {limits.RVDT_LEAST_POSES} are needed"
     span = float(np.ptp(reading) / sensor.full_scale_rad)
@@ -277,7 +277,7 @@ def _share(
     figures: RvdtFigures,
     offsets_rad: dict[int, float],
 ) -> float:
-    """Share of the squared closure error, with all readings in use, that correcting one joint's readings removes."""
+    """Share of the squared closure error at the readings that is removed by correcting those of one joint."""
     known = known | {f"theta_off_{j}": float(wrap_angle(v)) for j, v in offsets_rad.items()}
     x = np.array([known.get(p.name, p.nominal) for p in sensed.parameters])
     better = q.copy()

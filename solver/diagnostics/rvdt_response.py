@@ -90,7 +90,7 @@ def measure(
     noise: SingleNoise | None,
     samples: float,
 ) -> RvdtFigures:
-    """Split the deviations of readings (m,) from the measured angles into line, curve and noise.
+    """Split the deviations of readings (m,) from the angles `measured` into line, curve and noise.
 
     Raises `ValueError` if there are too few poses to fit any curve.
 

@@ -30,7 +30,7 @@ class Scatter:
         return np.asarray(self.own + (self.common**2).sum(-1))
 
     def also_own(self, variance: float) -> Scatter:
-        """Return the scatter with `variance` added to `own` of each point."""
+        """Return the scatter with `variance` added to each element of `own`."""
         return Scatter(own=self.own + variance, common=self.common)
 
     def variance_of(self, H: FloatArray) -> FloatArray:

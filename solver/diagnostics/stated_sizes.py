@@ -25,7 +25,7 @@ SCORING_STEPS = 6
 
 
 def with_estimated_motion_noise(fit: LinearFit) -> LinearFit:
-    """Return `fit` with the motion noise of fixture and joints reduced as far as the poses show less.
+    """Return `fit` with the motion noise of fixture and joints reduced where the poses show less than stated.
 
     The stated noise of the fixture is multiplied by one factor, the stated noise of the joints by another. The factors
     follow from one scoring step of the restricted likelihood at the stated variances, which is exact if all noise is of
@@ -49,7 +49,7 @@ def with_estimated_motion_noise(fit: LinearFit) -> LinearFit:
 
 
 def sensor_noise_with_found_motion(fit: LinearFit) -> tuple[FloatArray, FloatArray]:
-    """Variances (K,) of `fit`, with the noise estimated again without priors, and their standard errors.
+    """Estimate the noise variances of `fit` again without priors; return all variances (K,) and their standard errors.
 
     Priors at the stated values keep sigmas from being too small, but attribute part of a sensor's noise to fixture and
     joints.
@@ -75,7 +75,7 @@ def sensor_noise_with_found_motion(fit: LinearFit) -> tuple[FloatArray, FloatArr
 class ExceededSpecification:
     """A source of error that exceeds its specification.
 
-    `component`: name of the source in the error model. `times`: estimated standard deviation over the stated one.
+    `component`: name of the source in the error model. `times`: estimated divided by stated standard deviation.
     `log_chance`: logarithm of the probability of so large an estimate if the source is as stated.
     """
 

@@ -14,7 +14,7 @@ from solver.estimators.linear_fit import LinearFit
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interval:
-    """One parameter with its standard deviation and interval (rad or m)."""
+    """One parameter with standard deviation and confidence interval (rad or m)."""
 
     name: str
     unit: str

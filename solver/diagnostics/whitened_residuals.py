@@ -83,7 +83,7 @@ class WhitenedResiduals:
     def _extended(
         self, new: FloatArray, along: FloatArray, inside: FloatArray
     ) -> WhitenedResiduals:
-        """Append fitted columns (m * r, c), orthogonal to U, whose scores are `along` (c,)."""
+        """Append `new` fitted columns (m * r, c) to U, orthogonal to it, with scores `along` (c,)."""
         m, r, _ = self.U.shape
         return replace(
             self,
@@ -96,7 +96,7 @@ class WhitenedResiduals:
     def without(self, poses: IntArray) -> WhitenedResiduals:
         """Return the residuals without the poses `poses` (p,), whose whiteners and rows become zero.
 
-        The result is the same as with separate columns fitted to all equations of these poses, but the number of
+        The result is the same as if each equation of these poses had a fitted column of its own, but the number of
         columns does not grow. The columns are orthonormal over the remaining rows.
         """
         own = self.U[poses].reshape(-1, self.U.shape[-1])
@@ -162,7 +162,7 @@ class OwnColumns:
 
     @classmethod
     def of(cls, residuals: WhitenedResiduals, poses: IntArray, columns: FloatArray) -> OwnColumns:
-        """Prepare the columns (p, r, c) of `poses`."""
+        """Whiten columns (p, r, c) of `poses`; make those of each pose orthogonal."""
         white = residuals.whitener[poses] @ columns
         own, turn = np.linalg.eigh(np.swapaxes(white, -1, -2) @ white)
         turned = np.swapaxes(white @ turn, -1, -2)

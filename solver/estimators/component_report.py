@@ -109,7 +109,7 @@ def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | 
 def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -> FloatArray:
     """Standard errors (K,) of variances `v` (K,), from the likelihood's `information` (K, K).
 
-    A variance at its floor does not increase the errors of other variances, but their uncertainty increases its error.
+    A variance at its floor counts as known in the errors of the others; its own error includes their uncertainty.
     """
     inner = v > floor * (1.0 + 1e-9)
     size = np.sqrt(np.maximum(np.diagonal(information), 1e-300))

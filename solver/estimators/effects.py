@@ -104,7 +104,7 @@ class NoiseSource:
     rates: FloatArray
 
     def variance(self, v: FloatArray) -> FloatArray:
-        """Variance (m, n + k) under the components `v` (K,)."""
+        """Variance (m, n + k) for variance components `v` (K,)."""
         return self.rates if self.component is None else self.rates * v[self.component]
 
 
@@ -180,7 +180,7 @@ class LinearModel(Layout):
                 yield along(rows, "fixture_give", np.ones((1, 1)), name)
 
     def noise_variance(self, v: FloatArray, poses: slice = slice(None)) -> FloatArray:
-        """Variance of the noise along joints, rad^2, and closure components (m, n + k)."""
+        """Noise variance (m, n + k) along n joints, rad^2, and k closure components."""
         return np.asarray(sum(s.variance(v) for s in self.noise_sources(poses)))
 
     def noise_rates(self, poses: slice) -> FloatArray:

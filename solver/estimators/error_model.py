@@ -187,7 +187,7 @@ Names = tuple[str, str, str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredDistance:
-    """Measured distance between two points, each given by its three coordinates' names, and its uncertainty, m."""
+    """Measured distance between two points and its uncertainty, m; each point is given as its coordinates' names."""
 
     first: Names
     second: Names

@@ -239,7 +239,7 @@ def estimate_implicit(
 def linearise(
     error: LoopError, e: FloatArray, variance: FloatArray, deflection_variance: FloatArray
 ) -> LinearisedPoses:
-    """Reduce the loops linearised at corrections `e` (m, n), and compute the misclosures' covariance."""
+    """Eliminate unsensed angles from the loops linearised at corrections `e` (m, n); compute misclosure covariances."""
     reduced = reduced_equations(error)
     E, B = reduced.E, reduced.B
     Bt, Et = np.swapaxes(B, -1, -2), np.swapaxes(E, -1, -2)

@@ -52,7 +52,7 @@ class JointShapes:
         self._last: tuple[slice, FloatArray] | None = None
 
     def at(self, angle: FloatArray, poses: slice) -> FloatArray:
-        """Shapes (m, c) of a slice of the poses, whose corrected angles are `angle` (m, n), rad."""
+        """Shapes (m, c) at the poses of a slice; `angle` (m, n): their corrected joint angles, rad."""
         if self._last is None or self._last[0] != poses:
             self._last = (poses, self._constant_shapes(poses))
         shapes = self._last[1]
@@ -67,7 +67,7 @@ class JointShapes:
         return np.asarray(self.at(angle, poses) @ (self._along * b[:, None]))
 
     def _constant_shapes(self, poses: slice) -> FloatArray:
-        """Shapes (m, c) that do not depend on corrections; the columns of sensor curves are zero."""
+        """Shapes (m, c); those that depend on the corrected angles (linearity deviations) are zero."""
         layout, readings = self._layout, self._poses
         turning = np.flatnonzero(layout.accuracy)
         turn = readings.q[poses, turning] if len(turning) else np.zeros((len(readings.q[poses]), 0))

@@ -79,7 +79,7 @@ class VarianceComponent:
 
     `stated` is the value in the files. With `scaled`, the variance has a log-normal prior with median `start` (method,
     section 10): it stays near `start` unless the poses determine it. `soft`: the variance v has a prior proportional to
-    exp(-v / (2 soft)). `ceiling`: upper limit. One step may raise the variance from any lower value to `raise_limit`.
+    exp(-v / (2 soft)). `ceiling`: upper limit. `raise_limit`: value to which any step may raise the variance.
     `spread_variance` is an estimate of the variance with `spread_dof` degrees of freedom, from spreads within poses or
     from a specification.
     """
@@ -278,7 +278,7 @@ class Layout:
         process: Callable[[], PoseProcess],
         like: Layout | None,
     ) -> None:
-        """Add the deflection of the fixture that repeats at the same pose or under the same load."""
+        """Add the part of the fixture's deflection that repeats at the same pose or under the same load."""
         # Rows of the closure components, and the stated deflection along them.
         self.deflecting_rows: list[tuple[slice, float]] = []
         misfit = (self.rows == 6) * [slice(0, 3)] + [slice(self.rows - 3, self.rows)]
@@ -422,11 +422,11 @@ class Layout:
         return np.array([c.start for c in self.components])
 
     def stated_variances(self) -> FloatArray:
-        """Components (K,) as the files state them: all of deflection and play, not only the non-repeatable share."""
+        """Variances (K,) as the files state them: of all deflection and play, not only the non-repeatable part."""
         return np.array([c.stated for c in self.components])
 
     def as_stated(self, v: FloatArray) -> FloatArray:
-        """`stated_variances` (K,), but for the fixture's placement the estimate in `v` (K,) if it is larger."""
+        """`stated_variances` (K,); for the fixture's placement, the estimate in `v` (K,) if it is larger."""
         stated = self.stated_variances()
         for k, c in enumerate(self.components):
             if c.name == PLACEMENT:

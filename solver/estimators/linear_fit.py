@@ -102,7 +102,7 @@ class LinearFit:
         return w, rows
 
     def distance_deviations(self) -> FloatArray:
-        """Measured distances minus the distances that the poses alone give (k,), in sigmas of this difference."""
+        """Measured distances (k,) minus those calculated from the poses alone, in sigmas of this difference."""
         w, rows = self._distances()
         known = 1.0 - ((rows @ self.half) ** 2).sum(-1)
         return np.asarray(-(w + rows @ self.coefficients) / np.sqrt(np.maximum(known, 1e-12)))
@@ -116,7 +116,7 @@ class LinearFit:
         return self.chi2 - float(left @ np.linalg.lstsq(known, left, rcond=1e-12)[0])
 
     def _prior(self) -> FloatArray:
-        """Prior part of H's diagonal (width,): 0 for hard columns, 1 for effects."""
+        """Priors' part of H's diagonal (width,): 1 for effects, 0 for columns without prior."""
         hard = self.design.hard
         return np.repeat((0.0, 1.0), (hard, self.design.width - hard))
 
@@ -133,7 +133,7 @@ class LinearFit:
         return self.system.part(slice(0, len(self.design.q)))
 
     def at_poses(self, poses: IntArray) -> LinearFit:
-        """Return the same linearisation for a selection of poses, solved from these poses only."""
+        """Return the linear fit of a selection of poses alone, at the same linearisation."""
         return LinearFit(self.design.at_poses(poses), self.system.at_poses(poses), self.v)
 
     @cached_property
@@ -357,7 +357,7 @@ def inverse_root(H: FloatArray) -> tuple[FloatArray, float]:
 def _triangular_root(H: FloatArray) -> FloatArray | None:
     """Upper triangular K with ``H^-1 = K K'``; None if H is not positive definite.
 
-    With ``H = R'R``, K is the inverse of R. H is halved recursively, because matrix products are far faster.
+    With ``H = R'R``, K is the inverse of R. H is halved recursively, for speed: most work is matrix products.
     """
     n = len(H)
     if n <= SMALL:

@@ -125,7 +125,7 @@ class LoadBasis:
         )
 
     def joints_at(self, q: FloatArray) -> LoadBasis:
-        """Return the effects of load on the joints at other angles `q` (m, n), rad, without a fixture."""
+        """Return the effects of load on joints without a fixture, at other angles `q` (m, n), rad."""
         m, (_, k, c) = len(q), self.all_deflections.shape
         torque = replace(self.gravity.part, q=q, u=np.zeros((m, 0))).torques(slice(None))
         expected, sag, missed, side = self.gravity.sags(torque)
@@ -204,8 +204,8 @@ def load_basis(
 ) -> LoadBasis:
     """Return the effects of load at joint angles `q` (m, n) and unsensed angles `u` (m, U), rad.
 
-    `x`: parameters (P,), near the truth. `stated_deflection`: rad and m, which set how much moments count relative to
-    forces. Each placement has its own `deflection_columns` columns.
+    `x`: parameters (P,), near the truth. `stated_deflection`: rad and m, whose ratio weights moments against forces.
+    Each placement has its own `deflection_columns` columns.
     """
     m, k = len(q), model.components
     parts = model.parts()
@@ -246,7 +246,7 @@ def load_basis(
 
 
 def _side(torque: FloatArray) -> FloatArray:
-    """Expected sign (m, n) of a torque whose first shape is its mean and whose other shapes are its deviations."""
+    """Expected sign (m, n) of a Gaussian torque: shape 0 is its mean, the other shapes are its sigmas."""
     from scipy.special import erf
 
     spread = np.sqrt(2.0 * (torque[..., 1:] ** 2).sum(-1))
@@ -288,7 +288,7 @@ def _wrenches(
 def _load_deflection(
     part: ArmPoses, stated_deflection: tuple[float, float], columns: int, torque: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Deflection (m, k, c) in units of the stated deflection, and the variance (m, k) that it leaves out.
+    """Return basis functions (m, k, c) of the deflection in units of the stated one, and the omitted variance (m, k).
 
     `torque`: gravity's torque at all poses if they are few, else None.
     """
@@ -361,7 +361,7 @@ def wrench_of(
 
 
 def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
-    """Up to `MOST_DRIVE_SETS` sets of ``joints - equations`` 0-based joints that may have been in position mode."""
+    """Up to `MOST_DRIVE_SETS` sets of ``joints - equations`` joints (from 0) that may have been in position mode."""
     every = list(combinations(range(joints), max(joints - equations, 0)))
     chosen = np.unique(
         np.linspace(0, len(every) - 1, min(MOST_DRIVE_SETS, len(every))).astype(np.int64)

@@ -165,8 +165,8 @@ def shapes_of_sag(q: FloatArray, errors: ErrorModel, basis: PoseBasis) -> Shapes
 class LoadedDeflection:
     """Deflection of a fixture under load, without the share `UNMODELLED_SHARE`.
 
-    `sizes` (k,): stated standard deviation of each closure component, rad and m. The arrays of shapes are the largest
-    of all, so they are scaled for some poses at a time.
+    `sizes` (k,): stated standard deviation of each closure component, rad and m. To save memory, the large arrays of
+    shapes are scaled for some poses at a time.
     """
 
     loads: LoadBasis

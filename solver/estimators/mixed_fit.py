@@ -98,7 +98,7 @@ class MixedFit:
     converged: bool
 
     def derivatives(self) -> Derivatives:
-        """Derivatives of the likelihood with respect to the variances at the solution."""
+        """Derivatives, at the solution, of the likelihood with respect to the variances."""
         return with_priors(self.fit) if self.found is None else self.found
 
 
@@ -175,7 +175,7 @@ def _iterate(
     *,
     derivatives: Derivatives | None = None,
 ) -> MixedFit:
-    """Iterate to convergence. If `variances` (K,) are given, they stay fixed, and `derivatives` belong to them."""
+    """Iterate to convergence. `variances` (K,), if given, stay fixed; `derivatives` are those at `variances`."""
     v = design.start_variances() if variances is None else variances
     free = variances is None and len(v) > 0
     settled = SETTLED_BESIDE_VARIANCES_SIGMA if free else SETTLED_SIGMA
@@ -249,7 +249,7 @@ def _solved(design: LinearModel, linearisation: Linearisation, v: FloatArray) ->
 def _at_mean_scales(
     design: LinearModel, fit: LinearFit, derivatives: Derivatives, state: State
 ) -> tuple[LinearFit, State]:
-    """Solve once more at the closed loops, with scales at posterior means; unchanged if no scale is estimated."""
+    """Solve once more, linearised at `state`, with scales at posterior means; unchanged if no scale is estimated."""
     v = expected_variances(fit, derivatives)
     if np.array_equal(v, fit.v):
         return fit, state
@@ -282,7 +282,7 @@ def gravity_share(fit: LinearFit) -> float:
 
 
 def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: FitStart | None) -> State:
-    """Start from a previous fit, or from readings with loops that close as well as `x0` allows."""
+    """Return the state of `near`; if None, the readings, with unsensed angles that best close the loops."""
     x, q = np.array(x0, dtype=float), design.q
     if near is not None:
         e, u = near.corrections, near.unsensed

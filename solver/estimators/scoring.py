@@ -132,16 +132,16 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
     moving &= (v < ceiling) | (score < 0.0)
 
     def changed(change: FloatArray) -> FloatArray:
-        """Variances after a change in standard errors."""
+        """Variances after `change`, given in standard errors."""
         grown = v * np.exp(np.clip(2.0 * change / size, -50.0, 50.0))
         return np.where(scaled, grown, v + change / size)
 
     def to(bound: FloatArray) -> FloatArray:
-        """Change in standard errors to a bound."""
+        """Change that leads to `bound`, in standard errors."""
         return np.where(scaled, 0.5 * np.log(np.maximum(bound, TINY) / v), bound - v) * size
 
     def bounded(metric: FloatArray) -> FloatArray:
-        """Solve for the change; a variance that would leave its bounds stops there, and the rest is solved again."""
+        """Solve for the change; variances that would leave their bounds are set to them, and the rest solved again."""
         change, free = np.zeros(len(v)), moving.copy()
         ridged = metric + 1e-9 * np.eye(len(v))
         while free.any():

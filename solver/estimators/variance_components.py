@@ -101,7 +101,7 @@ class Calibrated:
     linear, order
         The fit, with its poses in canonical order, and the caller's index (m,) of each of these poses.
     found
-        Derivatives of the likelihood with respect to the variances at the solution.
+        Derivatives, at the solution, of the likelihood with respect to the variances.
     unsensed
         Unsensed angles (m, U), rad, in the caller's order.
     """
@@ -198,7 +198,7 @@ def estimate_of(settled: SettledFit, model: ClosureModel, q: FloatArray) -> Esti
 
 
 def _by_name(variances: Mapping[str, float], layout: Layout) -> FloatArray:
-    """Variances (K,) of a layout; components that are not named keep their start values."""
+    """Variances (K,) of a layout's components; start values for those not in `variances`."""
     v = np.array([variances.get(c.name, c.start) for c in layout.components])
     return np.asarray(np.clip(v, layout.floors, layout.ceilings))
 

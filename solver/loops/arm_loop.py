@@ -179,7 +179,7 @@ class ArmLoop(ClosureModel):
     def loop_error(
         self, residual: FloatArray, J: FloatArray, jac_own: FloatArray | None = None
     ) -> LoopError:
-        """Assemble the loop error: `J` (..., k, P_entries + links) from `columns`, `jac_own` (..., k, O) for `OWN`."""
+        """Assemble the loop error from `J`, returned by `columns`, and `jac_own` (..., k, O), the columns of `OWN`."""
         split = len(self.entries)
         jac_x, jac_theta = J[..., :split], J[..., split:]
         jac_q = jac_theta[..., 1 - self.FIRST_LINK :]

@@ -110,7 +110,7 @@ class DhLoop(ArmLoop):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Axes (m, 3, 3) of table and tool in frame -1, which is fixed to the tool; the table turns by theta_0."""
+        """Axes (m, 3, 3) of table and of tool in frame -1, which is fixed to the tool; the table turns by theta_0."""
         table, hand = ClosureModel.fixture_axes(self, x, q, u)
         if self.hinge:
             table = rotation_about_z(u[..., 0])
@@ -146,7 +146,7 @@ class DhLoop(ArmLoop):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Unknown entries of link 0, and s_1 and theta_off_1, measured from the common normal of z_-1 and z_0."""
+        """Unknown entries of link 0, and s_1, theta_off_1 if unknown: measured from the common normal of z_-1, z_0."""
         return tuple(
             e.name
             for e in self.entries

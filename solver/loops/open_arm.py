@@ -167,7 +167,7 @@ class MeasuredClosure(ArmLoop):
         return np.concatenate((frames.origins_m[0], target[None, :])), np.zeros(3)
 
     def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Measured position of the target in the base frame, m, and a zero axis; None unless bound to one pose."""
+        """Target's measured position in the base frame, m, and a zero axis; None unless the model is of one pose."""
         if self.endpoint_m is None or len(self.endpoint_m) != 1:
             return None
         own = self.own_values(x)[0]

@@ -63,7 +63,7 @@ class BestTable:
 
     @property
     def table(self) -> DhTable:
-        """The D-H table of the rows."""
+        """The best table as a `DhTable`, without the tip."""
         return DhTable.from_stacked(self.rows)
 
     def tool(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -100,7 +100,7 @@ class Corrections:
 
 
 def corrections_of(joints: JointCorrections, readings: CorrectionShapes) -> Corrections:
-    """Return the corrections of a fit; play enters as its mean over the poses `readings`."""
+    """Return the corrections of a fit; that for play is the mean over the poses in `readings`."""
     design = joints.fit.design
     errors, b = design.errors, joints.coefficients
     each: list[ReadingCorrection] = []

@@ -39,7 +39,7 @@ class InnerProblem:
     model, columns
         Loop of the placement, and the indices of its parameters in the whole vector.
     table
-        D-H rows 1..n, with the offsets of joints 1 and n, s_1 and all lengths and twists of row n zero.
+        D-H rows 1..n; the offsets of joints 1 and n, s_1, and the lengths and twists of row n are zero.
         Offsets of joints that are not searched keep their values.
     searched
         Joints (1-based) whose offsets are sought; joints 1 and n are never among them.
@@ -99,7 +99,7 @@ class InnerProblem:
         return r, J - L @ np.linalg.solve(N, Lt @ J)
 
     def filled(self, offsets: FloatArray) -> FloatArray:
-        """Parameters (P,) of the placement's loop for offsets (K,)."""
+        """Parameters (P,) of the placement's loop for joint offsets (K,)."""
         values = {
             f"theta_off_{j}": float(wrap_angle(v))
             for j, v in zip(self.searched, offsets, strict=True)

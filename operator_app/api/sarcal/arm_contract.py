@@ -45,7 +45,7 @@ class ConnectedArm:
 
     @property
     def drives(self) -> tuple[int, ...]:
-        """Joints (from 1) in position mode: all in an open chain, else as in the procedure, else the best set."""
+        """Joints (from 1) in position mode: all of an open chain; else the procedure's or, by default, the best set."""
         fixture = self.procedure.fixture.fixture
         if not fixture.holds_hand:
             return tuple(range(1, self.n + 1))
@@ -82,7 +82,7 @@ class ConnectedArm:
         return position.position_rad + (STEP_RAD if up else -STEP_RAD)
 
     def turn(self, joint: int, target_rad: float, speed_rad_per_s: float) -> checks.Turn:
-        """Return the motion of a joint to a target, for a check to run."""
+        """Return the motion of a joint to a target, which a check executes."""
         return checks.Turn(
             arm=self.arm,
             joint=joint,

@@ -142,7 +142,7 @@ def summary(subject: Subject) -> Html:
 
 
 def _widest(subject: Subject) -> list[Html]:
-    """Return paragraphs on the least certain parameter and its largest source of error; empty if this is not known."""
+    """Return paragraphs on the least certain parameter and its largest source of error; empty if no source is known."""
     sensitivities = () if subject.solution is None else source_sensitivities(subject.solution)
     if not sensitivities:
         return []

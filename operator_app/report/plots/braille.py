@@ -139,7 +139,7 @@ def region_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
 
 
 def _omitted_lines(omitted: Sequence[int]) -> list[str]:
-    """Return lines that name the poses without a number in the drawing; empty if there are none."""
+    """Return lines that list the poses whose number is not in the drawing; empty if there are none."""
     if not omitted:
         return []
     text = f"Poses not numbered, for lack of room: {names(omitted)}."
@@ -242,7 +242,7 @@ class Plane:
 
 
 def _axes(shown: Preview) -> tuple[int, int]:
-    """Return two joints (from 0): the first two drives; if there is only one, it and the joint that moves most."""
+    """Return two joints' indices: the first two drives or, if there is only one, it and the joint that moves most."""
     drives = [j - 1 for j in shown.choice.drives]
     if len(drives) > 1:
         return drives[0], drives[1]

@@ -26,7 +26,7 @@ class Axis:
     ticks: tuple[float, ...]
 
     def place(self, value: float, start: float, end: float) -> float:
-        """Return the coordinate of a value, between `start` (of `low`) and `end` (of `high`)."""
+        """Return the coordinate of a value; `low` is at `start`, `high` at `end`."""
         return start + (value - self.low) / (self.high - self.low) * (end - start)
 
     @property
@@ -108,7 +108,7 @@ class LogAxis(Axis):
     """A logarithmic axis; ticks are at powers of ten and, if these are few, at 2 and 5 times powers of ten."""
 
     def place(self, value: float, start: float, end: float) -> float:
-        """Return the coordinate of a positive value, between `start` (of `low`) and `end` (of `high`)."""
+        """Return the coordinate of a positive value; `low` is at `start`, `high` at `end`."""
         share = math.log(value / self.low) / math.log(self.high / self.low)
         return start + share * (end - start)
 
@@ -129,7 +129,7 @@ def log_axis(label: str, values: Iterable[float], *, unit: str = "") -> LogAxis:
 
 
 def _round_step(least: float, *, whole: bool) -> float:
-    """Return the smallest 1, 2 or 5 times a power of ten that is not below `least`; if `whole`, at least 1."""
+    """Return 1, 2 or 5 times a power of ten, the smallest that is not below `least`; if `whole`, at least 1."""
     if whole and least <= 1.0:
         return 1.0
     power = 10.0 ** math.floor(math.log10(least))

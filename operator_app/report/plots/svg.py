@@ -46,7 +46,7 @@ def plot(of: Picture) -> Html:
 
 
 def draw(of: Picture) -> Drawn:
-    """Draw the layers of a picture in one frame, the first lowest."""
+    """Draw the layers of a picture in one frame, later ones on top."""
     x, y, layers = of.x, of.y, of.layers
     height = HEIGHT if of.aspect == 0.0 else (PLOT_WIDTH - LEFT - RIGHT) / of.aspect + TOP + BOTTOM
     right, bottom = PLOT_WIDTH - RIGHT, height - BOTTOM

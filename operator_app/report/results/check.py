@@ -60,7 +60,7 @@ def problems_text(problems: Sequence[Problem]) -> str:
 
 
 def check_text(files: FilesRead, chains: Sequence[Chain]) -> str:
-    """Return text on each file and each arm, and a forecast of the calibration of each arm in its fixture."""
+    """Return text on each file and each arm, and predicted results of calibrating each arm in its fixture."""
     arms = {chain.arm.name: chain.arm for chain in chains}
     for looked in files.of("arm"):
         if isinstance(looked.holds, ArmModel):

@@ -78,7 +78,7 @@ def _checks(shown: Preview) -> list[str]:
 
 
 def _drives(shown: Preview) -> str:
-    """Return the drive sets, ranked over the reachable region, as text, with their leverage at the start pose."""
+    """Return text on the drive sets, ranked over the reachable region, with their leverage at the start pose."""
     at_start = {r.drives: r for r in shown.choice.prediction.here}
     listed = list(shown.choice.prediction.region[:SHOWN_SETS])
     if all(r.drives != shown.choice.drives for r in listed):

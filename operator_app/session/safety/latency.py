@@ -46,7 +46,7 @@ class LatenessRecorder:
         self.recorded = NO_LATENCY
 
     def restart(self) -> None:
-        """Start counting again for a new connection."""
+        """Count delays from zero for a new connection."""
         self.recorded = NO_LATENCY
 
     def record(self) -> None:

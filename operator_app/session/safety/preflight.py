@@ -190,7 +190,7 @@ def _reset_among(
     """Return the joints of `zeros` whose counters were reset, with the angles (rad) that close the loop; {} for none.
 
     A counter was reset if its reading raises chi2 by an amount that is less probable than `at_most` without a reset.
-    The difference is used because errors in the files raise chi2 with and without this reading.
+    The increase is tested, not chi2, because errors in the files raise chi2 with and without this reading.
     """
     from scipy.special import chdtrc
 

@@ -40,7 +40,7 @@ MAX_SAG_RAD = float(np.deg2rad(5.0))
 
 
 def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, float]:
-    """Return, by joint (1-based), its counter's distance from zero, if within `MAX_SAG_RAD`; the nearest first.
+    """Return distances from zero of the counters within `MAX_SAG_RAD` of it, by joint (1-based), nearest first.
 
     The distance is in units of `AT_ZERO_COUNTS` counts, at least 1. The probability that a joint is that close to zero
     by chance is proportional to the distance.

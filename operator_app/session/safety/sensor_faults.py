@@ -85,7 +85,7 @@ class SensorFaults:
         return tuple(pose.number for pose in state.poses[-1:])
 
     def _poses_with_present_reading(self, joint: int) -> tuple[int, ...]:
-        """Return the numbers of the latest poses with the present reading of `joint`, whose drive did not follow.
+        """Return the numbers of the latest poses in which `joint` read the same as now; its drive did not follow.
 
         The sensor may have been stuck during these poses while the joint moved.
         """
@@ -123,7 +123,7 @@ def require_no_stuck_sensor(state: SessionState, procedure: Procedure, reading: 
 
 
 def poses_with_same_reading(state: SessionState, arm: ArmModel, joint: int) -> tuple[int, ...]:
-    """Return the numbers of the consecutive latest poses in which a joint has the same count as in the last pose."""
+    """Return the numbers of the last pose and of those just before it in which a joint has the same reading."""
     near, poses = _resolution_rad(arm, joint), state.poses_here
     alike = takewhile(
         lambda pose: abs(pose.mean_rad[joint - 1] - poses[-1].mean_rad[joint - 1]) <= near,

@@ -237,7 +237,7 @@ class Journal:
         return ""
 
     def _changed_line(self) -> str:
-        """Return text that names the first line that has been changed since it was read or written; "" for none."""
+        """Return text on the first line changed since it was read or written, or on a read error; else ""."""
         position = 0
         for number, line in enumerate(self._lines, 1):
             try:

@@ -109,7 +109,7 @@ class Logbook:
     # -- calibration -----------------------------------------------------------------------------
 
     def recorded_calibration(self) -> StoredCalibration | None:
-        """Return the journal's calibration if it is from the used poses, with the procedure's options; else None."""
+        """Return the journal's calibration if it is still current and has the procedure's options; else None."""
         own, then = self.procedure, self.state.solved
         options = (
             own.estimator,
@@ -159,7 +159,7 @@ class Logbook:
         return solution
 
     def record_solution(self, solution: Solution) -> None:
-        """Record a solution from the used poses; raises JournalLostError if the journal has changed."""
+        """Record a solution of the used poses; raises JournalLostError if the journal has changed."""
         self.require_journal(unchanged=True)
         data = solution_data(
             solution, self.state, length_tolerance_m=self.procedure.length_tolerance_m

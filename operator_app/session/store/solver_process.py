@@ -34,7 +34,7 @@ THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class Solver(Protocol):
-    """Calls a function in this or another process; unless `progress` is None, the function gets it as an argument."""
+    """Calls a function in this or another process, and passes `progress` to the function unless it is None."""
 
     def __call__(
         self,
@@ -188,7 +188,7 @@ def _answer(
 
 
 def _end_with_parent() -> None:
-    """End this process when standard input ends: the parent never writes to it, and closes it only by ending itself."""
+    """End this process when the parent has ended: only then does standard input end, as the parent never closes it."""
     while os.read(0, 1):
         pass
     os._exit(1)

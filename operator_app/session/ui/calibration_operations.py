@@ -58,7 +58,7 @@ class CalibrationOperations:
                 self._compare()
 
     def calibrate(self, estimator: str, unsensed_joints: tuple[int, ...]) -> None:
-        """Calibrate in a separate process and publish each iteration; cancelling ends the process at once."""
+        """Calibrate in a separate process and publish each iteration; cancelling ends the process immediately."""
         self._publisher.publish(lambda s: replace(s, iterations=()))
         with SolvingProcess(self._raise_if_cancelled) as process:
             self._calibrate(process, estimator, unsensed_joints)

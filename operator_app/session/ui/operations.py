@@ -263,7 +263,7 @@ class Operations:
         self.refresh()
 
     def _save_before_edit(self, edits: list[_Edit], number: int) -> CapturedPose | None:
-        """Append the pose with this number, not yet edited, to `edits` and return it; None if there is no such pose."""
+        """Append pose `number`, as it is before the edit, to `edits` and return it; None if there is none."""
         state = self._session.state
         pose = next((p for p in state.poses if p.number == number), None)
         if pose is not None:

@@ -208,7 +208,7 @@ class Runner:
     def submit(
         self, kind: TaskKind, text: str, work: Callable[[], None], *, uncancellable: bool = False
     ) -> None:
-        """Queue a task for the worker and return at once. An `uncancellable` task is short and moves nothing."""
+        """Queue a task for the worker; do not wait for it. An `uncancellable` task is short and moves nothing."""
         job = _Job(kind, text, work, threading.Event(), uncancellable)
         with self._submitting:
             if self._closing.is_set():
@@ -346,9 +346,9 @@ class Runner:
         )
 
     def send_quick_stop(self) -> bool:
-        """Send a quick stop without a message; return whether it was sent.
+        """Send a quick stop without informing the operator; return whether it was sent.
 
-        Cancels all tasks except connecting, which the operator may have requested at the same time.
+        Cancels all cancellable tasks except connecting, which the operator may have requested at the same time.
         """
         for job in tuple(self._waiting_jobs):
             if not job.uncancellable and job.kind is not TaskKind.CONNECT:

@@ -70,7 +70,7 @@ class TaskKind(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Message:
-    """A message. `time` is UTC, HH:MM:SS; `number` counts from 1; `resolving_tasks` resolve it if it is an alarm."""
+    """A message. `time` is UTC, HH:MM:SS; `number` counts from 1; `resolving_tasks`: tasks that resolve an alarm."""
 
     number: int
     time: str

@@ -74,7 +74,7 @@ class MotionMonitor:
         self._still_since_s = None
 
     def update(self, now_s: float, arm: ArmSnapshot) -> Motion:
-        """Add a snapshot and return the motion."""
+        """Add a snapshot and return the joints' motion."""
         samples = self._samples
         samples.append((now_s, arm.sync_count, arm.positions_rad))
         while now_s - samples[0][0] > RATE_WINDOW_S:

@@ -166,11 +166,11 @@ class Action(Entry):
     Attributes
     ----------
     guard
-        Function that returns the reasons why the action is refused, () if it is allowed; called again after questions.
+        Function that returns the reasons why the action is refused, () if it is allowed; called again after an answer.
     work
         Function that submits a task, changes a setting, or opens another session.
     prompt
-        Text in plain mode; by default label and help.
+        Text in plain mode; default: label and help.
     rows
         Function that returns prompts by row number; plain mode lists the action once for each row.
     """
@@ -197,7 +197,7 @@ class ActionContext:
     s: SessionSnapshot
 
     def submit(self, kind: TaskKind, text: str, work: Callable[[Operations], None]) -> None:
-        """Submit a task to the runner; returns at once."""
+        """Submit a task to the runner without waiting for it."""
         self.runner.submit(kind, text, lambda: work(self.runner.operations))
 
     def ask(self, question: Question, then: Callable[[ActionContext, str], None]) -> None:

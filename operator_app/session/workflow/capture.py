@@ -136,7 +136,7 @@ def go_home_if_outside(session: Session, listener: Listener) -> None:
 
 
 def _check_unresolved_joints(session: Session, listener: Listener) -> None:
-    """If a joint's shift could not be detected at the current pose, move at 5 deg/s to the nearest pose and repeat it.
+    """Repeat the nearest captured pose, moving at 5 deg/s, if a joint's shift would not show at the current pose.
 
     Raises
     ------
@@ -236,7 +236,7 @@ def _repeat_pose(
     suspect: bool = False,
     speed_rad_per_s: float | None = None,
 ) -> Sequence[Mapping[int, float]]:
-    """Move to pose `first` (in a planned capture, always the first used pose), measure it again, compare the readings.
+    """Move to pose `first` (the first used pose in a planned capture), measure it again, and compare the readings.
 
     Returns the same as `_repeat_first_pose`.
     """

@@ -108,7 +108,7 @@ class ImportedSession:
             self._record("pose", _pose(poses, k))
 
     def calibrate(self) -> tuple[Solution, Checks]:
-        """Calibrate and cross-validate, record and return both results; raises SolverError, FixtureError."""
+        """Calibrate, cross-validate, and return both results after recording them; raises SolverError, FixtureError."""
         own = self.procedure
         solution = solve(
             self.state, own, estimator=own.estimator, unsensed_joints=own.unsensed_joints

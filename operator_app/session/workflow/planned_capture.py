@@ -306,7 +306,7 @@ class PlannedCapture:
         }
 
     def _new_campaign(self) -> Campaign:
-        """Record and return a new campaign, which has the used poses and starts at the current position."""
+        """Record and return a new campaign that contains the used poses and starts at the current position."""
         session = self._session
         sets = session.state.drive_sets if session.procedure.position_joints is None else ()
         q_rad = session.read().mean_rad

@@ -172,7 +172,7 @@ class Session(Logbook):
         return self.model.joint_count - loop.equations_per_pose
 
     def check_modes(self, position_joints: tuple[int, ...]) -> None:
-        """Raise GuardError if this is a wrong number of joints in position mode."""
+        """Raise GuardError if these joints are a wrong set for position mode."""
         problem = modes_problem(
             position_joints,
             joint_count=self.model.joint_count,
@@ -267,14 +267,17 @@ class Session(Logbook):
     def capture(
         self, waypoint: int = -1, note: str = "", *, planned: bool | None = None
     ) -> CapturedPose:
-        """Wait for standstill, measure a pose and record it; `planned`: whether a plan chose it (None: explored)."""
+        """Wait for standstill, measure a pose and record it.
+
+        `planned`: whether a plan chose the pose; None outside a planned capture.
+        """
         campaign = {} if planned is None else {"planned": planned}
         number = self.state.captured + 1
         self._keep("pose", {"number": number, "waypoint": waypoint, "note": note, **campaign})
         return self.state.poses[-1]
 
     def take_check_reading(self, kind: str, *, of: int = 0) -> CheckReading:
-        """Measure and record a pose like `capture`, but for a check; it is not used for the calibration."""
+        """Measure and record a check pose as `capture` does; it is not used for the calibration."""
         self._keep("reading", {"number": len(self.state.readings) + 1, "kind": kind, "of": of})
         return self.state.readings[-1]
 
@@ -364,7 +367,7 @@ class Session(Logbook):
             raise DrivesNotOffError(self._powered)
 
     def require_journal(self, *, unchanged: bool = False) -> None:
-        """If the journal is lost (with `unchanged`: or was changed), hold the arm and raise JournalLostError."""
+        """Hold the arm and raise JournalLostError if the journal is lost or, with `unchanged`, was changed."""
         try:
             super().require_journal(unchanged=unchanged)
         except JournalLostError:

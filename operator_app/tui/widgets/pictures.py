@@ -205,7 +205,7 @@ class ArmView(Lines):
 
 
 def _next(model: ClosureModel, x: FloatArray, s: SessionSnapshot) -> tuple[FloatArray, ...]:
-    """Return the chain (k, 3), m, at the next pose and, in a planned move, the tool's path (p, 3), m; () if unknown."""
+    """Return the chain (k, 3) at the next pose and, during a planned move, the tool's path (p, 3), m; () if unknown."""
     if s.heading is not None:
         way = s.heading.trace_rad
         if way is None:

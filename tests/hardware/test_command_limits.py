@@ -23,7 +23,7 @@ NAN, INF = math.nan, math.inf
 
 
 OUTSIDE, STEP, NOT_FINITE, SPEED = (
-    "are outside -1000 .. 500",
+    "is outside -1000 .. 500",
     "a step of",
     "is not a finite",
     "is not valid",
@@ -171,7 +171,7 @@ def test_impossible_limits_are_wrong_calls(bad):
 def test_a_range_may_be_a_single_count():
     limits = replace(LIMITS, lower_counts=7, upper_counts=7)
     assert not refuse_move(limits, 7, 1.0)
-    assert "are outside 7 .. 7" in refuse_move(limits, 8, 1.0)
+    assert "is outside 7 .. 7" in refuse_move(limits, 8, 1.0)
 
 
 @pytest.mark.parametrize("bad", [0.0, NAN, INF, -INF])

@@ -55,8 +55,8 @@ def test_what_a_fixtures_file_states_is_known_where_poses_tell_less(sound):
     assert 0 < len(wide) < 5
     assert all(sigma[n] < 0.5e-3 for n in lengths)
     (said,) = [n.text for n in found.warnings if n.code == "AS_STATED"]
-    assert {n for n in lengths if f"{n}:" in said} == {n for n in lengths if found.shares[n] < 0.5}
-    assert all(f"{n}:" in said for n in wide if before[n] > 0.7e-3)
+    assert {n for n in lengths if f"{n} (" in said} == {n for n in lengths if found.shares[n] < 0.5}
+    assert all(f"{n} (" in said for n in wide if before[n] > 0.7e-3)
 
 
 def test_poses_that_can_show_nothing_blame_nothing():

@@ -51,7 +51,9 @@ def test_what_a_ball_cannot_see_is_known_as_well_as_the_arms_file_states(of_pair
         assert found.held == ()
         (said,) = [n.text for n in found.warnings if n.code == "AS_STATED"]
         for name in ("theta_off_1", "theta_off_7"):
-            assert re.search(rf"{name}: [0-4] % from these poses, sigma (0.98|0.99|1.0) deg", said)
+            assert re.search(
+                rf"{name} \([0-4] % from these poses, sigma (0.98|0.99|1.0) deg\)", said
+            )
         sigma, before = found.estimate.sd_by_name, dropped.estimate.sd_by_name
         for name in ("theta_off_1", "theta_off_7"):
             assert 0.97 < sigma[name] / np.deg2rad(1.0) < 1.0 + 1e-9

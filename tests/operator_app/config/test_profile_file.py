@@ -101,7 +101,7 @@ MISTAKES = [
     ("slowest_ms", "slowest_s", "heartbeat.slowest_s: unknown key; did you mean slowest_ms?"),
     ("answers:\n  - {pdo: 3, cob_id: 380h + node, map: [6077h(16), 6064h(32), 6041h(16)]}\n", "",
      "answers: joint 1 has none"),
-    ("sarcal/profile/1", "sarcal/profile/2", "version 2 of the profile file"),
+    ("sarcal/profile/1", "sarcal/profile/2", "the profile file has version 2"),
 ]  # fmt: skip
 
 

@@ -42,10 +42,13 @@ COMMANDS_JOINT_1 = bytes.fromhex("0f000500000008")
 @pytest.mark.parametrize(
     ("frames", "words"),
     [
-        (((0x080, b""), (0x201, COMMANDS_JOINT_1)), r"a SYNC \(080h\)"),
-        (((0x080, b"\x07"),), r"a SYNC \(080h\)"),
-        (((0x201, COMMANDS_JOINT_1),), r"a command to joint 1 \(201h\)"),
-        (((0x000, b"\x82\x00"),), r"the NMT command 'reset communication' to all nodes \(000h\)"),
+        (((0x080, b""), (0x201, COMMANDS_JOINT_1)), r"a SYNC \(COB-ID 080h\)"),
+        (((0x080, b"\x07"),), r"a SYNC \(COB-ID 080h\)"),
+        (((0x201, COMMANDS_JOINT_1),), r"a command to joint 1 \(COB-ID 201h\)"),
+        (
+            ((0x000, b"\x82\x00"),),
+            r"the NMT command 'reset communication' to all nodes \(COB-ID 000h\)",
+        ),
     ],
 )
 def test_nothing_is_sent_where_another_master_works(bus, frames, words):
@@ -71,7 +74,7 @@ def test_a_master_that_comes_while_connecting_is_named():
 
     with pytest.raises(
         OtherMaster,
-        match=r"commands this arm: it sent the NMT command 'enter pre-operational' to all nodes \(000h\)",
+        match=r"commands this arm: it sent the NMT command 'enter pre-operational' to all nodes \(COB-ID 000h\)",
     ):
         make(Contested()).connect()
 

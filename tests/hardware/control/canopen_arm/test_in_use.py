@@ -86,7 +86,7 @@ def test_an_operator_who_was_late_is_heard_before_his_arm_is_reset(bus, state):
 def test_a_command_that_comes_late_is_named_before_anything_is_reset(bus):
     bus.drives[2].status = ENABLED
     after(bus, 7, STATUSWORD, lambda: setattr(bus, "other_master", ((0x202, bytes(7)),)))
-    refused(bus, OtherMaster, r"Another program .* a command to joint 2 \(202h\)")
+    refused(bus, OtherMaster, r"Another program .* a command to joint 2 \(COB-ID 202h\)")
 
 
 def test_drives_that_let_go_since_their_operator_was_killed_are_connected_to(arm, bus):
@@ -216,7 +216,7 @@ def test_a_predecessors_token_is_not_this_programs(arm, bus):
 
 def test_what_somebody_commands_while_the_drives_are_asked_is_not_forgotten(bus):
     bus.on_read = lambda reads: bus.say(0x202, bytes(7)) if len(reads) == 1 else None
-    refused(bus, OtherMaster, r"Another program .* a command to joint 2 \(202h\)")
+    refused(bus, OtherMaster, r"Another program .* a command to joint 2 \(COB-ID 202h\)")
 
 
 def test_a_token_whose_holder_is_heard_is_his(bus):

@@ -109,7 +109,7 @@ def test_a_solution_that_is_not_the_journals_is_said(subject, take_apart):
     assert subject.recalculated_because == ""
     assert "its solution was read, not made again" in take_apart(report_html(subject).decode()).text
     other = take_apart(report_html(replace(subject, recalculated_because="it is of old")).decode())
-    assert "Solved again for this report: it is of old." in other.text
+    assert "The poses were solved again for this report: it is of old." in other.text
     assert "not made again" not in other.text
 
 

@@ -144,7 +144,7 @@ def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause
 
 
 def is_stopped(turn: Turn) -> Iterator[Clause]:
-    """Check that STOP from another thread ends a move and latches, and that its reset moves and enables nothing."""
+    """Check that STOP from another thread latches and ends a move, and that a reset neither moves nor enables joints."""
     arm, joint, bounds = turn.arm, turn.joint, turn.bounds
 
     def press() -> None:

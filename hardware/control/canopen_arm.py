@@ -149,7 +149,7 @@ class CanopenArm(ConnectableArm):
     ) -> MoveResult:
         """Move joints in position mode to their targets, in a straight line in joint space; all arrive together.
 
-        Raises `CommandRefused` before anything moves, and other errors except STOP after the joints came to rest.
+        Raises `CommandRefused` before anything moves, and STOP at once; other errors once the joints have come to rest.
         """
         link = self._link
         self._raise_if_stopped(link)

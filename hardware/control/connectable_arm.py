@@ -204,7 +204,7 @@ def release_arm(loop: ControlLoop) -> Sample | None:
 
 
 def _wait_until_off(loop: ControlLoop) -> Generator[Setpoints | None, Sample, Sample]:
-    """Exchange at most 50 SYNCs, until the drives report that they are off or, if STOP is latched, stopped."""
+    """Run at most 50 SYNC cycles, until the drives report that they are off or, if STOP is latched, stopped."""
     sample = yield None
     for _ in range(motion_steps.TRANSITION_SYNCS):
         motion_steps.raise_alarm(loop)

@@ -236,8 +236,8 @@ def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, 
 def _loop(document: ParametersDocument) -> DhLoop:
     """Return the loop a document describes.
 
-    A first or last joint counts as unsensed if its offset was not identified, so that equivalent parameter vectors may
-    differ in the adjacent link with that offset unchanged.
+    A first or last joint whose offset was not identified counts as unsensed: equivalent parameters, with the sign of a
+    and alpha of the link next to it changed, then need no change of the offset.
     """
     entries = tuple(DhEntry.parse(e.entry) for e in document.calibrated)
     known = {e.name for e in entries}

@@ -113,7 +113,8 @@ def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
 def _to_tip(before: FloatArray, tip: AxisLine, sine: float) -> tuple[float, ...]:
     """Return the D-H row to a tip whose z is nearly parallel to the last joint's axis.
 
-    The row follows the common normal if this is near; otherwise it leads to the tip's origin and omits the tilt.
+    The row follows the common normal if its s and a are below `FAR_M`; otherwise it leads to the tip's origin, and the
+    angle between the axes is neglected.
     """
     if sine > MEETING_SINE:
         row = _by_common_normal(before, tip)

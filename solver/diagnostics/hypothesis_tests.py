@@ -200,7 +200,7 @@ FREE = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Outliers:
-    """Test of the worst pose, indices of all poses beyond the threshold (worst first), residuals of the other poses."""
+    """`test` of the worst pose; `poses` beyond the threshold (indices, worst first); residuals of the `rest`."""
 
     test: HypothesisTest
     poses: tuple[int, ...]

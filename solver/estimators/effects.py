@@ -145,7 +145,7 @@ class LinearModel(Layout):
     def noise_sources(self, poses: slice) -> Iterator[NoiseSource]:
         """Yield every source of noise, i.e. of errors that are independent from pose to pose.
 
-        The part of play, sag and deflection that the columns leave out is noise of fixed variance.
+        The part of play, sag and deflection that the effects' columns do not represent is noise of fixed variance.
         """
         n, errors = self.model.joint_count, self.errors
         shape = (len(self.q[poses]), n + self.rows)
@@ -213,9 +213,9 @@ class LinearModel(Layout):
             yield slice(first, min(first + CHUNK, len(self.q)))
 
     def whiten(self, system: System, v: FloatArray, root: FloatArray, poses: slice) -> Whitened:
-        """Whiten the columns of the poses of `system`.
+        """Whiten the Jacobian's columns at the `poses` that `system` holds.
 
-        `root` (width - hard,) scales the effects; the square root of `group_variances` gives them unit variance.
+        `root` (width - hard,): factors of the effects' columns, the square root of `group_variances` for unit variance.
         """
         C, noise = system.noise_columns, self.noise_variance(v, poses)
         V = (C * noise[:, None, :]) @ np.swapaxes(C, -1, -2)

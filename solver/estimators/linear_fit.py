@@ -357,7 +357,7 @@ def inverse_root(H: FloatArray) -> tuple[FloatArray, float]:
 def _triangular_root(H: FloatArray) -> FloatArray | None:
     """Upper triangular K with ``H^-1 = K K'``; None if H is not positive definite.
 
-    With ``H = R'R``, K is the inverse of R. H is halved recursively, for speed: most work is matrix products.
+    With ``H = R'R``, K is the inverse of R. H is split into 2 x 2 blocks recursively: most work is matrix products.
     """
     n = len(H)
     if n <= SMALL:

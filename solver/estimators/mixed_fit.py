@@ -249,7 +249,7 @@ def _solved(design: LinearModel, linearisation: Linearisation, v: FloatArray) ->
 def _at_mean_scales(
     design: LinearModel, fit: LinearFit, derivatives: Derivatives, state: State
 ) -> tuple[LinearFit, State]:
-    """Solve once more, linearised at `state`, with scales at posterior means; unchanged if no scale is estimated."""
+    """Solve once more, linearised at `state`, with mean variances; `fit` and `state` if no scale is estimated."""
     v = expected_variances(fit, derivatives)
     if np.array_equal(v, fit.v):
         return fit, state

@@ -171,7 +171,7 @@ class ClosureModel(ABC):
         return u[..., self.unsensed_joints.index(joint) - len(self.unsensed_joints)]
 
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
-        """Closure error with the unsensed angles eliminated; the loop error itself if there are none.
+        """Closure error with the hinge's angle eliminated; the loop error itself if no angle is unsensed.
 
         Without `rates` the Jacobian has no columns. Raises `ValueError` if arm joints are unsensed: use
         `loop`.

@@ -164,7 +164,7 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
 
 
 def _record_beside(journal: Journal, rig: Rig) -> None:
-    """Redirect a recording of the bus to the journal's folder, in case another program took the intended folder."""
+    """Redirect a recording of the bus to the journal's folder if that differs from the intended one."""
     arm, folder = rig.arm, journal.path.parent
     if isinstance(arm, Recordable) and arm.record_to and arm.record_to.parent == rig.opening.folder:
         arm.record_to = folder / arm.record_to.name

@@ -144,7 +144,7 @@ def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause
 
 
 def is_stopped(turn: Turn) -> Iterator[Clause]:
-    """Check that STOP from another thread latches and ends a move, and that a reset neither moves nor enables joints."""
+    """Check that STOP from another thread ends a move and latches, and that a reset moves and enables no joint."""
     arm, joint, bounds = turn.arm, turn.joint, turn.bounds
 
     def press() -> None:

@@ -164,7 +164,7 @@ class _Attempt:
         )
 
     def _compare(self) -> None:
-        """Compare the staged document with the one sent, by bytes and digest; if they differ, discard the staged one."""
+        """Compare the staged document with the one sent, by bytes and digest; discard it if they differ."""
         document, staged = self._document, self._access.read(self._supervisor, objects.DOCUMENT)
         sha256, length = self._read_sha256(), self._read_length()
         if staged == document and length == len(document) and sha256 == self._sha256:

@@ -102,16 +102,16 @@ class FindingKind(Enum):
     FIXTURE_TURNS_RANDOMLY = (
         "FIXTURE_GIVES",
         (
-            "the fixture turns by about {size:DEFLECTION_ANGLE} at random in every pose, {times:TIMES} times what "
-            "its file states"
+            "the fixture turns by about {size:DEFLECTION_ANGLE} at random from pose to pose, "
+            "{times:TIMES} times what its file states"
         ),
         _FIX_BOLTS,
     )
     FIXTURE_SHIFTS_RANDOMLY = (
         "FIXTURE_GIVES",
         (
-            "the fixture shifts by about {size:DEFLECTION_LENGTH} at random in every pose, {times:TIMES} times what "
-            "its file states"
+            "the fixture shifts by about {size:DEFLECTION_LENGTH} at random from pose to pose, "
+            "{times:TIMES} times what its file states"
         ),
         _FIX_BOLTS,
     )

@@ -261,9 +261,9 @@ def modes_problem(
         )
     if have == mobility:
         return None
-    names = ", ".join(str(j) for j in sorted(set(position_joints))) or "none"
+    which = joints_named(sorted(set(position_joints))) if have else "no joint"
     fact = (
-        f"{have} joint{'s' if have != 1 else ''} in position mode ({names}), but "
+        f"{which} {'are' if have > 1 else 'is'} in position mode, but "
         + ("an open arm leaves" if mobility == joint_count else f"a {kind} fixture leaves")
         + f" the arm {mobility} degree{'s' if mobility != 1 else ''} of freedom"
     )

@@ -119,7 +119,7 @@ def test_a_procedure_with_too_few_drives_and_a_name_without_its_kind(ends_with):
     )
     Path("p.yaml").write_text(text)
     said = ends_with(5, "check", "p.yaml").words
-    assert "1 joint in position mode (5), but a hinge fixture leaves the arm 2 degrees" in said
+    assert "joint 5 is in position mode, but a hinge fixture leaves the arm 2 degrees" in said
     assert "use --fixture hinge or --procedure hinge" in ends_with(2, "check", "hinge").err
     ends_with(2, "check")
 

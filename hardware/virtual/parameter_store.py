@@ -1,8 +1,8 @@
 """Two parameter slots that survive a power cut at any moment, and the check of a document against this arm.
 
 A document is written to the slot that is not active: temporary file, fsync, rename, fsync of the folder; then the
-pointer to the active slot changes in the same way. Every slot has a SHA-256, so that damage is detected; the active
-slot is always intact. The operator program supplies the schema of documents as `Validate`.
+pointer to the active slot changes in the same way. A power cut leaves the active slot intact; a SHA-256 of
+each slot detects other damage. The operator program supplies the schema of documents as `Validate`.
 """
 
 from __future__ import annotations

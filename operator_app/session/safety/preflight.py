@@ -112,7 +112,7 @@ HOME_AT_ZERO_RAD = float(np.deg2rad(5.0))
 """A joint whose home is within this distance of zero is often at zero."""
 
 RESET_PROBABILITY_HOME_AT_ZERO = 1e-6
-"""Replaces `RESET_PROBABILITY` if the homes of all joints concerned are within `HOME_AT_ZERO_RAD` of zero."""
+"""Upper limit of the probability if the homes of all joints concerned are within `HOME_AT_ZERO_RAD` of zero."""
 
 EXPLAINED_PROBABILITY = 1e-2
 """One joint alone explains the closure error if the chi2 without its reading has at least this probability."""

@@ -70,7 +70,7 @@ def _clear_lost_heartbeat(session: Session) -> bool:
     session.reset_stop()
     joints = sorted({f.joint for f in faults if f.joint is not None})
     session.record("reset", {"joints": joints, "code": int(EmergencyCode.HEARTBEAT_LOST)})
-    return bool(joints)
+    return True
 
 
 def take_poses(

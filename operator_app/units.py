@@ -111,7 +111,7 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """Display format of one kind of quantity, used wherever it is shown.
+    """Display format of one kind of quantity.
 
     Calling it with a value in SI units returns a `Figure`.
     """

@@ -198,9 +198,8 @@ def _sensor_differences(
             access.read_unsigned(node, objects.ENCODER_RESOLUTION, sub) for sub in (1, 2)
         )
         if counts != per_rev * turns:
-            yield (
-                f"has an encoder of {counts} counts per {turns} turns, expected {per_rev} counts per turn"
-            )
+            per_turns = "turn" if turns == 1 else f"{turns} turns"
+            yield f"has an encoder of {counts} counts per {per_turns}, expected {per_rev} per turn"
         return
     if kind is None:
         return

@@ -117,27 +117,22 @@ def settles(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
     )
 
 
+def _of_all_drives(name: str, others: list[int], state: str, must: str) -> Clause:
+    """Return the finding that all drives are in a state, or that those of the joints `others` are not."""
+    text = f"{joints_words(others)} is not {state}{must}" if others else f"all drives are {state}"
+    return Clause(name=name, passed=not others, text=text)
+
+
 def is_enabled_unmoved(arm: ArmInterface, bounds: Bounds) -> Iterator[Clause]:
     """Check that taking control enables every drive in position mode without motion."""
     before = arm.capture(bounds.samples).mean_rad
     arm.take_control()
     joints = arm.snapshot().joints
     not_enabled = [j.joint for j in joints if j.drive is not DriveState.OPERATION_ENABLED]
-    yield Clause(
-        name="enable",
-        passed=not not_enabled,
-        text=f"{joints_words(not_enabled)} is not enabled"
-        if not_enabled
-        else "all drives are enabled",
-    )
+    yield _of_all_drives("enable", not_enabled, "enabled", "")
     other_mode = [j.joint for j in joints if j.mode is not JointMode.POSITION]
-    yield Clause(
-        name="holding mode",
-        passed=not other_mode,
-        text=f"{joints_words(other_mode)} is not in position mode, in which an enabled drive must hold its joint"
-        if other_mode
-        else "all drives are in position mode",
-    )
+    must = ", in which an enabled drive must hold its joint"
+    yield _of_all_drives("holding mode", other_mode, "in position mode", must)
     yield from is_still("holds", before, arm.capture(bounds.samples).mean_rad, bounds)
 
 

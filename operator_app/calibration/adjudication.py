@@ -52,9 +52,6 @@ from solver.estimators.variance_components import Calibrated
 from solver.loops.closure import ClosureModel
 from solver.search.global_start import GlobalStart
 
-EQUALLY_WELL = 9.2
-"""Difference in chi2 up to which two explanations are nearly as good: a factor of 100 in likelihood."""
-
 UNEXPLAINED_KINDS = {
     FindingKind.UNEXPLAINED_SCATTER,
     FindingKind.UNEXPLAINED_PATTERN,
@@ -191,7 +188,12 @@ def adjudicate(
     slipped, by_tests = proven_by_return(since, by_tests)
     if not any(cause.blocking for cause in first):
         first, slipped = (*slipped, *first), ()
-    distances = contradicted(case.stated.fixture, case.stated.poses, calibrated.linear)
+    # The paper's estimate does not use measured distances.
+    distances = (
+        contradicted(case.stated.fixture, case.stated.poses, calibrated.linear)
+        if paper is None
+        else ()
+    )
     return Adjudication(
         causes=(
             *first,
@@ -224,10 +226,10 @@ def _misfit_causes(
     diagnosis, scale = case.diagnosis, case.chi2_per_dof
     by_tests = causes_of(diagnosis, case.found.estimate, case.judged, labels)
     alternatives: tuple[Finding, ...] = ()
-    wrong = _wrong_distances(case, EQUALLY_WELL) if diagnosis.fires else ()
+    wrong = _wrong_distances(case, limits.EQUALLY_GOOD_CHI2) if diagnosis.fires else ()
     # A step between two placements changes the distance of their sockets, and may explain as much.
     step = bool(wrong) and _begins_with_a_placement(case)
-    if wrong and not (step and not _wrong_distances(case, -EQUALLY_WELL)):
+    if wrong and not (step and not _wrong_distances(case, -limits.EQUALLY_GOOD_CHI2)):
         return wrong, wrong, False
     if len(wrong) == 1:
         either = (*wrong, *(replace(c, blocking=True) for c in by_tests[:1]))

@@ -162,7 +162,7 @@ def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
 
 @contextmanager
 def _interrupted_in_words(opening: Opening, listener: ConsoleListener) -> Iterator[None]:
-    """Context for mounting the fixture: if the run is interrupted, the listener is told what has been saved."""
+    """Context for mounting the fixture: if the run is interrupted, the listener reports what has been saved."""
     try:
         yield
     except KeyboardInterrupt:

@@ -64,11 +64,11 @@ def closing_home(
 
     `from_home`: feasibility at the home in the arm file. None if that is good, for an open arm, or if no pose is found.
     """
-    home_to_closed_rad = from_home.home_to_closed_rad
+    distance_rad = from_home.home_to_closed_rad
     if not fixture.holds_hand or (
         not from_home.refused
-        and home_to_closed_rad is not None
-        and float(np.abs(home_to_closed_rad).max()) <= HOME_DISTANCE_RAD
+        and distance_rad is not None
+        and float(np.abs(distance_rad).max()) <= HOME_DISTANCE_RAD
     ):
         return None
     model = fixture.model(arm)

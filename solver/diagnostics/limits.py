@@ -49,6 +49,9 @@ fixture may itself have widened them."""
 LEAST_REPORTED_CAUSE_PROBABILITY = 0.02
 """Less likely causes are not reported."""
 
+EQUALLY_GOOD_CHI2 = 9.2
+"""Two explanations whose chi2 differs by less are equally good: less than a factor of 100 in likelihood."""
+
 POSSIBLE_CAUSE_PROBABILITY = 0.1
 """The sigmas have to cover every cause at least this likely, not only the most likely one."""
 

@@ -42,8 +42,8 @@ SCALE_SD = float(np.log(2.0))
 """Standard deviation of the logarithm of a source's scale (ratio to the stated one): a factor of two is one sigma."""
 
 SCALE_CORRELATION = 0.5
-"""Correlation of two sources' scales in logarithm: whoever states one size with a margin often does so for all.
-Half of the variance is common, so sources that the poses hardly determine follow the others."""
+"""Correlation of the logarithms of two scales: a file that states one size with a margin usually states all so. Half
+of the variance is common, so sources that the poses hardly determine follow the others."""
 
 FAST_SHARE = 0.3
 """Convergence is fast if a step is below this share of the step before."""

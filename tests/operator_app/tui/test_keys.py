@@ -144,7 +144,7 @@ async def test_a_real_arm_moves_automatically_only_after_a_question(still):
             await d.until(lambda: "(it asks first)" in d.hint, "that it asks is said")
             await d.press(key, "enter")
             assert d.runner.asked == []
-            # Whoever wants to quit while it asks does not start a motion.
+            # To quit while the question is open starts no motion.
             await d.press(key, "q", "y")
             assert d.runner.asked == []
             await d.press(key, "y")

@@ -16,7 +16,7 @@ from operator_app.errors import Cancelled, GuardError
 from operator_app.session.store.solver_process import Solver, SolvingProcess
 from operator_app.session.ui.snapshot import DiffRow, Level, Publisher
 from operator_app.session.workflow.capture import verify
-from operator_app.session.workflow.export import export
+from operator_app.session.workflow.export import export, recorded_export
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from operator_app.units import SIGMA_POS
@@ -49,11 +49,15 @@ class CalibrationOperations:
         self.solution: Solution | None = None
 
     def show_recorded_calibration(self) -> None:
-        """Publish the recorded calibration of a resumed session, if there is one."""
+        """Publish the recorded calibration and export of a resumed session, if there are any."""
         known = self._session.recorded_calibration()
         if self.solution is None and known is not None:
             self.solution = known.solution
-            self._publisher.publish(lambda s: replace(s, cross_checks=known.checks))
+            exported = recorded_export(self._session)
+            receipt = None if exported is None else exported.receipt
+            self._publisher.publish(
+                lambda s: replace(s, cross_checks=known.checks, written=exported, receipt=receipt)
+            )
             if known.solution.accepted:
                 self._compare()
 

@@ -108,7 +108,7 @@ class Runner:
             mobility=session.mobility,
             estimator=session.procedure.estimator,
             unsensed_joints=session.procedure.unsensed_joints,
-            wanted_joints=session.procedure.position_joints or (),
+            wanted_joints=session.position_joints or session.procedure.position_joints or (),
         )
         if session.journal.contents.torn:
             self.say(Level.WARNING, session.journal.contents.torn)

@@ -66,7 +66,7 @@ def export(
     write_atomically(folder / PARAMETERS_NAME, data)
     record: dict[str, Any] = {
         "file": PARAMETERS_NAME,
-        "sha256": hashlib.sha256(data).hexdigest(),
+        "sha256": _sha256(data),
         "uploaded": None,
         "forced": forced,
     }
@@ -88,6 +88,40 @@ def export(
         sha256=record["sha256"],
         receipt=receipt,
     )
+
+
+def recorded_export(session: Session) -> Exported | None:
+    """Return the session's recorded export; None if there is none, or if parameters.yaml was changed since.
+
+    Its `receipt` is None if the connected controller's active parameters are others.
+    """
+    exported, folder = session.state.exported, session.journal.path.parent
+    path = folder / PARAMETERS_NAME
+    if not exported or not path.exists() or _sha256(path.read_bytes()) != exported.get("sha256"):
+        return None
+    receipt, uploaded = None, exported["uploaded"]
+    if (
+        uploaded
+        and session.identity is not None
+        and _sha256(session.arm.active_parameters()) == exported["sha256"]
+    ):
+        receipt = UploadReceipt(
+            slot=uploaded["slot"],
+            sha256=uploaded["sha256"],
+            length=uploaded["length"],
+            home_offset_counts=tuple(uploaded.get("home_offset_counts", ())),
+        )
+    return Exported(
+        folder=folder,
+        parameters=path,
+        poses=folder / POSES_NAME,
+        sha256=exported["sha256"],
+        receipt=receipt,
+    )
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
 
 
 def _record_export(session: Session, exported: Mapping[str, Any], *, report: str) -> None:

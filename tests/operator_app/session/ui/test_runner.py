@@ -294,3 +294,14 @@ def test_two_who_hand_in_work_at_once_have_it_done_in_their_order_and_it_can_be_
     runner.cancel()
     assert work.ended.wait(5.0)
     runner.close("end of the test")
+
+
+def test_resuming_marks_the_drive_joints_of_the_session(make_session):
+    session = make_session(short_procedure(3), connect=True)
+    assert session.procedure.position_joints == (1, 5)
+    session.set_modes((1, 4))
+    session.close("done")
+    resumed = make_session(short_procedure(3), resume=True)
+    runner = Runner(resumed, simulated=True, bus="none")
+    assert runner.snapshot().wanted_joints == (1, 4)
+    runner.close("end of the test")

@@ -14,8 +14,10 @@ from operator_app.errors import GuardError, JournalError
 from operator_app.headless.procedure_run import run
 from operator_app.report.results.session import session_text
 from operator_app.session.store.journal import read_journal
-from operator_app.session.workflow.export import export
+from operator_app.session.ui.operations import Operations
+from operator_app.session.workflow.export import export, recorded_export
 from operator_app.session.workflow.listener import Listener
+from tests.oracles.journalled_sessions import Quiet
 from tests.oracles.short_procedure import short_procedure
 
 
@@ -110,3 +112,27 @@ def test_what_is_accepted_needs_no_reason_and_keeps_none(make_session):
     assert session.state.exported["forced"] == ""
     codes = [w.code for w in load_parameters(result.exported.parameters).warnings]
     assert "FORCED" not in codes
+
+
+def test_resuming_shows_the_export_if_file_and_controller_still_have_it(make_session):
+    procedure = short_procedure(5)
+    session = make_session(procedure)
+    run(session, Listener(), forced="a test of the export")
+    session.close("done")
+
+    resumed = make_session(procedure, arm=session.arm, resume=True)
+    publisher = Quiet(resumed)
+    Operations(resumed, publisher).connect()
+    exported, receipt = publisher.shown.written, publisher.shown.receipt
+    assert exported is not None
+    assert receipt is not None
+    assert exported.parameters.name == "parameters.yaml"
+    assert receipt.length == len(exported.parameters.read_bytes())
+    resumed.close("done")
+
+    other_controller = make_session(procedure, resume=True, connect=True)
+    export_there = recorded_export(other_controller)
+    assert export_there is not None
+    assert export_there.receipt is None
+    exported.parameters.write_text("changed")
+    assert recorded_export(other_controller) is None

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations
 
@@ -25,8 +25,10 @@ from solver.design.paths import PathGraph
 from solver.design.pose_information import PoseInformation, pose_information
 from solver.design.stop_rule import standard_deviations
 from solver.diagnostics.identifiability import Identifiability, identifiability_of_jacobian
+from solver.errors import SolverError
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.implicit import NoiseModel
+from solver.estimators.variance_components import settle
 from solver.loops.closure import ClosureModel
 
 AVOID_RADIUS_RAD = 0.15
@@ -234,7 +236,7 @@ def information_of(
     """Return the information (N, N) of captured readings (c, n) with priors, and the information of the candidates.
 
     `closed_q` (m, n), `closed_u` (m, U): candidates. Captured poses are evaluated on the nearest closed loops. If the
-    captured poses' errors are larger than stated, the candidates' errors are assumed larger by the same factor.
+    captured poses suffice for a fit, all errors are as large as it estimates; otherwise as stated.
     """
     c = len(readings)
     variance = np.broadcast_to(task.noise.joint_variance, (max(c, 1), readings.shape[-1]))
@@ -246,13 +248,27 @@ def information_of(
     model = task.model.freed(task.toleranced)
     values = {p.name: v for p, v in zip(task.model.parameters, x, strict=True)}
     every = np.array([values.get(p.name, p.nominal) for p in model.parameters])
-    information = pose_information(model, every, every_q, q, u, task.errors_at(every_q))
-    information = information.with_errors_scaled(information.at_poses(slice(c)).error_scale())
+    variances = _estimated_variances(task, model, every, readings)
+    information = pose_information(model, every, every_q, q, u, task.errors_at(every_q), variances)
     information = information if task.parameters is None else information.about(task.parameters)
     prior = np.zeros(information.root.shape[-1])
     for k, name in enumerate(information.parameters):
         prior[k] = task.prior.get(name, np.inf) ** -2.0
     return information.of(range(c)) + np.diag(prior), information.at_poses(slice(c, None))
+
+
+def _estimated_variances(
+    task: PlanningTask, model: ClosureModel, x: FloatArray, readings: FloatArray
+) -> Mapping[str, float] | None:
+    """Return the variances of the errors of captured readings (c, n), by component; None without a fit to them."""
+    if not len(readings):
+        return None
+    errors = replace(task.errors_at(readings), prior=task.prior)
+    try:
+        fit = settle(model, readings, errors, x0=x).fit.fit
+    except SolverError:
+        return None
+    return {c.name: float(v) for c, v in zip(fit.design.components, fit.v, strict=True)}
 
 
 def prediction_sigma(

@@ -7,7 +7,7 @@ thousand similar poses determine no better than one pose does (method, section 1
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,13 +33,10 @@ class PoseInformation:
     root
         (m, r, P + K): ``L^-1 [A, Z]`` with ``V = L L'``; a pose's information is ``root' root``. The last K
         columns are effects, with a standard normal prior.
-    misclosure
-        (m, r): closure errors in units of their noise.
     """
 
     parameters: tuple[str, ...]
     root: FloatArray
-    misclosure: FloatArray
 
     def of(self, poses: Sequence[int]) -> FloatArray:
         """Information of a set of poses (P + K, P + K); a pose listed twice counts twice."""
@@ -54,27 +51,7 @@ class PoseInformation:
 
     def at_poses(self, poses: slice) -> PoseInformation:
         """Return the information of a slice of the poses."""
-        return replace(self, root=self.root[poses], misclosure=self.misclosure[poses])
-
-    def with_errors_scaled(self, factor: float) -> PoseInformation:
-        """Return the information if all errors (noise and effects) are `factor` times as large."""
-        root = self.root.copy()
-        root[..., : len(self.parameters)] /= factor
-        return replace(self, root=root, misclosure=self.misclosure / factor)
-
-    def error_scale(self) -> float:
-        """Ratio of the errors of these poses to the stated errors, at least 1."""
-        P, w = len(self.parameters), self.misclosure.reshape(-1)
-        dof = len(w) - P
-        if dof <= 0:
-            return 1.0
-        rows = self.root.reshape(len(w), -1)
-        # Effects enter as observations of zero, so that one least-squares problem covers all.
-        prior = np.eye(rows.shape[-1])[P:]
-        residuals = np.concatenate((w, np.zeros(len(prior))))
-        columns = np.concatenate((rows, prior))
-        residuals = residuals - columns @ np.linalg.lstsq(columns, residuals, rcond=None)[0]
-        return float(np.sqrt(max(1.0, float(residuals @ residuals) / dof)))
+        return replace(self, root=self.root[poses])
 
 
 def about_parameters(information: FloatArray, parameters: int) -> FloatArray:
@@ -91,19 +68,21 @@ def pose_information(
     closed_q: FloatArray,
     closed_u: FloatArray,
     errors: ErrorModel,
+    variances: Mapping[str, float] | None = None,
 ) -> PoseInformation:
-    """Return the poses' information, under stated errors, about the parameters of `model` that have no tolerance.
+    """Return the poses' information, under `errors`, about the parameters of `model` that have no tolerance.
 
     Raises `ValueError` if a closure component has no noise at all (exact joints and a stiff fixture).
 
     `x`: parameters (P + T,) of `model`, T of them toleranced. `q`: readings (m, n) of captured or planned poses.
-    `closed_q`, `closed_u`: closed poses at `x` nearest to the readings: (m, n), (m, U).
+    `closed_q`, `closed_u`: closed poses at `x` nearest to the readings: (m, n), (m, U). `variances`: of the errors'
+    components, by name; None: as stated.
     """
     design = LinearModel(model, q, errors)
     equations = Linearisation(
         design, State(x=x, e=closed_q - q, u=closed_u, closed_q=closed_q, closed_u=closed_u)
     )
-    sizes = design.start_variances()
+    sizes = design.start_variances() if variances is None else design.variances_by_name(variances)
     root = np.sqrt(design.group_variances(sizes))
     try:
         parts = [design.whiten(equations.part(part), sizes, root, part) for part in design.parts()]
@@ -111,14 +90,13 @@ def pose_information(
         raise ValueError(
             "some closure components have no noise, because their joints have none"
         ) from error
-    columns, w = (np.concatenate(rows) for rows in zip(*((p.M, p.w) for p in parts), strict=True))
+    columns = np.concatenate([p.M for p in parts])
     effects = columns[..., design.hard :]
     # Leading combinations of independent effects are independent effects again.
-    rows = effects.reshape(w.size, design.width - design.hard)
+    rows = np.concatenate(list(effects))
     _, turn = np.linalg.eigh(rows.T @ rows)
     leading = effects @ turn[:, : -EFFECTS - 1 : -1]
     return PoseInformation(
         parameters=tuple(model.parameters[k].name for k in design.hard_index),
         root=np.concatenate((columns[..., : design.hard], leading), axis=-1),
-        misclosure=w,
     )

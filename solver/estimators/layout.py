@@ -6,7 +6,7 @@ of the columns are calculated in `solver.estimators.effects`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import pairwise
@@ -424,6 +424,11 @@ class Layout:
     def stated_variances(self) -> FloatArray:
         """Variances (K,) as the files state them: of all deflection and play, not only the non-repeatable part."""
         return np.array([c.stated for c in self.components])
+
+    def variances_by_name(self, named: Mapping[str, float]) -> FloatArray:
+        """Return `named` variances, within their bounds, as (K,); start values for components without one."""
+        v = np.array([named.get(c.name, c.start) for c in self.components])
+        return np.asarray(np.clip(v, self.floors, self.ceilings))
 
     def as_stated(self, v: FloatArray) -> FloatArray:
         """`stated_variances` (K,); for the fixture's placement, the estimate in `v` (K,) if it is larger."""

@@ -197,12 +197,6 @@ def estimate_of(settled: SettledFit, model: ClosureModel, q: FloatArray) -> Esti
     ).at_poses(back_to_caller(settled.order))
 
 
-def _by_name(variances: Mapping[str, float], layout: Layout) -> FloatArray:
-    """Variances (K,) of a layout's components; start values for those not in `variances`."""
-    v = np.array([variances.get(c.name, c.start) for c in layout.components])
-    return np.asarray(np.clip(v, layout.floors, layout.ceilings))
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SettledFit:
     """Result of the iteration; `order` (m,) are the caller's indices of the poses in `fit`."""
@@ -228,7 +222,7 @@ def settle(
     `near`, `variances` (also a mapping by name): see `fit_mixed`.
     """
     if isinstance(variances, Mapping):
-        variances = partial(_by_name, variances)
+        variances = partial(Layout.variances_by_name, named=variances)
     order = canonical_order(q)
     model, q, errors = model.at_poses(order), q[order], errors.at_poses(order)
     group = None if group is None else group[order]

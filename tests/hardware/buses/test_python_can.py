@@ -70,7 +70,7 @@ def test_a_broken_environment_is_said(monkeypatch, variable, value, words):
     ("code", "channel"),
     [(19, "can0"), *((code, "vcan0") for code in (1, 5, 13, 19, 93, 97, 100))],
 )
-def test_a_kernel_error_becomes_what_to_do(code, channel, approve):
+def test_kernel_error_message_names_remedy(code, channel, approve):
     settings = BusSettings(interface="socketcan", channel=channel, bitrate=500_000)
     approve(python_can.describe_failure(settings, OSError(code, "something")))
 

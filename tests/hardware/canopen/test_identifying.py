@@ -21,7 +21,7 @@ from tests.hardware.on_fake_bus import make
         ((2, 0x60C2, 1), "14"),
     ],
 )
-def test_one_difference_is_named(place, value, approve):
+def test_single_difference_from_arm_file_is_reported(place, value, approve):
     bus = FakeArmBus()
     bus.objects[place] = bytes.fromhex(value)
     with pytest.raises(WrongArm) as wrong:

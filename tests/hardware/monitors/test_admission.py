@@ -88,7 +88,7 @@ def test_until_its_drive_has_power_a_joint_that_sinks_is_followed():
         {"mode": JointMode.FREE, "measured": 400},
     ],
 )
-def test_a_new_target_needs_the_right_situation(situation, approve):
+def test_target_in_wrong_state_is_refused(situation, approve):
     with pytest.raises(CommandRefused) as refused:
         try_to_send(Setpoint(GO, 100, CSP), Setpoint(GO, 105, CSP), **situation)
     approve(str(refused.value))
@@ -207,7 +207,7 @@ def test_a_move_inside_all_limits_begins():
         ({2: 0.0}, {"modes": (JointMode.POSITION, JointMode.FREE)}),
     ],
 )
-def test_a_move_that_may_not_begin(targets_rad, situation, approve):
+def test_move_outside_limits_or_state_is_refused(targets_rad, situation, approve):
     with pytest.raises(CommandRefused) as refused:
         try_to_move(targets_rad, **situation)
     approve(str(refused.value))

@@ -122,7 +122,7 @@ def test_roll_back_drops_what_was_staged_first(arm):
         document((*OFFSETS[:6], 5121)),
     ],
 )
-def test_a_wrong_document_is_refused_in_words_and_nothing_changes(arm, data, approve):
+def test_invalid_document_is_refused_without_effect(arm, data, approve):
     upload(arm, document(OTHER))
     arm.peer.write(16, 0x2000, 0, data)
     assert order(arm, STAGE) == 0x08000020
@@ -134,7 +134,7 @@ def test_a_wrong_document_is_refused_in_words_and_nothing_changes(arm, data, app
 
 
 @pytest.mark.parametrize("angle", [float("nan"), float("inf"), 2.1 / 5729.578])
-def test_angles_must_be_finite_and_agree_with_the_counts(angle, approve):
+def test_angles_must_be_finite_and_match_counts(angle, approve):
     def validate(data: bytes) -> ValidatedParameters:
         return ValidatedParameters(
             arm_serial="SDA-0007",

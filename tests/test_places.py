@@ -9,7 +9,6 @@ PACKAGES = ("solver", "fixtures", "hardware", "operator_app")
 TOPICS = """
 fixtures/test_parallel_axes.py
 hardware/virtual/test_control_and_heartbeat.py
-hardware/virtual/test_objects.py
 operator_app/calibration/test_honesty.py
 operator_app/calibration/test_large_sets.py
 operator_app/calibration/test_later_poses.py

@@ -115,12 +115,11 @@ def test_paper_arm_is_used_only_for_files_that_allow_it():
 @pytest.mark.parametrize("scenario", ["exact", "datasheet", "as_reported"])
 def test_seed_gives_one_arm_for_all_fixtures(scenario):
     """Except for the mounting (zero of joint 1, last row) and the offset of an elbow that does not move."""
+    fixtures = ("hinge", "sarcos_ball", "rigid", "tracker", "hinge")
     hinge, ball, rigid, tracker, other = (
         scenario_of(scenario, seed, specimen_files(f, LONGER)).true_loop().table.stacked()[:, 2:-1]
-        for f, seed in (
-            ("hinge", 5), ("sarcos_ball", 5), ("rigid", 5), ("tracker", 5), ("hinge", 6),
-        )
-    )  # fmt: skip
+        for f, seed in zip(fixtures, (5, 5, 5, 5, 6), strict=True)
+    )
     assert np.array_equal(hinge, ball)
     assert np.array_equal(hinge, tracker)
     rigid[DhKind.THETA_OFF, 2] = hinge[DhKind.THETA_OFF, 2]

@@ -32,6 +32,7 @@ ENABLE, SWITCH_ON, DISABLE, QUICK_STOP = 0x000F, 0x0007, 0x0000, 0x0002
 CSP, CST = 8, 10
 POSITION, FREE = JointMode.POSITION, JointMode.FREE
 ON, FAULT = DriveState.OPERATION_ENABLED, DriveState.FAULT
+AT_60, AT_100, AT_600 = (Setpoint(ENABLE, target, CSP) for target in (60, 100, 600))
 
 
 def send(
@@ -57,52 +58,34 @@ def send(
 @pytest.mark.parametrize(
     ("before", "command", "situation"),
     [
-        *(
-            (Setpoint(ENABLE, 100, CSP), Setpoint(ENABLE, 100 + s, CSP), {})
-            for s in (-10, -1, 0, 1, 10)
-        ),
+        *((AT_100, Setpoint(ENABLE, target, CSP), {}) for target in (90, 99, 100, 101, 110)),
         # A joint sinks until its drive has power: the target is its measured position.
-        *(
-            (
-                Setpoint(w, 100, CSP),
-                Setpoint(ENABLE, 60, CSP),
-                {"status": SWITCHED_ON, "measured": 60},
-            )
-            for w in (SWITCH_ON, ENABLE)
-        ),
+        (Setpoint(SWITCH_ON, 100, CSP), AT_60, {"status": SWITCHED_ON, "measured": 60}),
+        (AT_100, AT_60, {"status": SWITCHED_ON, "measured": 60}),
         # Commands that do not move a drive.
-        (Setpoint(ENABLE, 100, CSP), Setpoint(DISABLE, 9999, CSP), {}),
-        (Setpoint(ENABLE, 100, CSP), Setpoint(QUICK_STOP, 9999, CSP), {}),
-        (Setpoint(ENABLE, 100, CSP), Setpoint(ENABLE, 9999, CST), {}),
+        (AT_100, Setpoint(DISABLE, 9999, CSP), {}),
+        (AT_100, Setpoint(QUICK_STOP, 9999, CSP), {}),
+        (AT_100, Setpoint(ENABLE, 9999, CST), {}),
+        # Beyond the range: an unchanged target, and targets at or near the position before the mode has switched.
+        (Setpoint(SWITCH_ON, 600, CSP), AT_600, {"measured": 600}),
+        (None, AT_600, {"measured": 600}),
+        (Setpoint(ENABLE, 0, CST), AT_600, {"measured": 600, "mode": FREE}),
+        (Setpoint(ENABLE, 0, CST), AT_600, {"measured": 590, "mode": FREE}),
+        (Setpoint(ENABLE, 0, CSP), Setpoint(ENABLE, 129, CSP), {"measured": 127, "mode": FREE}),
     ],
 )
-def test_step_within_limit_and_harmless_command_are_admitted(before, command, situation):
-    send(before, command, **situation)
-
-
-@pytest.mark.parametrize(
-    ("before", "target", "measured", "mode"),
-    [
-        (Setpoint(SWITCH_ON, 600, CSP), 600, 600, POSITION),
-        (Setpoint(ENABLE, 0, CST), 600, 600, FREE),
-        (Setpoint(ENABLE, 0, CST), 610, 600, FREE),
-        (Setpoint(ENABLE, 0, CSP), 129, 127, FREE),
-        (None, 600, 600, POSITION),
-    ],
-    ids=["unchanged", "at the position", "near the position", "mode not switched yet", "first"],
-)
-def test_unchanged_target_or_target_at_the_position_is_admitted_beyond_the_range(
-    before, target, measured, mode
+def test_allowed_step_target_at_position_and_harmless_command_are_admitted(
+    before, command, situation
 ):
-    send(before, Setpoint(ENABLE, target, CSP), measured=measured, mode=mode)
+    send(before, command, **situation)
 
 
 @pytest.mark.parametrize(
     ("before", "command", "situation", "reason"),
     [
-        (Setpoint(ENABLE, 100, CSP), Setpoint(ENABLE, 89, CSP), {}, "step"),
-        (Setpoint(ENABLE, 100, CSP), Setpoint(ENABLE, 111, CSP), {}, "step"),
-        (Setpoint(ENABLE, 100, CSP), Setpoint(ENABLE, 100_100, CSP), {}, "step"),
+        (AT_100, Setpoint(ENABLE, 89, CSP), {}, "step"),
+        (AT_100, Setpoint(ENABLE, 111, CSP), {}, "step"),
+        (AT_100, Setpoint(ENABLE, 100_100, CSP), {}, "step"),
         (Setpoint(ENABLE, 495, CSP), Setpoint(ENABLE, 501, CSP), {}, "outside"),
         # An old target of a joint in free mode, or of another mode, is no reference.
         (Setpoint(ENABLE, -400, CST), Setpoint(ENABLE, -400, CSP), {"mode": FREE}, "step"),
@@ -115,10 +98,7 @@ def test_unchanged_target_or_target_at_the_position_is_admitted_beyond_the_range
             "step",
         ),
         # Every controlword that enables a drive is checked.
-        *(
-            (Setpoint(ENABLE, 100, CSP), Setpoint(word, 9999, CSP), {}, "step")
-            for word in (0x1F, 0x10F, 0x800F)
-        ),
+        *((AT_100, Setpoint(word, 9999, CSP), {}, "step") for word in (0x1F, 0x10F, 0x800F)),
     ],
 )
 def test_larger_step_and_target_outside_range_are_refused(before, command, situation, reason):
@@ -137,13 +117,13 @@ def test_larger_step_and_target_outside_range_are_refused(before, command, situa
 )
 def test_target_in_wrong_state_is_refused(situation, approve):
     with pytest.raises(CommandRefused) as refused:
-        send(Setpoint(ENABLE, 100, CSP), Setpoint(ENABLE, 105, CSP), **situation)
+        send(AT_100, Setpoint(ENABLE, 105, CSP), **situation)
     approve(str(refused.value))
 
 
 def test_target_after_stop_raises_stop_latched():
     with pytest.raises(StopLatched):
-        send(Setpoint(ENABLE, 100, CSP), Setpoint(ENABLE, 105, CSP), stopped=True)
+        send(AT_100, Setpoint(ENABLE, 105, CSP), stopped=True)
 
 
 @pytest.mark.parametrize("before", [None, Setpoint(ENABLE, -400, CST)])

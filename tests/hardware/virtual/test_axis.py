@@ -9,24 +9,13 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt
 from tests.oracles.virtual_rig import joint
 
 
-def test_encoder_axis():
-    axis = AxisSettings(3, joint())
-    assert axis.joint == 3
-    assert (axis.sensor_kind, axis.converter_bits) == (SensorKind.ENCODER, 0)
-    assert (axis.increments, axis.revolutions) == (36_000, 1)
-    assert (axis.limits.lower_counts, axis.limits.upper_counts) == (-6000, 6000)
-    assert axis.max_speed_counts_per_s == 18_000
-    assert axis.limits.max_step_counts == 181
-    assert axis.following_window_counts == 300
-    assert (axis.lowest_counts, axis.highest_counts) == (-math.inf, math.inf)
-
-
-def test_rvdt_axis():
-    axis = AxisSettings(6, joint(rvdt=True))
-    assert (axis.sensor_kind, axis.converter_bits) == (SensorKind.RVDT, 12)
-    assert axis.full_scale_microdeg == 144_000_000
-    assert (axis.increments, axis.revolutions) == (10_240, 1)
-    assert (axis.lowest_counts, axis.highest_counts) == (-2048, 2047)
+def test_limits_and_windows_are_in_counts():
+    encoder, rvdt = AxisSettings(3, joint()), AxisSettings(6, joint(rvdt=True))
+    assert encoder.limits.max_step_counts == 181
+    assert encoder.following_window_counts == 300
+    assert (encoder.lowest_counts, encoder.highest_counts) == (-math.inf, math.inf)
+    assert (rvdt.lowest_counts, rvdt.highest_counts) == (-2048, 2047)
+    assert (rvdt.increments, rvdt.revolutions) == (10_240, 1)
     assert joint_scale(joint(rvdt=True)).to_counts(math.radians(144.0)) == 4096
 
 

@@ -178,6 +178,7 @@ def test_quick_stop_of_all_drives_stops_at_the_position_and_stays(arm):
 def test_error_history_1003h_is_newest_first_and_clearable(arm):
     counts = arm.operational()[0][1]
     arm.peer.command(1, 0x0F, counts + 5000, 8)
+    assert arm.peer.unsigned(1, 0x1001) == 0x21
     lose_operator(arm)
     assert [arm.peer.unsigned(1, 0x1003, sub) for sub in range(3)] == [2, 0x8130, 0x8612]
     arm.peer.write(1, 0x1003, 0, b"\0")

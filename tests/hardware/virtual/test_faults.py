@@ -154,17 +154,6 @@ def test_restart_clears_token_power_and_nmt_state(arm):
     assert {command.mode for command in arm.plant.commands} == {None}
 
 
-def test_hanging_loop_sends_no_frames(arm):
-    arm.peer.start()
-    arm.settled()
-    arm.controller.hang()
-    arm.peer.send(0x080)  # received, then the loop hangs
-    arm.clock.time_s += 1.0
-    assert arm.peer.receive(0.1) is None
-    arm.controller.resume_loop()
-    arm.peer.wait_for(lambda number, _: number == 0x710)
-
-
 def test_scripted_faults_occur_at_their_sync():
     script = [
         scripted("broken-sensor", joint=2, at_sync=12),

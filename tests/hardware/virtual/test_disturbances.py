@@ -151,12 +151,12 @@ def test_doubled_sync_steps_the_plant_twice(arm):
     assert arm.controller.sync_count == 2
 
 
-def test_late_frames_of_the_arm_all_arrive(arm):
+@pytest.mark.parametrize(("fault", "at_once", "later"), [("doubled", 2, 2), ("late", 0, 1)])
+def test_frames_of_the_arm_are_doubled_or_late(arm, fault, at_once, later):
     arm.peer.start()
-    disturb(arm, intact="wire_in", late=1.0)
+    disturb(arm, intact="wire_in", **{fault: 1.0})
     arm.peer.send(0x080)
-    wait_for_loop(arm)
-    for wait_s, expected in ((0.0, 0), (0.06, 1)):
+    for wait_s, expected in ((0.0, at_once), (0.06, later)):
         arm.clock.time_s += wait_s
         wait_for_loop(arm)
         arm.peer.quiet()

@@ -77,7 +77,7 @@ def test_node_fault_changes_frames_of_its_node(arm, kind, joint, tpdos, heartbea
         assert arm.peer.unsigned(3, 0x1017) == 5000
 
 
-def test_silent_node_receives_nothing_and_holds_after_the_heartbeat_timeout(arm):
+def test_silent_node_receives_nothing_and_holds_after_heartbeat_timeout(arm):
     arm.operational([10] * 7)
     arm.broken("silent-node", 4)
     arm.peer.command(4, 0x00, 0, 8)

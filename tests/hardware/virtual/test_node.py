@@ -7,18 +7,6 @@ import pytest
 from tests.oracles.raw_can import RawAbort
 
 
-def test_identity_of_every_node(arm):
-    for node in range(1, 8):
-        assert arm.peer.unsigned(node, 0x1000) == 0x00020192
-        assert arm.peer.unsigned(node, 0x1018, 4) == 700 + node
-        assert arm.peer.read(node, 0x1008) == b"sarcal virtual joint drive"
-    assert arm.peer.unsigned(16, 0x1000) == 0
-    assert arm.peer.unsigned(16, 0x1018, 4) == 7
-    assert arm.peer.read(16, 0x2020, 1) == b"test_arm"
-    assert arm.peer.read(16, 0x2020, 2) == b"SDA-0007"
-    assert arm.peer.unsigned(16, 0x2020, 3) == 7
-
-
 def test_joint_objects_have_the_values_of_its_axis(arm):
     peer = arm.peer
     assert (peer.unsigned(1, 0x608F, 1), peer.unsigned(1, 0x608F, 2)) == (36_000, 1)

@@ -1,6 +1,6 @@
 """The compliant closed chain with one, two and three driven joints, friction, gravity and fixture faults."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 import pytest
@@ -53,14 +53,22 @@ def run(
     return [plant.step(commands(targets)) for targets in path]
 
 
+def move(
+    plant: Plant, commands: Commands, path_deg: FloatArray, *, ratio: float = -1.0
+) -> Iterator[PlantReading]:
+    """Move joint 1 along the path, relative to its present angle, and joint 5 by `ratio` times as much."""
+    angle_1, angle_5 = joint_angle(plant, 1), joint_angle(plant, 5)
+    for x in np.deg2rad(path_deg).tolist():
+        yield plant.step(commands({1: angle_1 + x, 5: angle_5 + ratio * x}))
+
+
 def test_two_driven_joints_move_the_loop_and_return_it(commands):
     plant = make_plant()
-    start, h1, h5 = plant.true_angles_rad, joint_angle(plant, 1), joint_angle(plant, 5)
+    start = plant.true_angles_rad
+    quarter = np.linspace(0.0, 12.0, 150)
+    path = np.concatenate((quarter, quarter[::-1], -quarter, -quarter[::-1], np.zeros(150)))
     farthest, largest_error = np.zeros(8), 0.0
-    quarter = np.deg2rad(np.linspace(0.0, 12.0, 150))
-    there_and_back = (quarter, quarter[::-1], -quarter, -quarter[::-1], np.zeros(150))
-    for x in np.concatenate(there_and_back).tolist():
-        plant.step(commands({1: h1 + x, 5: h5 - 2.5 * x}))
+    for _ in move(plant, commands, path, ratio=-2.5):
         farthest = np.maximum(farthest, np.abs(plant.true_angles_rad - start))
         largest_error = max(largest_error, float(np.abs(plant.closure_error).max()))
     assert np.rad2deg(farthest[[1, 5]]) == pytest.approx([12.0, 30.0], abs=0.5)
@@ -71,12 +79,8 @@ def test_two_driven_joints_move_the_loop_and_return_it(commands):
 
 def test_stiff_fixture_keeps_the_moving_loop_closed(commands):
     plant = make_plant(n_per_m=2e9, nm_per_rad=1e8, payload_kg=ELBOW_AND_WRIST_KG)
-    h1, h5 = joint_angle(plant, 1), joint_angle(plant, 5)
-    for x in np.deg2rad(np.linspace(0.0, 20.0, 100)).tolist():
-        plant.step(commands({1: h1 + x, 5: h5 - x}))
-        assert np.abs(plant.closure_error).max() < 2e-6
-    for _ in range(100):
-        plant.step(commands({1: h1 + x, 5: h5 - x}))
+    path = np.minimum(np.arange(200) * 20.0 / 99.0, 20.0)
+    assert all(np.abs(plant.closure_error).max() < 2e-6 for _ in move(plant, commands, path))
     assert np.abs(plant.closure_error).max() < 2e-7
 
 
@@ -118,9 +122,7 @@ def test_friction_above_the_load_prevents_creep(commands):
 def test_friction_keeps_the_fixture_deflected_at_rest(commands):
     def deflection_m(friction_nm: float) -> float:
         plant = make_plant(n_per_m=1e5, nm_per_rad=3e3, friction_nm=friction_nm)
-        h1, h5 = joint_angle(plant, 1), joint_angle(plant, 5)
-        ramp = np.deg2rad(np.concatenate((np.linspace(0.0, 15.0, 100), np.full(150, 15.0))))
-        run(plant, commands, [{1: h1 + x, 5: h5 - x} for x in ramp.tolist()])
+        list(move(plant, commands, np.minimum(np.arange(250) * 15.0 / 99.0, 15.0)))
         return float(np.linalg.norm(plant.closure_error[3:]))
 
     assert deflection_m(0.0) < 1e-9
@@ -158,8 +160,7 @@ def potential(truth: LoopTruth, joints: FloatArray, payload_kg: FloatArray) -> f
 
 def test_blocked_valve_holds_the_joint(commands):
     plant = make_plant(payload_kg=ELBOW_AND_WRIST_KG)
-    h1, h5 = joint_angle(plant, 1), joint_angle(plant, 5)
-    run(plant, commands, [{1: h1 + 0.002 * k, 5: h5} for k in range(100)])
+    list(move(plant, commands, np.rad2deg(0.002) * np.arange(100), ratio=0.0))
     stopped = plant.true_angles_rad
     off = [JointCommand(mode=None, target_rad=99.0)] * 7
     for _ in range(200):
@@ -171,8 +172,7 @@ def test_blocked_valve_holds_the_joint(commands):
 def test_reading_is_of_the_state_after_the_step(commands):
     plant = make_plant()
     before = plant.true_angles_rad
-    h1, h5 = joint_angle(plant, 1), joint_angle(plant, 5)
-    reading = plant.step(commands({1: h1 + 0.01, 5: h5}))
+    (reading,) = move(plant, commands, np.rad2deg([0.01]), ratio=0.0)
     after = plant.true_angles_rad
     measured = np.array(reading.position_counts) * FINE_RAD + plant.truth.offsets_rad
     np.testing.assert_allclose(measured, after[1:], rtol=0.0, atol=FINE_RAD)
@@ -221,12 +221,10 @@ def test_binding_hinge_blocks_two_driven_joints(commands):
     moved_rad, torque_nm = [], []
     for bound in (False, True):
         plant = make_plant(n_per_m=2e9, nm_per_rad=1e8)
-        h1, h5 = joint_angle(plant, 1), joint_angle(plant, 5)
         start = plant.true_angles_rad[0]
         if bound:
             plant.bind_hinge()
-        for x in np.deg2rad(np.linspace(0.0, 5.0, 100)).tolist():
-            reading = plant.step(commands({1: h1 + x, 5: h5 - x}))
+        *_, reading = move(plant, commands, np.linspace(0.0, 5.0, 100))
         moved_rad.append(abs(plant.true_angles_rad[0] - start))
         torque_nm.append(max(map(abs, reading.torque_nm)))
     assert moved_rad[1] < 0.05 * moved_rad[0]

@@ -273,7 +273,11 @@ def test_canopen_package_reads_and_writes_through_the_eds(arm):
             network.add_node(node)
             node.sdo.RESPONSE_TIMEOUT = 5.0
         assert joint.sdo[0x1000].raw == 0x00020192
+        assert joint.sdo[0x1008].raw == "sarcal virtual joint drive"
         assert joint.sdo["Identity object"]["Serial number"].raw == 703
+        assert supervisor.sdo[0x1000].raw == 0
+        assert supervisor.sdo["Identity object"]["Serial number"].raw == 7
+        assert [supervisor.sdo[0x2020][k].raw for k in (1, 2, 3)] == ["test_arm", "SDA-0007", 7]
         assert joint.sdo["Software position limit"]["Max position limit"].raw == 6000
         document = b"SDA-0007 1 2 3 4 5 6 7" + b"\n" * 1000
         supervisor.sdo[0x2000].raw = document

@@ -47,18 +47,6 @@ def test_trip_sends_its_code_and_stops_other_drives(arm, quantity, joint, value,
     assert arm.peer.unsigned(joint, 0x603F) == code
 
 
-def test_lost_enable_shows_in_the_statusword_only(arm):
-    states = arm.operational()
-    arm.broken("lost-enable", 3)
-    words = [word for word, _, _ in arm.peer.sync()]
-    assert [word & STATE for word in words] == [0x23 if j == 3 else 0x27 for j in range(1, 8)]
-    assert emergency_codes(arm, 3) == []
-    # A repeated command enables it again, so an operator must not repeat it.
-    arm.peer.command(3, 0x0F, states[2][1], 8)
-    arm.peer.sync()
-    assert arm.peer.sync()[2][0] & STATE == 0x27
-
-
 def test_deaf_drive_keeps_position_and_clears_statusword_bit_12(arm):
     states = arm.operational()
     assert arm.peer.sync()[0][0] & 0x1000
@@ -71,19 +59,6 @@ def test_deaf_drive_keeps_position_and_clears_statusword_bit_12(arm):
         assert (word & STATE, word & 0x1000) == (0x27, 0)
         assert counts == states[0][1]
     assert arm.peer.sync()[1][0] & 0x1000
-
-
-def test_frozen_sensor_trips_the_following_error(arm):
-    states = arm.operational()
-    arm.broken("frozen-sensor", 2)
-    target = states[1][1]
-    for _ in range(4):
-        target += 90
-        arm.peer.command(2, 0x0F, target, 8)
-        assert arm.peer.sync()[1][1] == states[1][1]
-    expect_trip(arm, 2, 0x8611)
-    arm.mended("frozen_counts", 2)
-    assert arm.peer.sync()[1][1] != states[1][1]
 
 
 def test_broken_sensor_trips_7305h_and_reset_needs_repair(arm):

@@ -8,10 +8,7 @@ PACKAGES = ("solver", "fixtures", "hardware", "operator_app")
 
 TOPICS = """
 fixtures/test_parallel_axes.py
-hardware/virtual/test_any_drive.py
-hardware/virtual/test_bus_faults.py
 hardware/virtual/test_control_and_heartbeat.py
-hardware/virtual/test_objects.py
 operator_app/calibration/test_honesty.py
 operator_app/calibration/test_large_sets.py
 operator_app/calibration/test_later_poses.py

@@ -1,4 +1,4 @@
-"""Bus settings from every source, and errors that say what to do."""
+"""Bus settings from options, environment and file, and errors with their remedy."""
 
 import can
 import pytest
@@ -10,17 +10,14 @@ from hardware.errors import BusError
 
 
 @pytest.fixture(autouse=True)
-def nothing_configured(monkeypatch, tmp_path):
+def no_configuration(monkeypatch, tmp_path):
     for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_BITRATE", "CAN_CONFIG"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr("can.util.CONFIG_FILES", [str(tmp_path / "can.conf")])
 
 
-def test_without_anything_it_is_the_virtual_bus():
+def test_options_override_environment_overrides_file_overrides_default(monkeypatch, tmp_path):
     assert bus_settings() == BusSettings(interface="virtual", channel="sarcal")
-
-
-def test_options_beat_environment_beats_file(monkeypatch, tmp_path):
     (tmp_path / "can.conf").write_text(
         "[default]\ninterface = socketcan\nchannel = can3\nbitrate = 125000\n"
     )
@@ -28,41 +25,40 @@ def test_options_beat_environment_beats_file(monkeypatch, tmp_path):
     monkeypatch.setenv("CAN_CHANNEL", "can1")
     monkeypatch.setenv("CAN_BITRATE", "250000")
     assert bus_settings() == BusSettings(interface="socketcan", channel="can1", bitrate=250000)
-    asked = bus_settings("loopback", "here", 1_000_000)
-    assert asked == BusSettings(interface="loopback", channel="here", bitrate=1_000_000)
+    from_options = bus_settings("loopback", "can9", 1_000_000)
+    assert from_options == BusSettings(interface="loopback", channel="can9", bitrate=1_000_000)
 
 
-def test_further_options_of_the_file_are_kept(tmp_path):
+def test_other_options_of_the_file_are_kept(tmp_path):
     (tmp_path / "can.conf").write_text(
         "[default]\ninterface = virtual\nreceive_own_messages = true\n"
     )
-    settings = bus_settings()
-    assert settings.options["receive_own_messages"] is True
+    assert bus_settings().options["receive_own_messages"] is True
 
 
 @pytest.mark.parametrize(
-    ("interface", "words"),
+    ("interface", "remedy"),
     [
         ("carrier-pigeon", r"carrier-pigeon.*socketcan.*virtual"),
         ("socketcan", "-i socketcan -c can0"),
     ],
-    ids=["unknown: the known ones are listed", "hardware without a channel"],
+    ids=["unknown", "without a channel"],
 )
-def test_an_interface_that_cannot_be_opened_says_what_to_type(interface, words):
-    with pytest.raises(BusError, match=words):
+def test_invalid_interface_error_contains_valid_options(interface, remedy):
+    with pytest.raises(BusError, match=remedy):
         bus_settings(interface)
 
 
 @pytest.mark.parametrize(
-    ("variable", "value", "words"),
+    ("variable", "value", "message"),
     [
         *(("CAN_BITRATE", rate, "bits a second") for rate in ("fast", "-5", "0", "12.5")),
         ("CAN_CONFIG", "{not json", "CAN_"),
     ],
 )
-def test_a_broken_environment_is_said(monkeypatch, variable, value, words):
+def test_invalid_environment_variable_is_a_bus_error(monkeypatch, variable, value, message):
     monkeypatch.setenv(variable, value)
-    with pytest.raises(BusError, match=words):
+    with pytest.raises(BusError, match=message):
         bus_settings()
 
 
@@ -70,57 +66,54 @@ def test_a_broken_environment_is_said(monkeypatch, variable, value, words):
     ("code", "channel"),
     [(19, "can0"), *((code, "vcan0") for code in (1, 5, 13, 19, 93, 97, 100))],
 )
-def test_a_kernel_error_becomes_what_to_do(code, channel, approve):
+def test_kernel_error_message_names_remedy(code, channel, approve):
     settings = BusSettings(interface="socketcan", channel=channel, bitrate=500_000)
     approve(python_can.describe_failure(settings, OSError(code, "something")))
 
 
-def test_a_missing_device_or_kernel_support_is_a_bus_error():
+def test_missing_device_or_kernel_support_is_a_bus_error():
     with pytest.raises(BusError, match=r"no CAN device vcan97|has no CAN sockets"):
         open_bus(BusSettings(interface="socketcan", channel="vcan97"))
 
 
-def test_receivers_in_one_process_share_the_data_of_a_frame_and_nothing_else():
-    near, *far = (open_bus(BusSettings(channel="shared")) for _ in range(3))
-    sent = Frame(arbitration_id=0x181, data=b"12345678", is_extended_id=False)
-    near.send(sent)
-    got = [bus.recv(0.0) for bus in far]
-    for message in got:
+def test_receivers_in_one_process_share_only_the_data_of_a_frame():
+    sender, *receivers = (open_bus(BusSettings(channel="shared")) for _ in range(3))
+    frame = Frame(arbitration_id=0x181, data=b"12345678", is_extended_id=False)
+    sender.send(frame)
+    messages = [bus.recv(0.0) for bus in receivers]
+    for message in messages:
         assert message is not None
         assert message.equals(
-            sent, timestamp_delta=None, check_channel=False, check_direction=False
+            frame, timestamp_delta=None, check_channel=False, check_direction=False
         )
-        assert message.data is sent.data
+        assert message.data is frame.data
         message.timestamp = message.arbitration_id = 0
-    assert (sent.arbitration_id, sent.is_rx) == (0x181, True)
-    assert len({id(message) for message in (sent, *got)}) == 3
-    for bus in (near, *far):
+    assert (frame.arbitration_id, frame.is_rx) == (0x181, True)
+    assert len({id(message) for message in (frame, *messages)}) == 3
+    for bus in (sender, *receivers):
         bus.shutdown()
 
 
-def test_a_virtual_sender_leaves_the_channel_as_it_found_it():
+def test_closed_virtual_sender_leaves_the_channel_open():
     settings = BusSettings(channel="sender-test")
-    bus, sender = open_bus(settings), open_sender(settings)
-    message = can.Message(arbitration_id=5, is_extended_id=False)
-    bus.send(message)
-    assert sender.recv(0.0) is None
-    sender.shutdown()
+    bus = open_bus(settings)
+    open_sender(settings).shutdown()
     second = open_bus(settings)
-    second.send(message)
+    second.send(can.Message(arbitration_id=5, is_extended_id=False))
     assert bus.recv(0.0) is not None
     second.shutdown()
     bus.shutdown()
 
 
 @pytest.mark.parametrize("interface", ["kvaser", "neovi", "pcan", "slcan"])
-def test_an_adapter_without_its_driver_is_one_clear_error(interface):
+def test_adapter_without_its_driver_is_a_bus_error(interface):
     with pytest.raises(BusError, match=interface) as refused:
         open_bus(bus_settings(interface, "0", 1_000_000))
     assert ".." not in str(refused.value)
 
 
 @pytest.mark.parametrize("channel", ["a\0b", "\udc80", "\x1b[31mred", "x\ny"])
-def test_a_strange_channel_is_one_clear_error(channel):
+def test_unprintable_channel_is_a_printable_bus_error(channel):
     with pytest.raises(BusError, match="channel name") as refused:
         bus_settings("loopback", channel)
     assert str(refused.value).isprintable()

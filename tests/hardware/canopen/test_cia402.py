@@ -38,7 +38,7 @@ DISABLE, STOP, SHUTDOWN, ON, ENABLE, RESET = (
 )
 ALL_FLAGS = sum(StatusBit)
 
-# Every state against every command, written out from the standard's figure.
+# Written from the figure in the standard.
 TABLE = {
     S.NOT_READY_TO_SWITCH_ON: {},
     S.SWITCH_ON_DISABLED: {SHUTDOWN: S.READY_TO_SWITCH_ON},
@@ -66,7 +66,7 @@ TABLE = {
 }
 
 
-def test_bits_and_commands_are_where_the_standard_has_them():
+def test_bits_and_commands_have_the_values_of_the_standard():
     assert {bit.name: int(bit) for bit in ControlBit} == {
         "SWITCH_ON": 0x0001,
         "ENABLE_VOLTAGE": 0x0002,
@@ -88,8 +88,8 @@ def test_bits_and_commands_are_where_the_standard_has_them():
 
 
 @pytest.mark.parametrize("state", S)
-def test_where_each_wish_is_reached(state):
-    assert [wish for wish in TargetState if reached(state, wish)] == {
+def test_reached_states_of_each_request(state):
+    assert [target for target in TargetState if reached(state, target)] == {
         S.NOT_READY_TO_SWITCH_ON: [TargetState.STOPPED],
         S.SWITCH_ON_DISABLED: [
             TargetState.DISABLED,
@@ -105,26 +105,21 @@ def test_where_each_wish_is_reached(state):
     }[state]
 
 
-@pytest.mark.parametrize("previous", [0x0001, 0x000F, 0x007F, 0xFF7F])
-def test_the_other_bits_sent_before_do_not_hinder_a_reset(previous):
-    assert after_controlword(S.FAULT, RESET, previous) is S.SWITCH_ON_DISABLED
-    assert (
-        next_controlword(statusword(S.FAULT), TargetState.FAULT_CLEARED, previous=previous) == RESET
-    )
-    again = previous | RESET
-    assert after_controlword(S.FAULT, RESET, again) is S.FAULT
-    assert (
-        next_controlword(statusword(S.FAULT), TargetState.FAULT_CLEARED, previous=again) == DISABLE
-    )
-
-
-def test_a_flag_that_the_state_shows_already_changes_nothing():
-    assert statusword(S.OPERATION_ENABLED, 0x27) == 0x27
+@pytest.mark.parametrize("other_bits", [0x0000, 0x0001, 0x000F, 0x007F, 0xFF7F])
+def test_fault_reset_needs_a_rising_edge_of_bit_7(other_bits):
+    for previous, after, word in (
+        (other_bits, S.SWITCH_ON_DISABLED, RESET),
+        (other_bits | RESET, S.FAULT, DISABLE),
+    ):
+        assert after_controlword(S.FAULT, RESET, previous) is after
+        assert after_controlword(S.FAULT, RESET | ENABLE, previous) is after
+        status = statusword(S.FAULT)
+        assert next_controlword(status, TargetState.FAULT_CLEARED, previous=previous) == word
 
 
 @pytest.mark.parametrize("word", [DISABLE, STOP, SHUTDOWN, ON, ENABLE, RESET], ids=hex)
 @pytest.mark.parametrize("state", S)
-def test_every_state_against_every_command(state, word):
+def test_state_after_each_command(state, word):
     assert after_controlword(state, word, 0) is TABLE[state].get(word, state)
 
 
@@ -139,13 +134,8 @@ def test_every_state_against_every_command(state, word):
         (S.SWITCHED_ON, (0x001F, 0x010F, 0x800F), S.OPERATION_ENABLED),
     ],
 )
-def test_other_bits_of_a_controlword_do_not_hide_its_command(state, words, after):
+def test_other_bits_of_a_controlword_do_not_change_its_command(state, words, after):
     assert {after_controlword(state, word, 0) for word in words} == {after}
-
-
-@pytest.mark.parametrize(("previous", "after"), [(0, S.SWITCH_ON_DISABLED), (RESET, S.FAULT)])
-def test_fault_reset_needs_an_edge(previous, after):
-    assert after_controlword(S.FAULT, RESET | ENABLE, previous) is after
 
 
 @pytest.mark.parametrize(
@@ -158,19 +148,19 @@ def test_fault_reset_needs_an_edge(previous, after):
         (S.OPERATION_ENABLED, DriveEvent.QUICK_STOP, S.QUICK_STOP_ACTIVE),
         (S.SWITCHED_ON, DriveEvent.QUICK_STOP, S.SWITCHED_ON),
         (S.FAULT, DriveEvent.QUICK_STOP, S.FAULT),
+        (S.FAULT, DriveEvent.FAULT, S.FAULT),
+        *(
+            (state, DriveEvent.FAULT, S.FAULT_REACTION_ACTIVE)
+            for state in S
+            if state is not S.FAULT
+        ),
     ],
 )
-def test_events(state, event, after):
+def test_event_changes_state(state, event, after):
     assert after_event(state, event) is after
 
 
-@pytest.mark.parametrize("state", S)
-def test_a_fault_is_taken_from_every_state(state):
-    stays = state in (S.FAULT, S.FAULT_REACTION_ACTIVE)
-    assert after_event(state, DriveEvent.FAULT) is (state if stays else S.FAULT_REACTION_ACTIVE)
-
-
-def test_power_is_raised_by_exactly_the_upward_transitions():
+def test_only_upward_transitions_raise_power():
     upward = {
         (before, after)
         for before in S
@@ -199,11 +189,11 @@ def test_power_is_raised_by_exactly_the_upward_transitions():
         ("x0xx1000", S.FAULT),
     ],
 )
-def test_statuswords_of_the_standard(pattern, state):
+def test_statuswords_of_the_standard_are_decoded(pattern, state):
     words = [
         word
         for word in range(256)
-        if all(bit in ("x", have) for bit, have in zip(pattern, f"{word:08b}", strict=True))
+        if all(bit in ("x", digit) for bit, digit in zip(pattern, f"{word:08b}", strict=True))
     ]
     assert words
     for word in words:
@@ -214,21 +204,22 @@ def test_statuswords_of_the_standard(pattern, state):
 
 
 @pytest.mark.parametrize("word", [0x0002, 0x0061])
-def test_patterns_that_are_no_state_are_refused(word):
+def test_statusword_without_state_is_refused(word):
     with pytest.raises(ValueError, match=f"{word:04X}h"):
         drive_state(word)
     assert state_of(word) is S.NOT_READY_TO_SWITCH_ON
 
 
 @given(st.sampled_from(list(S)), st.sampled_from([0, ALL_FLAGS, *StatusBit]))
-def test_statusword_round_trip(state, flags):
+def test_statusword_is_decoded_as_encoded(state, flags):
     word = statusword(state, flags)
     assert drive_state(word) is state
     assert word & ALL_FLAGS == flags
+    assert statusword(state, word) == word
 
 
 @pytest.mark.parametrize(
-    ("state", "wish", "word"),
+    ("state", "target", "word"),
     [
         (S.SWITCH_ON_DISABLED, TargetState.ENABLED, SHUTDOWN),
         (S.READY_TO_SWITCH_ON, TargetState.ENABLED, ON),
@@ -242,31 +233,31 @@ def test_statusword_round_trip(state, flags):
         (S.OPERATION_ENABLED, TargetState.DISABLED, DISABLE),
     ],
 )
-def test_next_controlword(state, wish, word):
-    assert next_controlword(statusword(state), wish) == word
+def test_next_controlword_towards_target(state, target, word):
+    assert next_controlword(statusword(state), target) == word
 
 
-@pytest.mark.parametrize("wish", TargetState)
+@pytest.mark.parametrize("target", TargetState)
 @pytest.mark.parametrize("state", S)
-def test_an_operator_gets_there_in_a_few_steps(state, wish):
-    word = CONTROLWORD_FAULT_RESET  # the worst word to have sent last
+def test_next_controlwords_reach_the_target_in_six_steps(state, target):
+    word = CONTROLWORD_FAULT_RESET  # the worst previous word
     faulty = state in (S.FAULT, S.FAULT_REACTION_ACTIVE)
     state = after_event(after_event(state, DriveEvent.INITIALISED), DriveEvent.FAULT_REACTION_DONE)
     for _ in range(6):
-        previous, word = word, next_controlword(statusword(state), wish, previous=word)
+        previous, word = word, next_controlword(statusword(state), target, previous=word)
         state = after_controlword(state, word, previous)
-    if faulty and wish in (TargetState.DISABLED, TargetState.ENABLED):
+    if faulty and target in (TargetState.DISABLED, TargetState.ENABLED):
         assert state is S.FAULT
     else:
-        assert reached(state, wish)
+        assert reached(state, target)
 
 
 @pytest.mark.parametrize("previous", [0, RESET])
 @pytest.mark.parametrize("state", S)
-def test_whatever_word_comes_a_stop_and_a_fault_are_left_through_disabled_only(state, previous):
+def test_stop_and_fault_end_only_in_switch_on_disabled(state, previous):
     after = {after_controlword(state, word, previous) for word in range(256)}
     if state in (S.QUICK_STOP_ACTIVE, S.FAULT, S.FAULT_REACTION_ACTIVE):
         assert after <= {state, S.SWITCH_ON_DISABLED}
-    for wish in set(TargetState) - {TargetState.ENABLED}:
-        word = next_controlword(statusword(state, ALL_FLAGS), wish, previous=previous)
+    for target in set(TargetState) - {TargetState.ENABLED}:
+        word = next_controlword(statusword(state, ALL_FLAGS), target, previous=previous)
         assert not raises_power(state, after_controlword(state, word, previous))

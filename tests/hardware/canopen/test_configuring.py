@@ -1,5 +1,6 @@
-"""PDOs of a bus profile are written into drives that have others, where it asks for it; else they are refused."""
+"""PDO set-up: drives with another mapping are configured if the bus profile requests it, otherwise refused."""
 
+import struct
 from dataclasses import replace
 
 import pytest
@@ -35,19 +36,20 @@ answers:
 compared: [60C2h]
 """
 NOT_VALID, ABSENT = 1 << 31, 0x06020000
+MINUS_50 = struct.pack("<h", -50)
 
 
-def own_maps(foreign: ForeignArm) -> bool:
-    """Whether all drives have what they had before anybody wrote."""
-    found = [(node.held(0x1401, 1), node.held(0x1803, 1)) for node in foreign.nodes]
-    return found == [(0x300 + node, 0x480 + node) for node in (1, 2, 3, 4)]
+def maps_are_restored(foreign: ForeignArm) -> bool:
+    """Whether all drives have their original PDOs."""
+    cob_ids = [(node.held(0x1401, 1), node.held(0x1803, 1)) for node in foreign.nodes]
+    return cob_ids == [(0x300 + node, 0x480 + node) for node in (1, 2, 3, 4)]
 
 
 def profile(text: str = PROFILE) -> BusProfile:
     return parse_profile(text.encode(), "acme.yaml", joints=JOINTS)
 
 
-def test_another_map_is_refused_or_written_as_the_profile_says(connect, foreign):
+def test_other_map_is_refused_or_written_as_the_profile_states(connect, foreign):
     with pytest.raises(MappingMismatch, match="node 1, 1601h") as refused:
         connect(profile(PROFILE.replace("configured", "compared")))
     assert len(refused.value.differences) == JOINTS * 6
@@ -55,8 +57,8 @@ def test_another_map_is_refused_or_written_as_the_profile_says(connect, foreign)
 
     arm = connect(profile())
     first = foreign.nodes[0]
-    # Invalid, empty, filled, counted; and valid only when all of it stands.
-    assert [w for w in first.written if w[0] in (0x1401, 0x1601)] == [
+    # Disabled, emptied, filled, counted, then enabled.
+    assert [write for write in first.written if write[0] in (0x1401, 0x1601)] == [
         (0x1401, 1, NOT_VALID | 0x301),
         (0x1601, 0, 0),
         (0x1601, 1, 0x60400010),
@@ -74,22 +76,22 @@ def test_another_map_is_refused_or_written_as_the_profile_says(connect, foreign)
     assert {j.drive for j in arm.snapshot().joints} == {DriveState.OPERATION_ENABLED}
 
 
-def test_what_was_written_is_said_and_forgotten_by_a_reset(connect, foreign):
+def test_written_maps_are_reported_and_lost_by_a_reset(connect, foreign):
     arm = connect(profile())
     arm.close()
     written = [len(node.written) for node in foreign.nodes]
-    again = arm.connect()  # resets their communication: they have their own maps again
+    reconnected = arm.connect()  # resets communication, and with it the maps
     assert [len(node.written) for node in foreign.nodes] == [2 * n for n in written]
-    assert len(again.configured) == JOINTS * 3
-    assert again.configured[0] == (
+    assert len(reconnected.configured) == JOINTS * 3
+    assert reconnected.configured[0] == (
         "joint 1 (node 1): RPDO2 is 6040h(16) + 607Ah(32) + 6060h(16) on 201h; it was "
         "607Ah(32) + 6040h(16) on 301h, type 255"
     )
     assert not any(index in (0x1010, 0x1011) for n in foreign.nodes for index, _, _ in n.written)
 
 
-def test_what_is_equal_already_is_not_touched(connect, foreign):
-    as_it_is = PROFILE[: PROFILE.index("commands:")] + (
+def test_equal_map_is_not_written(connect, foreign):
+    equal_maps = PROFILE[: PROFILE.index("commands:")] + (
         "commands:\n"
         "  - {pdo: 2, cob_id: 300h + node, map: [607Ah(32), 6040h(16)]}\n"
         "  - {pdo: 3, cob_id: 400h + node, map: [6060h(16), 6071h(16)]}\n"
@@ -98,7 +100,7 @@ def test_what_is_equal_already_is_not_touched(connect, foreign):
         "  - {pdo: 4, cob_id: 480h + node, map: [6061h(16), 6041h(16)]}\n"
     )
     foreign.nodes[2].set_data(0x1803, 2, b"\xff")
-    connect(profile(as_it_is))
+    connect(profile(equal_maps))
     assert [node.written for node in foreign.nodes] == [
         [],
         [],
@@ -107,30 +109,28 @@ def test_what_is_equal_already_is_not_touched(connect, foreign):
     ]
 
 
-def test_a_pdo_that_is_in_the_way_is_switched_off(connect, foreign):
+def test_conflicting_pdo_is_disabled_first(connect, foreign):
     connect(profile(PROFILE.replace("200h + node", "400h + node")))
     node = foreign.nodes[1]
     assert node.held(0x1402, 1) == NOT_VALID | 0x402
     assert node.held(0x1401, 1) == 0x402
-    # Before anything else has its identifier.
     assert node.written[0] == (0x1402, 1, NOT_VALID | 0x402)
 
 
-def test_fixed_maps_are_refused_by_name_and_the_rest_is_undone(connect, foreign):
+def test_fixed_map_is_reported_and_other_maps_are_restored(connect, foreign):
     foreign.nodes[2].fixed.add(0x1A02)
     with pytest.raises(PdoSetupFailed) as refused:
         connect(profile())
-    (told,) = refused.value.refusals
-    assert told.startswith("joint 3 (node 3): node 3 refused 1A02h sub 0: ")
-    assert "(06010002h); required map: 6041h(16) + 6064h(32)" in told
-    for words in ("pdo_maps: compared", "maker's tool", "Nothing was enabled"):
-        assert words in str(refused.value)
-    # All drives have again what they had, as soon as they hear of it.
-    wait_for(lambda: own_maps(foreign))
+    (refusal,) = refused.value.refusals
+    assert refusal.startswith("joint 3 (node 3): node 3 refused 1A02h sub 0: ")
+    assert "(06010002h); required map: 6041h(16) + 6064h(32)" in refusal
+    for phrase in ("pdo_maps: compared", "maker's tool", "Nothing was enabled"):
+        assert phrase in str(refused.value)
+    wait_for(lambda: maps_are_restored(foreign))
     assert all(axis.word == 0 for axis in foreign.axes)
 
 
-def test_a_drive_that_lacks_a_pdo_is_named_before_anything_is_written(connect, foreign):
+def test_missing_pdo_is_reported_before_anything_is_written(connect, foreign):
     with pytest.raises(PdoSetupFailed) as refused:
         connect(profile(PROFILE.replace("pdo: 4", "pdo: 1")))
     assert refused.value.refusals[0] == (
@@ -140,7 +140,7 @@ def test_a_drive_that_lacks_a_pdo_is_named_before_anything_is_written(connect, f
     assert not any(node.written for node in foreign.nodes)
 
 
-def test_nothing_is_written_into_another_arm(connect, foreign):
+def test_nothing_is_written_to_another_arm(connect, foreign):
     foreign.nodes[3].set_data(0x60C2, 1, b"\x04")
     with pytest.raises(WrongArm, match="joint 4 has a control period"):
         connect(profile())
@@ -149,8 +149,8 @@ def test_nothing_is_written_into_another_arm(connect, foreign):
     assert not any(node.written for node in foreign.nodes)
 
 
-def test_equal_maps_are_no_writes_to_a_drive_that_refuses_them_all():
-    """The fake refuses every write: equal maps are none, another is refused."""
+def test_read_only_drive_connects_with_equal_maps_only():
+    """The fake drives refuse every write."""
     bus = FakeArmBus()
     arm = make(bus, profile=replace(sarcos(), configures_pdos=True))
     assert arm.connect().configured == ()
@@ -160,54 +160,54 @@ def test_equal_maps_are_no_writes_to_a_drive_that_refuses_them_all():
         arm.connect()
 
 
-def test_a_torque_that_was_left_in_a_drive_is_written_to_zero(connect, foreign):
-    foreign.nodes[1].set_data(0x6071, 0, (-50 & 0xFFFF).to_bytes(2, "little"))
+def test_nonzero_target_torque_is_set_to_zero(connect, foreign):
+    foreign.nodes[1].set_data(0x6071, 0, MINUS_50)
     arm = connect(profile())
     assert foreign.nodes[1].held(0x6071, 0) == 0
     arm.close()
-    foreign.nodes[1].set_data(0x6071, 0, (-50 & 0xFFFF).to_bytes(2, "little"))
+    foreign.nodes[1].set_data(0x6071, 0, MINUS_50)
     assert "joint 2 (node 2): 6071h is 0; it was -50" in arm.connect().configured
 
 
-def test_a_torque_that_a_drive_keeps_is_an_ending_of_its_own():
-    """The fake refuses every write; its maps are equal already."""
+def test_target_torque_that_cannot_be_zeroed_is_an_error():
+    """The fake drives refuse every write; their maps are equal."""
     bus = FakeArmBus()
-    bus.objects[3, 0x6071, 0] = (-50 & 0xFFFF).to_bytes(2, "little")
+    bus.objects[3, 0x6071, 0] = MINUS_50
     with pytest.raises(ZeroingFailed) as refused:
         make(bus, profile=replace(sarcos(), configures_pdos=True)).connect()
-    (told,) = refused.value.refusals
-    assert told.startswith("joint 3 (node 3): node 3 refused 6071h sub 0: ")
-    said = str(refused.value)
-    assert "maker's tool" in said
+    (refusal,) = refused.value.refusals
+    assert refusal.startswith("joint 3 (node 3): node 3 refused 6071h sub 0: ")
+    message = str(refused.value)
+    assert "maker's tool" in message
     for wrong in ("maps may be fixed", "pdo_maps: compared"):
-        assert wrong not in said
+        assert wrong not in message
 
 
 @pytest.mark.parametrize("last", [0x1803, 0x6071])
-def test_what_was_written_is_undone_whatever_ends_the_connection_and_zeroes_are_named(
-    settings, foreign, last
-):
-    """STOP is pressed as the last drive's last PDO becomes valid, or as its torque is set to 0."""
+def test_stop_while_connecting_restores_maps_and_reports_zeroed_torque(settings, foreign, last):
+    """STOP is pressed as the last PDO of the last drive is enabled, or as its torque is set to 0."""
     drive = foreign.nodes[3]
-    drive.set_data(0x6071, 0, (-50 & 0xFFFF).to_bytes(2, "little"))
+    drive.set_data(0x6071, 0, MINUS_50)
     arm, write = unconnected(settings, profile()), drive.set_data
 
-    def press(index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
+    def write_and_stop(
+        index: int, subindex: int, data: bytes, check_writable: bool = False
+    ) -> None:
         write(index, subindex, data, check_writable)
         if check_writable and index == last and not int.from_bytes(data, "little") & NOT_VALID:
             arm.stop()
 
-    drive.set_data = press
+    drive.set_data = write_and_stop
     with pytest.raises(Stopped) as stopped:
         arm.connect()
     assert drive.written
-    wait_for(lambda: own_maps(foreign))
+    wait_for(lambda: maps_are_restored(foreign))
     zeroed = "Written before, and not undone: joint 4 (node 4): 6071h is 0; it was -50."
     assert (zeroed in str(stopped.value)) is (last == 0x6071)
 
 
 @pytest.mark.parametrize(
-    ("index", "value", "refusal", "words"),
+    ("index", "value", "error", "message"),
     [
         (0x1005, b"\x81\0\0\0", MappingMismatch, "node 6, 1005h"),
         (0x1014, b"\x99\0\0\0", MappingMismatch, "node 6, 1014h"),
@@ -216,12 +216,10 @@ def test_what_was_written_is_undone_whatever_ends_the_connection_and_zeroes_are_
         (0x6076, ABSENT, WrongArm, "6076h"),
     ],
 )
-def test_nothing_is_written_into_drives_that_are_refused_for_what_is_read(
-    index, value, refusal, words
-):
+def test_nothing_is_written_to_drives_with_invalid_objects(index, value, error, message):
     bus = FakeArmBus()
     bus.objects[5, 0x1800, 2] = b"\xff"
     bus.objects[6, index, 0] = value
-    with pytest.raises(refusal, match=words):
+    with pytest.raises(error, match=message):
         make(bus, profile=replace(sarcos(), configures_pdos=True)).connect()
     assert not [data for i, data in bus.sent if 0x600 < i < 0x680 and data[0] >> 5 == 1]

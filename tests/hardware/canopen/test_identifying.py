@@ -1,4 +1,4 @@
-"""Every way an arm may differ from its description, one at a time, on a fake bus."""
+"""Each possible difference of an arm from its description, on a fake bus."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from tests.hardware.on_fake_bus import make
 
 
 @pytest.mark.parametrize(
-    ("place", "value"),
+    ("entry", "value"),
     [
         ((16, 0x2020, 3), "03"),
         ((1, 0x1000, 0), "92010100"),
@@ -21,9 +21,9 @@ from tests.hardware.on_fake_bus import make
         ((2, 0x60C2, 1), "14"),
     ],
 )
-def test_one_difference_is_named(place, value, approve):
+def test_single_difference_from_arm_file_is_reported(entry, value, approve):
     bus = FakeArmBus()
-    bus.objects[place] = bytes.fromhex(value)
+    bus.objects[entry] = bytes.fromhex(value)
     with pytest.raises(WrongArm) as wrong:
         make(bus).connect()
     approve(str(wrong.value))

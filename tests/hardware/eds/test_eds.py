@@ -1,4 +1,4 @@
-"""The EDS files against the numbers in `hardware.canopen.objects`, against dcfchk, and as nodes get them."""
+"""The EDS files against the constants of `hardware.canopen.objects`, dcfchk, and the dictionaries of the nodes."""
 
 import configparser
 import os
@@ -18,7 +18,7 @@ from hardware.virtual.drive_node import RPDO1, TPDO1
 from tests.oracles.profiles import sarcos
 
 NODE = 3
-OWN = sarcos().joints[NODE - 1]
+PROFILE = sarcos().joints[NODE - 1]
 BY_FILE = pytest.mark.parametrize(
     ("product", "file"), EDS_FILES.items(), ids=[path.name for path in EDS_FILES.values()]
 )
@@ -45,29 +45,29 @@ DEFAULTS = {
 }
 
 
-def _file(path: Path) -> configparser.RawConfigParser:
-    """Refuses sections and keys that are given twice."""
-    read = configparser.RawConfigParser(strict=True)
-    read.read_string(path.read_text("ascii"))
-    return read
+def read_eds(path: Path) -> configparser.RawConfigParser:
+    """Read a file; repeated sections and keys are errors."""
+    parser = configparser.RawConfigParser(strict=True)
+    parser.read_string(path.read_text("ascii"))
+    return parser
 
 
 @BY_FILE
-def test_dcfchk_finds_nothing(product, file):
-    here = shutil.which("dcfchk", path=f"{sysconfig.get_path('scripts')}{os.pathsep}{os.defpath}")
-    if here is None:
+def test_dcfchk_reports_no_errors(product, file):
+    dcfchk = shutil.which("dcfchk", path=f"{sysconfig.get_path('scripts')}{os.pathsep}{os.defpath}")
+    if dcfchk is None:
         pytest.skip("dcfchk is not installed (pip install dcf-tools)")
-    done = subprocess.run(
-        [sys.executable, "-W", "error", here, "-n", str(NODE), str(file)],
+    result = subprocess.run(
+        [sys.executable, "-W", "error", dcfchk, "-n", str(NODE), str(file)],
         capture_output=True,
         text=True,
         check=False,
     )
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
 
 
 @BY_FILE
-def test_a_node_gets_what_canopen_reads_from_the_file(product, file):
+def test_node_dictionary_is_what_canopen_reads_from_the_file(product, file):
     imported = variables(canopen.import_od(str(file), NODE))
     ours = variables(product_dictionary(product, NODE))
     assert ours.keys() == imported.keys()
@@ -76,32 +76,29 @@ def test_a_node_gets_what_canopen_reads_from_the_file(product, file):
             assert getattr(ours[key], name) == getattr(variable, name), (key, name)
 
 
-def test_every_index_the_code_names_is_in_a_file_and_the_other_way_round():
-    """An index constant that is in no EDS would be an object that no node has."""
+def test_index_constants_are_the_indices_of_the_files():
     indices = {
         value
         for name, value in vars(objects).items()
         if name.isupper() and isinstance(value, int) and 0x1000 <= value < 0x10000
     }
-    # Numbers of that size that are no indices.
-    indices -= {objects.REVISION}
-    # What other makers' drives may have, and ours do not.
-    indices -= {objects.POSITION_OFFSET, objects.TORQUE_OFFSET}
+    indices -= {objects.REVISION}  # no index
+    indices -= {objects.POSITION_OFFSET, objects.TORQUE_OFFSET}  # of other makers' drives
     assert indices == {
         index for product in EDS_FILES for index in product_dictionary(product, NODE).indices
     }
 
 
 @BY_FILE
-def test_values_that_code_relies_on_are_those_of_the_file(product, file):
+def test_default_values_are_those_of_the_constants(product, file):
     entries = variables(product_dictionary(product, NODE))
     identity = {
         objects.IDENTITY_VENDOR: objects.VENDOR_ID,
         objects.IDENTITY_PRODUCT: product,
         objects.IDENTITY_REVISION: objects.REVISION,
     }
-    wanted = DEFAULTS[product] | {(objects.IDENTITY, sub): v for sub, v in identity.items()}
-    wanted |= {
+    expected = DEFAULTS[product] | {(objects.IDENTITY, sub): v for sub, v in identity.items()}
+    expected |= {
         (objects.SYNC_COB_ID, 0): objects.COB_SYNC,
         (objects.EMCY_COB_ID, 0): objects.COB_EMCY + NODE,
         (objects.SDO_SERVER, 1): objects.COB_SDO_TO_SERVER + NODE,
@@ -110,17 +107,17 @@ def test_values_that_code_relies_on_are_those_of_the_file(product, file):
         (objects.HEARTBEAT_CONSUMER, 1): objects.OPERATOR_NODE << 16
         | round(objects.HEARTBEAT_TIMEOUT_S * 1e3),
     }
-    assert {key: entries[key].default for key in wanted} == wanted
+    assert {key: entries[key].default for key in expected} == expected
     history = [sub for index, sub in entries if index == objects.ERROR_FIELD and sub > 0]
     assert history == list(range(1, objects.ERROR_HISTORY + 1))
-    info = _file(file)["DeviceInfo"]
+    info = read_eds(file)["DeviceInfo"]
     assert int(info["VendorNumber"], 0) == objects.VENDOR_ID
     assert int(info["ProductNumber"], 0) == product
     assert int(info["RevisionNumber"], 0) == objects.REVISION
     assert info["ProductName"] == entries[objects.DEVICE_NAME, 0].default
 
 
-def test_ranges_are_those_of_the_codes():
+def test_ranges_are_those_of_the_constants():
     joint = variables(node_dictionary(NODE))
     period = (
         joint[objects.CONTROL_PERIOD, 1].default * 10.0 ** joint[objects.CONTROL_PERIOD, 2].default
@@ -135,33 +132,33 @@ def test_ranges_are_those_of_the_codes():
 
 
 @BY_FILE
-def test_every_section_is_listed_once_where_it_belongs(product, file):
-    read = _file(file)
-    makers = range(0x2000, 0x6000)
+def test_object_lists_contain_every_section_once(product, file):
+    eds = read_eds(file)
+    manufacturer = range(0x2000, 0x6000)
     mandatory = {0x1000, 0x1001, 0x1018}
-    present = {int(name, 16) for name in read.sections() if len(name) == 4}
+    present = {int(name, 16) for name in eds.sections() if len(name) == 4}
     lists = {
         "MandatoryObjects": present & mandatory,
-        "OptionalObjects": {i for i in present - mandatory if i not in makers},
-        "ManufacturerObjects": {i for i in present if i in makers},
+        "OptionalObjects": {i for i in present - mandatory if i not in manufacturer},
+        "ManufacturerObjects": {i for i in present if i in manufacturer},
     }
     for name, indices in lists.items():
         listed = [
-            int(read[name][str(k)], 0) for k in range(1, int(read[name]["SupportedObjects"]) + 1)
+            int(eds[name][str(k)], 0) for k in range(1, int(eds[name]["SupportedObjects"]) + 1)
         ]
         assert listed == sorted(indices)
-    assert read["FileInfo"]["FileName"] == file.name
+    assert eds["FileInfo"]["FileName"] == file.name
 
 
 @pytest.mark.parametrize(
     ("pdo", "communication", "index", "layout"),
     [
-        (OWN.answers[0], objects.TPDO1_COMMUNICATION, objects.TPDO1_MAP, TPDO1),
-        (OWN.commands[0], objects.RPDO1_COMMUNICATION, objects.RPDO1_MAP, RPDO1),
+        (PROFILE.answers[0], objects.TPDO1_COMMUNICATION, objects.TPDO1_MAP, TPDO1),
+        (PROFILE.commands[0], objects.RPDO1_COMMUNICATION, objects.RPDO1_MAP, RPDO1),
     ],
 )
-def test_the_packaged_profile_is_what_our_drives_are(pdo, communication, index, layout):
-    """Operator's side and device's side are stated apart, and agree."""
+def test_packaged_profile_has_the_pdos_of_the_virtual_drive(pdo, communication, index, layout):
+    """Operator and device state them separately."""
     entries = variables(node_dictionary(NODE))
     signed = {datatypes.INTEGER8: "b", datatypes.INTEGER16: "h", datatypes.INTEGER32: "l"}
     codes = signed | {
@@ -180,7 +177,7 @@ def test_the_packaged_profile_is_what_our_drives_are(pdo, communication, index, 
         assert entries[index, number].default == object_index << 16 | sub << 8 | bits
 
 
-def test_nodes_do_not_share_what_they_are_given():
+def test_nodes_do_not_share_their_dictionary():
     first = node_dictionary(NODE)
     entry = first[objects.MAX_TORQUE]
     assert isinstance(entry, ODVariable)

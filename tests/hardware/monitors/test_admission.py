@@ -1,4 +1,4 @@
-"""What the operator side lets out: boundary by boundary, in counts."""
+"""Commands and moves at the boundaries of their limits."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -8,34 +8,45 @@ import pytest
 
 from hardware.arm import DriveState, JointMode
 from hardware.arm_description import JointScale
-from hardware.canopen.cyclic import Sample, Setpoint
+from hardware.canopen.cyclic import Setpoint
 from hardware.command_limits import JointLimits
 from hardware.errors import CommandRefused, StopLatched
 from hardware.monitors.admission import admit, admit_move, not_enabled
 from tests.oracles.samples import sample
 
-LIMITS = (
+ONE = (
     JointLimits(
         joint=1, lower_counts=-500, upper_counts=500, max_speed_rad_per_s=1.0, max_step_counts=10
     ),
 )
-ENABLED, QUICK_STOPPED, SWITCHED_ON = 0x0627, 0x0607, 0x0623
-GO, ON, OFF = 0x000F, 0x0007, 0x0000
+TWO = (
+    *ONE,
+    JointLimits(
+        joint=2, lower_counts=-50, upper_counts=50, max_speed_rad_per_s=2.0, max_step_counts=10
+    ),
+)
+THREE = (*TWO, replace(TWO[1], joint=3, lower_counts=-5000, upper_counts=5000))
+SCALES = tuple(JointScale(counts_per_rad=scale) for scale in (100.0, 1000.0, 500.0))
+ENABLED, QUICK_STOPPED, SWITCHED_ON, FAULTY = 0x0627, 0x0607, 0x0623, 0x0218
+ENABLE, SWITCH_ON, DISABLE, QUICK_STOP = 0x000F, 0x0007, 0x0000, 0x0002
 CSP, CST = 8, 10
+POSITION, FREE = JointMode.POSITION, JointMode.FREE
+ON, FAULT = DriveState.OPERATION_ENABLED, DriveState.FAULT
+AT_60, AT_100, AT_600 = (Setpoint(ENABLE, target, CSP) for target in (60, 100, 600))
 
 
-def try_to_send(
+def send(
     before: Setpoint | None,
     command: Setpoint,
     *,
     measured: int = 100,
     status: int = ENABLED,
-    mode: JointMode | None = JointMode.POSITION,
+    mode: JointMode | None = POSITION,
     **situation: Any,
 ) -> None:
     situation = {"in_control": True, "stopped": False, **situation}
     admit(
-        LIMITS,
+        ONE,
         (mode,),
         sample=sample((status,), (measured,)),
         before=None if before is None else (before,),
@@ -44,39 +55,55 @@ def try_to_send(
     )
 
 
-@pytest.mark.parametrize("step", [-10, -1, 0, 1, 10])
-def test_a_step_within_the_limit_passes(step):
-    try_to_send(Setpoint(GO, 100, CSP), Setpoint(GO, 100 + step, CSP))
+@pytest.mark.parametrize(
+    ("before", "command", "situation"),
+    [
+        *((AT_100, Setpoint(ENABLE, target, CSP), {}) for target in (90, 99, 100, 101, 110)),
+        # A joint sinks until its drive has power: the target is its measured position.
+        (Setpoint(SWITCH_ON, 100, CSP), AT_60, {"status": SWITCHED_ON, "measured": 60}),
+        (AT_100, AT_60, {"status": SWITCHED_ON, "measured": 60}),
+        # Commands that do not move a drive.
+        (AT_100, Setpoint(DISABLE, 9999, CSP), {}),
+        (AT_100, Setpoint(QUICK_STOP, 9999, CSP), {}),
+        (AT_100, Setpoint(ENABLE, 9999, CST), {}),
+        # Beyond the range: an unchanged target, and targets at or near the position before the mode has switched.
+        (Setpoint(SWITCH_ON, 600, CSP), AT_600, {"measured": 600}),
+        (None, AT_600, {"measured": 600}),
+        (Setpoint(ENABLE, 0, CST), AT_600, {"measured": 600, "mode": FREE}),
+        (Setpoint(ENABLE, 0, CST), AT_600, {"measured": 590, "mode": FREE}),
+        (Setpoint(ENABLE, 0, CSP), Setpoint(ENABLE, 129, CSP), {"measured": 127, "mode": FREE}),
+    ],
+)
+def test_allowed_step_target_at_position_and_harmless_command_are_admitted(
+    before, command, situation
+):
+    send(before, command, **situation)
 
 
 @pytest.mark.parametrize(
-    ("before", "command", "situation", "words"),
+    ("before", "command", "situation", "reason"),
     [
-        (Setpoint(GO, 100, CSP), Setpoint(GO, 89, CSP), {}, "step"),
-        (Setpoint(GO, 100, CSP), Setpoint(GO, 111, CSP), {}, "step"),
-        (Setpoint(GO, 100, CSP), Setpoint(GO, 100_100, CSP), {}, "step"),
-        (Setpoint(GO, 495, CSP), Setpoint(GO, 501, CSP), {}, "outside"),
-        # A stale target of a free joint, and one of another mode, are no excuse.
-        (Setpoint(GO, -400, CST), Setpoint(GO, -400, CSP), {"mode": JointMode.FREE}, "step"),
-        (Setpoint(GO, 300, 1), Setpoint(GO, 300, CSP), {}, "step"),
-        # A target from before a drive had power is where its joint was then.
-        (Setpoint(ON, 300, CSP), Setpoint(GO, 300, CSP), {"status": SWITCHED_ON}, "step"),
-        # Whatever enables a drive is looked at.
-        *(
-            (Setpoint(GO, 100, CSP), Setpoint(w, 9999, CSP), {}, "step")
-            for w in (0x1F, 0x10F, 0x800F)
+        (AT_100, Setpoint(ENABLE, 89, CSP), {}, "step"),
+        (AT_100, Setpoint(ENABLE, 111, CSP), {}, "step"),
+        (AT_100, Setpoint(ENABLE, 100_100, CSP), {}, "step"),
+        (Setpoint(ENABLE, 495, CSP), Setpoint(ENABLE, 501, CSP), {}, "outside"),
+        # An old target of a joint in free mode, or of another mode, is no reference.
+        (Setpoint(ENABLE, -400, CST), Setpoint(ENABLE, -400, CSP), {"mode": FREE}, "step"),
+        (Setpoint(ENABLE, 300, 1), Setpoint(ENABLE, 300, CSP), {}, "step"),
+        # Nor is a target from before its drive had power.
+        (
+            Setpoint(SWITCH_ON, 300, CSP),
+            Setpoint(ENABLE, 300, CSP),
+            {"status": SWITCHED_ON},
+            "step",
         ),
+        # Every controlword that enables a drive is checked.
+        *((AT_100, Setpoint(word, 9999, CSP), {}, "step") for word in (0x1F, 0x10F, 0x800F)),
     ],
 )
-def test_a_larger_step_and_a_target_outside_are_refused(before, command, situation, words):
-    with pytest.raises(CommandRefused, match=words):
-        try_to_send(before, command, **situation)
-
-
-def test_until_its_drive_has_power_a_joint_that_sinks_is_followed():
-    sunk = {"status": SWITCHED_ON, "measured": 60}
-    try_to_send(Setpoint(ON, 100, CSP), Setpoint(GO, 60, CSP), **sunk)
-    try_to_send(Setpoint(GO, 100, CSP), Setpoint(GO, 60, CSP), **sunk)
+def test_larger_step_and_target_outside_range_are_refused(before, command, situation, reason):
+    with pytest.raises(CommandRefused, match=reason):
+        send(before, command, **situation)
 
 
 @pytest.mark.parametrize(
@@ -85,114 +112,75 @@ def test_until_its_drive_has_power_a_joint_that_sinks_is_followed():
         {"in_control": False},
         {"status": QUICK_STOPPED},
         {"mode": None, "measured": 400},
-        {"mode": JointMode.FREE, "measured": 400},
+        {"mode": FREE, "measured": 400},
     ],
 )
-def test_a_new_target_needs_the_right_situation(situation, approve):
+def test_target_in_wrong_state_is_refused(situation, approve):
     with pytest.raises(CommandRefused) as refused:
-        try_to_send(Setpoint(GO, 100, CSP), Setpoint(GO, 105, CSP), **situation)
+        send(AT_100, Setpoint(ENABLE, 105, CSP), **situation)
     approve(str(refused.value))
 
 
-def test_stop_is_said_as_stop():
+def test_target_after_stop_raises_stop_latched():
     with pytest.raises(StopLatched):
-        try_to_send(Setpoint(GO, 100, CSP), Setpoint(GO, 105, CSP), stopped=True)
+        send(AT_100, Setpoint(ENABLE, 105, CSP), stopped=True)
 
 
-@pytest.mark.parametrize("before", [None, Setpoint(GO, -400, CST)])
-def test_entering_position_mode_is_only_allowed_where_the_joint_is(before):
-    try_to_send(before, Setpoint(GO, 110, CSP), mode=JointMode.FREE)
+@pytest.mark.parametrize("before", [None, Setpoint(ENABLE, -400, CST)])
+def test_position_mode_is_entered_only_at_the_position(before):
+    send(before, Setpoint(ENABLE, 110, CSP), mode=FREE)
     with pytest.raises(CommandRefused, match="step"):
-        try_to_send(before, Setpoint(GO, 111, CSP), mode=JointMode.FREE)
+        send(before, Setpoint(ENABLE, 111, CSP), mode=FREE)
 
 
-def test_what_cannot_move_a_drive_always_passes():
-    for command in (Setpoint(OFF, 9999, CSP), Setpoint(0x0002, 9999, CSP), Setpoint(GO, 9999, CST)):
-        try_to_send(Setpoint(GO, 100, CSP), command)
-
-
-def test_modes_need_every_drive_enabled():
-    sample = Sample(
-        sync_count=1, statuswords=(ENABLED, 0x0218), counts=(0, 0), torques_per_mille=(0, 0)
-    )
-    refused = not_enabled(sample)
-    assert "joint 2: the drive is in state fault" in str(refused)
+def test_not_enabled_reports_the_first_drive_not_enabled():
+    assert "joint 2: the drive is in state fault" in str(not_enabled(sample((ENABLED, FAULTY))))
 
 
 @pytest.mark.parametrize(
-    ("before", "target", "measured", "mode"),
-    [
-        pytest.param(Setpoint(0x07, 600, CSP), int("600"), 600, JointMode.POSITION, id="as before"),
-        pytest.param(Setpoint(GO, 0, CST), 600, 600, JointMode.FREE, id="held beyond its range"),
-        pytest.param(Setpoint(GO, 0, CST), 610, 600, JointMode.FREE, id="near, beyond its range"),
-        pytest.param(Setpoint(GO, 0, CSP), 129, 127, JointMode.FREE, id="not switched yet"),
-        pytest.param(None, 600, 600, JointMode.POSITION, id="the first, beyond its range"),
-    ],
+    "harmless", [Setpoint(DISABLE, 0, CSP), Setpoint(ENABLE, 0, CST), Setpoint(0x1F, 0, CSP)]
 )
-def test_a_target_may_be_where_it_was_or_near_the_joint_wherever_that_is(
-    before, target, measured, mode
-):
-    try_to_send(before, Setpoint(GO, target, CSP), measured=measured, mode=mode)
-
-
-TWO = (
-    *LIMITS,
-    JointLimits(
-        joint=2, lower_counts=-50, upper_counts=50, max_speed_rad_per_s=2.0, max_step_counts=10
-    ),
-)
-SCALES = (JointScale(counts_per_rad=100.0), JointScale(counts_per_rad=1000.0))
-BOTH = (JointMode.POSITION, JointMode.POSITION)
-ON, FAULT = DriveState.OPERATION_ENABLED, DriveState.FAULT
-
-
-def joint_state(drive, mode):
-    return SimpleNamespace(drive=drive, mode=mode)
-
-
-def try_to_send_both(before: tuple[Setpoint, ...] | None, *commands: Setpoint) -> None:
-    admit(
-        TWO,
-        BOTH,
-        in_control=True,
-        stopped=False,
-        sample=sample((ENABLED, ENABLED)),
-        before=before,
-        commands=commands,
-    )
-
-
-@pytest.mark.parametrize(
-    "harmless", [Setpoint(OFF, 0, CSP), Setpoint(GO, 0, CST), Setpoint(0x1F, 0, CSP)]
-)
-def test_every_joint_is_looked_at(harmless):
-    with pytest.raises(CommandRefused, match="joint 2"):
-        try_to_send_both(
-            (Setpoint(GO, 0, CSP), Setpoint(GO, 0, CSP)), harmless, Setpoint(GO, 40, CSP)
+def test_every_joint_is_checked(harmless):
+    def send_both(before: tuple[Setpoint, ...] | None, *commands: Setpoint) -> None:
+        admit(
+            TWO,
+            (POSITION, POSITION),
+            in_control=True,
+            stopped=False,
+            sample=sample((ENABLED, ENABLED)),
+            before=before,
+            commands=commands,
         )
+
+    at_zero = Setpoint(ENABLE, 0, CSP)
+    with pytest.raises(CommandRefused, match="joint 2"):
+        send_both((at_zero, at_zero), harmless, Setpoint(ENABLE, 40, CSP))
     with pytest.raises(ValueError, match="argument"):
-        try_to_send_both(None, harmless)
+        send_both(None, harmless)
 
 
-def try_to_move(
+def move(
     targets_rad: dict[int, float],
     *,
     speed: float = 1.0,
-    drives: tuple[DriveState, DriveState] = (ON, ON),
-    modes: tuple[JointMode | None, JointMode | None] = BOTH,
+    drives: tuple[DriveState, ...] = (ON, ON),
+    modes: tuple[JointMode | None, ...] = (POSITION, POSITION),
     in_control: bool = True,
 ) -> None:
-    joints = list(map(joint_state, drives, modes))
-    admit_move(TWO, SCALES, joints, targets_rad, speed_rad_per_s=speed, in_control=in_control)
+    """Move the joints of an arm of three; joint 3 is in fault unless stated otherwise."""
+    states = zip((*drives, FAULT)[:3], (*modes, None)[:3], strict=True)
+    joints: Any = [SimpleNamespace(drive=drive, mode=mode) for drive, mode in states]
+    admit_move(THREE, SCALES, joints, targets_rad, speed_rad_per_s=speed, in_control=in_control)
 
 
-def test_a_move_inside_all_limits_begins():
-    try_to_move({})
-    try_to_move({1: 5.0})
-    try_to_move({2: -0.05})
-    try_to_move({1: -5.0, 2: 0.05})
-    try_to_move({1: 1.0}, drives=(ON, FAULT), modes=(JointMode.POSITION, None))
-    try_to_move({2: 0.01}, speed=2.0, drives=(FAULT, ON), modes=(None, JointMode.POSITION))
+def test_move_within_limits_of_its_joints_is_admitted():
+    move({})
+    move({1: 5.0})
+    move({2: -0.05})
+    move({1: -5.0, 2: 0.05})
+    move({1: 1.0}, drives=(ON, FAULT), modes=(POSITION, None))
+    move({2: 0.01}, speed=2.0, drives=(FAULT, ON), modes=(None, POSITION))
+    move({3: 8.0}, drives=(FAULT, FAULT, ON), modes=(None, None, POSITION))
 
 
 @pytest.mark.parametrize(
@@ -204,28 +192,16 @@ def test_a_move_inside_all_limits_begins():
         ({2: 0.0}, {"in_control": False}),
         ({1: 0.0}, {"drives": (FAULT, ON)}),
         ({1: 0.0, 2: 0.0}, {"drives": (ON, FAULT)}),
-        ({2: 0.0}, {"modes": (JointMode.POSITION, JointMode.FREE)}),
+        ({2: 0.0}, {"modes": (POSITION, FREE)}),
     ],
 )
-def test_a_move_that_may_not_begin(targets_rad, situation, approve):
+def test_move_outside_limits_or_state_is_refused(targets_rad, situation, approve):
     with pytest.raises(CommandRefused) as refused:
-        try_to_move(targets_rad, **situation)
+        move(targets_rad, **situation)
     approve(str(refused.value))
 
 
-def test_every_joint_moves_within_its_own_limits():
-    wide = replace(TWO[1], joint=3, lower_counts=-5000, upper_counts=5000)
-    admit_move(
-        (*TWO, wide),
-        (*SCALES, JointScale(counts_per_rad=500.0)),
-        [joint_state(FAULT, None), joint_state(FAULT, None), joint_state(ON, JointMode.POSITION)],
-        {3: 8.0},
-        speed_rad_per_s=1.0,
-        in_control=True,
-    )
-
-
-@pytest.mark.parametrize("joint", [-1, 0, 3])
-def test_a_move_of_a_joint_that_is_not_there(joint):
+@pytest.mark.parametrize("joint", [-1, 0, 4])
+def test_move_of_unknown_joint_is_refused(joint):
     with pytest.raises(ValueError, match=f"no joint {joint}"):
-        try_to_move({joint: 0.0})
+        move({joint: 0.0})

@@ -5,38 +5,39 @@ from hardware.canopen.cyclic import Setpoint
 from hardware.monitors.dropout import CONFIRMED_SYNCS, NOT_FOLLOWING_SYNCS, Dropout, DropoutMonitor
 from tests.oracles.samples import sample
 
-FOLLOWS, DEAF, LIMITED = 0x1627, 0x0627, 0x0E27
+FOLLOWS, NOT_FOLLOWING, LIMITED = 0x1627, 0x0627, 0x0E27
 SWITCHED_ON, READY, OFF, STOPPED, FAULT = 0x1623, 0x1621, 0x1640, 0x1607, 0x1608
 CSP, CST = 8, 10
 ENABLE, SWITCH_ON, QUICK_STOP, DISABLE = 0x0F, 0x07, 0x02, 0x00
+TARGET = Setpoint(ENABLE, 5, CSP)
 
 
-def see(
-    staying: DropoutMonitor,
+def update(
+    monitor: DropoutMonitor,
     *statuswords: int,
     times: int = 1,
     word: int = ENABLE,
     mode: int = CSP,
     missing: tuple[int, ...] = (),
     stopped: bool = False,
-) -> None:
-    """Let drives say this, some times, while they are told to be enabled."""
-    told = (Setpoint(word, 0, mode),) * len(statuswords)
+) -> list[int]:
+    """Pass the same sample and commands several times; return the joints of the dropouts."""
+    commands = (Setpoint(word, 0, mode),) * len(statuswords)
     for _ in range(times):
-        staying.update(sample(statuswords, sync=77, missing=missing), told, stopped=stopped)
+        monitor.update(sample(statuswords, sync=77, missing=missing), commands, stopped=stopped)
+    return [dropout.joint for dropout in monitor.dropouts]
 
 
 @pytest.fixture
-def staying():
-    """Three drives that have been enabled for a while."""
-    made = DropoutMonitor()
-    see(made, FOLLOWS, FOLLOWS, FOLLOWS, times=CONFIRMED_SYNCS)
-    assert made.dropouts == ()
-    return made
+def monitor():
+    """A monitor of three drives, enabled and confirmed."""
+    monitor = DropoutMonitor()
+    assert update(monitor, FOLLOWS, FOLLOWS, FOLLOWS, times=CONFIRMED_SYNCS) == []
+    return monitor
 
 
 @pytest.mark.parametrize(
-    ("status", "state", "kept_by"),
+    ("status", "state", "word"),
     [
         (SWITCHED_ON, DriveState.SWITCHED_ON, DISABLE),
         (READY, DriveState.READY_TO_SWITCH_ON, DISABLE),
@@ -46,116 +47,101 @@ def staying():
     ],
 )
 @pytest.mark.parametrize("mode", [CSP, CST])
-def test_a_drive_that_is_enabled_no_more_is_named_at_once_and_all_are_stopped(
-    staying, status, state, kept_by, mode
-):
-    see(staying, FOLLOWS, status, FOLLOWS, mode=mode)
-    assert staying.dropouts == (Dropout(joint=2, state=state, sync_count=77),)
-    words = [staying.command(j, Setpoint(ENABLE, 5, mode)).controlword for j in (1, 2, 3)]
-    assert words == [QUICK_STOP, kept_by, QUICK_STOP]
+def test_dropout_is_reported_at_once_and_stops_all_drives(monitor, status, state, word, mode):
+    update(monitor, FOLLOWS, status, FOLLOWS, mode=mode)
+    assert monitor.dropouts == (Dropout(joint=2, state=state, sync_count=77),)
+    words = [monitor.command(j, Setpoint(ENABLE, 5, mode)).controlword for j in (1, 2, 3)]
+    assert words == [QUICK_STOP, word, QUICK_STOP]
 
 
-def test_one_that_comes_back_by_itself_has_left_all_the_same_until_it_is_reset(staying):
-    see(staying, FOLLOWS, SWITCHED_ON, FOLLOWS)
-    see(staying, FOLLOWS, FOLLOWS, FOLLOWS, times=100)
-    assert [left.joint for left in staying.dropouts] == [2]
-    assert staying.command(2, Setpoint(ENABLE, 5, CSP)) == Setpoint(DISABLE, 5, CSP)
-    staying.reset()
-    assert staying.dropouts == ()
-    assert staying.command(2, Setpoint(ENABLE, 5, CSP)) == Setpoint(ENABLE, 5, CSP)
+@pytest.mark.parametrize("later", [(FOLLOWS, FOLLOWS, FOLLOWS), (STOPPED, OFF, STOPPED)])
+def test_dropout_stays_the_only_one_until_reset(monitor, later):
+    update(monitor, FOLLOWS, SWITCHED_ON, FOLLOWS)
+    assert update(monitor, *later, times=100) == [2]
+    assert monitor.command(2, TARGET) == Setpoint(DISABLE, 5, CSP)
+    monitor.reset()
+    assert monitor.dropouts == ()
+    assert monitor.command(2, TARGET) == TARGET
 
 
-def test_those_that_are_stopped_for_it_have_not_left(staying):
-    see(staying, FOLLOWS, SWITCHED_ON, FOLLOWS)
-    see(staying, STOPPED, OFF, STOPPED, times=100)
-    assert [left.joint for left in staying.dropouts] == [2]
-
-
-def test_of_several_the_one_is_named_first_that_may_be_why(staying):
-    see(staying, STOPPED, SWITCHED_ON, FAULT)
-    assert [left.joint for left in staying.dropouts] == [3, 2, 1]
+def test_dropouts_are_sorted_by_likely_cause(monitor):
+    assert update(monitor, STOPPED, SWITCHED_ON, FAULT) == [3, 2, 1]
 
 
 @pytest.mark.parametrize("word", [SWITCH_ON, QUICK_STOP, DISABLE])
-def test_what_was_told_from_here_is_no_leaving_and_is_sent_as_it_is(staying, word):
-    see(staying, OFF, STOPPED, READY, word=word)
-    assert staying.dropouts == ()
-    see(staying, FOLLOWS, OFF, FOLLOWS)  # enabled again, seen on the way
-    assert staying.dropouts == ()
-    see(staying, FOLLOWS, FOLLOWS, FOLLOWS, times=CONFIRMED_SYNCS)
-    see(staying, FOLLOWS, OFF, FOLLOWS)
-    assert [left.joint for left in staying.dropouts] == [2]
-    assert staying.command(2, Setpoint(word, 5, CSP)).controlword == word
+def test_commanded_state_change_is_no_dropout(monitor, word):
+    assert update(monitor, OFF, STOPPED, READY, word=word) == []
+    assert update(monitor, FOLLOWS, OFF, FOLLOWS) == []  # on the way to enabled
+    assert update(monitor, FOLLOWS, FOLLOWS, FOLLOWS, times=CONFIRMED_SYNCS) == []
+    assert update(monitor, FOLLOWS, OFF, FOLLOWS) == [2]
+    assert monitor.command(2, Setpoint(word, 5, CSP)).controlword == word
 
 
-def test_a_stop_is_no_leaving(staying):
-    see(staying, STOPPED, STOPPED, STOPPED, stopped=True, times=100)
-    assert staying.dropouts == ()
-    staying.update(sample((OFF,) * 3), None, stopped=False)
-    assert staying.dropouts == ()
+@pytest.mark.parametrize(
+    ("status", "options"),
+    [
+        (STOPPED, {"stopped": True, "times": 100}),
+        (OFF, {"missing": (2,)}),
+        (LIMITED, {"times": 4 * NOT_FOLLOWING_SYNCS}),
+        (NOT_FOLLOWING, {"mode": CST, "times": 4 * NOT_FOLLOWING_SYNCS}),
+    ],
+    ids=["stop", "missing answer", "internal limit", "free mode"],
+)
+def test_status_with_another_reason_is_no_dropout(monitor, status, options):
+    assert update(monitor, FOLLOWS, status, FOLLOWS, **options) == []
 
 
-def test_one_that_does_not_answer_has_said_nothing(staying):
-    see(staying, FOLLOWS, OFF, FOLLOWS, missing=(2,))
-    assert staying.dropouts == ()
+def test_status_before_the_first_command_is_no_dropout(monitor):
+    monitor.update(sample((OFF,) * 3), None, stopped=False)
+    assert monitor.dropouts == ()
 
 
-def test_an_answer_from_before_it_was_enabled_may_still_come():
-    """A drive that is switched off, for all that is known, is told nothing before it has answered once more."""
-    staying, told = DropoutMonitor(), Setpoint(ENABLE, 5, CSP)
-    see(staying, FOLLOWS)
-    see(staying, SWITCHED_ON)
-    see(staying, SWITCHED_ON, missing=(1,))
-    assert (staying.dropouts, staying.command(1, told)) == ((), None)
-    assert staying.command(1, Setpoint(DISABLE, 5, CSP)) == Setpoint(DISABLE, 5, CSP)
-    see(staying, FOLLOWS)
-    assert (staying.dropouts, staying.command(1, told)) == ((), told)
+def test_drive_with_suspected_dropout_gets_no_command_that_enables():
+    """A single answer from before the drive was enabled may still arrive."""
+    monitor = DropoutMonitor()
+    update(monitor, FOLLOWS)
+    update(monitor, SWITCHED_ON)
+    assert update(monitor, SWITCHED_ON, missing=(1,)) == []
+    assert monitor.command(1, TARGET) is None
+    assert monitor.command(1, Setpoint(DISABLE, 5, CSP)) == Setpoint(DISABLE, 5, CSP)
+    assert update(monitor, FOLLOWS) == []
+    assert monitor.command(1, TARGET) == TARGET
 
 
-@pytest.mark.parametrize("seen", range(1, CONFIRMED_SYNCS))
-def test_one_that_was_enabled_just_now_has_left_when_it_says_so_twice(seen):
-    staying = DropoutMonitor()
-    see(staying, FOLLOWS, FOLLOWS, times=seen)
-    see(staying, FOLLOWS, SWITCHED_ON, times=2)
-    assert [left.joint for left in staying.dropouts] == [2]
-    words = [staying.command(j, Setpoint(ENABLE, 5, CSP)) for j in (1, 2)]
-    assert words == [Setpoint(QUICK_STOP, 5, CSP), Setpoint(DISABLE, 5, CSP)]
+@pytest.mark.parametrize("enabled_syncs", range(1, CONFIRMED_SYNCS))
+def test_dropout_of_a_drive_just_enabled_needs_two_answers(enabled_syncs):
+    monitor = DropoutMonitor()
+    update(monitor, FOLLOWS, FOLLOWS, times=enabled_syncs)
+    assert update(monitor, FOLLOWS, SWITCHED_ON, times=2) == [2]
+    commands = [monitor.command(j, TARGET) for j in (1, 2)]
+    assert commands == [Setpoint(QUICK_STOP, 5, CSP), Setpoint(DISABLE, 5, CSP)]
 
 
-def test_one_that_was_never_enabled_has_not_left():
-    staying = DropoutMonitor()
-    see(staying, SWITCHED_ON, times=100)
-    assert staying.dropouts == ()
-    assert staying.command(1, Setpoint(ENABLE, 5, CSP)) == Setpoint(ENABLE, 5, CSP)
+def test_drive_never_enabled_is_no_dropout():
+    monitor = DropoutMonitor()
+    assert update(monitor, SWITCHED_ON, times=100) == []
+    assert monitor.command(1, TARGET) == TARGET
 
 
-def test_one_that_flickers_from_the_beginning_is_named_as_well():
-    staying = DropoutMonitor()
+def test_drive_with_alternating_status_is_a_dropout_once_confirmed():
+    monitor = DropoutMonitor()
     for _ in range(CONFIRMED_SYNCS):
-        assert staying.dropouts == ()
-        see(staying, FOLLOWS)
-        see(staying, SWITCHED_ON)
-    assert [left.joint for left in staying.dropouts] == [1]
+        assert update(monitor, FOLLOWS) == []
+        update(monitor, SWITCHED_ON)
+    assert [dropout.joint for dropout in monitor.dropouts] == [1]
 
 
-def test_a_drive_that_follows_no_more_is_named_and_all_hold(staying):
-    see(staying, FOLLOWS, DEAF, FOLLOWS, times=NOT_FOLLOWING_SYNCS - 1)
-    assert staying.dropouts == ()
-    see(staying, FOLLOWS, DEAF, FOLLOWS)
-    (left,) = staying.dropouts
-    assert (left.joint, left.not_following) == (2, True)
-    assert staying.command(2, Setpoint(ENABLE, 5, CSP)).controlword == QUICK_STOP
+def test_drive_that_stops_following_is_a_dropout(monitor):
+    answers = (FOLLOWS, NOT_FOLLOWING, FOLLOWS)
+    assert update(monitor, *answers, times=NOT_FOLLOWING_SYNCS - 1) == []
+    update(monitor, *answers)
+    (dropout,) = monitor.dropouts
+    assert (dropout.joint, dropout.not_following) == (2, True)
+    assert monitor.command(2, TARGET).controlword == QUICK_STOP
 
 
-@pytest.mark.parametrize(("status", "mode"), [(LIMITED, CSP), (DEAF, CST)])
-def test_a_limit_and_another_mode_are_reasons_not_to(staying, status, mode):
-    see(staying, FOLLOWS, status, FOLLOWS, mode=mode, times=4 * NOT_FOLLOWING_SYNCS)
-    assert staying.dropouts == ()
-
-
-def test_as_it_changes_modes_it_may_say_either_and_one_that_never_says_is_not_watched():
-    staying = DropoutMonitor()
-    see(staying, FOLLOWS, mode=CST, times=100)
-    see(staying, FOLLOWS, times=2)  # of the torque still
-    see(staying, DEAF, times=4 * NOT_FOLLOWING_SYNCS)
-    assert staying.dropouts == ()
+def test_bit_12_is_not_checked_before_it_was_set_in_position_mode():
+    monitor = DropoutMonitor()
+    update(monitor, FOLLOWS, mode=CST, times=100)
+    update(monitor, FOLLOWS, times=2)  # still of free mode
+    assert update(monitor, NOT_FOLLOWING, times=4 * NOT_FOLLOWING_SYNCS) == []

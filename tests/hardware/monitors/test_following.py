@@ -11,223 +11,204 @@ from hardware.monitors.following import (
 )
 from tests.oracles.samples import sample
 
-FOLLOWS, NO_ANSWER_BIT, STOPPED, FAULT = 0x1627, 0x0627, 0x1607, 0x1608
+FOLLOWS, NO_FOLLOWING_BIT, STOPPED, FAULT, OFF = 0x1627, 0x0627, 0x1607, 0x1608, 0x0640
 CSP, CST = 8, 10
 WINDOW = 100
+FIRST_SYNC = 50
+TO_ZERO = Setpoint(0x0F, 0, CSP)
 
 
-def watched(
-    *away: int, status: int = FOLLOWS, mode: int = CSP, missing: tuple[int, ...] = ()
+def follow(
+    *errors: int, status: int = FOLLOWS, mode: int = CSP, missing: tuple[int, ...] = ()
 ) -> list[Divergence | None]:
-    """What is said as joint 2 is `away` from its target, SYNC by SYNC."""
-    following = FollowingMonitor([WINDOW, WINDOW])
+    """Results from `FIRST_SYNC` on, with joint 2 at these distances from its target, SYNC by SYNC."""
+    monitor = FollowingMonitor([WINDOW, WINDOW])
     commands = (Setpoint(0x0F, 7, CSP), Setpoint(0x0F, 1000, mode))
     return [
-        following.update(
-            sample((FOLLOWS, status), (7, 1000 + counts), sync=sync, missing=missing), commands
+        monitor.update(
+            sample((FOLLOWS, status), (7, 1000 + error), sync=sync, missing=missing), commands
         )
-        for sync, counts in enumerate(away, 50)
+        for sync, error in enumerate(errors, FIRST_SYNC)
     ]
 
 
-@pytest.mark.parametrize("away", [WINDOW + 1, -WINDOW - 1])
-def test_a_joint_that_stays_away_is_named_with_how_far_and_since_when(away):
-    said = watched(*[away] * (DIVERGED_SYNCS + 1))
-    found = Divergence(joint=2, counts=away, sync_count=50)
-    assert said == [*[None] * (DIVERGED_SYNCS - 1), found, found]
+def brake(
+    *counts: int, status: int = STOPPED, mode: int = CSP, missing: tuple[int, ...] = ()
+) -> list[Divergence | None]:
+    """Results after a stop, with joint 2 at these positions, SYNC by SYNC."""
+    monitor = StandstillMonitor([WINDOW, WINDOW])
+    commands = (Setpoint(0x0F, 7, CSP), Setpoint(0x0F, 9000, mode))
+    return [
+        monitor.update(
+            sample((STOPPED, status), (7, position), sync=sync, missing=missing), commands
+        )
+        for sync, position in enumerate(counts, FIRST_SYNC - MIN_BRAKING_SYNCS)
+    ]
 
 
-def test_on_the_edge_of_its_window_it_is_where_it_should_be():
-    assert set(watched(*[WINDOW, -WINDOW] * DIVERGED_SYNCS)) == {None}
+def stand(
+    *errors: int, status: int = STOPPED, mode: int = CSP, missing: tuple[int, ...] = ()
+) -> list[Divergence | None]:
+    """Results from `FIRST_SYNC` on, with joint 2 at these distances from its rest position, SYNC by SYNC."""
+    counts = [500] * MIN_BRAKING_SYNCS + [500 + error for error in errors]
+    results = brake(*counts, status=status, mode=mode, missing=missing)
+    assert set(results[:MIN_BRAKING_SYNCS]) == {None}
+    return results[MIN_BRAKING_SYNCS:]
 
 
-def test_once_back_in_its_window_it_begins_anew():
-    almost = [WINDOW + 50] * (DIVERGED_SYNCS - 1)
-    assert set(watched(*almost, WINDOW, *almost)) == {None}
+BOTH = pytest.mark.parametrize("run", [follow, stand])
+BOTH_MONITORS = pytest.mark.parametrize(
+    ("monitor", "status"), [(FollowingMonitor, FOLLOWS), (StandstillMonitor, STOPPED)]
+)
+
+
+@BOTH
+@pytest.mark.parametrize("error", [WINDOW + 1, -WINDOW - 1])
+@pytest.mark.parametrize("missing", [(), (1,)], ids=["all answer", "joint 1 does not answer"])
+def test_divergence_has_size_and_first_sync(run, error, missing):
+    divergence = Divergence(joint=2, counts=error, sync_count=FIRST_SYNC, stopped=run is stand)
+    assert run(*[error] * (DIVERGED_SYNCS + 1), missing=missing) == [
+        *[None] * (DIVERGED_SYNCS - 1),
+        divergence,
+        divergence,
+    ]
+
+
+@BOTH
+def test_edge_of_window_and_short_excursions_are_no_divergence(run):
+    assert set(run(*[WINDOW, -WINDOW] * DIVERGED_SYNCS)) == {None}
+    excursion = [WINDOW + 50] * (DIVERGED_SYNCS - 1)
+    assert set(run(*excursion, WINDOW, *excursion)) == {None}
 
 
 @pytest.mark.parametrize(
-    "other",
+    ("run", "options"),
     [
-        {"status": NO_ANSWER_BIT},
-        {"status": STOPPED},
-        {"status": FAULT},
-        {"mode": CST},
-        {"missing": (2,)},
+        *((follow, {"status": status}) for status in (NO_FOLLOWING_BIT, STOPPED, FAULT)),
+        *((stand, {"status": status}) for status in (FOLLOWS, OFF, FAULT)),
+        *((run, {"mode": CST}) for run in (follow, stand)),
+        *((run, {"missing": (2,)}) for run in (follow, stand)),
     ],
 )
-def test_only_a_drive_that_says_that_it_follows_is_taken_at_its_word(other):
-    assert set(watched(*[5 * WINDOW] * 40, **other)) == {None}  # type: ignore[arg-type]
+def test_joint_is_checked_only_in_position_mode_with_the_right_status(run, options):
+    assert set(run(*[50 * WINDOW] * 40, **options)) == {None}
 
 
-def test_a_joint_without_an_answer_hides_no_other():
-    said = watched(*[5 * WINDOW] * DIVERGED_SYNCS, missing=(1,))
-    assert said[-1] == Divergence(joint=2, counts=5 * WINDOW, sync_count=50)
+@BOTH_MONITORS
+def test_every_diverged_joint_is_reported(monitor, status):
+    checked = monitor([WINDOW, WINDOW])
+    for errors, joints in (
+        ((0, 0), set()),
+        ((5 * WINDOW, 0), {1}),
+        ((5 * WINDOW, 5 * WINDOW), {1, 2}),
+    ):
+        for sync in range(MIN_BRAKING_SYNCS):
+            checked.update(sample((status, status), errors, sync=sync), (TO_ZERO, TO_ZERO))
+        assert {each.joint for each in checked.divergences} == joints
 
 
-def test_every_joint_that_diverges_is_named_though_the_first_goes_on_for_ever():
-    following = FollowingMonitor([WINDOW, WINDOW])
-    commands = (Setpoint(0x0F, 0, CSP), Setpoint(0x0F, 0, CSP))
-    joints = []
-    for sync in range(3 * DIVERGED_SYNCS):
-        away = (5 * WINDOW, 5 * WINDOW if sync >= DIVERGED_SYNCS else 0)
-        following.update(sample((FOLLOWS, FOLLOWS), away, sync=sync), commands)
-        joints.append({each.joint for each in following.divergences})
-    assert joints[DIVERGED_SYNCS] == {1}
-    assert joints[-1] == {1, 2}
+@BOTH_MONITORS
+def test_nothing_is_checked_without_commands_or_windows(monitor, status):
+    with_windows, without_windows = monitor([WINDOW]), monitor()
+    for sync in range(MIN_BRAKING_SYNCS + 3 * DIVERGED_SYNCS):
+        far = sample((status,), (9000 * (sync >= MIN_BRAKING_SYNCS),), sync=sync)
+        assert with_windows.update(far, None) is None
+        assert without_windows.update(far, (TO_ZERO,)) is None
 
 
-@pytest.mark.parametrize("shown", [1, 5])
-def test_a_drive_that_has_followed_and_says_so_no_more_is_held_to_its_target(shown):
-    following = FollowingMonitor([WINDOW])
-    told = (Setpoint(0x0F, 0, CSP),)
+@pytest.mark.parametrize("following_syncs", [1, 5])
+def test_joint_stays_checked_when_bit_12_drops(following_syncs):
+    monitor = FollowingMonitor([WINDOW])
 
-    def see(sync: int, status: int, counts: int) -> Divergence | None:
-        return following.update(sample((status,), (counts,), sync=sync), told)
+    def update(sync: int, status: int, counts: int) -> Divergence | None:
+        return monitor.update(sample((status,), (counts,), sync=sync), (TO_ZERO,))
 
-    for sync in range(shown):
-        assert see(sync, FOLLOWS, 0) is None
-    said = [see(100 + sync, NO_ANSWER_BIT, 5 * WINDOW) for sync in range(DIVERGED_SYNCS)]
-    assert said == [
+    for sync in range(following_syncs):
+        assert update(sync, FOLLOWS, 0) is None
+    results = [update(100 + k, NO_FOLLOWING_BIT, 5 * WINDOW) for k in range(DIVERGED_SYNCS)]
+    assert results == [
         *[None] * (DIVERGED_SYNCS - 1),
         Divergence(joint=1, counts=5 * WINDOW, sync_count=100),
     ]
-    # Stopped, and enabled anew: until it says that it follows it goes by no target.
-    assert see(200, STOPPED, 5 * WINDOW) is None
-    assert {see(201 + k, NO_ANSWER_BIT, 5 * WINDOW) for k in range(3 * DIVERGED_SYNCS)} == {None}
+    # Stopped and enabled again, it is not checked until bit 12 is set.
+    assert update(200, STOPPED, 5 * WINDOW) is None
+    later = {update(201 + k, NO_FOLLOWING_BIT, 5 * WINDOW) for k in range(3 * DIVERGED_SYNCS)}
+    assert later == {None}
 
 
-def test_no_joint_diverges_before_anything_was_commanded_or_without_windows():
-    away = sample((FOLLOWS,), (9000,))
-    for _ in range(3 * DIVERGED_SYNCS):
-        assert FollowingMonitor([WINDOW]).update(away, None) is None
-        assert FollowingMonitor().update(away, (Setpoint(0x0F, 0, CSP),)) is None
-
-
-def moving(lag: int, *, offset: int = 0) -> list[Divergence | None]:
-    """What is said of a joint that runs 30 counts a SYNC to and fro, seen `lag` SYNCs late."""
-    following = FollowingMonitor([WINDOW])
-    way = [*range(0, 6000, 30), *range(6000, 0, -30), *[0] * 200]
+def move(lag: int, *, offset: int = 0) -> list[Divergence | None]:
+    """Results of a joint that moves 30 counts per SYNC forth and back, received `lag` SYNCs late."""
+    monitor = FollowingMonitor([WINDOW])
+    path = [*range(0, 6000, 30), *range(6000, 0, -30), *[0] * 200]
     return [
-        following.update(
-            sample((FOLLOWS,), (way[max(sync - lag, 0)] + offset,), sync=sync),
+        monitor.update(
+            sample((FOLLOWS,), (path[max(sync - lag, 0)] + offset,), sync=sync),
             (Setpoint(0x0F, target, CSP),),
         )
-        for sync, target in enumerate(way)
+        for sync, target in enumerate(path)
     ]
 
 
 @pytest.mark.parametrize("lag", [0, 1, 23, MAX_LATE_SYNCS])
-def test_a_joint_seen_late_on_a_busy_machine_does_not_diverge(lag):
-    assert set(moving(lag)) == {None}
+def test_receive_latency_is_no_divergence(lag):
+    assert set(move(lag)) == {None}
 
 
 @pytest.mark.parametrize("lag", [0, 23])
-def test_a_joint_that_diverges_while_it_moves_is_found_when_it_rests_at_the_latest(lag):
-    found = next(said for said in moving(lag, offset=-WINDOW - 1) if said is not None)
-    assert found.sync_count <= 400 + 2 * MAX_LATE_SYNCS
+def test_divergence_during_motion_is_reported_at_rest_at_the_latest(lag):
+    divergence = next(result for result in move(lag, offset=-WINDOW - 1) if result is not None)
+    assert divergence.sync_count <= 400 + 2 * MAX_LATE_SYNCS
 
 
-def test_a_joint_that_was_free_meanwhile_has_been_told_nothing():
-    following = FollowingMonitor([WINDOW])
+def test_targets_before_free_mode_are_forgotten():
+    monitor = FollowingMonitor([WINDOW])
 
-    def see(sync: int, target: int, mode: int) -> Divergence | None:
-        return following.update(sample((FOLLOWS,), sync=sync), (Setpoint(0x0F, target, mode),))
+    def update(sync: int, target: int, mode: int) -> Divergence | None:
+        return monitor.update(sample((FOLLOWS,), sync=sync), (Setpoint(0x0F, target, mode),))
 
-    assert see(1, 0, CSP) is None
-    assert see(2, 0, CST) is None
-    said = [see(sync, 5 * WINDOW, CSP) for sync in range(3, 3 + DIVERGED_SYNCS)]
-    assert said[-1] == Divergence(joint=1, counts=-5 * WINDOW, sync_count=3)
-
-
-ENABLED, OFF = 0x1627, 0x0640
-AT_REST = [500] * MIN_BRAKING_SYNCS
-
-
-def watched_after_stop(
-    *counts: int, status: int = STOPPED, mode: int = CSP, missing: tuple[int, ...] = ()
-) -> list[Divergence | None]:
-    """What is said as joint 2, stopped at SYNC 50, stands at `counts`, SYNC by SYNC."""
-    standing = StandstillMonitor([WINDOW, WINDOW])
-    commands = (Setpoint(0x0F, 7, CSP), Setpoint(0x0F, 9000, mode))
-    return [
-        standing.update(
-            sample((STOPPED, status), (7, position), sync=sync, missing=missing), commands
-        )
-        for sync, position in enumerate(counts, 50)
-    ]
-
-
-def test_every_joint_that_goes_on_after_a_stop_is_named():
-    standing = StandstillMonitor([WINDOW, WINDOW])
-    commands = (Setpoint(0x0F, 0, CSP), Setpoint(0x0F, 0, CSP))
-    for sync in range(MIN_BRAKING_SYNCS + DIVERGED_SYNCS):
-        away = 5 * WINDOW if sync >= MIN_BRAKING_SYNCS else 0
-        standing.update(sample((STOPPED, STOPPED), (away, away), sync=sync), commands)
-    assert {each.joint for each in standing.divergences} == {1, 2}
-
-
-@pytest.mark.parametrize("away", [WINDOW + 1, -WINDOW - 1])
-def test_a_joint_that_goes_on_is_named_with_how_far_and_since_when(away):
-    said = watched_after_stop(*AT_REST, *[500 + away] * DIVERGED_SYNCS)
-    found = Divergence(joint=2, counts=away, sync_count=50 + MIN_BRAKING_SYNCS, stopped=True)
-    assert said == [*[None] * (len(said) - 1), found]
-
-
-def test_coming_to_rest_is_no_motion():
-    braking = [20_000 - 3 * k * k for k in range(MIN_BRAKING_SYNCS, 0, -1)]
-    assert set(watched_after_stop(*braking, *[20_000] * 40)) == {None}
-
-
-@pytest.mark.parametrize("ramp_syncs", [50, 100, 190])
-@pytest.mark.parametrize("steepness", [1, 7])
-def test_a_drive_with_a_slow_quick_stop_is_let_come_to_rest(ramp_syncs, steepness):
-    """Its 6085h: with power taken away while it brakes, a joint without a brake would sink."""
-    braking = [90_000 - steepness * k * k for k in range(ramp_syncs, 0, -1)]
-    assert set(watched_after_stop(*braking, *[90_000] * 60)) == {None}
-    # And what it came to rest at is what it is held to.
-    moved = [90_000 + WINDOW + 1] * DIVERGED_SYNCS
-    found = watched_after_stop(*braking, *[90_000] * 40, *moved)[-1]
-    assert found is not None
-    assert found.counts == WINDOW + 1
-
-
-@pytest.mark.parametrize("speed", [1, 5, 40])
-def test_one_that_creeps_on_as_fast_as_before_is_not_waited_for(speed):
-    creeping = [500 + speed * k for k in range(500)]
-    said = watched_after_stop(*creeping)
-    told = next(k for k, found in enumerate(said) if found)
-    assert told <= MIN_BRAKING_SYNCS + WINDOW // speed + DIVERGED_SYNCS
-
-
-def test_one_that_seems_to_brake_for_ever_is_waited_for_2_s():
-    slowing = [round(-2e5 * 0.997**k) for k in range(600)]
-    told = next(k for k, found in enumerate(watched_after_stop(*slowing)) if found)
-    assert MAX_BRAKING_SYNCS < told < MAX_BRAKING_SYNCS + 20
-
-
-def test_on_the_edge_of_its_window_it_stands_and_once_back_it_begins_anew():
-    assert set(watched_after_stop(*AT_REST, *[600, 400] * DIVERGED_SYNCS)) == {None}
-    almost = [700] * (DIVERGED_SYNCS - 1)
-    assert set(watched_after_stop(*AT_REST, *almost, 500, *almost)) == {None}
+    assert update(1, 0, CSP) is None
+    assert update(2, 0, CST) is None
+    results = [update(sync, 5 * WINDOW, CSP) for sync in range(3, 3 + DIVERGED_SYNCS)]
+    assert results[-1] == Divergence(joint=1, counts=-5 * WINDOW, sync_count=3)
 
 
 @pytest.mark.parametrize(
-    "other",
-    [{"status": ENABLED}, {"status": OFF}, {"status": FAULT}, {"mode": CST}, {"missing": (2,)}],
+    ("syncs", "factor"),
+    [(MIN_BRAKING_SYNCS, 3), *((n, factor) for n in (50, 100, 190) for factor in (1, 7))],
 )
-def test_only_a_led_joint_whose_drive_says_that_it_holds_is_held_to_it(other):
-    assert set(watched_after_stop(*AT_REST, *[5000] * 40, **other)) == {None}  # type: ignore[arg-type]
+def test_braking_joint_may_come_to_rest(syncs, factor):
+    """Deceleration by 6085h: with power removed while it brakes, a joint without a brake would sink."""
+    braking = [90_000 - factor * k * k for k in range(syncs, 0, -1)]
+    assert set(brake(*braking, *[90_000] * 60)) == {None}
+    # Its rest position is the reference.
+    moved = [90_000 + WINDOW + 1] * DIVERGED_SYNCS
+    divergence = brake(*braking, *[90_000] * 40, *moved)[-1]
+    assert divergence is not None
+    assert divergence.counts == WINDOW + 1
 
 
-def test_a_joint_that_was_let_go_and_stopped_again_stands_where_it_is_now():
-    standing, told = StandstillMonitor([WINDOW]), (Setpoint(0x0F, 0, CSP),)
-    way = [*[(STOPPED, 0)] * 40, (OFF, 500), *[(STOPPED, 9000)] * 80]
-    for sync, (status, counts) in enumerate(way):
-        assert standing.update(sample((status,), (counts,), sync=sync), told) is None
+@pytest.mark.parametrize(
+    ("counts", "earliest", "latest"),
+    [
+        *(
+            ([s * k for k in range(500)], 0, MIN_BRAKING_SYNCS + WINDOW // s + DIVERGED_SYNCS)
+            for s in (1, 5, 40)
+        ),
+        (
+            [round(-2e5 * 0.997**k) for k in range(600)],
+            MAX_BRAKING_SYNCS + 1,
+            MAX_BRAKING_SYNCS + 19,
+        ),
+    ],
+    ids=["1 per SYNC", "5 per SYNC", "40 per SYNC", "slowing for ever"],
+)
+def test_joint_that_does_not_come_to_rest_is_reported(counts, earliest, latest):
+    index = next(k for k, divergence in enumerate(brake(*counts)) if divergence)
+    assert earliest <= index <= latest
 
 
-def test_nothing_is_looked_at_before_anything_was_commanded():
-    stopped = sample((STOPPED,), (9,))
-    assert StandstillMonitor([WINDOW]).update(stopped, None) is None
-    assert StandstillMonitor().update(stopped, (Setpoint(0x0F, 0, CSP),)) is None
+def test_second_stop_has_its_own_rest_position():
+    monitor = StandstillMonitor([WINDOW])
+    answers = [*[(STOPPED, 0)] * 40, (OFF, 500), *[(STOPPED, 9000)] * 80]
+    for sync, (status, counts) in enumerate(answers):
+        assert monitor.update(sample((status,), (counts,), sync=sync), (TO_ZERO,)) is None

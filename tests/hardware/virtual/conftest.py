@@ -1,4 +1,4 @@
-"""The packaged arm and what its files state, commands for its plant, and a controller on a bus."""
+"""The packaged arm, what its files state, commands for its plant, and a controller on a bus."""
 
 from collections.abc import Callable, Mapping
 
@@ -10,13 +10,15 @@ from hardware.virtual.specimens import SpecimenFiles
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from solver.chain.arm_model import ArmModel
-from tests.oracles.virtual_rig import rig
+from tests.oracles.raw_can import RawAbort
+from tests.oracles.virtual_rig import Rig, rig
 
 Commands = Callable[[Mapping[int, float]], list[JointCommand]]
+NODES = (*range(1, 8), 16)
 
 
-def stated(fixture: str, arm: ArmModel | None = None, **other: float) -> SpecimenFiles:
-    """What the files of a fixture and an arm, the packaged one, state."""
+def specimen_files(fixture: str, arm: ArmModel | None = None, **other: float) -> SpecimenFiles:
+    """What the files of a fixture and an arm (default: the packaged one) state."""
     spec = load_fixture(fixture)
     return SpecimenFiles(
         arm=load_arm("sarcos_dextrous") if arm is None else arm,
@@ -25,16 +27,35 @@ def stated(fixture: str, arm: ArmModel | None = None, **other: float) -> Specime
     )
 
 
+def write_to_supervisor(arm: Rig, index: int, data: bytes) -> int | None:
+    """Write an object of the supervisor; return the abort code, None if it was accepted."""
+    try:
+        arm.peer.write(16, index, 0, data)
+    except RawAbort as abort:
+        return abort.code
+    return None
+
+
+def wait_for_heartbeats(arm: Rig, state: int | None = None) -> None:
+    """Wait for a heartbeat (with this NMT state) of every node, in their order."""
+    for node in NODES:
+        arm.peer.wait_for(
+            lambda number, data, node=node: (
+                number == 0x700 + node and (state is None or data == bytes([state]))
+            )
+        )
+
+
 @pytest.fixture(scope="session")
 def sarcos():
     return load_arm("sarcos_dextrous")
 
 
 @pytest.fixture(scope="session")
-def drive():
+def commands():
     """Position mode for the joints in a mapping to their targets (rad), free mode for the rest."""
 
-    def commands(targets: Mapping[int, float]) -> list[JointCommand]:
+    def make_commands(targets: Mapping[int, float]) -> list[JointCommand]:
         return [
             JointCommand(mode=JointMode.POSITION, target_rad=targets[j])
             if j in targets
@@ -42,11 +63,11 @@ def drive():
             for j in range(1, 8)
         ]
 
-    return commands
+    return make_commands
 
 
 @pytest.fixture
 def arm():
     """A controller with a plant that is simple enough to predict, and a raw peer on its bus."""
-    with rig() as made:
-        yield made
+    with rig() as running:
+        yield running

@@ -1,54 +1,79 @@
+"""One virtual drive: states, modes, limits and trips; by example, then under random frames and events."""
+
 import math
 
 import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from hardware.arm import JointMode
+from hardware.arm import DriveState, JointMode
 from hardware.canopen.cia402 import StatusBit
-from tests.hardware.virtual.drive_bench import (
-    CSP,
-    CST,
-    DISABLE,
-    ENABLE,
-    ENCODER,
-    QUICK_STOP,
-    RESET,
-    SHUTDOWN,
-    STEP,
-    SWITCH_ON,
-    Bench,
-    E,
-    S,
-)
+from hardware.canopen.objects import EmergencyCode
+from hardware.virtual.drive import Drive
 from tests.oracles.virtual_rig import axes
 
-RVDT = axes()[6]
+S, E = DriveState, EmergencyCode
+SHUTDOWN, SWITCH_ON, ENABLE, QUICK_STOP, DISABLE, RESET = 0x06, 0x07, 0x0F, 0x02, 0x00, 0x80
+CSP, CST = 8, 10
+ENCODER, RVDT = axes()[0], axes()[6]
+STEP = ENCODER.limits.max_step_counts
+
+
+class DriveBench:
+    """A drive with a log of its error codes (`NONE`: all clear) and sensor values set by the test."""
+
+    def __init__(self, axis=ENCODER, *, counts: int = 100) -> None:  # type: ignore[no-untyped-def]
+        self.error_log: list[EmergencyCode] = []
+        self.drive = Drive(
+            axis,
+            on_error=self.error_log.append,
+            on_all_clear=lambda: self.error_log.append(E.NONE),
+        )
+        self.counts, self.torque_nm, self.speed = counts, 0.0, 0.0
+        self.drive.in_control = True
+        self.run()
+
+    def run(self, periods: int = 1) -> None:
+        for _ in range(periods):
+            self.drive.read(self.counts, self.torque_nm, self.speed)
+
+    def enable(self, mode: int = CSP) -> Drive:
+        for word in (SHUTDOWN, SWITCH_ON, ENABLE):
+            self.drive.obey(word, self.counts, mode)
+        self.run(4)
+        assert self.drive.state is S.OPERATION_ENABLED
+        return self.drive
 
 
 @pytest.fixture
 def bench():
-    return Bench()
+    return DriveBench()
 
 
 @pytest.fixture
 def enabled(bench):
     """The bench's drive, enabled in position mode."""
-    return bench.enabled()
+    return bench.enable()
 
 
 @pytest.mark.parametrize("word", [QUICK_STOP, DISABLE, SHUTDOWN, SWITCH_ON])
-def test_stopping_never_needs_the_token(enabled, word):
+def test_stop_without_token_is_obeyed(enabled, word):
     enabled.in_control = False
     enabled.obey(word, 100, CSP)
     assert enabled.state is not S.OPERATION_ENABLED
 
 
-def test_targets_are_refused_without_the_token(enabled):
+def test_target_without_token_is_ignored(enabled):
     enabled.in_control = False
     enabled.obey(ENABLE, 101, CSP)
     assert enabled.target_counts == 100
 
 
-def test_a_mode_is_reached_after_its_cycles_and_not_before(bench, enabled):
+def test_mode_switch_takes_its_cycles_and_restarts_on_new_request(bench, enabled):
+    enabled.obey(ENABLE, 100, CST)
+    bench.run(ENCODER.mode_switch_cycles - 1)
+    enabled.obey(ENABLE, 100, CSP)
     enabled.obey(ENABLE, 100, CST)
     bench.run(ENCODER.mode_switch_cycles - 1)
     assert enabled.mode is JointMode.POSITION
@@ -58,24 +83,15 @@ def test_a_mode_is_reached_after_its_cycles_and_not_before(bench, enabled):
     assert enabled.command().mode is JointMode.FREE
 
 
-def test_a_change_of_mind_starts_the_switch_again(bench, enabled):
-    enabled.obey(ENABLE, 100, CST)
-    bench.run(ENCODER.mode_switch_cycles - 1)
-    enabled.obey(ENABLE, 100, CSP)
-    enabled.obey(ENABLE, 100, CST)
-    bench.run(ENCODER.mode_switch_cycles - 1)
-    assert enabled.mode is JointMode.POSITION
-
-
 @pytest.mark.parametrize("code", [0, 1, 3, 9, -1])
-def test_a_mode_the_drive_has_not_is_never_reached(bench, enabled, code):
+def test_unsupported_mode_is_never_entered(bench, enabled, code):
     enabled.obey(ENABLE, 100, code)
     bench.run(50)
     assert enabled.mode is JointMode.POSITION
 
 
-def test_entering_position_mode_starts_where_the_joint_is(bench):
-    drive = bench.enabled(CST)
+def test_entering_position_mode_resets_target_to_position(bench):
+    drive = bench.enable(CST)
     bench.counts = 900
     bench.run()
     drive.obey(ENABLE, 100, CSP)  # an old target, 800 counts away
@@ -84,55 +100,51 @@ def test_entering_position_mode_starts_where_the_joint_is(bench):
     assert drive.target_counts == 900
 
 
-def test_enabling_starts_where_the_joint_is(bench):
-    bench.enabled()
-    bench.drive.obey(DISABLE, 100, CSP)
+def test_enabling_resets_target_to_position(bench, enabled):
+    enabled.obey(DISABLE, 100, CSP)
     bench.counts = 700
     bench.run()
-    drive = bench.drive
     for word in (SHUTDOWN, SWITCH_ON, ENABLE):
-        drive.obey(word, 100, CSP)
-    assert drive.target_counts == 700
-    assert bench.said == [E.REFERENCE_LIMIT]
+        enabled.obey(word, 100, CSP)
+    assert enabled.target_counts == 700
+    assert bench.error_log == [E.REFERENCE_LIMIT]
 
 
-def test_targets_up_to_the_largest_step_are_taken(bench, enabled):
+def test_target_step_is_limited(bench, enabled):
     enabled.obey(ENABLE, 100 + STEP, CSP)
     assert enabled.target_counts == 100 + STEP
     assert enabled.command().target_rad == pytest.approx((100 + STEP) / 36000 * math.tau)
     enabled.obey(ENABLE, 100 + 2 * STEP + 1, CSP)
     assert enabled.target_counts == 100 + STEP
-    assert bench.said == [E.REFERENCE_LIMIT]
+    assert bench.error_log == [E.REFERENCE_LIMIT]
     assert enabled.flags & StatusBit.INTERNAL_LIMIT
     assert enabled.state is S.OPERATION_ENABLED
     enabled.obey(ENABLE, 100 + 2 * STEP, CSP)
     assert enabled.target_counts == 100 + 2 * STEP
-    assert bench.said == [E.REFERENCE_LIMIT, E.NONE]
+    assert bench.error_log == [E.REFERENCE_LIMIT, E.NONE]
     assert not enabled.flags & StatusBit.INTERNAL_LIMIT
 
 
 @pytest.mark.parametrize(("word", "target"), [(ENABLE, 100), (DISABLE, 9000), (SWITCH_ON, 9000)])
-def test_a_refused_target_is_forgiven_when_taken_back(bench, enabled, word, target):
+def test_reference_limit_error_ends_when_target_is_withdrawn(bench, enabled, word, target):
     enabled.obey(ENABLE, 9000, CSP)
-    assert bench.said == [E.REFERENCE_LIMIT]
+    assert bench.error_log == [E.REFERENCE_LIMIT]
     enabled.obey(word, target, CSP)
-    assert bench.said == [E.REFERENCE_LIMIT, E.NONE]
+    assert bench.error_log == [E.REFERENCE_LIMIT, E.NONE]
     assert enabled.errors == []
 
 
-def test_the_range_ends_where_607dh_says():
-    bench = Bench(counts=5999)
-    drive = bench.enabled()
-    drive.obey(ENABLE, 6000, CSP)
-    assert drive.target_counts == 6000
-    drive.obey(ENABLE, 6001, CSP)
-    assert drive.target_counts == 6000
+def test_target_range_ends_at_607dh():
+    drive = DriveBench(counts=5999).enable()
+    for target in (6000, 6001):
+        drive.obey(ENABLE, target, CSP)
+        assert drive.target_counts == 6000
 
 
 @pytest.mark.parametrize("tripped", [False, True], ids=["off", "tripped"])
-def test_a_lost_heartbeat_powers_no_drive_that_was_off_or_tripped(bench, tripped):
+def test_lost_heartbeat_does_not_power_an_unpowered_drive(bench, tripped):
     if tripped:
-        bench.enabled().trip(E.EXCESS_TORQUE)
+        bench.enable().trip(E.EXCESS_TORQUE)
     bench.drive.lose_heartbeat()
     bench.run(2)
     assert bench.drive.state is S.FAULT
@@ -140,7 +152,7 @@ def test_a_lost_heartbeat_powers_no_drive_that_was_off_or_tripped(bench, tripped
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_excess_torque_trips_after_its_cycles_just_above_the_limit(bench, enabled, sign):
+def test_excess_torque_trips_after_its_cycles(bench, enabled, sign):
     bench.torque_nm = sign * 100.0
     bench.run(20)
     assert enabled.state is S.OPERATION_ENABLED
@@ -152,10 +164,10 @@ def test_excess_torque_trips_after_its_cycles_just_above_the_limit(bench, enable
     assert enabled.command().mode is None
     bench.run()
     assert enabled.state is S.FAULT
-    assert bench.said == [E.EXCESS_TORQUE]
+    assert bench.error_log == [E.EXCESS_TORQUE]
 
 
-def test_torque_that_comes_and_goes_does_not_trip(bench, enabled):
+def test_intermittent_excess_torque_does_not_trip(bench, enabled):
     for _ in range(10):
         bench.torque_nm = 150.0
         bench.run(ENCODER.trip_cycles - 1)
@@ -164,18 +176,18 @@ def test_torque_that_comes_and_goes_does_not_trip(bench, enabled):
     assert enabled.state is S.OPERATION_ENABLED
 
 
-def test_following_error_trips_just_outside_its_window(bench, enabled):
+def test_following_error_trips_outside_its_window(bench, enabled):
     bench.counts = 100 + ENCODER.following_window_counts
     bench.run(20)
     assert enabled.state is S.OPERATION_ENABLED
     bench.counts += 1
     bench.run(ENCODER.trip_cycles)
-    assert bench.said == [E.FOLLOWING]
+    assert bench.error_log == [E.FOLLOWING]
     assert enabled.flags & StatusBit.FOLLOWING_ERROR
 
 
-def test_a_free_joint_has_no_following_error(bench):
-    drive = bench.enabled(CST)
+def test_free_joint_has_no_following_error(bench):
+    drive = bench.enable(CST)
     for _ in range(50):
         bench.counts += 100
         bench.run()
@@ -183,40 +195,113 @@ def test_a_free_joint_has_no_following_error(bench):
 
 
 @pytest.mark.parametrize("mode", [CSP, CST])
-def test_overspeed_trips_at_once_in_either_mode(bench, mode):
-    drive = bench.enabled(mode)
+def test_overspeed_trips_at_once(bench, mode):
+    drive = bench.enable(mode)
     limit = ENCODER.limits.max_speed_rad_per_s
     bench.speed = -limit
     bench.run(5)
     assert drive.state is S.OPERATION_ENABLED
     bench.speed = -math.nextafter(limit, math.inf)
     bench.run()
-    assert bench.said == [E.OVERSPEED]
+    assert bench.error_log == [E.OVERSPEED]
 
 
-def test_a_drive_that_is_off_minds_neither_torque_nor_speed(bench):
+def test_unpowered_drive_does_not_trip_on_torque_or_speed(bench):
     bench.torque_nm, bench.speed = 1e4, 1e4
     bench.run(10)
     assert bench.drive.state is S.SWITCH_ON_DISABLED
 
 
-@pytest.mark.parametrize("end", [RVDT.lowest_counts, RVDT.highest_counts])
-def test_a_converter_at_its_end_is_a_failed_sensor(end):
-    bench = Bench(RVDT)
-    inside = end + (1 if end == RVDT.lowest_counts else -1)
-    bench.counts = inside
+@pytest.mark.parametrize(
+    ("last_valid", "end"),
+    [
+        (RVDT.lowest_counts + 1, RVDT.lowest_counts),
+        (RVDT.highest_counts - 1, RVDT.highest_counts),
+    ],
+)
+def test_converter_at_its_end_is_a_sensor_fault(last_valid, end):
+    bench = DriveBench(RVDT)
+    bench.counts = last_valid
     bench.run()
-    assert bench.said == []
+    assert bench.error_log == []
     bench.counts = end
     bench.run()
-    assert bench.said == [E.SENSOR]
+    assert bench.error_log == [E.SENSOR]
 
 
-def test_a_reset_word_that_stays_set_resets_once(bench):
+def test_constant_reset_bit_resets_once(bench):
     drive = bench.drive
-    drive.trip(E.EXCESS_TORQUE)
-    drive.obey(RESET, 0, CSP)
-    assert drive.state is S.SWITCH_ON_DISABLED
-    drive.trip(E.EXCESS_TORQUE)
-    drive.obey(RESET, 0, CSP)
-    assert drive.state is S.FAULT
+    for after_reset in (S.SWITCH_ON_DISABLED, S.FAULT):
+        drive.trip(E.EXCESS_TORQUE)
+        drive.obey(RESET, 0, CSP)
+        assert drive.state is after_reset
+
+
+class RandomInputs(RuleBasedStateMachine):
+    """Random frames and events: commands and targets of the drive stay within its rules."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.bench = DriveBench()
+        self.drive = self.bench.drive
+        self.last_target = self.drive.target_counts
+
+    @rule(
+        word=st.sampled_from([0x00, 0x02, 0x06, 0x07, 0x0F, 0x80, 0x8F]) | st.integers(0, 0xFFFF),
+        target_counts=st.integers(-7000, 7000) | st.integers(60, 140),
+        mode=st.sampled_from([0, 1, 8, 10]),
+    )
+    def receive_rpdo(self, word: int, target_counts: int, mode: int) -> None:
+        self.drive.obey(word, target_counts, mode)
+
+    @rule(torque=st.sampled_from([0.0, 50.0, 120.0]), drift=st.integers(-20, 20))
+    def run_period(self, torque: float, drift: int) -> None:
+        command = self.drive.command()
+        if command.mode is JointMode.POSITION:
+            self.bench.counts = round(command.target_rad * 36000 / math.tau)
+        elif command.mode is JointMode.FREE:
+            self.bench.counts += drift
+        self.bench.torque_nm = torque
+        self.bench.run()
+
+    @rule(token=st.booleans())
+    def set_token(self, token: bool) -> None:
+        self.drive.in_control = token
+        if not token:
+            self.drive.quick_stop()
+
+    @rule()
+    def lose_heartbeat(self) -> None:
+        self.drive.lose_heartbeat()
+
+    @rule()
+    def quick_stop(self) -> None:
+        self.drive.quick_stop()
+
+    @invariant()
+    def joint_is_driven_only_if_enabled_or_holding(self) -> None:
+        mode = self.drive.command().mode
+        if mode is JointMode.FREE:
+            assert self.drive.state is S.OPERATION_ENABLED
+        if self.drive.state in (S.SWITCH_ON_DISABLED, S.READY_TO_SWITCH_ON, S.SWITCHED_ON):
+            assert mode is None
+
+    @invariant()
+    def target_changes_by_allowed_steps_or_to_position(self) -> None:
+        step = abs(self.drive.target_counts - self.last_target)
+        assert step <= STEP or self.drive.target_counts == self.drive.counts
+        self.last_target = self.drive.target_counts
+
+    @invariant()
+    def errors_agree_with_state(self) -> None:
+        drive = self.drive
+        in_fault = drive.state in (S.FAULT, S.FAULT_REACTION_ACTIVE)
+        # A refused target is no fault.
+        assert bool(set(drive.errors) - {E.REFERENCE_LIMIT}) == in_fault
+        assert len(drive.errors) == len(set(drive.errors))
+        if drive.errors:
+            assert self.bench.error_log[-1] is not E.NONE
+
+
+TestRandomInputs = RandomInputs.TestCase
+TestRandomInputs.settings = settings(max_examples=60, stateful_step_count=40)

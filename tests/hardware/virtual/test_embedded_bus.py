@@ -1,4 +1,4 @@
-"""An operator that takes in the frames of the arm in its own process."""
+"""A bus on which the receiving thread runs the virtual arm in its own process."""
 
 import queue
 import threading
@@ -18,24 +18,24 @@ from tests.oracles.virtual_rig import ARM, TrivialPlant, axes
 JOINTS = 7
 
 
-class CountingPlant(TrivialPlant):
-    """Says in which threads it was stepped; breaks when told to."""
+class ThreadLoggingPlant(TrivialPlant):
+    """Logs the name of the thread of each step; fails on request."""
 
     def __init__(self) -> None:
         super().__init__([axis.scale.counts_per_rad for axis in axes()])
         self.threads: list[str] = []
-        self.broken = False
+        self.fails = False
 
     def step(self, commands: Sequence[JointCommand]) -> PlantReading:
         self.threads.append(threading.current_thread().name)
-        if self.broken:
+        if self.fails:
             raise ArithmeticError("no pose closes the loop")
         return super().step(commands)
 
 
 @pytest.fixture
 def plant():
-    return CountingPlant()
+    return ThreadLoggingPlant()
 
 
 @pytest.fixture
@@ -46,113 +46,106 @@ def settings(request):
 @pytest.fixture
 def controller(plant, settings):
     bus = open_bus(settings)
-    made = VirtualController(bus, plant, axes=axes(), arm=ARM, attended=True)
-    made.start()
-    yield made
-    made.close()
+    controller = VirtualController(bus, plant, axes=axes(), arm=ARM, attended=True)
+    controller.start()
+    yield controller
+    controller.close()
     bus.shutdown()
 
 
 @pytest.fixture
 def bus(controller, settings):
-    made = attended_openers(controller).main(settings)
-    start_all(made)
-    yield made
-    made.shutdown()
-
-
-def start_all(bus: can.BusABC) -> None:
+    bus = attended_openers(controller).main(settings)
     bus.send(can.Message(arbitration_id=0, data=[1, 0], is_extended_id=False))
+    yield bus
+    bus.shutdown()
 
 
-def sync(bus: can.BusABC) -> None:
+def send_sync(bus: can.BusABC) -> None:
     bus.send(can.Message(arbitration_id=COB_SYNC, is_extended_id=False))
 
 
-def answers(bus: can.BusABC, wait_s: float) -> int:
-    """How many joints answer before nothing comes for `wait_s`."""
+def count_answers(bus: can.BusABC, wait_s: float) -> int:
+    """Count TPDO1 until no frame arrives for `wait_s`."""
     count = 0
     while (message := bus.recv(wait_s)) is not None:
         count += COB_TPDO1 < message.arbitration_id < COB_TPDO1 + 0x80
     return count
 
 
-def test_who_waits_for_the_answer_steps_the_plant(bus, plant):
+def test_waiting_thread_steps_the_plant(bus, plant):
     plant.threads.clear()
-    mine = 0
     for _ in range(50):
-        sync(bus)
-        assert answers(bus, 0.001) == JOINTS
-    mine = plant.threads.count(threading.current_thread().name)
+        send_sync(bus)
+        assert count_answers(bus, 0.001) == JOINTS
     assert len(plant.threads) == 50
-    assert mine >= 45, "the arm's own thread looks now and then as well"
+    # The arm's own thread receives now and then, too.
+    assert plant.threads.count(threading.current_thread().name) >= 45
 
 
-def test_a_reader_that_sleeps_is_woken_by_what_another_thread_sends(bus, plant):
-    """As an object is read: one thread asks, the other one waits for whatever comes."""
-    heard: queue.Queue[int] = queue.Queue()
+def test_frame_of_another_thread_wakes_the_waiting_thread(bus, plant):
+    """As in an SDO upload: one thread sends the request, the other receives."""
+    received: queue.Queue[int] = queue.Queue()
     ended = threading.Event()
 
-    def listen() -> None:
+    def receive() -> None:
         while not ended.is_set():
             if bus.recv(0.5) is not None:
-                heard.put(1)
+                received.put(1)
 
-    reader = threading.Thread(target=listen, name="reader")
+    reader = threading.Thread(target=receive, name="reader")
     reader.start()
     for _ in range(50):
-        sync(bus)
+        send_sync(bus)
         for _ in range(JOINTS):
-            heard.get(timeout=30.0)
+            received.get(timeout=30.0)
     ended.set()
     reader.join()
-    assert plant.threads.count("reader") >= 25, (
-        "else the arm's own thread looks first, when its time comes"
-    )
+    assert plant.threads.count("reader") >= 25, "the arm's own thread steps the plant"
 
 
-def test_what_others_send_is_answered_while_nobody_waits(bus, controller):
-    """STOP goes out from another thread, whatever the operator's loop does."""
+def test_frame_is_answered_while_no_thread_waits(bus, controller):
+    """STOP is sent from another thread, whatever the operator's loop does."""
     before = controller.sync_count
-    sync(bus)
+    send_sync(bus)
     deadline = time.monotonic() + 30.0
     while controller.sync_count == before and time.monotonic() < deadline:
         time.sleep(0.005)
     assert controller.sync_count == before + 1
 
 
-def test_an_arm_that_hangs_does_not_hang_its_operator(bus, controller):
+def test_hanging_arm_does_not_block_its_operator(bus, controller):
     controller.hang()
-    sync(bus)
-    assert answers(bus, 0.05) == 0
+    send_sync(bus)
+    assert count_answers(bus, 0.05) == 0
     controller.resume_loop()
     deadline = time.monotonic() + 30.0
-    while not (found := answers(bus, 0.05)) and time.monotonic() < deadline:
+    while not (count := count_answers(bus, 0.05)) and time.monotonic() < deadline:
         pass
-    assert found == JOINTS
+    assert count == JOINTS
 
 
-def test_an_arm_that_breaks_is_silent_and_its_operator_lives(bus, controller, plant):
-    plant.broken = True
-    sync(bus)
-    assert answers(bus, 0.05) == 0
+def test_failing_plant_silences_the_arm_and_not_its_operator(bus, controller, plant):
+    plant.fails = True
+    send_sync(bus)
+    assert count_answers(bus, 0.05) == 0
     assert isinstance(controller.failure, ArithmeticError)
-    plant.broken = False
-    sync(bus)
-    assert answers(bus, 0.05) == 0
+    plant.fails = False
+    send_sync(bus)
+    assert count_answers(bus, 0.05) == 0
 
 
-def test_frames_pass_between_embedded_and_stock_buses_and_filters_hold():
-    channel = "embedded-and-stock"
+def test_embedded_bus_filters_and_exchanges_frames_with_virtual_bus():
+    channel = "embedded-and-virtual"
     with (
         EmbeddedBus(channel) as embedded,
         EmbeddedBus(channel) as other,
-        can.Bus(interface="virtual", channel=channel) as stock,
+        can.Bus(interface="virtual", channel=channel) as virtual,
     ):
         embedded.set_filters([{"can_id": 0x181, "can_mask": 0x7FF, "extended": False}])
         for identifier in (0x80, 0x182, 0x181):
-            stock.send(can.Message(arbitration_id=identifier, data=b"x", is_extended_id=False))
-        # A frame that the filter keeps out does not hide the one behind it, even without waiting.
+            virtual.send(can.Message(arbitration_id=identifier, data=b"x", is_extended_id=False))
+        # A rejected frame does not hide the next one, even without waiting.
         received = embedded.recv(0.0)
         assert received is not None
         assert (received.arbitration_id, received.is_rx) == (0x181, True)
@@ -161,6 +154,6 @@ def test_frames_pass_between_embedded_and_stock_buses_and_filters_hold():
         assert [m.arbitration_id for m in iter(lambda: other.recv(0.0), None)] == [
             0x80, 0x182, 0x181, 0x7F,
         ]  # fmt: skip
-        assert (answer := stock.recv(1.0)) is not None
+        assert (answer := virtual.recv(1.0)) is not None
         assert answer.arbitration_id == 0x7F
         assert embedded.recv(0.01) is None

@@ -1,4 +1,4 @@
-"""The plant's tuned kinematics against the solver's."""
+"""The fast kinematics of the plant against the kinematics of the solver."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from solver.chain.kinematics import DhTable
 
 
 def general_loop() -> LoopTruth:
-    """Every entry of the table non-zero, so that no term is hidden."""
+    """A loop with no entry at zero, so that every term has an effect."""
     paper = paper_loop().table
     rng = np.random.default_rng(3)
     return LoopTruth(
@@ -24,7 +24,7 @@ def general_loop() -> LoopTruth:
     )
 
 
-def closed(truth: LoopTruth) -> FloatArray:
+def closed_angles(truth: LoopTruth) -> FloatArray:
     joints, hinge = truth.closed_near(PAPER_HOME_RAD)
     return np.concatenate(([hinge], joints))
 
@@ -32,11 +32,11 @@ def closed(truth: LoopTruth) -> FloatArray:
 @pytest.mark.sample(6)
 @pytest.mark.parametrize("truth", [paper_loop(), general_loop()], ids=["paper", "general"])
 @pytest.mark.parametrize("spread_rad", [0.0, 1e-12, 1e-8, 2e-5, 1e-4, 1e-2, 0.3])
-def test_agrees_with_the_solver_at_and_off_closure(truth, spread_rad):
+def test_error_and_jacobian_agree_with_the_solver(truth, spread_rad):
     rng = np.random.default_rng(1)
     point, loop, offsets = LoopPoint(truth.table), truth.loop(), truth.offsets_rad
     for _ in range(20):
-        angles = closed(truth) + spread_rad * rng.standard_normal(8)
+        angles = closed_angles(truth) + spread_rad * rng.standard_normal(8)
         point.at(angles)
         reference = loop.loop(np.zeros(0), (angles[1:] - offsets)[None], angles[None, :1])
         np.testing.assert_allclose(point.error, reference.residual[0], rtol=0.0, atol=1e-12)
@@ -48,7 +48,7 @@ def test_agrees_with_the_solver_at_and_off_closure(truth, spread_rad):
         )
 
 
-def test_a_loop_open_by_half_a_turn_is_refused():
+def test_loop_open_by_half_a_turn_is_refused():
     flat = DhTable(
         theta_off_rad=np.zeros(2), s_m=np.zeros(2), a_m=np.ones(2), alpha_rad=np.zeros(2)
     )
@@ -57,16 +57,16 @@ def test_a_loop_open_by_half_a_turn_is_refused():
 
 
 @pytest.mark.parametrize("kind", ["rigid", "ball"])
-def test_what_has_no_hinge_agrees_with_the_solver_too(kind):
+def test_loop_without_hinge_agrees_with_the_solver(kind):
     rng = np.random.default_rng(5)
     table = general_loop().table
     tip, ground = rng.normal(size=3), rng.normal(size=3)
     truth = LoopTruth(table=table, hinge=False)
     if kind == "ball":
-        nothing = {name: np.array(getattr(table, name)) for name in DhTable.__dataclass_fields__}
-        for column in nothing.values():
+        columns = {name: np.array(getattr(table, name)) for name in DhTable.__dataclass_fields__}
+        for column in columns.values():
             column[0] = 0.0
-        truth = BallTruth(table=DhTable(**nothing), tip_m=tip, ground_m=ground)
+        truth = BallTruth(table=DhTable(**columns), tip_m=tip, ground_m=ground)
     theta = rng.normal(size=table.links)
     theta[0] = 0.0
     point = truth.point()

@@ -1,4 +1,4 @@
-"""Power cuts at every point of a commit, with everything an operating system may have done by then."""
+"""Parameter slots: power cuts at every operation of a commit, damaged files, other files in their place."""
 
 import itertools
 import os
@@ -8,7 +8,7 @@ import pytest
 from hardware.canopen.objects import Slot, SlotState
 from hardware.virtual.parameter_store import Disk, FolderDisk, ParameterStore
 
-FIRST, SECOND, THIRD = b"first document\n", b"second document\n" * 40, b"third"
+FIRST, SECOND, THIRD, FOURTH = b"first document\n", b"second document\n" * 40, b"third", b"fourth"
 
 
 class PowerCut(Exception):
@@ -18,22 +18,21 @@ class PowerCut(Exception):
 class CutDisk(Disk):
     """A disk that loses power during its k-th operation.
 
-    A write that is cut leaves any part of the data, or no file; a rename that is cut has happened or
-    has not. What was finished stays.
+    A write that is cut leaves any part of the data, or no file; a rename that is cut has happened or has not. Finished
+    operations persist.
     """
 
-    def __init__(self, files: dict[str, bytes], cut_at: int, outcome: int) -> None:
+    def __init__(self, files: dict[str, bytes], cut_at: int = 10**6, outcome: int = 0) -> None:
         self.files = dict(files)
-        self.left, self.outcome = cut_at, outcome
+        self.cut_at, self.outcome = cut_at, outcome
         self.operations = 0
 
-    def _operate(self) -> bool:
+    def _is_cut(self) -> bool:
         self.operations += 1
-        self.left -= 1
-        return self.left < 0
+        return self.operations > self.cut_at
 
     def write(self, name: str, data: bytes) -> None:
-        if self._operate():
+        if self._is_cut():
             parts = [None, b"", data[:1], data[: len(data) // 2], data[:-1], data, bytes(len(data))]
             part = parts[self.outcome]
             if part is None:
@@ -44,101 +43,84 @@ class CutDisk(Disk):
         self.files[name] = data
 
     def rename(self, old: str, new: str) -> None:
-        cut = self._operate()
+        cut = self._is_cut()
         if not cut or self.outcome % 2:
             self.files[new] = self.files.pop(old)
         if cut:
             raise PowerCut
 
 
-OUTCOMES = range(7)
+def commit(store: ParameterStore) -> None:
+    store.commit(THIRD)
 
 
-def committed(*documents: bytes) -> dict[str, bytes]:
-    disk = CutDisk({}, 10**6, 0)
-    store = ParameterStore(disk)
-    for document in documents:
-        store.commit(document)
-    return disk.files
-
-
-@pytest.mark.parametrize("before", [(), (FIRST,), (FIRST, SECOND)])
-def test_a_commit_cut_at_any_point_leaves_old_or_new_whole(before):
-    counting = CutDisk(committed(*before), 10**6, 0)
-    ParameterStore(counting).commit(THIRD)
-    old = before[-1] if before else None
-    seen = set()
-    for cut_at, outcome in itertools.product(range(counting.operations), OUTCOMES):
-        disk = CutDisk(committed(*before), cut_at, outcome)
+@pytest.mark.parametrize(
+    ("before", "operation", "results"),
+    [
+        ((), commit, {None, THIRD}),
+        ((FIRST,), commit, {FIRST, THIRD}),
+        ((FIRST, SECOND), commit, {SECOND, THIRD}),
+        ((FIRST, SECOND), ParameterStore.roll_back, {FIRST, SECOND}),
+    ],
+)
+def test_power_cut_leaves_the_old_or_the_new_document(before, operation, results):
+    disk = CutDisk({})
+    for document in before:
+        ParameterStore(disk).commit(document)
+    counting = CutDisk(disk.files)
+    operation(ParameterStore(counting))
+    documents = set()
+    for cut_at, outcome in itertools.product(range(counting.operations), range(7)):
+        cut = CutDisk(disk.files, cut_at, outcome)
         with pytest.raises(PowerCut):
-            ParameterStore(disk).commit(THIRD)
-        after = ParameterStore(CutDisk(disk.files, 10**6, 0))
-        document = after.document(after.active)
-        assert document in (old, THIRD)
-        seen.add(document)
-        # And life goes on: the next commit works whatever was left behind.
-        after.commit(SECOND)
-        assert after.document(after.active) == SECOND
-    assert seen == {old, THIRD}
+            operation(ParameterStore(cut))
+        store = ParameterStore(CutDisk(cut.files))
+        documents.add(store.document(store.active))
+        # The next commit works whatever the power cut left.
+        store.commit(FOURTH)
+        assert store.document(store.active) == FOURTH
+    assert documents == results
 
 
-def test_a_roll_back_cut_at_any_point_leaves_one_of_the_two():
-    for cut_at, outcome in itertools.product(range(2), OUTCOMES):
-        disk = CutDisk(committed(FIRST, SECOND), cut_at, outcome)
-        with pytest.raises(PowerCut):
-            ParameterStore(disk).roll_back()
-        after = ParameterStore(CutDisk(disk.files, 10**6, 0))
-        assert after.document(after.active) in (FIRST, SECOND)
-
-
-def test_slots_take_turns():
+def test_commits_and_roll_backs_alternate_between_slots():
     store = ParameterStore()
-    assert (store.active, store.state(Slot.A), store.document(store.active)) == (
-        Slot.NONE,
-        SlotState.EMPTY,
-        None,
-    )
-    assert [store.commit(d) for d in (FIRST, SECOND, THIRD)] == [Slot.A, Slot.B, Slot.A]
+    assert (store.active, store.state(Slot.A)) == (Slot.NONE, SlotState.EMPTY)
+    assert store.document(store.active) is None
+    with pytest.raises(ValueError, match="no whole document"):
+        store.roll_back()
+    assert store.commit(FIRST) is Slot.A
+    with pytest.raises(ValueError, match="slot B"):
+        store.roll_back()
+    assert store.document(store.active) == FIRST
+    assert [store.commit(document) for document in (SECOND, THIRD)] == [Slot.B, Slot.A]
     assert store.document(Slot.B) == SECOND
     assert store.roll_back() is Slot.B
     assert store.document(store.active) == SECOND
     assert store.roll_back() is Slot.A
 
 
-def test_nothing_to_roll_back_to():
-    store = ParameterStore()
-    with pytest.raises(ValueError, match="no whole document"):
-        store.roll_back()
-    store.commit(FIRST)
-    with pytest.raises(ValueError, match="slot B"):
-        store.roll_back()
-    assert store.document(store.active) == FIRST
-
-
 @pytest.mark.parametrize("document", [b"", b"\n", b"\x00\xff" * 100, b"no line end"])
-def test_any_bytes_survive_a_real_folder(tmp_path, document):
+def test_any_document_is_read_back_from_a_folder(tmp_path, document):
     folder = tmp_path / "slots"
     ParameterStore(FolderDisk(folder)).commit(document)
-    again = ParameterStore(FolderDisk(folder))
-    assert again.document(again.active) == document
+    reopened = ParameterStore(FolderDisk(folder))
+    assert reopened.document(reopened.active) == document
     assert sorted(file.name for file in folder.iterdir()) == ["active", "slot_a"]
 
 
-def test_every_flipped_bit_in_a_slot_is_noticed(tmp_path):
+def test_flipped_bit_marks_the_slot_as_damaged(tmp_path):
     store = ParameterStore(FolderDisk(tmp_path))
     store.commit(FIRST)
     store.commit(SECOND[:20])
     stored = (tmp_path / "slot_b").read_bytes()
-    for place in range(len(stored)):
-        (tmp_path / "slot_b").write_bytes(
-            stored[:place] + bytes([stored[place] ^ 1]) + stored[place + 1 :]
-        )
+    for index, byte in enumerate(stored):
+        (tmp_path / "slot_b").write_bytes(stored[:index] + bytes([byte ^ 1]) + stored[index + 1 :])
         assert store.state(Slot.B) is SlotState.DAMAGED
         assert store.active is Slot.NONE
         assert store.document(Slot.A) == FIRST
 
 
-def test_a_pipe_in_the_place_of_a_slot_is_an_error_and_keeps_nobody_waiting(tmp_path):
+def test_pipe_in_place_of_a_slot_is_an_error_at_once(tmp_path):
     os.mkfifo(tmp_path / "slot_a")
     store = ParameterStore(FolderDisk(tmp_path))
     with pytest.raises(OSError, match="not a file"):
@@ -151,7 +133,7 @@ def test_a_pipe_in_the_place_of_a_slot_is_an_error_and_keeps_nobody_waiting(tmp_
     assert store.document(store.active) == b"first"
 
 
-def test_an_unknown_pointer_names_no_slot(tmp_path):
+def test_invalid_active_file_means_no_slot(tmp_path):
     store = ParameterStore(FolderDisk(tmp_path))
     store.commit(FIRST)
     (tmp_path / "active").write_bytes(b"C")

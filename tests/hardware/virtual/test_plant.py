@@ -1,6 +1,6 @@
-"""The compliant closed chain: what two drives, one too few and one too many do to it."""
+"""The compliant closed chain with one, two and three driven joints, friction, gravity and fixture faults."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 import pytest
@@ -43,103 +43,101 @@ def make_plant(
     )
 
 
-def home(plant: Plant, joint: int) -> float:
+def joint_angle(plant: Plant, joint: int) -> float:
     return float((plant.true_angles_rad[1:] - plant.truth.offsets_rad)[joint - 1])
 
 
-def follow(
-    plant: Plant, drive: Commands, path: Sequence[Mapping[int, float]]
+def run(
+    plant: Plant, commands: Commands, path: Iterable[Mapping[int, float]]
 ) -> list[PlantReading]:
-    return [plant.step(drive(targets)) for targets in path]
+    return [plant.step(commands(targets)) for targets in path]
 
 
-def there_and_back_deg(amplitude: float, settle: int = 150) -> FloatArray:
-    quarter = np.linspace(0.0, amplitude, 150)
-    return np.concatenate((quarter, quarter[::-1], -quarter, -quarter[::-1], np.zeros(settle)))
+def move(
+    plant: Plant, commands: Commands, path_deg: FloatArray, *, ratio: float = -1.0
+) -> Iterator[PlantReading]:
+    """Move joint 1 along the path, relative to its present angle, and joint 5 by `ratio` times as much."""
+    angle_1, angle_5 = joint_angle(plant, 1), joint_angle(plant, 5)
+    for x in np.deg2rad(path_deg).tolist():
+        yield plant.step(commands({1: angle_1 + x, 5: angle_5 + ratio * x}))
 
 
-def test_two_drives_move_the_chain_and_bring_it_back(drive):
+def test_two_driven_joints_move_the_loop_and_return_it(commands):
     plant = make_plant()
-    start, h1, h5 = plant.true_angles_rad, home(plant, 1), home(plant, 5)
-    farthest, open_by = np.zeros(8), 0.0
-    for x in np.deg2rad(there_and_back_deg(12.0)).tolist():
-        plant.step(drive({1: h1 + x, 5: h5 - 2.5 * x}))
+    start = plant.true_angles_rad
+    quarter = np.linspace(0.0, 12.0, 150)
+    path = np.concatenate((quarter, quarter[::-1], -quarter, -quarter[::-1], np.zeros(150)))
+    farthest, largest_error = np.zeros(8), 0.0
+    for _ in move(plant, commands, path, ratio=-2.5):
         farthest = np.maximum(farthest, np.abs(plant.true_angles_rad - start))
-        open_by = max(open_by, float(np.abs(plant.closure_error).max()))
+        largest_error = max(largest_error, float(np.abs(plant.closure_error).max()))
     assert np.rad2deg(farthest[[1, 5]]) == pytest.approx([12.0, 30.0], abs=0.5)
     assert np.all(np.rad2deg(np.delete(farthest, [1, 5])) > 1.0)
-    assert open_by < 1e-3
+    assert largest_error < 1e-3
     assert np.rad2deg(np.abs(plant.true_angles_rad - start).max()) < 1e-9
 
 
-def test_a_stiff_fixture_keeps_the_loop_closed_while_moving(drive):
+def test_stiff_fixture_keeps_the_moving_loop_closed(commands):
     plant = make_plant(n_per_m=2e9, nm_per_rad=1e8, payload_kg=ELBOW_AND_WRIST_KG)
-    h1, h5 = home(plant, 1), home(plant, 5)
-    for x in np.deg2rad(np.linspace(0.0, 20.0, 100)).tolist():
-        plant.step(drive({1: h1 + x, 5: h5 - x}))
-        assert np.abs(plant.closure_error[:3]).max() < 2e-6
-        assert np.abs(plant.closure_error[3:]).max() < 2e-6
-    for _ in range(100):
-        plant.step(drive({1: h1 + x, 5: h5 - x}))
+    path = np.minimum(np.arange(200) * 20.0 / 99.0, 20.0)
+    assert all(np.abs(plant.closure_error).max() < 2e-6 for _ in move(plant, commands, path))
     assert np.abs(plant.closure_error).max() < 2e-7
 
 
 @pytest.mark.parametrize("third", [2, 3, 4, 6, 7])
-def test_a_third_drive_that_disagrees_builds_up_torque(drive, third):
+def test_third_driven_joint_builds_up_torque(commands, third):
     plant = make_plant(n_per_m=2e9, nm_per_rad=1e8)
-    targets = {j: home(plant, j) for j in (1, 5, third)}
-    quiet = follow(plant, drive, [targets] * 20)[-1]
-    assert max(map(abs, quiet.torque_nm)) < 1e-3
+    targets = {j: joint_angle(plant, j) for j in (1, 5, third)}
+    reading = run(plant, commands, [targets] * 20)[-1]
+    assert max(map(abs, reading.torque_nm)) < 1e-3
     targets[third] += float(np.deg2rad(2.5))
-    loud = follow(plant, drive, [targets] * 100)[-1]
-    assert max(map(abs, loud.torque_nm)) > 100.0
+    reading = run(plant, commands, [targets] * 100)[-1]
+    assert max(map(abs, reading.torque_nm)) > 100.0
 
 
-def test_one_drive_too_few_sags_and_two_do_not(drive):
-    def drop_deg(joints: tuple[int, ...]) -> float:
+def test_loop_sags_with_one_driven_joint_and_not_with_two(commands):
+    def sag_deg(joints: tuple[int, ...]) -> float:
         plant = make_plant(payload_kg=ELBOW_AND_WRIST_KG)
         start = plant.true_angles_rad
-        targets = {j: home(plant, j) for j in joints}
-        follow(plant, drive, [targets] * 100)
+        targets = {j: joint_angle(plant, j) for j in joints}
+        run(plant, commands, [targets] * 100)
         return float(np.rad2deg(np.abs(plant.true_angles_rad - start).max()))
 
-    assert drop_deg((1,)) > 5.0
-    assert drop_deg((5,)) > 5.0
-    assert drop_deg((1, 5)) < 0.5
+    assert sag_deg((1,)) > 5.0
+    assert sag_deg((5,)) > 5.0
+    assert sag_deg((1, 5)) < 0.5
 
 
-def test_friction_above_the_load_holds_without_creep(drive):
+def test_friction_above_the_load_prevents_creep(commands):
     plant = make_plant(payload_kg=ELBOW_AND_WRIST_KG, friction_nm=30.0)
     start = plant.true_angles_rad
-    targets = {1: home(plant, 1)}
-    follow(plant, drive, [targets] * 200)
+    targets = {1: joint_angle(plant, 1)}
+    run(plant, commands, [targets] * 200)
     settled = plant.true_angles_rad
-    follow(plant, drive, [targets] * 200)
+    run(plant, commands, [targets] * 200)
     assert np.abs(settled - start).max() < 2e-3
     assert np.abs(plant.true_angles_rad - settled).max() < 1e-8
 
 
-def test_friction_leaves_the_fixture_bent_when_the_arm_has_come_to_rest(drive):
-    def bend_m(friction_nm: float) -> float:
+def test_friction_keeps_the_fixture_deflected_at_rest(commands):
+    def deflection_m(friction_nm: float) -> float:
         plant = make_plant(n_per_m=1e5, nm_per_rad=3e3, friction_nm=friction_nm)
-        h1, h5 = home(plant, 1), home(plant, 5)
-        ramp = np.deg2rad(np.concatenate((np.linspace(0.0, 15.0, 100), np.full(150, 15.0))))
-        follow(plant, drive, [{1: h1 + x, 5: h5 - x} for x in ramp.tolist()])
+        list(move(plant, commands, np.minimum(np.arange(250) * 15.0 / 99.0, 15.0)))
         return float(np.linalg.norm(plant.closure_error[3:]))
 
-    assert bend_m(0.0) < 1e-9
-    assert 1e-4 < bend_m(5.0) < 3e-3
+    assert deflection_m(0.0) < 1e-9
+    assert 1e-4 < deflection_m(5.0) < 3e-3
 
 
-def test_gravity_is_the_slope_of_the_potential():
-    """Held joints in a fixture that gives way carry the weight alone: torque = dV/dtheta."""
+def test_gravity_torque_is_the_gradient_of_the_potential():
+    """With a negligible fixture stiffness, holding joints carry the weight alone: torque = dV/dtheta."""
     payload = np.array([0.3, 0.0, 1.0, 0.2, 1.5, 0.0, 0.7])
     plant = make_plant(n_per_m=1e-9, nm_per_rad=1e-9, payload_kg=payload)
-    held = [JointCommand(mode=None, target_rad=0.0)] * 7
+    hold = [JointCommand(mode=None, target_rad=0.0)] * 7
     for _ in range(60):
-        reading = plant.step(held)
+        reading = plant.step(hold)
     angles, h = plant.true_angles_rad[1:], 1e-6
-    slope = [
+    gradient = [
         (
             potential(plant.truth, angles + h * e, payload)
             - potential(plant.truth, angles - h * e, payload)
@@ -147,12 +145,12 @@ def test_gravity_is_the_slope_of_the_potential():
         / (2.0 * h)
         for e in np.eye(7)
     ]
-    np.testing.assert_allclose(reading.torque_nm, slope, rtol=0.0, atol=1e-6)
-    assert np.abs(slope).max() > 1.0
+    np.testing.assert_allclose(reading.torque_nm, gradient, rtol=0.0, atol=1e-6)
+    assert np.abs(gradient).max() > 1.0
 
 
 def potential(truth: LoopTruth, joints: FloatArray, payload_kg: FloatArray) -> float:
-    """Height energy of the payload by plain homogeneous matrices in frame 0, J."""
+    """Potential energy of the payload by plain homogeneous matrices in frame 0, J."""
     constants = truth.table.stacked()[1:, 1:]
     return sum(
         9.81 * mass * float(product(joints[:j], *constants[:, :j])[0, 3])
@@ -160,10 +158,9 @@ def potential(truth: LoopTruth, joints: FloatArray, payload_kg: FloatArray) -> f
     )
 
 
-def test_a_blocked_valve_holds_where_the_joint_was(drive):
+def test_blocked_valve_holds_the_joint(commands):
     plant = make_plant(payload_kg=ELBOW_AND_WRIST_KG)
-    h1, h5 = home(plant, 1), home(plant, 5)
-    follow(plant, drive, [{1: h1 + 0.002 * k, 5: h5} for k in range(100)])
+    list(move(plant, commands, np.rad2deg(0.002) * np.arange(100), ratio=0.0))
     stopped = plant.true_angles_rad
     off = [JointCommand(mode=None, target_rad=99.0)] * 7
     for _ in range(200):
@@ -172,66 +169,63 @@ def test_a_blocked_valve_holds_where_the_joint_was(drive):
     assert max(map(abs, reading.speed_rad_per_s)) < 1e-6
 
 
-def test_the_reading_is_of_the_state_after_the_step(drive):
+def test_reading_is_of_the_state_after_the_step(commands):
     plant = make_plant()
     before = plant.true_angles_rad
-    h1, h5 = home(plant, 1), home(plant, 5)
-    reading = plant.step(drive({1: h1 + 0.01, 5: h5}))
+    (reading,) = move(plant, commands, np.rad2deg([0.01]), ratio=0.0)
     after = plant.true_angles_rad
-    counted = np.array(reading.position_counts) * FINE_RAD + plant.truth.offsets_rad
-    np.testing.assert_allclose(counted, after[1:], rtol=0.0, atol=FINE_RAD)
+    measured = np.array(reading.position_counts) * FINE_RAD + plant.truth.offsets_rad
+    np.testing.assert_allclose(measured, after[1:], rtol=0.0, atol=FINE_RAD)
     np.testing.assert_allclose(reading.speed_rad_per_s, (after - before)[1:] / 0.01, atol=1e-12)
     assert reading.torque_nm[0] > 0.0
     assert reading.torque_nm[1] == 0.0
 
 
-def test_at_a_fold_the_free_joints_run_ahead_and_the_drive_is_stopped(drive):
-    """With joint 2 held, the chain is stretched out before joint 4 has moved by 30 deg."""
+def test_stretched_loop_speeds_up_free_joints_and_blocks_the_driven_one(commands):
+    """With joint 2 holding, the chain is straight before joint 4 has moved by 30 deg."""
     plant = make_plant()
-    h2, h4 = home(plant, 2), home(plant, 4)
+    h2, h4 = joint_angle(plant, 2), joint_angle(plant, 4)
     fastest, hardest = 0.0, 0.0
     ramp = np.deg2rad(np.linspace(0.0, 30.0, 400))
     for x in ramp.tolist():
-        reading = plant.step(drive({2: h2, 4: h4 + x}))
+        reading = plant.step(commands({2: h2, 4: h4 + x}))
         fastest = max(fastest, *map(abs, reading.speed_rad_per_s))
         hardest = max(hardest, *map(abs, reading.torque_nm))
     assert np.all(np.isfinite(plant.true_angles_rad))
-    assert home(plant, 4) < h4 + np.deg2rad(25.0)
+    assert joint_angle(plant, 4) < h4 + np.deg2rad(25.0)
     assert fastest > 4.0 * (ramp[1] / 0.01)
     assert hardest > 100.0
 
 
-def test_wrong_calls_are_refused(drive):
+def test_missing_command_or_target_not_finite_is_refused(commands):
     plant = make_plant()
     with pytest.raises(ValueError, match="7 joints"):
         plant.step([])
     with pytest.raises(ValueError, match="finite"):
-        plant.step(drive({1: float("nan")}))
+        plant.step(commands({1: float("nan")}))
 
 
-def test_a_fixture_that_slips_takes_the_hand_along_by_as_much(drive):
+def test_slip_of_the_fixture_moves_the_tool_by_as_much(commands):
     plant = make_plant(n_per_m=2e9, nm_per_rad=1e8)
-    there = {1: home(plant, 1), 5: home(plant, 5)}
+    targets = {1: joint_angle(plant, 1), 5: joint_angle(plant, 5)}
     plant.slip(1e-3)
-    follow(plant, drive, [there] * 100)
-    # Where the hand was held it is off by 1 mm, along one axis only; what holds it now is satisfied.
+    run(plant, commands, [targets] * 100)
+    # The tool is 1 mm from its old place, along one axis only, and the loop is closed at the new place.
     point = plant.truth.point()
     point.at(plant.true_angles_rad)
     assert np.sort(np.abs(point.error)) == pytest.approx([0, 0, 0, 0, 0, 1e-3], abs=2e-6)
     assert np.abs(plant.closure_error).max() < 2e-6
 
 
-def test_a_hinge_that_binds_lets_two_drives_move_no_more(drive):
+def test_binding_hinge_blocks_two_driven_joints(commands):
     moved_rad, torque_nm = [], []
-    for binds in (False, True):
+    for bound in (False, True):
         plant = make_plant(n_per_m=2e9, nm_per_rad=1e8)
-        h1, h5 = home(plant, 1), home(plant, 5)
-        begun = plant.true_angles_rad[0]
-        if binds:
+        start = plant.true_angles_rad[0]
+        if bound:
             plant.bind_hinge()
-        for x in np.deg2rad(np.linspace(0.0, 5.0, 100)).tolist():
-            reading = plant.step(drive({1: h1 + x, 5: h5 - x}))
-        moved_rad.append(abs(plant.true_angles_rad[0] - begun))
+        *_, reading = move(plant, commands, np.linspace(0.0, 5.0, 100))
+        moved_rad.append(abs(plant.true_angles_rad[0] - start))
         torque_nm.append(max(map(abs, reading.torque_nm)))
     assert moved_rad[1] < 0.05 * moved_rad[0]
     assert torque_nm[1] > 100.0 > torque_nm[0]

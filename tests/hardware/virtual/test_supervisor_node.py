@@ -1,4 +1,4 @@
-"""Parameter documents over the bus: stage, read back, commit, roll back, and everything that may be wrong."""
+"""Parameter documents over the bus: stage, read back, commit, roll back, and errors of each step."""
 
 import hashlib
 import threading
@@ -15,6 +15,7 @@ from hardware.virtual.parameter_store import (
     refuse_documents,
 )
 from hardware.virtual.supervisor_node import ArmLabel
+from tests.hardware.virtual.conftest import write_to_supervisor
 from tests.oracles.raw_can import RawAbort
 from tests.oracles.virtual_rig import Rig, parse, rig
 
@@ -28,10 +29,9 @@ def document(offsets: tuple[int, ...] = OFFSETS, serial: str = "SDA-0007") -> by
 
 
 @pytest.fixture
-def arm():
-    with rig() as made:
-        made.peer.take_control()
-        yield made
+def arm(arm):
+    arm.peer.take_control()
+    return arm
 
 
 def offsets(arm: Rig) -> tuple[int, ...]:
@@ -42,73 +42,61 @@ def slots(arm: Rig) -> list[int]:
     return [arm.peer.unsigned(16, 0x2003, sub) for sub in (1, 2, 3, 4)]
 
 
-def order(arm: Rig, command: bytes) -> int | None:
-    try:
-        arm.peer.write(16, 0x2002, 0, command)
-    except RawAbort as refused:
-        return refused.code
-    return None
+def execute(arm: Rig, command: bytes) -> int | None:
+    """Abort code, None if the command was executed."""
+    return write_to_supervisor(arm, 0x2002, command)
+
+
+def stage(arm: Rig, data: bytes) -> None:
+    arm.peer.write(16, 0x2000, 0, data)
+    assert execute(arm, STAGE) is None
 
 
 def upload(arm: Rig, data: bytes) -> None:
-    arm.peer.write(16, 0x2000, 0, data)
-    assert order(arm, STAGE) is None
-    assert order(arm, COMMIT) is None
+    stage(arm, data)
+    assert execute(arm, COMMIT) is None
 
 
-def held(arm: Rig) -> bytes | int:
-    """What 2000h reads, or the abort code."""
-    try:
-        return arm.peer.read(16, 0x2000)
-    except RawAbort as refused:
-        return refused.code
-
-
-def refused_by(validate: Callable[[bytes], ValidatedParameters]) -> bytes:
-    """Why a controller with this schema refuses a document."""
+def reason_of_refusal(validate: Callable[[bytes], ValidatedParameters]) -> bytes:
+    """Stage a valid document at a controller with this schema, which refuses it."""
     with rig(validate=validate) as arm:
         arm.peer.take_control()
         arm.peer.write(16, 0x2000, 0, document())
-        assert order(arm, STAGE) == 0x08000020
+        assert execute(arm, STAGE) == 0x08000020
         return arm.peer.read(16, 0x2004)
 
 
-def test_stage_read_back_commit(arm):
+def test_document_is_staged_read_back_and_committed(arm):
     data = document() + b"\n" * 4000
     arm.peer.write(16, 0x2000, 0, data)
     assert slots(arm) == [0, 0, 0, 0]
-    assert order(arm, STAGE) is None
+    assert execute(arm, STAGE) is None
     assert slots(arm) == [0, 0, 0, 1]
     assert offsets(arm) == (0,) * 7
-    assert held(arm) == data
+    assert arm.peer.read(16, 0x2000) == data
     assert arm.peer.read(16, 0x2001, 1) == hashlib.sha256(data).digest()
     assert arm.peer.unsigned(16, 0x2001, 2) == len(data)
-    assert order(arm, COMMIT) is None
+    assert execute(arm, COMMIT) is None
     assert slots(arm) == [1, 1, 0, 0]
     assert offsets(arm) == OFFSETS
-    assert held(arm) == data
+    assert arm.peer.read(16, 0x2000) == data
 
 
-def test_the_second_document_goes_to_the_other_slot_and_back(arm):
+def test_roll_back_drops_the_staged_document_then_switches_slots(arm):
     upload(arm, document())
+    stage(arm, document(OTHER))
+    assert arm.peer.read(16, 0x2000) == document(OTHER)
+    assert execute(arm, ROLL_BACK) is None
+    assert arm.peer.read(16, 0x2000) == document()
+    assert execute(arm, COMMIT) == 0x08000022
+    assert offsets(arm) == OFFSETS
     upload(arm, document(OTHER))
     assert slots(arm) == [2, 1, 1, 0]
     assert offsets(arm) == OTHER
-    assert order(arm, ROLL_BACK) is None
+    assert execute(arm, ROLL_BACK) is None
     assert slots(arm) == [1, 1, 1, 0]
     assert offsets(arm) == OFFSETS
-    assert held(arm) == document()
-
-
-def test_roll_back_drops_what_was_staged_first(arm):
-    upload(arm, document())
-    arm.peer.write(16, 0x2000, 0, document(OTHER))
-    assert order(arm, STAGE) is None
-    assert held(arm) == document(OTHER)
-    assert order(arm, ROLL_BACK) is None
-    assert held(arm) == document()
-    assert order(arm, COMMIT) == 0x08000022
-    assert offsets(arm) == OFFSETS
+    assert arm.peer.read(16, 0x2000) == document()
 
 
 @pytest.mark.parametrize(
@@ -122,19 +110,19 @@ def test_roll_back_drops_what_was_staged_first(arm):
         document((*OFFSETS[:6], 5121)),
     ],
 )
-def test_a_wrong_document_is_refused_in_words_and_nothing_changes(arm, data, approve):
+def test_invalid_document_is_refused_without_effect(arm, data, approve):
     upload(arm, document(OTHER))
     arm.peer.write(16, 0x2000, 0, data)
-    assert order(arm, STAGE) == 0x08000020
+    assert execute(arm, STAGE) == 0x08000020
     approve(arm.peer.read(16, 0x2004).decode())
-    assert order(arm, COMMIT) == 0x08000022
+    assert execute(arm, COMMIT) == 0x08000022
     assert slots(arm) == [1, 1, 0, 0]
     assert offsets(arm) == OTHER
-    assert held(arm) == document(OTHER)
+    assert arm.peer.read(16, 0x2000) == document(OTHER)
 
 
 @pytest.mark.parametrize("angle", [float("nan"), float("inf"), 2.1 / 5729.578])
-def test_angles_must_be_finite_and_agree_with_the_counts(angle, approve):
+def test_angles_must_be_finite_and_match_counts(angle, approve):
     def validate(data: bytes) -> ValidatedParameters:
         return ValidatedParameters(
             arm_serial="SDA-0007",
@@ -142,66 +130,57 @@ def test_angles_must_be_finite_and_agree_with_the_counts(angle, approve):
             theta_off_rad=(angle, 0, 0, 0, 0, 0, 0),
         )
 
-    approve(refused_by(validate).decode())
+    approve(reason_of_refusal(validate).decode())
 
 
-def test_words_that_are_no_ascii_are_escaped():
+def test_reason_of_refusal_is_escaped_to_ascii():
     def validate(data: bytes) -> ValidatedParameters:
         raise ValueError("Straße")
 
-    assert refused_by(validate) == b"Stra\\xdfe"
+    assert reason_of_refusal(validate) == b"Stra\\xdfe"
 
 
-def test_without_the_token_nothing_is_taken(arm):
+def test_document_without_token_is_refused(arm):
     arm.peer.write(16, 0x2010, 0, bytes(4))
-    with pytest.raises(RawAbort) as refused:
-        arm.peer.write(16, 0x2000, 0, document())
-    assert refused.value.code == 0x08000021
-    assert order(arm, STAGE) == 0x08000021
+    assert write_to_supervisor(arm, 0x2000, document()) == 0x08000021
+    assert execute(arm, STAGE) == 0x08000021
     assert b"token" in arm.peer.read(16, 0x2004)
 
 
 @pytest.mark.parametrize("staged", [False, True])
-def test_what_was_not_committed_goes_with_the_token(arm, staged):
+def test_uncommitted_document_is_dropped_with_the_token(arm, staged):
     arm.peer.write(16, 0x2000, 0, document())
     if staged:
-        assert order(arm, STAGE) is None
+        assert execute(arm, STAGE) is None
     arm.peer.write(16, 0x2010, 0, bytes(4))
     arm.peer.take_control()
-    assert held(arm) == 0x08000024
-    assert order(arm, COMMIT) == 0x08000022
+    with pytest.raises(RawAbort, match="08000024h"):
+        arm.peer.read(16, 0x2000)
+    assert execute(arm, COMMIT) == 0x08000022
     assert slots(arm) == [0, 0, 0, 0]
 
 
-def test_commands_out_of_order(arm):
-    assert order(arm, STAGE) == 0x08000022
-    assert order(arm, COMMIT) == 0x08000022
-    assert order(arm, ROLL_BACK) == 0x08000022
-    arm.peer.write(16, 0x2000, 0, document())
-    assert order(arm, COMMIT) == 0x08000022
+def test_command_out_of_order_is_refused(arm):
+    for command in (STAGE, COMMIT, ROLL_BACK):
+        assert execute(arm, command) == 0x08000022
+    stage(arm, document())
+    arm.peer.write(16, 0x2000, 0, document(OTHER))  # ends the staging of the first document
+    assert slots(arm)[3] == 0
+    assert execute(arm, COMMIT) == 0x08000022
     assert b"nothing is staged" in arm.peer.read(16, 0x2004)
 
 
-def test_a_new_document_takes_the_place_of_a_staged_one(arm):
-    arm.peer.write(16, 0x2000, 0, document())
-    assert order(arm, STAGE) is None
-    arm.peer.write(16, 0x2000, 0, document(OTHER))
-    assert slots(arm)[3] == 0
-    assert order(arm, COMMIT) == 0x08000022
+def test_controller_without_schema_refuses_documents():
+    assert b"without a parameter schema" in reason_of_refusal(refuse_documents)
 
 
-def test_a_controller_without_a_schema_refuses_every_document():
-    assert b"without a parameter schema" in refused_by(refuse_documents)
-
-
-def test_restarting_brings_the_committed_offsets_back(tmp_path):
+def test_committed_offsets_survive_a_restart(tmp_path):
     for first in (True, False):
         with rig(store=ParameterStore(FolderDisk(tmp_path))) as arm:
             if first:
                 arm.peer.take_control()
                 upload(arm, document())
-                arm.peer.write(16, 0x2000, 0, document(OTHER))
-                assert order(arm, STAGE) is None
+                stage(arm, document(OTHER))
             assert offsets(arm) == OFFSETS
     with rig(store=ParameterStore(FolderDisk(tmp_path))) as arm:
         inject(arm.controller, "restart", 1)
@@ -210,7 +189,7 @@ def test_restarting_brings_the_committed_offsets_back(tmp_path):
         assert slots(arm) == [1, 1, 0, 0]
 
 
-def test_another_arms_controller_does_not_use_the_document(tmp_path):
+def test_document_of_another_arm_is_not_used(tmp_path):
     with rig(store=ParameterStore(FolderDisk(tmp_path))) as arm:
         arm.peer.take_control()
         upload(arm, document())
@@ -222,22 +201,22 @@ def test_another_arms_controller_does_not_use_the_document(tmp_path):
         assert b"active document not used" in arm.peer.read(16, 0x2004)
 
 
-def break_the_schema() -> None:
-    def broken(data: bytes) -> ValidatedParameters:
+def run_failing_schema() -> None:
+    def failing(data: bytes) -> ValidatedParameters:
         raise KeyError("a mistake in the schema's own code")
 
-    with rig(validate=broken) as arm:
+    with rig(validate=failing) as arm:
         arm.peer.take_control()
-        for _ in range(2):  # the second command is answered as well
+        for _ in range(2):  # the second command is answered too
             arm.peer.write(16, 0x2000, 0, document())
-            assert order(arm, STAGE) == 0x08000000
+            assert execute(arm, STAGE) == 0x08000000
             assert b"the controller failed" in arm.peer.read(16, 0x2004)
         assert slots(arm)[0] == 0
 
 
-def test_a_mistake_in_the_schema_is_answered_and_not_kept_quiet():
+def test_exception_of_the_schema_is_answered_and_raised_by_close():
     with pytest.raises(KeyError, match="mistake"):
-        break_the_schema()
+        run_failing_schema()
 
 
 class FullDisk(Disk):
@@ -245,23 +224,22 @@ class FullDisk(Disk):
         raise OSError(28, "No space left on device")
 
 
-def test_a_full_disk_is_said_and_changes_nothing():
+def test_full_disk_is_reported_without_effect():
     with rig(store=ParameterStore(FullDisk())) as arm:
         arm.peer.take_control()
-        arm.peer.write(16, 0x2000, 0, document())
-        assert order(arm, STAGE) is None
-        assert order(arm, COMMIT) == 0x08000020
+        stage(arm, document())
+        assert execute(arm, COMMIT) == 0x08000020
         assert b"No space left" in arm.peer.read(16, 0x2004)
         assert slots(arm)[0] == 0
         assert offsets(arm) == (0,) * 7
 
 
-def test_the_arm_goes_on_while_a_document_is_checked_and_no_second_command_is_taken():
-    checking, go_on = threading.Event(), threading.Event()
+def test_validation_does_not_block_the_arm_or_admit_a_second_command():
+    checking, may_finish = threading.Event(), threading.Event()
 
     def slow(data: bytes) -> ValidatedParameters:
         checking.set()
-        assert go_on.wait(5.0)
+        assert may_finish.wait(5.0)
         return parse(data)
 
     with rig(validate=slow) as arm:
@@ -272,12 +250,11 @@ def test_the_arm_goes_on_while_a_document_is_checked_and_no_second_command_is_ta
         for _ in range(20):
             arm.peer.sync()
         assert arm.peer.seen(0x590)[-1][0] == 0x20  # the answer to the document's last segment
-        assert order(arm, COMMIT) == 0x08000022
-        with pytest.raises(RawAbort):
-            arm.peer.write(16, 0x2000, 0, document(OTHER))
-        go_on.set()
+        assert execute(arm, COMMIT) == 0x08000022
+        assert write_to_supervisor(arm, 0x2000, document(OTHER)) is not None
+        may_finish.set()
         while not arm.peer.unsigned(16, 0x2003, 4):
             pass
         arm.peer.quiet()
-        assert order(arm, COMMIT) is None
+        assert execute(arm, COMMIT) is None
         assert offsets(arm) == OFFSETS

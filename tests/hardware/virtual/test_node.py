@@ -1,4 +1,4 @@
-"""The objects of the controller's nodes as a stranger reads and writes them, against the standards' numbers."""
+"""Objects of the virtual nodes, read and written by a raw peer with the numbers of the standards."""
 
 import struct
 
@@ -7,19 +7,7 @@ import pytest
 from tests.oracles.raw_can import RawAbort
 
 
-def test_identity_of_every_node(arm):
-    for node in range(1, 8):
-        assert arm.peer.unsigned(node, 0x1000) == 0x00020192
-        assert arm.peer.unsigned(node, 0x1018, 4) == 700 + node
-        assert arm.peer.read(node, 0x1008) == b"sarcal virtual joint drive"
-    assert arm.peer.unsigned(16, 0x1000) == 0
-    assert arm.peer.unsigned(16, 0x1018, 4) == 7
-    assert arm.peer.read(16, 0x2020, 1) == b"test_arm"
-    assert arm.peer.read(16, 0x2020, 2) == b"SDA-0007"
-    assert arm.peer.unsigned(16, 0x2020, 3) == 7
-
-
-def test_what_a_joint_says_about_itself(arm):
+def test_joint_objects_have_the_values_of_its_axis(arm):
     peer = arm.peer
     assert (peer.unsigned(1, 0x608F, 1), peer.unsigned(1, 0x608F, 2)) == (36_000, 1)
     assert (peer.signed(1, 0x607D, 1), peer.signed(1, 0x607D, 2)) == (-6000, 6000)
@@ -63,22 +51,22 @@ def test_what_a_joint_says_about_itself(arm):
         (16, 0x2004, 0, None, 0x08000024),
     ],
 )
-def test_writes_and_reads_that_are_refused(arm, node, index, sub, data, code):
-    place = node, index, sub
-    with pytest.raises(RawAbort) as refused:
-        arm.peer.read(*place) if data is None else arm.peer.write(*place, data)
-    assert refused.value.code == code
+def test_invalid_access_is_aborted_with_its_code(arm, node, index, sub, data, code):
+    entry = node, index, sub
+    with pytest.raises(RawAbort) as abort:
+        arm.peer.read(*entry) if data is None else arm.peer.write(*entry, data)
+    assert abort.value.code == code
 
 
-def test_the_arm_can_be_driven_by_sdo_too(arm):
+def test_drive_can_be_enabled_and_moved_by_sdo(arm):
     arm.peer.start()
     arm.peer.take_control()
     arm.peer.write(2, 0x6060, 0, b"\x08")
     for word in (0x06, 0x07, 0x0F):
         arm.peer.write(2, 0x6040, 0, struct.pack("<H", word))
     for _ in range(4):
-        here = arm.peer.sync()[1][1]
-    arm.peer.write(2, 0x607A, 0, struct.pack("<i", here - 7))
-    assert arm.peer.signed(2, 0x607A) == here - 7
-    assert arm.peer.sync()[1][1] == here - 7
-    assert arm.peer.signed(2, 0x6064) == here - 7
+        target = arm.peer.sync()[1][1] - 7
+    arm.peer.write(2, 0x607A, 0, struct.pack("<i", target))
+    assert arm.peer.signed(2, 0x607A) == target
+    assert arm.peer.sync()[1][1] == target
+    assert arm.peer.signed(2, 0x6064) == target

@@ -98,7 +98,7 @@ class Rig:
         self.controller, self.plant, self.clock, self.peer = controller, plant, clock, peer
         self.channel = channel
 
-    def settled(self, reader: Callable[[], Any] = lambda: None) -> Any:
+    def run_in_loop(self, reader: Callable[[], Any] = lambda: None) -> Any:
         """Run something in the control loop, after everything sent so far; return its result."""
         done = threading.Event()
         result: list[Any] = []
@@ -114,26 +114,26 @@ class Rig:
             raise TimeoutError("the control loop does not answer")
         return result[0]
 
-    def passes(self, seconds: float) -> None:
+    def advance_time(self, seconds: float) -> None:
         """Let time pass while the controller's loop listens: in steps too short to be its own lateness."""
         began_s, steps = self.clock.time_s, math.ceil(seconds / 0.09)
         for k in range(1, steps + 1):
             self.clock.time_s = began_s + seconds * k / steps
-            self.settled()
+            self.run_in_loop()
 
-    def broken(self, kind: str, joint: int = 1) -> None:
+    def inject_fault(self, kind: str, joint: int = 1) -> None:
         """Break something on purpose, and wait until it is so."""
         inject(self.controller, kind, joint)
-        self.settled()
+        self.run_in_loop()
 
-    def mended(self, name: str, joint: int) -> None:
+    def clear_disturbance(self, name: str, joint: int) -> None:
         """Undo what is kept of a joint in the disturbances."""
         kept = getattr(self.controller.disturbances, name)
-        self.settled(lambda: kept.pop(joint) if isinstance(kept, dict) else kept.discard(joint))
+        self.run_in_loop(lambda: kept.pop(joint) if isinstance(kept, dict) else kept.discard(joint))
 
-    def flagged(self, joint: int, name: str, value: bool) -> None:
+    def set_drive_flag(self, joint: int, name: str, value: bool) -> None:
         """Set a flag of a drive."""
-        self.settled(lambda: setattr(self.controller.drives[joint - 1].drive, name, value))
+        self.run_in_loop(lambda: setattr(self.controller.drives[joint - 1].drive, name, value))
 
     def operational(self, modes: Sequence[int] = (8,) * 7) -> list[tuple[int, int, int]]:
         self.peer.start()

@@ -49,8 +49,8 @@ def test_node_without_heartbeat_gets_no_token(arm, node):
 @pytest.mark.parametrize(("age_s", "code"), [(0.5, None), (0.501, 0x08000022)])
 def test_token_needs_a_heartbeat_within_the_timeout(arm, age_s, code):
     arm.peer.beat()
-    arm.settled()
-    arm.passes(age_s)
+    arm.run_in_loop()
+    arm.advance_time(age_s)
     assert request_token(arm, 127) == code
 
 
@@ -66,7 +66,7 @@ def test_returned_token_leaves_drives_holding_without_fault(arm):
     assert request_token(arm, 0) is None
     assert [word & STATE for word in statuswords(arm)] == [0x07] * 7
     assert {c.mode for c in arm.plant.commands} == {JointMode.POSITION}
-    arm.passes(5.0)  # no heartbeat is needed any more
+    arm.advance_time(5.0)  # no heartbeat is needed any more
     assert [word & STATE for word in statuswords(arm)] == [0x07] * 7
     assert not [n for n, _ in arm.peer.log if 0x80 < n < 0x100]
     arm.peer.command(1, 0x0F, 0, 8)
@@ -74,7 +74,7 @@ def test_returned_token_leaves_drives_holding_without_fault(arm):
 
 
 def lose_operator(arm: Rig) -> None:
-    arm.passes(0.51)
+    arm.advance_time(0.51)
     for joint in range(1, 8):
         arm.peer.wait_for(lambda number, _, joint=joint: number == 0x80 + joint)
 
@@ -82,7 +82,7 @@ def lose_operator(arm: Rig) -> None:
 def test_heartbeats_in_time_keep_control(arm):
     arm.operational()
     for _ in range(10):
-        arm.passes(0.49)
+        arm.advance_time(0.49)
         arm.peer.beat()
         assert [word & STATE for word in statuswords(arm)] == [0x27] * 7
 
@@ -136,18 +136,18 @@ def test_controller_latency_is_excluded_from_the_heartbeat_timeout(arm, queued):
     arm.clock.time_s += 3.0
     arm.controller.resume_loop()
     assert arm.peer.unsigned(16, 0x2010) == 127
-    arm.passes(0.3)
+    arm.advance_time(0.3)
     assert [word & STATE for word in statuswords(arm)] == [0x27] * 7
-    arm.passes(0.3)
+    arm.advance_time(0.3)
     assert arm.peer.read(16, 0x2010) == FREE
 
 
 def test_heartbeats_of_other_nodes_do_not_keep_the_token(arm):
     arm.operational()
     for _ in range(4):
-        arm.passes(0.2)
+        arm.advance_time(0.2)
         arm.peer.beat(126)
-        arm.settled()
+        arm.run_in_loop()
     assert arm.peer.read(16, 0x2010) == FREE
 
 
@@ -155,9 +155,9 @@ def test_heartbeat_timeout_is_configurable():
     with rig(heartbeat_timeout_s=2.0) as arm:
         arm.operational()
         assert arm.peer.unsigned(3, 0x1016, 1) == 127 << 16 | 2000
-        arm.passes(1.99)
+        arm.advance_time(1.99)
         assert arm.peer.unsigned(16, 0x2010) == 127
-        arm.passes(0.02)
+        arm.advance_time(0.02)
         arm.peer.wait_for(lambda number, _: number == 0x87)
         assert arm.peer.read(16, 0x2010) == FREE
 

@@ -44,7 +44,7 @@ def test_heartbeats_are_sent_every_100_ms(arm):
         arm.clock.time_s += 0.1
         wait_for_heartbeats(arm)
     arm.clock.time_s += 0.09
-    arm.settled()
+    arm.run_in_loop()
     arm.peer.quiet()
     assert [len(arm.peer.seen(0x700 + node)) for node in NODES] == [3] * 8
 
@@ -67,14 +67,14 @@ def test_reset_boots_the_node_and_only_reset_communication_holds(arm):
     arm.peer.log.clear()
     arm.peer.nmt(130, 2)
     arm.peer.nmt(129, 3)
-    arm.settled()
+    arm.run_in_loop()
     booted = [number for number, data in arm.peer.log if number > 0x700 and data == b"\0"]
     assert booted == [0x702, 0x703]
     arm.peer.nmt(1)
     states = arm.peer.sync()
     assert states[1][0] & STATE == 0x07
     assert states[2][0] & 0x4F == 0x40
-    modes = arm.settled(lambda: [command.mode for command in arm.plant.commands[1:3]])
+    modes = arm.run_in_loop(lambda: [command.mode for command in arm.plant.commands[1:3]])
     assert modes == [JointMode.POSITION, None]
 
 
@@ -91,11 +91,11 @@ def test_leaving_operational_stops_and_holds_drives(arm, command):
 
 def test_sync_steps_the_plant_once_and_sends_each_tpdo1_once(arm):
     arm.peer.start()
-    before = arm.settled(lambda: arm.plant.steps)
+    before = arm.run_in_loop(lambda: arm.plant.steps)
     for _ in range(20):
         arm.peer.sync()  # asserts the order of the joints
-    assert arm.settled(lambda: arm.plant.steps) == before + 20
-    assert arm.settled(lambda: arm.controller.sync_count) == 20
+    assert arm.run_in_loop(lambda: arm.plant.steps) == before + 20
+    assert arm.run_in_loop(lambda: arm.controller.sync_count) == 20
 
 
 def test_tpdo1_contains_statusword_counts_and_torque(arm):
@@ -105,7 +105,7 @@ def test_tpdo1_contains_statusword_counts_and_torque(arm):
         arm.plant.angles_rad[0], arm.plant.torque_nm[0] = -1.0, -12.34
         arm.plant.torque_nm[1] = 1e9
 
-    arm.settled(set_plant)
+    arm.run_in_loop(set_plant)
     states = arm.peer.sync()
     assert states[0] == (0x0050, -5730, -123)  # 36000 counts a turn; 100 N m rated
     assert states[1][2] == 32767
@@ -139,9 +139,9 @@ def test_malformed_extended_remote_and_foreign_frames_are_ignored(arm):
         can.Message(arbitration_id=0x80, is_remote_frame=True, is_extended_id=False),
     ):
         arm.peer.bus.send(message)
-    count = arm.settled(lambda: arm.controller.sync_count)
+    count = arm.run_in_loop(lambda: arm.controller.sync_count)
     assert [word & STATE for word, _, _ in arm.peer.sync()] == [0x27] * 7
-    assert arm.settled(lambda: arm.controller.sync_count) == count + 1
+    assert arm.run_in_loop(lambda: arm.controller.sync_count) == count + 1
 
 
 def test_second_close_is_safe_and_bus_stays_open(arm):

@@ -64,7 +64,7 @@ def tpdo_counts(arm: Rig) -> list[int]:
 )
 def test_node_fault_changes_frames_of_its_node(arm, kind, joint, tpdos, heartbeats):
     arm.peer.start()
-    arm.broken(kind, joint)
+    arm.inject_fault(kind, joint)
     arm.peer.log.clear()
     for _ in range(11):
         arm.peer.send(0x080)
@@ -79,19 +79,19 @@ def test_node_fault_changes_frames_of_its_node(arm, kind, joint, tpdos, heartbea
 
 def test_silent_node_receives_nothing_and_holds_after_heartbeat_timeout(arm):
     arm.operational([10] * 7)
-    arm.broken("silent-node", 4)
+    arm.inject_fault("silent-node", 4)
     arm.peer.command(4, 0x00, 0, 8)
     arm.peer.send(0x080)
-    arm.settled()
+    arm.run_in_loop()
     assert arm.plant.commands[3].mode is JointMode.FREE
     for _ in range(6):
         arm.clock.time_s += 0.1
         arm.peer.beat()
-        arm.settled()
+        arm.run_in_loop()
     arm.peer.send(0x080)
-    arm.settled()
+    arm.run_in_loop()
     assert arm.plant.commands[3].mode is JointMode.POSITION
-    arm.mended("cut_since_s", 4)
+    arm.clear_disturbance("cut_since_s", 4)
     states = arm.peer.sync()
     assert states[3][0] & 0x4F == FAULT
     assert {word & STATE for k, (word, _, _) in enumerate(states) if k != 3} == {QUICK_STOPPED}
@@ -101,8 +101,8 @@ def test_silent_node_receives_nothing_and_holds_after_heartbeat_timeout(arm):
 def test_other_map_changes_frames_and_object(arm):
     arm.peer.start()
     counts = arm.peer.sync()[2][1]
-    arm.settled(lambda: arm.plant.speed_rad_per_s.__setitem__(2, 0.5))
-    arm.broken("other-map", 3)
+    arm.run_in_loop(lambda: arm.plant.speed_rad_per_s.__setitem__(2, 0.5))
+    arm.inject_fault("other-map", 3)
     states = arm.peer.sync()
     assert states[2][1] == round(0.5 * arm.plant.scales[2]) != counts
     assert states[1][1] == round(arm.plant.angles_rad[1] * arm.plant.scales[1])

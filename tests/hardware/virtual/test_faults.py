@@ -41,7 +41,7 @@ def expect_trip(arm: Rig, joint: int, code: int) -> None:
 )
 def test_trip_sends_its_code_and_stops_other_drives(arm, quantity, joint, value, code):
     arm.operational([8, 10, 10, 10, 8, 10, 10])
-    arm.settled(lambda: getattr(arm.plant, quantity).__setitem__(joint - 1, value))
+    arm.run_in_loop(lambda: getattr(arm.plant, quantity).__setitem__(joint - 1, value))
     expect_trip(arm, joint, code)
     assert arm.peer.unsigned(joint, 0x1001) == 0x21
     assert arm.peer.unsigned(joint, 0x603F) == code
@@ -50,7 +50,7 @@ def test_trip_sends_its_code_and_stops_other_drives(arm, quantity, joint, value,
 def test_deaf_drive_keeps_position_and_clears_statusword_bit_12(arm):
     states = arm.operational()
     assert arm.peer.sync()[0][0] & 0x1000
-    arm.broken("deaf-drive", 1)
+    arm.inject_fault("deaf-drive", 1)
     target = states[0][1]
     for _ in range(3):
         target += 90
@@ -63,11 +63,11 @@ def test_deaf_drive_keeps_position_and_clears_statusword_bit_12(arm):
 
 def test_broken_sensor_trips_7305h_and_reset_needs_repair(arm):
     arm.operational()
-    arm.broken("broken-sensor", 7)
+    arm.inject_fault("broken-sensor", 7)
     expect_trip(arm, 7, 0x7305)
     arm.peer.command(7, 0x80, 0, 8)
     assert arm.peer.sync()[6][0] & 0x4F == FAULT
-    arm.flagged(7, "sensor_failed", False)
+    arm.set_drive_flag(7, "sensor_failed", False)
     arm.peer.command(7, 0x00, 0, 8)
     arm.peer.command(7, 0x80, 0, 8)
     assert arm.peer.sync()[6][0] & 0x4F == 0x40
@@ -76,7 +76,7 @@ def test_broken_sensor_trips_7305h_and_reset_needs_repair(arm):
 
 def test_no_drive_is_enabled_while_one_is_in_fault(arm):
     arm.operational()
-    arm.settled(lambda: arm.plant.speed_rad_per_s.__setitem__(2, 9.9))
+    arm.run_in_loop(lambda: arm.plant.speed_rad_per_s.__setitem__(2, 9.9))
     arm.peer.sync()
     for joint in (1, 2, 4, 5, 6, 7):
         arm.peer.command(joint, 0x00, 0, 8)
@@ -86,7 +86,7 @@ def test_no_drive_is_enabled_while_one_is_in_fault(arm):
 
 def test_external_stop_trips_all_drives_until_released(arm):
     arm.operational()
-    arm.broken("external-stop")
+    arm.inject_fault("external-stop")
     states = arm.peer.sync()
     assert [word & 0x4F for word, _, _ in states] == [FAULT] * 7
     assert {c.mode for c in arm.plant.commands} == {None}
@@ -94,7 +94,7 @@ def test_external_stop_trips_all_drives_until_released(arm):
     for joint in range(1, 8):
         arm.peer.command(joint, 0x80, 0, 8)
     assert [word & 0x4F for word, _, _ in arm.peer.sync()] == [FAULT] * 7
-    arm.settled(lambda: external_stop(arm.controller, pressed=False))
+    arm.run_in_loop(lambda: external_stop(arm.controller, pressed=False))
     for joint in range(1, 8):
         arm.peer.command(joint, 0x00, 0, 8)
         arm.peer.command(joint, 0x80, 0, 8)
@@ -104,13 +104,13 @@ def test_external_stop_trips_all_drives_until_released(arm):
 
 def test_refused_mode_switch_keeps_6061h(arm):
     arm.operational()
-    arm.broken("refused-modes", 3)
+    arm.inject_fault("refused-modes", 3)
     for joint in (2, 3):
         arm.peer.command(joint, 0x0F, 0, 10)
     for _ in range(20):
         arm.peer.sync()
     assert [arm.peer.signed(joint, 0x6061) for joint in (1, 2, 3)] == [8, 10, 8]
-    arm.flagged(3, "refuses_modes", False)
+    arm.set_drive_flag(3, "refuses_modes", False)
     arm.peer.sync()
     assert arm.peer.signed(3, 0x6061) == 10
 
@@ -140,7 +140,7 @@ def test_scripted_faults_occur_at_their_sync():
             arm.peer.start()
             for _ in range(14):
                 arm.peer.send(0x080)
-            arm.settled()
+            arm.run_in_loop()
             return [frame for frame in arm.peer.log if frame[0] < 0x200]
 
     frames = run()

@@ -252,11 +252,11 @@ def send_frames_then_read_and_stop(frames: list[tuple[int, bytes, bool]]) -> Non
                 lambda n, data, node=node: n == 0x580 + node and data[:4] == b"\x43\x00\x10\x00"
             )
         arm.peer.sync()
-        stopped_rad = arm.settled(lambda: list(arm.plant.angles_rad))
+        stopped_rad = arm.run_in_loop(lambda: list(arm.plant.angles_rad))
         for _ in range(5):
             states = arm.peer.sync()
         assert not [word for word, _, _ in states if word & 0x6F == 0x27]
-        assert arm.settled(lambda: list(arm.plant.angles_rad)) == stopped_rad
+        assert arm.run_in_loop(lambda: list(arm.plant.angles_rad)) == stopped_rad
         assert arm.controller.failure is None
 
 

@@ -96,16 +96,22 @@ class NoiseSource:
     """Noise of one source, independent from pose to pose.
 
     `rates` (m, n + k): variance along joints and closure components, per unit of the variance component with the index
-    `component`; if `component` is None, `rates` is the variance itself.
+    `component`; if `component` is None, `rates` is the variance itself. `missed`: whether this is the part of a
+    repeatable effect that its columns do not represent. That part is as large as stated or, if the effect is estimated
+    smaller, smaller by the same factor; it does not take part in the estimate of the factor, because white noise says
+    nothing about an effect that repeats.
     """
 
     source: str
     component: int | None
     rates: FloatArray
+    missed: bool
 
     def variance(self, v: FloatArray) -> FloatArray:
         """Variance (m, n + k) for variance components `v` (K,)."""
-        return self.rates if self.component is None else self.rates * v[self.component]
+        if self.component is None:
+            return self.rates
+        return self.rates * (min(1.0, v[self.component]) if self.missed else v[self.component])
 
 
 class LinearModel(Layout):
@@ -143,19 +149,23 @@ class LinearModel(Layout):
     # ---- noise
 
     def noise_sources(self, poses: slice) -> Iterator[NoiseSource]:
-        """Yield every source of noise, i.e. of errors that are independent from pose to pose.
-
-        The part of play, sag and deflection that the effects' columns do not represent is noise of fixed variance.
-        """
+        """Yield every source of noise, i.e. of errors that are independent from pose to pose."""
         n, errors = self.model.joint_count, self.errors
         shape = (len(self.q[poses]), n + self.rows)
 
         def along(
-            columns: slice, source: str, rate: FloatArray, component: str = ""
+            columns: slice,
+            source: str,
+            rate: FloatArray,
+            component: str = "",
+            *,
+            missed: bool = False,
         ) -> NoiseSource:
             rates = np.zeros(shape)
             rates[:, columns] = rate
-            return NoiseSource(source=source, component=self.index.get(component), rates=rates)
+            return NoiseSource(
+                source=source, component=self.index.get(component), rates=rates, missed=missed
+            )
 
         joints, closure = slice(0, n), slice(n, None)
         read = ~np.isin(np.arange(1, n + 1), self.model.unsensed_joints)
@@ -164,17 +174,20 @@ class LinearModel(Layout):
             yield along(own, name, a.share[poses, None], f"rvdt_{a.joint}")
         yield along(joints, "counts", errors.joint_variance[poses] * read)
         if len(self.play_joints):
-            yield along(joints, "joint_play", self.play.missed[poses] * self.backlash**2)
+            rate = self.play.missed[poses] * self.backlash**2
+            yield along(joints, "joint_play", rate, "play_sides", missed=True)
             yield along(joints, "joint_play", self.backlash**2, "joint_play")
         if len(self.sag_joints):
-            yield along(joints, "sag", self.sags.missed[poses] * self.sag**2)
+            yield along(joints, "sag", self.sags.missed[poses] * self.sag**2, "sag", missed=True)
         if errors.endpoint_variance.any():
             yield along(closure, "instrument", errors.endpoint_variance[6 - self.rows :])
         for rows, stated in self.deflecting_rows:
-            variance = self.deflection_basis.missed[poses, None] * self.free_deflection * stated**2
-            yield along(slice(n + rows.start, n + rows.stop), "fixture_give", variance)
+            rate = self.deflection_basis.missed[poses, None] * self.free_deflection * stated**2
+            along_rows = slice(n + rows.start, n + rows.stop)
+            yield along(along_rows, "fixture_give", rate, "smooth_give", missed=True)
         if self.loaded is not None:
-            yield along(closure, "fixture_give", self.loaded.missed(poses))
+            rate = self.loaded.missed(poses)
+            yield along(closure, "fixture_give", rate, "compliance", missed=True)
         for name, rows in zip(FIXTURE_NOISE, (slice(n, n + 3), slice(-3, None)), strict=True):
             if name in self.index:
                 yield along(rows, "fixture_give", np.ones((1, 1)), name)
@@ -189,7 +202,7 @@ class LinearModel(Layout):
             (len(self.q[poses]), self.model.joint_count + self.rows, len(self.components))
         )
         for s in self.noise_sources(poses):
-            if s.component is not None:
+            if s.component is not None and not s.missed:
                 rates[..., s.component] += s.rates
         return rates
 

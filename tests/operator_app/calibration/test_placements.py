@@ -126,9 +126,8 @@ def test_a_measured_one_counts_like_one_observation_more(unmeasured):
 
 def test_one_that_the_poses_contradict_is_reported():
     solution = found(KnownDistance(between=(3, 4), value_m=BLOCK_M + 2e-3, sigma_m=1e-4))
-    assert [n.code for n in solution.warnings].count("DISTANCE") == 1
-    assert "DISTANCE" in {c.code for c in solution.causes}
-    assert solution.verdict is Verdict.WITH_WARNINGS
+    assert solution.causes[0].code == "DISTANCE"
+    assert solution.verdict is Verdict.NOT_ACCEPTED
     assert solution.distances[0].deviation > 4.0
 
 

@@ -75,7 +75,7 @@ def test_jacobians_are_the_derivatives(planted, beside, unsensed):
         )
 
 
-def test_shapes_and_names_agree(planted):
+def test_shapes_and_parameter_names_are_consistent(planted):
     model, x, q = planted.model, planted.truth, planted.q
     names = [p.name for p in model.parameters]
     assert len(set(names)) == len(names) == len(x)
@@ -96,7 +96,7 @@ def test_shapes_and_names_agree(planted):
     assert not reduced.flipped.any()
 
 
-def test_many_starts_in_one_call(planted):
+def test_stacked_starts_match_single_calls(planted):
     model, q = planted.model, planted.q
     starts = np.stack([perturbed(model, seed) for seed in range(3)])
     together = model.reduced(starts, q)
@@ -122,7 +122,7 @@ def noise(planted: Case) -> NoiseModel:
     return NoiseModel(joint_variance=np.full(planted.q.shape[1], SIGMA_RAD**2))
 
 
-def test_noise_is_judged_as_what_it_is(planted):
+def test_sensor_noise_gives_expected_chi2_and_sigmas(planted):
     rng = np.random.default_rng(7)
     q = planted.q + SIGMA_RAD * rng.normal(size=planted.q.shape)
     found = estimate_implicit(planted.model, q, noise(planted))
@@ -133,7 +133,7 @@ def test_noise_is_judged_as_what_it_is(planted):
     assert np.abs(off / found.standard_deviation).max() < 5.0
 
 
-def test_the_order_of_poses_does_not_matter(planted):
+def test_pose_order_does_not_change_estimate(planted):
     rng = np.random.default_rng(8)
     q = planted.q + SIGMA_RAD * rng.normal(size=planted.q.shape)
     order = rng.permutation(len(q))
@@ -146,7 +146,7 @@ def test_the_order_of_poses_does_not_matter(planted):
     np.testing.assert_allclose(second.pose_chi2, first.pose_chi2[order], rtol=1e-6, atol=1e-9)
 
 
-def test_equal_descriptions_close_the_same_loops(planted):
+def test_equivalent_parameters_close_same_loops(planted):
     found = planted.model.equivalents(planted.truth)
     np.testing.assert_array_equal(found[0], planted.truth)
     for x in found:
@@ -155,7 +155,7 @@ def test_equal_descriptions_close_the_same_loops(planted):
         assert not reduced.flipped.any()
 
 
-def test_a_joint_that_does_not_move_is_reported(planted):
+def test_constrained_joint_is_reported_unidentifiable(planted):
     full = FIXTURES[planted.kind](planted.arm).model(planted.arm)
     x = nominal_vector(full.parameters)
     if freedoms(full) < 2:
@@ -178,7 +178,7 @@ def test_a_joint_that_does_not_move_is_reported(planted):
     assert not identifiability(smaller, nominal_vector(smaller.parameters), q).directions
 
 
-def test_a_held_parameter_is_gone_and_nothing_else(planted):
+def test_fixing_a_parameter_removes_its_column_only(planted):
     model, q = planted.model, planted.q
     x = nominal_vector(model.parameters)
     for k, parameter in enumerate(model.parameters):
@@ -192,7 +192,7 @@ def test_a_held_parameter_is_gone_and_nothing_else(planted):
         )
 
 
-def test_an_unsensed_joint_is_not_read(planted):
+def test_readings_of_unsensed_joints_are_ignored(planted):
     fixture = FIXTURES[planted.kind](planted.arm)
     model = fixture.model(planted.arm, unsensed_joints=(6, 7))
     x = perturbed(model, seed=10)
@@ -235,7 +235,7 @@ def test_mobility_and_setup_checks(planted):
     )
 
 
-def test_what_the_fixture_hides_is_warned_of_and_dropped(planted):
+def test_hidden_parameters_are_those_dropped_as_unidentifiable(planted):
     """The set-up check and the Jacobian know of each other's findings without sharing code."""
     fixture = FIXTURES[planted.kind](planted.arm)
     model = fixture.model(planted.arm)
@@ -250,7 +250,7 @@ def test_what_the_fixture_hides_is_warned_of_and_dropped(planted):
     assert hidden == set(dropped) - {"theta_off_4"}
 
 
-def test_placements_are_the_single_loops_side_by_side(planted):
+def test_placements_equal_stacked_single_loops(planted):
     fixture = FIXTURES[planted.kind](planted.arm)
     q = planted.q[:7]
     number = np.array([1, 2, 2, 1, 2, 1, 1])

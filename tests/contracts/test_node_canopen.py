@@ -29,7 +29,7 @@ def library():
         )
 
 
-def test_a_foreign_master_reads_samples_drives_and_stops():
+def test_node_canopen_master_reads_moves_and_stops_arm():
     settings = axes()
     plant = TrivialPlant([axis.scale.counts_per_rad for axis in settings])
     there = [

@@ -31,7 +31,7 @@ def bench(request, tmp_path_factory):
             yield from arm_contract.bench.__wrapped__(tmp_path_factory)
 
 
-def test_arm_check_tries_it_as_well(bench):
+def test_arm_check_passes_contract_arms(bench):
     """All but what moves it: in a fixture one joint is not turned alone."""
     bench.arm.close()
     made = Tried(
@@ -50,7 +50,7 @@ def test_arm_check_tries_it_as_well(bench):
         assert {f.passed for f in found if f.name == "guard"} == {None}
 
 
-def test_what_was_not_found_out_is_no_pass_and_nothing_tried_is_a_failure():
+def test_fulfils_skips_unknown_and_fails_empty_clauses():
     def clause(name: str, *, passed: bool | None) -> Clause:
         return Clause(name=name, passed=passed, text="as it was seen")
 
@@ -68,7 +68,7 @@ def test_what_was_not_found_out_is_no_pass_and_nothing_tried_is_a_failure():
 
 
 @pytest.mark.campaign
-def test_an_outside_package_installs_and_runs_it_by_itself(tmp_path):
+def test_installed_outside_package_passes_contract(tmp_path):
     """As the manual says, in a folder that has nothing of ours."""
     folder, target = tmp_path / "package", tmp_path / "target"
     package(folder)

@@ -57,7 +57,7 @@ PYTEST = [
 
 @pytest.mark.campaign
 @pytest.mark.needs("linux.uml")
-def test_socketcan_keeps_the_contracts_of_transport_and_arm():
+def test_socketcan_meets_transport_and_arm_contracts():
     # Timing under a user-mode kernel on one processor says nothing; two sessions of the arm are enough.
     chosen = "socketcan and (transport_contract or two_driven or stop_in_a_move)"
     contracts = [
@@ -71,19 +71,19 @@ def test_socketcan_keeps_the_contracts_of_transport_and_arm():
 
 @pytest.mark.campaign
 @pytest.mark.needs("linux.uml")
-def test_candump_and_cansend_agree_and_missing_devices_are_named():
+def test_socketcan_agrees_with_can_utils():
     agrees(in_user_mode_linux(sys.executable, "-c", INSIDE))
 
 
 @pytest.mark.campaign
 @pytest.mark.needs("linux.uml")
-def test_a_frame_that_a_full_queue_refuses_is_offered_again_and_arrives_once():
+def test_frame_refused_by_full_queue_is_sent_again_once():
     offered_again(in_user_mode_linux(sys.executable, "-m", "tests.oracles.full_transmit_queue"))
 
 
 @pytest.mark.campaign
 @pytest.mark.needs("qemu-system-x86_64", "busybox")
-def test_a_full_queue_of_debians_kernel_refuses_and_takes_as_well():
+def test_full_queue_of_debian_kernel_is_retried():
     kernel = f"QEMU_KERNEL_ROOT={os.environ.get('QEMU_KERNEL_ROOT', '')}"
     offered_again(
         in_emulated_linux("env", kernel, sys.executable, "-m", "tests.oracles.full_transmit_queue")
@@ -104,7 +104,7 @@ def offered_again(said: str) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.needs("qemu-system-x86_64", "busybox")
-def test_socketcan_keeps_the_contract_of_transports_where_user_mode_linux_does_not_run():
+def test_socketcan_meets_transport_contract_in_emulated_pc():
     # One boot for both, and of pytest's plugins those alone that the project's settings name: each import
     # is a second.
     both = shlex.join([sys.executable, "-c", INSIDE]) + " && ip link set vcan0 up && " + shlex.join([

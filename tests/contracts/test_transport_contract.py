@@ -45,7 +45,7 @@ FRAMES = {
 
 
 @pytest.mark.parametrize("frame", FRAMES.values(), ids=FRAMES.keys())
-def test_a_frame_arrives_as_it_was_sent(opener, frame):
+def test_received_frame_equals_sent_frame(opener, frame):
     ours, theirs = opener(), opener()
     ours.send(frame)
     arrived = theirs.recv(2.0)
@@ -54,14 +54,14 @@ def test_a_frame_arrives_as_it_was_sent(opener, frame):
     assert arrived.equals(frame, timestamp_delta=None, check_direction=False, check_channel=False)
 
 
-def test_own_frames_are_not_heard(opener):
+def test_own_frames_are_not_received(opener):
     ours, theirs = opener(), opener()
     ours.send(FRAMES["standard-8"])
     assert theirs.recv(2.0) is not None
     assert ours.recv(0.0) is None
 
 
-def test_own_frames_are_heard_on_request(opener):
+def test_own_frames_are_received_on_request(opener):
     ours = opener(receive_own_messages=True)
     ours.send(FRAMES["standard-8"])
     echo = ours.recv(2.0)
@@ -69,14 +69,14 @@ def test_own_frames_are_heard_on_request(opener):
     assert not echo.is_rx
 
 
-def test_everybody_else_hears(opener):
+def test_frame_reaches_all_other_handles(opener):
     buses = [opener() for _ in range(3)]
     buses[1].send(FRAMES["standard-3"])
     assert buses[0].recv(2.0) is not None
     assert buses[2].recv(2.0) is not None
 
 
-def test_a_burst_arrives_whole_and_in_order(opener):
+def test_burst_arrives_complete_and_in_order(opener):
     ours, theirs = opener(), opener()
     count = 200  # a socketcan receive buffer of default size holds a few hundred
     for number in range(count):
@@ -95,7 +95,7 @@ def test_a_burst_arrives_whole_and_in_order(opener):
 
 @pytest.mark.campaign
 @pytest.mark.real_time
-def test_timestamps_are_times_of_arrival_however_late_the_reader(opener):
+def test_timestamps_are_arrival_times(opener):
     ours, theirs = opener(), opener()
     before = time.time()
     ours.send(FRAMES["standard-1"])
@@ -112,7 +112,7 @@ def test_timestamps_are_times_of_arrival_however_late_the_reader(opener):
     assert time.time() - second.timestamp > held_up_s / 2
 
 
-def test_filters_let_only_their_identifiers_through(opener):
+def test_filters_pass_only_matching_identifiers(opener):
     ours = opener()
     theirs = opener(can_filters=[{"can_id": 0x180, "can_mask": 0x7F0, "extended": False}])
     for identifier in (0x080, 0x181, 0x701, 0x187):
@@ -121,7 +121,7 @@ def test_filters_let_only_their_identifiers_through(opener):
     assert [message and message.arbitration_id for message in heard] == [0x181, 0x187]
 
 
-def test_an_empty_bus_returns_at_the_timeout(opener):
+def test_recv_on_empty_bus_returns_at_timeout(opener):
     bus = opener()
     assert bus.recv(0.0) is None
     start = time.monotonic()
@@ -129,7 +129,7 @@ def test_an_empty_bus_returns_at_the_timeout(opener):
     assert 0.04 <= time.monotonic() - start < 1.0
 
 
-def test_a_waiting_reader_wakes(opener):
+def test_waiting_reader_receives_frame(opener):
     ours, theirs = opener(), opener()
     heard: list[can.Message | None] = []
     reader = threading.Thread(target=lambda: heard.append(theirs.recv(5.0)))
@@ -140,7 +140,7 @@ def test_a_waiting_reader_wakes(opener):
     assert heard[0] is not None
 
 
-def test_a_sender_is_heard_and_hears_nothing(opener, settings):
+def test_sender_handle_receives_nothing(opener, settings):
     bus, sender = opener(), open_sender(settings)
     bus.send(FRAMES["standard-8"])
     sender.send(FRAMES["standard-2"])
@@ -150,7 +150,7 @@ def test_a_sender_is_heard_and_hears_nothing(opener, settings):
     sender.shutdown()
 
 
-def test_shutting_down_twice_is_safe(opener):
+def test_second_shutdown_is_harmless(opener):
     ours, theirs = opener(), opener()
     theirs.shutdown()
     theirs.shutdown()

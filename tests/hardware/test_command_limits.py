@@ -67,7 +67,7 @@ def is_refused(refusal: str, words: str) -> bool:
         (NAN, 0, NOT_FINITE),
     ],
 )
-def test_targets_on_the_boundaries(previous, target, words):
+def test_target_boundaries(previous, target, words):
     assert is_refused(refuse_target(LIMITS, target, previous), words)
 
 
@@ -88,14 +88,14 @@ def test_targets_on_the_boundaries(previous, target, words):
         (-1001, 1.0, OUTSIDE),
     ],
 )
-def test_moves_on_the_boundaries(target, speed, words):
+def test_move_boundaries(target, speed, words):
     assert is_refused(refuse_move(LIMITS, target, speed), words)
 
 
 @pytest.mark.parametrize("drive", DriveState)
 @pytest.mark.parametrize("mode", [*JointMode, None])
 @pytest.mark.parametrize("in_control", [False, True])
-def test_only_one_situation_allows_commands(in_control, drive, mode):
+def test_commands_require_control_enabled_drive_and_position_mode(in_control, drive, mode):
     words = "does not control the arm" if not in_control else ""
     if in_control and drive is not DriveState.OPERATION_ENABLED:
         words = f"the drive is in state {drive.value}"
@@ -105,7 +105,7 @@ def test_only_one_situation_allows_commands(in_control, drive, mode):
 
 
 @given(st.floats(-1e6, 1e6) | st.sampled_from([NAN, INF, -INF]), st.integers(-1500, 1500))
-def test_what_passes_is_inside_near_and_finite(target, previous):
+def test_accepted_target_is_in_range_near_and_finite(target, previous):
     if not refuse_target(LIMITS, target, previous):
         assert math.isfinite(target)
         assert abs(target - previous) <= 20
@@ -124,7 +124,7 @@ def test_limits_from_radians_are_rounded_inwards():
     assert limits.max_step_counts == 4  # 3 counts a period, and one for rounding
 
 
-def test_a_range_on_whole_counts_keeps_them():
+def test_range_on_whole_counts_is_kept():
     scale = JointScale(counts_per_rad=4000 / (2 * math.pi))
     for counts in range(-4000, 4000, 37):
         limits = joint_limits(
@@ -138,7 +138,7 @@ def test_a_range_on_whole_counts_keeps_them():
 
 
 @given(st.floats(0.001, 3.0), st.floats(-2.0, 2.0), st.floats(600.0, 70000.0))
-def test_a_move_at_the_largest_speed_passes_step_by_step(speed, start, counts_per_rad):
+def test_steps_at_maximum_speed_are_accepted(speed, start, counts_per_rad):
     scale = JointScale(counts_per_rad=counts_per_rad)
     limits = joint_limits(1, scale, lower_rad=-5, upper_rad=5, max_speed_rad_per_s=speed)
     targets = [scale.to_counts(start + k * speed * 0.01) for k in range(50)]
@@ -156,7 +156,7 @@ def test_a_move_at_the_largest_speed_passes_step_by_step(speed, start, counts_pe
         {"max_step_counts": 0},
     ],
 )
-def test_impossible_limits_are_wrong_calls(bad):
+def test_invalid_limits_raise_value_error(bad):
     good = {
         "joint": 1,
         "lower_counts": 0,
@@ -168,14 +168,14 @@ def test_impossible_limits_are_wrong_calls(bad):
         JointLimits(**{**good, **bad})  # type: ignore[arg-type]
 
 
-def test_a_range_may_be_a_single_count():
+def test_single_count_range_is_accepted():
     limits = replace(LIMITS, lower_counts=7, upper_counts=7)
     assert not refuse_move(limits, 7, 1.0)
     assert "is outside 7 .. 7" in refuse_move(limits, 8, 1.0)
 
 
 @pytest.mark.parametrize("bad", [0.0, NAN, INF, -INF])
-def test_a_scale_is_finite_and_not_zero(bad):
+def test_scale_must_be_finite_and_nonzero(bad):
     with pytest.raises(ValueError, match="not zero"):
         JointScale(counts_per_rad=bad)
 

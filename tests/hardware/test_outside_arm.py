@@ -103,7 +103,7 @@ COMMANDS: dict[str, Callable[[OutsideArm], object]] = {
 
 @pytest.mark.parametrize("asks_the_watch", [True, False])
 @pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
-def test_stop_pressed_while_a_command_is_under_way_has_the_last_word(
+def test_stop_during_command_takes_precedence(
     arm, plain, command, asks_the_watch
 ):
     arm.take_control()
@@ -122,7 +122,7 @@ def test_a_move_that_began_after_stop_is_stopped_at_its_first_look(arm, plain):
     assert not plain.on_after_the_watch
 
 
-def test_a_command_that_fails_while_stop_is_pressed_is_stopped_all_the_same(arm, plain):
+def test_stop_during_failing_command_stops_arm(arm, plain):
     def half_done() -> None:
         arm.stop()
         plain.on = True
@@ -143,7 +143,7 @@ def test_a_command_that_fails_while_stop_is_pressed_is_stopped_all_the_same(arm,
     ],
     ids=["nan", "one missing"],
 )
-def test_a_reading_that_is_none_names_the_arm_and_the_joint(arm, plain, what, values, words):
+def test_invalid_reading_names_arm_and_joint(arm, plain, what, values, words):
     right = plain.capture
     plain.capture = lambda samples: replace(right(samples), **{what: values})
     with pytest.raises(arms.BusError, match=f"the arm plain: {what} {words}"):
@@ -151,7 +151,7 @@ def test_a_reading_that_is_none_names_the_arm_and_the_joint(arm, plain, what, va
 
 
 @pytest.mark.parametrize("command", [OutsideArm.snapshot, COMMANDS["set_modes"], COMMANDS["move"]])
-def test_a_snapshot_is_looked_over_every_time(arm, plain, command):
+def test_invalid_snapshot_is_refused_in_every_command(arm, plain, command):
     arm.take_control()
     whole = plain.snapshot()
     lost = replace(whole.joints[1], position_rad=math.inf)
@@ -167,7 +167,7 @@ def test_a_snapshot_is_looked_over_every_time(arm, plain, command):
             command(arm)
 
 
-def test_a_stop_that_is_pressed_while_the_arm_is_being_closed_reaches_it(arm, plain):
+def test_stop_while_closing_reaches_arm(arm, plain):
     arm.take_control()
     plain.meanwhile = arm.stop
     assert plain.on
@@ -175,7 +175,7 @@ def test_a_stop_that_is_pressed_while_the_arm_is_being_closed_reaches_it(arm, pl
     assert not plain.on
 
 
-def test_closing_an_arm_that_is_being_closed_waits_for_it(arm, plain):
+def test_second_close_waits_for_first_close(arm, plain):
     going, watch_on_the_way, answers = threading.Event(), threading.Event(), list[bool]()
 
     def wait() -> None:
@@ -197,6 +197,6 @@ def test_closing_an_arm_that_is_being_closed_waits_for_it(arm, plain):
     assert answers == [True, True]
 
 
-def test_an_upload_needs_no_drive(arm, plain):
+def test_upload_enables_no_drive(arm, plain):
     assert arm.upload_parameters(b"table").length == len(plain.document)
     assert not plain.on

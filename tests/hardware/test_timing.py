@@ -60,13 +60,13 @@ def allowed() -> bool:
 
 
 @pytest.mark.skipif(not allowed(), reason="this user may not ask for real-time priority")
-def test_threads_started_inside_run_in_real_time_and_none_afterwards():
+def test_threads_started_inside_have_real_time_priority():
     with real_time_priority():
         assert policy_of_a_thread() == os.SCHED_RR
     assert policy_of_a_thread() == os.sched_getscheduler(0) == os.SCHED_OTHER
 
 
-def test_where_it_is_not_allowed_everything_goes_on(monkeypatch):
+def test_denied_real_time_priority_is_ignored(monkeypatch):
     def refuse(*_: object) -> None:
         raise PermissionError
 
@@ -76,7 +76,7 @@ def test_where_it_is_not_allowed_everything_goes_on(monkeypatch):
 
 
 @pytest.mark.skipif(not allowed(), reason="this user may not ask for real-time priority")
-def test_a_loop_runs_before_the_rest_of_a_program_in_real_time_only():
+def test_loop_priority_exceeds_program_priority():
     with real_time_priority():
         assert priority_of_a_loop() == LOOP_PRIORITY > PRIORITY
         assert os.sched_getparam(0).sched_priority == PRIORITY
@@ -184,7 +184,7 @@ def play(loop: ControlLoop, bus: Bus, scenario: Iterator[None]) -> None:
         raise bus.failure
 
 
-def test_a_loop_that_was_kept_from_running_does_not_call_the_arm_silent(bus, loop):
+def test_suspended_loop_reports_no_silence(bus, loop):
     def scenario() -> Iterator[None]:
         bus.beat()
         yield from looks(4)
@@ -199,7 +199,7 @@ def test_a_loop_that_was_kept_from_running_does_not_call_the_arm_silent(bus, loo
     play(loop, bus, scenario())
 
 
-def test_a_loop_that_only_ever_gets_short_turns_still_hears_who_speaks(bus, loop):
+def test_repeatedly_suspended_loop_reports_no_silence(bus, loop):
     def scenario() -> Iterator[None]:
         for _ in range(50):
             bus.kept_from_running_s = 0.7
@@ -210,7 +210,7 @@ def test_a_loop_that_only_ever_gets_short_turns_still_hears_who_speaks(bus, loop
     play(loop, bus, scenario())
 
 
-def test_a_silent_arm_is_found_however_late_we_are(bus, loop):
+def test_silence_is_reported_despite_host_latency(bus, loop):
     def scenario() -> Iterator[None]:
         bus.beat()
         yield from looks(4)
@@ -225,7 +225,7 @@ def test_a_silent_arm_is_found_however_late_we_are(bus, loop):
     play(loop, bus, scenario())
 
 
-def test_listening_never_counts_for_more_than_the_time_that_passed():
+def test_listened_time_never_exceeds_elapsed_time():
     clock = Clock()
     latency = LatencyMonitor(clock)
     for gap_s in (0.01, MAX_POLL_GAP_S, 0.3, 2.0, 0.0):
@@ -237,7 +237,7 @@ def test_listening_never_counts_for_more_than_the_time_that_passed():
     assert clock.now_s - latency.listened_s == pytest.approx(3.0)
 
 
-def test_an_answer_that_waited_for_us_is_as_old_as_its_stamp(bus, loop):
+def test_queued_answer_has_age_of_its_stamp(bus, loop):
     ages: list[float] = []
     own: list[float] = []
     """Of the sample before each SYNC, 10 ms later: the oldest age, and how much of it is our own."""
@@ -265,7 +265,7 @@ def test_an_answer_that_waited_for_us_is_as_old_as_its_stamp(bus, loop):
 
 
 @pytest.mark.parametrize("set_by_s", [-3600.0, -0.5, -0.02, 0.02, 0.5, 3600.0])
-def test_a_clock_set_anew_makes_no_frame_older_than_it_can_be(set_by_s):
+def test_clock_step_does_not_exceed_possible_frame_age(set_by_s):
     clock, set_to_s = Clock(), 0.0
 
     def stamps() -> float:
@@ -285,7 +285,7 @@ def test_a_clock_set_anew_makes_no_frame_older_than_it_can_be(set_by_s):
     assert latency.lateness == HostLatency()
 
 
-def test_a_queue_that_never_empties_says_by_its_stamps_how_far_behind_we_are():
+def test_backlog_is_measured_by_stamps():
     """A frame every millisecond, and 1.2 ms for each: nothing is ever not waiting, and nobody fails to look."""
     clock = Clock()
     latency = LatencyMonitor(clock, lambda: clock.now_s + TIME_OF_DAY_S)
@@ -305,7 +305,7 @@ def test_a_queue_that_never_empties_says_by_its_stamps_how_far_behind_we_are():
 @pytest.mark.parametrize(
     ("ours", "stamp_s"), [(False, 0.0), (False, 12.5), (False, TIME_OF_DAY_S), (True, 0.0)]
 )
-def test_a_frame_without_a_stamp_of_ours_came_when_it_was_read(ours, stamp_s):
+def test_frame_without_own_stamp_has_no_latency(ours, stamp_s):
     clock = Clock()
     latency = LatencyMonitor(clock, clock if ours else None)
     latency.queue_empty(clock.now_s)
@@ -320,14 +320,14 @@ def test_a_frame_without_a_stamp_of_ours_came_when_it_was_read(ours, stamp_s):
         (("slcan", "kvaser", "pcan", "gs_usb", "socketcand", "vector"), False),
     ],
 )
-def test_only_this_computers_own_stamps_are_by_the_time_of_day(interfaces, known):
+def test_only_local_interfaces_have_a_stamping_clock(interfaces, known):
     for interface in interfaces:
         clock = stamping_clock(BusSettings(interface=interface))
         assert (clock is not None) is known, interface
         assert clock is None or clock() == pytest.approx(time.time(), abs=1.0)
 
 
-def test_nobody_is_late_for_an_arm_whose_time_stands_meanwhile():
+def test_waiting_arm_has_no_latency():
     clock = Clock()
     for arm_waits, times in ((False, 1), (True, 0)):
         latency = LatencyMonitor(clock, arm_waits=arm_waits)
@@ -336,7 +336,7 @@ def test_nobody_is_late_for_an_arm_whose_time_stands_meanwhile():
         assert latency.lateness.times == times
 
 
-def test_each_lateness_is_counted_once():
+def test_each_latency_is_counted_once():
     clock = Clock()
     latency = LatencyMonitor(clock)
     clock.now_s += 5.0  # before anything is to be heard
@@ -350,7 +350,7 @@ def test_each_lateness_is_counted_once():
     )
 
 
-def test_nothing_new_is_commanded_by_a_sample_that_is_old_as_we_were_late(bus, loop):
+def test_stale_sample_is_not_passed_to_steps(bus, loop):
     """Steps that count up with every sample they are given: the one after a lateness is given to nobody."""
     asked: list[int] = []
 
@@ -367,7 +367,7 @@ def test_nothing_new_is_commanded_by_a_sample_that_is_old_as_we_were_late(bus, l
     assert [count - asked[0] for count in asked] == [0, 1, 2, 4, 5, 6]
 
 
-def test_steps_are_asked_in_turn_however_late_we_always_are(bus, loop):
+def test_steps_proceed_under_permanent_latency(bus, loop):
     """So that an alarm, or Ctrl-C, still ends them."""
     asked: list[int] = []
 

@@ -13,7 +13,7 @@ from tests.hardware.on_fake_bus import wait_for
 
 
 @pytest.mark.sample(1)
-def test_two_driven_joints_move_the_closed_chain(driven):
+def test_two_driven_joints_move_closed_chain(driven):
     start = driven.snapshot().positions_rad
     result = driven.move({2: start[1] + 0.1, 5: start[4] - 0.1}, speed_rad_per_s=0.5)
     assert result.reached
@@ -50,7 +50,7 @@ def test_stop_in_a_move_stops_everything(driven):
 
 
 @pytest.mark.sample(1)
-def test_parameters_are_uploaded_and_read_back(driven):
+def test_uploaded_parameters_are_read_back(driven):
     document = b"SDA-0007 11 -22 33 -44 55 -6 7".ljust(4000)
     receipt = driven.upload_parameters(document)
     assert receipt.home_offset_counts == (11, -22, 33, -44, 55, -6, 7)
@@ -69,7 +69,7 @@ def test_two_operators_exclude_each_other(driven, settings):
     driven.capture(1)
 
 
-def test_closing_leaves_the_arm_held_and_free_to_take(driven, settings):
+def test_closed_arm_holds_and_accepts_next_operator(driven, settings):
     before = driven.capture(10).mean_rad
     driven.close()
     driven.close()

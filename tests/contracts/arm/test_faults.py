@@ -7,7 +7,7 @@ from hardware.errors import DriveFault, DuplicateNodeId
 from tests.contracts.arm.bench import FREE, POSITION, controller_on, operator_on
 
 
-def test_a_third_driven_joint_trips_the_torque_limit(arm):
+def test_third_driven_joint_trips_torque_limit(arm):
     arm.take_control()
     arm.set_modes([FREE, POSITION, POSITION, FREE, POSITION, FREE, FREE])
     start = arm.snapshot().positions_rad
@@ -22,7 +22,7 @@ def test_a_third_driven_joint_trips_the_torque_limit(arm):
     assert {joint.drive for joint in arm.snapshot().joints} == {DriveState.OPERATION_ENABLED}
 
 
-def test_two_controllers_on_one_bus_are_named(controller, settings):
+def test_two_controllers_on_one_bus_raise_duplicate_node_id(controller, settings):
     with controller_on(settings):
         arm = operator_on(settings)
         with pytest.raises(DuplicateNodeId, match="two devices answer as node"):

@@ -11,7 +11,7 @@ from tests.contracts.arm.bench import TWO_DRIVEN, controller_on, operator_on
 from tests.oracles.slcan_adapter import SlcanAdapter
 
 
-def test_the_arm_is_driven_and_stopped_over_a_serial_line():
+def test_arm_moves_and_stops_over_slcan():
     inside = BusSettings(channel=f"slcan-{os.getpid()}")
     bus = open_bus(inside)
     with controller_on(inside), SlcanAdapter(bus) as adapter:

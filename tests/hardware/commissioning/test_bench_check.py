@@ -126,7 +126,7 @@ def failed(findings: list[CheckFinding]) -> list[tuple[str, int | None]]:
 
 
 @pytest.mark.campaign
-def test_a_sound_arm_passes_every_stage_and_is_asked_before_each_motion(bench):
+def test_sound_arm_passes_every_stage_with_consent_per_motion(bench):
     # An encoder, an RVDT; nobody wants the others moved.
     tried_joints, others = [1, 6], [2, 3, 4, 5, 7]
     who = Bystander(*(f"Joint {j} will" for j in others))
@@ -150,7 +150,7 @@ def test_a_sound_arm_passes_every_stage_and_is_asked_before_each_motion(bench):
     assert alone.text == ("no drive stayed enabled; faults: operator's heartbeat lost (8130h)")
 
 
-def test_looking_asks_nothing_and_enables_nothing(bench):
+def test_look_stage_needs_no_consent_and_enables_nothing(bench):
     who = Bystander()
     findings = tried(bench.arm(), who, Stage.LOOK)
     assert failed(findings) == []
@@ -158,7 +158,7 @@ def test_looking_asks_nothing_and_enables_nothing(bench):
     assert all(command.mode is None for command in bench.plant.commands)
 
 
-def test_where_stop_was_not_tried_nothing_is_enabled_at_all(bench):
+def test_declined_stop_test_enables_no_drive(bench):
     """No to enabling, and yes to what comes after it: a closed arm, silence."""
     who = Bystander("Enable them?", "Turn it?", "Free it?", "Release it?")
     findings = tried(bench.arm(), who)
@@ -170,7 +170,7 @@ def test_where_stop_was_not_tried_nothing_is_enabled_at_all(bench):
     assert all(command.mode is None for command in bench.plant.commands)
 
 
-def test_a_joint_that_nobody_wants_turned_stays(bench):
+def test_declined_joint_is_not_moved(bench):
     before = bench.plant.angles_rad[2]
     findings = tried(bench.arm(), Bystander(*others_than(5)), Stage.MOVE)
     assert [f.text for f in findings if f.joint == 3 and f.stage is Stage.MOVE] == [
@@ -179,20 +179,20 @@ def test_a_joint_that_nobody_wants_turned_stays(bench):
     assert bench.plant.angles_rad[2] == pytest.approx(before, abs=1e-3)
 
 
-def test_a_joint_that_turns_the_wrong_way_ends_the_check(bench):
+def test_wrong_direction_ends_check(bench):
     findings = tried(bench.arm(), Bystander("Did joint 2", *others_than(2)))
     assert failed(findings) == [("direction", 2)]
     assert {f.stage for f in findings} == {Stage.LOOK, Stage.HOLD, Stage.MOVE}
 
 
-def test_a_joint_that_does_not_turn_is_named(bench):
+def test_stuck_joint_is_reported(bench):
     bench.plant.stuck.add(4)
     findings = tried(bench.arm(), Bystander(*others_than(4)), Stage.MOVE)
     told = failed(findings)
     assert told[0] in (("moves", 4), ("no error", None)), "it is told, or its drive trips"
 
 
-def test_a_drive_that_does_not_watch_for_the_operator_is_named_before_it_is_enabled(
+def test_drive_without_heartbeat_guard_is_not_enabled(
     settings, foreign
 ):
     who = Bystander()
@@ -204,7 +204,7 @@ def test_a_drive_that_does_not_watch_for_the_operator_is_named_before_it_is_enab
     assert [f.passed for f in findings if f.name in ("modes", "quick stop")] == [None] * 8
 
 
-def test_an_arm_that_cannot_be_reached_is_one_finding(bench):
+def test_failed_connection_is_one_finding(bench):
     arm = CanopenArm(
         ACME,
         bench.settings,
@@ -223,7 +223,7 @@ class Deaf(CanopenArm):
         """Hear nothing."""
 
 
-def test_where_stop_does_not_stop_nothing_is_tried_any_more(bench):
+def test_ineffective_stop_ends_check(bench):
     arm = bench.arm()
     arm.__class__ = Deaf
     who = Bystander()
@@ -253,7 +253,7 @@ class Lingering(CanopenArm):
         return replace(found, joints=tuple(joints))
 
 
-def test_a_drive_that_is_still_enabled_after_a_stop_on_the_way_fails(bench):
+def test_drive_enabled_after_stop_during_move_fails(bench):
     arm = bench.arm()
     arm.__class__ = Lingering
     findings = tried(arm, Bystander(*others_than(1)), Stage.MOVE)
@@ -269,7 +269,7 @@ class Interrupted(CanopenArm):
         raise KeyboardInterrupt
 
 
-def test_a_ctrl_c_of_somebody_else_is_not_the_one_that_is_tried(bench):
+def test_ctrl_c_of_the_user_is_raised(bench):
     arm = bench.arm()
     with closing(arm):
         arm.connect()
@@ -300,7 +300,7 @@ class WithoutOperators(VirtualBus):
 
 
 @pytest.mark.parametrize("same_bus", [False, True])
-def test_a_second_program_that_is_let_in_is_told(bench, same_bus):
+def test_second_operator_that_connects_is_reported(bench, same_bus):
     """On the same bus it is refused after it has reset the nodes, once it hears who commands them: let in as well."""
     arm = bench.arm()
     with ExitStack() as elsewhere:
@@ -317,7 +317,7 @@ def test_a_second_program_that_is_let_in_is_told(bench, same_bus):
 @pytest.mark.parametrize(
     "pace", [pytest.param(Pace.REAL_TIME, marks=pytest.mark.real_time), Pace.FAST_FORWARD]
 )
-def test_drives_that_ignore_that_the_operator_is_gone_are_found_enabled(pace):
+def test_drives_that_ignore_operator_loss_are_reported(pace):
     """They say in 1016h that they watch. The reset of a new connection stops them: that is not alone."""
     with ExitStack() as stack:
         bench = Bench(stack, watches=False)
@@ -330,7 +330,7 @@ def test_drives_that_ignore_that_the_operator_is_gone_are_found_enabled(pace):
     assert DriveState.OPERATION_ENABLED not in drives
 
 
-def test_a_target_that_is_not_refused_ends_the_check_and_the_move(bench):
+def test_accepted_out_of_range_target_ends_check(bench):
     """The arm's own limits are wider than those of the arm file."""
     arm = bench.arm()
     narrow = tuple(replace(j, upper_rad=0.5) for j in arm.on_bus.description.joints)

@@ -10,7 +10,7 @@ def said(monitor: BusMonitor, identifier: int, data: bytes, now_s: float = 0.0) 
     return list(monitor.take_in(identifier, data, now_s))
 
 
-def test_a_node_boots_works_falls_silent_and_is_back():
+def test_node_boot_silence_and_return_are_reported():
     monitor = BusMonitor(sarcos())
     assert said(monitor, 0x703, b"\x00", 0.0) == ["joint 3: has booted"]
     assert said(monitor, 0x703, b"\x7f", 0.1) == ["joint 3: pre-operational"]
@@ -22,7 +22,7 @@ def test_a_node_boots_works_falls_silent_and_is_back():
     assert said(monitor, 0x703, b"\x05", 3.1) == ["joint 3: its heartbeat is back"]
 
 
-def test_emergencies_commands_and_writes_are_named(approve):
+def test_emergencies_commands_and_writes_are_described(approve):
     monitor = BusMonitor(sarcos())
     for identifier, data in (
         (0x084, struct.pack("<HB5x", 0x8311, 0x21)),
@@ -38,7 +38,7 @@ def test_emergencies_commands_and_writes_are_named(approve):
     assert said(monitor, 0x205, struct.pack("<Hib", 0x02, 7, 10)) == []
 
 
-def test_a_block_download_is_one_write():
+def test_block_download_is_reported_as_one_write():
     """Its segment 33 looks like the request of another write (CiA 301: segments begin with their number)."""
     monitor = BusMonitor(sarcos())
     written = ["node 16: 2000h sub 0 was written"]
@@ -56,7 +56,7 @@ def test_a_block_download_is_one_write():
         assert said(monitor, 0x610, bytes.fromhex("2100200064000000")) == written
 
 
-def test_drives_and_positions_are_summed_up():
+def test_summary_has_drive_states_and_positions():
     monitor = BusMonitor(sarcos())
     said(monitor, 0x080, b"")
     assert said(monitor, 0x181, struct.pack("<Hih", 0x0227, -5, 0)) == [
@@ -70,7 +70,7 @@ def test_drives_and_positions_are_summed_up():
     assert found["nodes"] == {"127": "operational"}
 
 
-def test_frames_of_others_are_counted_and_nothing_else():
+def test_unknown_frames_are_only_counted():
     monitor = BusMonitor(sarcos())
     for identifier, data in ((0x7EE, b"babble"), (0x181, b"short"), (0x201, b""), (0x580, b"")):
         assert said(monitor, identifier, data) == []

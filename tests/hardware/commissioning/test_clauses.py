@@ -16,7 +16,7 @@ from hardware.commissioning.stages import BENCH
     ("guard_s", "passed"),
     [(None, False), (0.5, True), (2.0, True), (2.1, None), (10.0, None), (10.1, False)],
 )
-def test_what_a_run_puts_up_with_does_not_fail_and_is_said(guard_s, passed, approve):
+def test_heartbeat_timeout_bounds_of_guard_clause(guard_s, passed, approve):
     drive = DriveFacts(
         joint=1, unsupported_modes=(), quick_stop_option=6, operator_timeout_s=guard_s
     )
@@ -42,7 +42,7 @@ class Credulous:
 
 
 @pytest.mark.parametrize(("before", "uploads"), [(b"good", 2), (b"", 1)])
-def test_only_what_was_uploaded_again_is_said_to_be(before, approve, uploads):
+def test_stored_invalid_document_is_reported_with_restoration(before, approve, uploads):
     arm = Credulous(before)
     refused, kept = keeps_its_document(arm)  # type: ignore[arg-type]
     assert (refused.passed, kept.passed) == (False, False)
@@ -74,7 +74,7 @@ class Limp:
 
 
 @pytest.mark.parametrize("mode", [JointMode.POSITION, JointMode.FREE, None])
-def test_a_drive_that_is_enabled_but_not_in_position_mode_fails(mode, approve):
+def test_enabled_drive_outside_position_mode_fails(mode, approve):
     arm = Limp(JointMode.POSITION, mode)
     found = list(is_enabled_unmoved(arm, BENCH))  # type: ignore[arg-type]
     failed = [clause for clause in found if not clause.passed]

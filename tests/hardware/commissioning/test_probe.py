@@ -25,7 +25,7 @@ def look(bus: FakeArmBus) -> Probe:
     return probe(settings, sarcos(), opener=lambda _: bus, listen_s=0.3, answers_s=0.1)
 
 
-def test_every_node_is_found_with_its_name_and_where_it_stands(bus):
+def test_probe_lists_every_node_with_type_and_position(bus):
     found = look(bus)
     assert found.busy == ""
     assert [node.node for node in found.nodes] == [1, 2, 3, 4, 5, 6, 7, 16]
@@ -46,7 +46,7 @@ def test_every_node_is_found_with_its_name_and_where_it_stands(bus):
     ],
     ids=["another map", "two of one number", "no heartbeat"],
 )
-def test_what_is_wrong_with_a_node_is_named_and_no_other(bus, what, value, words):
+def test_probe_reports_problem_of_one_node(bus, what, value, words):
     setattr(bus, what, value)
     found = {node.node: node.problems for node in look(bus).nodes}
     (problem,) = found.pop(3)
@@ -54,7 +54,7 @@ def test_what_is_wrong_with_a_node_is_named_and_no_other(bus, what, value, words
     assert set(found.values()) == {()}
 
 
-def test_what_watches_the_operators_heartbeat_is_looked_at(bus):
+def test_probe_checks_heartbeat_consumers(bus):
     """Wrong, it would be refused at connect; where a drive does not say, that is noted and nothing more."""
     for node in (1, 2):
         bus.objects[node, 0x1016, 0] = b"\x01"
@@ -70,7 +70,7 @@ def test_what_watches_the_operators_heartbeat_is_looked_at(bus):
     assert found[16].notes == ()
 
 
-def test_where_an_operator_is_at_work_nobody_is_asked(bus):
+def test_probe_of_bus_with_operator_sends_nothing(bus):
     bus.other_operator = True
     found = look(bus)
     assert (
@@ -104,7 +104,7 @@ def test_where_somebody_sends_sync_nobody_is_asked(bus):
         (0x30C, "00", "a command to node 12, RPDO2 (COB-ID 30Ch)"),
     ],
 )
-def test_whatever_only_a_master_sends_is_named_and_nobody_is_asked(bus, identifier, data, words):
+def test_probe_of_bus_with_other_master_sends_nothing(bus, identifier, data, words):
     for _ in range(2):
         bus.say(identifier, bytes.fromhex(data))
     found = look(bus)
@@ -113,14 +113,14 @@ def test_whatever_only_a_master_sends_is_named_and_nobody_is_asked(bus, identifi
 
 
 @pytest.mark.parametrize("identifier", [0x081, 0x100, 0x185, 0x283, 0x586, 0x703, 0x7E4])
-def test_what_nodes_say_by_themselves_makes_no_bus_busy(bus, identifier):
+def test_node_initiated_frames_do_not_make_bus_busy(bus, identifier):
     bus.say(identifier, bytes(8))
     found = look(bus)
     assert (found.busy, found.meanwhile) == ("", "")
     assert found.nodes
 
 
-def test_who_comes_while_the_nodes_are_asked_is_named(bus):
+def test_master_starting_during_probe_is_reported(bus):
     send = bus.send
 
     def and_another(message: can.Message, timeout: float | None = None) -> None:
@@ -137,7 +137,7 @@ def test_who_comes_while_the_nodes_are_asked_is_named(bus):
     )
 
 
-def test_many_kinds_of_frames_are_told_in_a_sentence(bus):
+def test_busy_message_is_limited_to_six_frame_kinds(bus):
     for node in range(1, 10):
         bus.say(0x600 + node, bytes.fromhex("4064600000000000"))
     found = look(bus)

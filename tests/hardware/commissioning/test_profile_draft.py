@@ -19,7 +19,7 @@ def elsewhere(settings):
     yield from on(settings, 11, 12, 23, 34)
 
 
-def test_it_is_refused_by_name_and_nothing_is_told_to_move(connect, foreign):
+def test_foreign_arm_with_wrong_profile_is_refused(connect, foreign):
     with pytest.raises(MappingMismatch) as refused:
         connect(sarcos(JOINTS))
     told = refused.value.differences
@@ -34,7 +34,7 @@ def test_it_is_refused_by_name_and_nothing_is_told_to_move(connect, foreign):
     assert all(axis.word == 0 for axis in foreign.axes)
 
 
-def test_a_probe_drafts_what_is_there(settings, elsewhere):
+def test_draft_describes_pdos_of_foreign_arm(settings, elsewhere):
     profile = drafted(settings)
     assert profile.drives == (11, 12, 23, 34)
     assert profile.supervisor is None
@@ -47,7 +47,7 @@ def test_a_probe_drafts_what_is_there(settings, elsewhere):
     assert all(axis.word == 0 for axis in elsewhere.axes), "a probe commands nothing"
 
 
-def test_it_is_driven_with_the_drafted_profile(connect, settings, elsewhere):
+def test_foreign_arm_moves_with_drafted_profile(connect, settings, elsewhere):
     arm = connect(drafted(settings))
     assert arm.snapshot().positions_rad == pytest.approx(
         [1000 * (k + 1) / PER_RAD for k in range(JOINTS)]
@@ -72,7 +72,7 @@ def test_it_is_driven_with_the_drafted_profile(connect, settings, elsewhere):
     assert {axis.status for axis in elsewhere.axes} == {0x07}
 
 
-def test_a_drive_that_counts_backwards_from_elsewhere(connect, settings, foreign):
+def test_profile_direction_zero_and_resolution_apply(connect, settings, foreign):
     profile = drafted(settings)
     own = replace(profile.joints[1], direction=-1, zero_counts=2500, counts_per_rev=72_000.0)
     profile = replace(profile, joints=(profile.joints[0], own, *profile.joints[2:]))
@@ -89,13 +89,13 @@ def test_a_drive_that_counts_backwards_from_elsewhere(connect, settings, foreign
         arm.move({2: 1.6}, speed_rad_per_s=0.9)
 
 
-def test_what_the_profile_has_compared_must_be_there(connect, settings, foreign):
+def test_missing_compared_object_raises_wrong_arm(connect, settings, foreign):
     profile = replace(drafted(settings), compared=frozenset({0x60C2, 0x2100}))
     with pytest.raises(WrongArm, match="joint 1 has no object 2100h"):
         connect(profile)
 
 
-def test_a_drive_that_cannot_be_driven_is_named_with_its_reason(settings, foreign):
+def test_draft_refusal_gives_reason_per_drive(settings, foreign):
     foreign.nodes[2].set_data(0x1803, 2, b"\xff")
     foreign.nodes[3].set_data(0x1601, 0, b"\x01")
     with pytest.raises(DraftRefused) as none:
@@ -106,7 +106,7 @@ def test_a_drive_that_cannot_be_driven_is_named_with_its_reason(settings, foreig
     )
 
 
-def test_drives_that_cannot_be_driven_as_they_are_are_drafted_to_be_set_up(
+def test_configure_drafts_pdo_maps_for_unusable_drives(
     connect, settings, foreign
 ):
     for node in foreign.nodes:
@@ -130,7 +130,7 @@ def test_drives_that_cannot_be_driven_as_they_are_are_drafted_to_be_set_up(
 
 
 @pytest.mark.parametrize("index", [0x6040, 0x6041, 0x6077])
-def test_drives_without_room_or_an_object_that_is_needed_are_named(settings, foreign, index):
+def test_draft_refuses_drive_lacking_pdo_or_object(settings, foreign, index):
     del foreign.nodes[1].object_dictionary[0x1803]
     del foreign.nodes[2].object_dictionary[index]
     with pytest.raises(DraftRefused) as none:
@@ -142,7 +142,7 @@ def test_drives_without_room_or_an_object_that_is_needed_are_named(settings, for
 
 
 @pytest.mark.campaign
-def test_a_drive_that_was_not_looked_at_to_the_end_is_named_with_the_reason(settings, foreign):
+def test_draft_refuses_drive_that_stopped_answering(settings, foreign):
     """Its number is one that the profile compared with knows as well: that it differs there is not why."""
     server = foreign.nodes[1].sdo
 

@@ -9,7 +9,7 @@ from hardware.control.stop_line import StopLatch
 from hardware.errors import Stopped
 
 
-def test_a_stop_between_reset_and_its_turn_stays():
+def test_stop_pressed_after_reset_request_stays_latched():
     """STOP strikes after RESET was asked for and before the loop comes to it."""
     latch, cleared = StopLatch(), list[None]()
     latch.press()

@@ -16,7 +16,7 @@ def answered(sampler: Sampler, joint: int, now_s: float) -> None:
     assert sampler.note(0x180 + joint, ANSWER, now_s)
 
 
-def test_a_lost_joint_comes_back_with_an_answer_after_its_sample_was_closed():
+def test_late_answer_restores_lost_joint():
     sampler = Sampler(frames_of(sarcos(2)), max_misses=PATIENCE, now_s=0.0)
     for _ in range(PATIENCE):
         sampler.open()

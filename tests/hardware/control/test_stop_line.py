@@ -51,7 +51,7 @@ def line(own: FakeBus, spare: FakeBus) -> StopLine:
     return StopLine(own, SharedBus(spare), frames_of(sarcos(3)))
 
 
-def test_every_drive_gets_quick_stop_with_the_target_and_mode_it_had(own, spare):
+def test_quick_stop_keeps_target_and_mode(own, spare):
     given = tuple(Setpoint(0x0F, target, mode) for target, mode in ((1, 8), (2, 10), (3, 8)))
     line(own, spare).send(given, COUNTS)
     frames = [(i, struct.unpack("<Hib", data)) for i, data in own.sent]
@@ -59,7 +59,7 @@ def test_every_drive_gets_quick_stop_with_the_target_and_mode_it_had(own, spare)
     assert spare.sent == []
 
 
-def test_a_full_queue_does_not_keep_stop_from_a_drive():
+def test_full_transmit_queue_does_not_lose_stop_frames():
     """Both handles stand before the same queue."""
     space = can.CanOperationError("Failed to transmit", errno.ENOBUFS)
 
@@ -77,13 +77,13 @@ def test_a_full_queue_does_not_keep_stop_from_a_drive():
     assert sorted(identifier for identifier, _ in own.sent + spare.sent) == ALL
 
 
-def test_before_the_first_command_the_target_is_where_each_joint_is(own, spare):
+def test_stop_before_first_command_targets_current_position(own, spare):
     line(own, spare).send(None, COUNTS)
     assert [struct.unpack("<Hib", data) for _, data in own.sent] == [(2, c, 8) for c in COUNTS]
 
 
 @pytest.mark.parametrize("failure", FAILURES, ids=lambda failure: type(failure).__name__)
-def test_a_frame_that_one_handle_does_not_take_goes_to_the_other(own, spare, failure):
+def test_refused_stop_frame_is_sent_by_second_handle(own, spare, failure):
     own.failing = {0x202: failure}
     line(own, spare).send(None, COUNTS)
     assert [i for i, _ in own.sent] == [0x201, 0x203]
@@ -92,7 +92,7 @@ def test_a_frame_that_one_handle_does_not_take_goes_to_the_other(own, spare, fai
 
 @pytest.mark.parametrize("failure", FAILURES, ids=lambda failure: type(failure).__name__)
 @pytest.mark.parametrize("joint", [1, 2, 3])
-def test_a_frame_that_nobody_takes_keeps_no_other_from_going_out(own, spare, joint, failure):
+def test_undeliverable_stop_frame_does_not_block_others(own, spare, joint, failure):
     own.failing = dict.fromkeys(ALL, CLOSED)
     spare.failing = {0x200 + joint: failure}
     with pytest.raises(
@@ -103,7 +103,7 @@ def test_a_frame_that_nobody_takes_keeps_no_other_from_going_out(own, spare, joi
     assert [i for i, _ in spare.sent] == [i for i in ALL if i != 0x200 + joint]
 
 
-def test_a_latch_is_lifted_only_for_the_latest_press():
+def test_latch_is_released_only_for_latest_press():
     latch = StopLatch()
     assert not latch.latched
     assert latch.release(latch.last_press)

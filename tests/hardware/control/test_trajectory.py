@@ -32,7 +32,7 @@ angles = st.floats(-3.0, 3.0, allow_nan=False)
     st.integers(-1, 400),
 )
 @settings(max_examples=150, deadline=None, database=None)
-def test_bounds_hold_on_every_step(ends, speed, brake_at):
+def test_speed_acceleration_and_jerk_stay_within_bounds(ends, speed, brake_at):
     start, end = [a for a, _ in ends], [b for _, b in ends]
     targets = _run(start, end, speed, brake_at)
     steps = np.diff(targets, axis=0) / PERIOD_S
@@ -49,7 +49,7 @@ def test_bounds_hold_on_every_step(ends, speed, brake_at):
 
 @given(st.lists(st.tuples(angles, angles), min_size=1, max_size=7))
 @settings(max_examples=50, deadline=None, database=None)
-def test_it_is_straight_and_ends_exactly(ends):
+def test_path_is_straight_and_ends_at_target(ends):
     start, end = np.array([a for a, _ in ends]), np.array([b for _, b in ends])
     targets = _run(start.tolist(), end.tolist(), 0.5)
     assert np.abs(targets[-1] - end).max() <= 4e-16 * 3.0
@@ -60,7 +60,7 @@ def test_it_is_straight_and_ends_exactly(ends):
         assert np.all(np.diff(share) >= -1e-15)
 
 
-def test_the_time_taken_is_that_of_the_trapezoid_and_the_smoothing():
+def test_duration_equals_trapezoid_plus_smoothing():
     targets = _run([0.0, 0.0], [1.0, -0.5], 0.5)
     # 0.5 s up, 0.5 s down cover 0.25 rad; 0.75 rad at 0.5 rad/s take 1.5 s; the mean adds 9 periods.
     assert len(targets) - 1 == pytest.approx(2.5 / PERIOD_S + SMOOTHING - 1, abs=1)
@@ -91,7 +91,7 @@ def test_bounds_must_be_positive():
 
 
 @pytest.mark.parametrize("speed", [0.05, 0.35, 1.0])
-def test_a_braked_move_comes_to_rest_as_far_ahead_as_foretold(speed):
+def test_braking_distance_matches_prediction(speed):
     move = StraightMove(np.zeros(1), np.array([4.0]), speed_rad_per_s=speed)
     here = before = 0.0
     while here < 1.5:

@@ -13,7 +13,7 @@ from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import PER_RAD, describe, hasty, make
 
 
-def test_connecting_identifies_every_node(arm, bus):
+def test_connect_identifies_every_node(arm, bus):
     arm.close()
     identity = arm.connect()
     assert (identity.model, identity.serial_number) == ("fake", "FAKE-1")
@@ -28,7 +28,7 @@ def test_connecting_identifies_every_node(arm, bus):
     assert set(snapshot.heartbeat_age_s) == {1, 2, 3, 4, 5, 6, 7, 16}
 
 
-def test_nothing_is_sent_before_the_others_were_listened_to(bus):
+def test_operator_heartbeat_prevents_any_transmission(bus):
     bus.other_operator = True
     with pytest.raises(ControlDenied) as denied:
         make(bus).connect()
@@ -51,21 +51,21 @@ COMMANDS_JOINT_1 = bytes.fromhex("0f000500000008")
         ),
     ],
 )
-def test_nothing_is_sent_where_another_master_works(bus, frames, words):
+def test_traffic_of_another_master_prevents_any_transmission(bus, frames, words):
     bus.other_master = frames
     with pytest.raises(OtherMaster, match=f"uses this bus: it sent {words}.* End that program"):
         make(bus, timing=hasty(listen_s=0.3)).connect()
     assert bus.sent == []
 
 
-def test_what_a_master_said_before_anybody_listened_bars_nobody(connected, bus):
+def test_frames_received_before_listening_are_ignored(connected, bus):
     """Our own predecessor may have been killed a moment ago, and an adapter have kept its last frames."""
     for frame in ((0x080, b""), (0x201, COMMANDS_JOINT_1), (0x000, b"\x82\x00")):
         bus.say(*frame)
     connected()
 
 
-def test_a_master_that_comes_while_connecting_is_named():
+def test_nmt_command_while_connecting_raises_other_master():
     class Contested(FakeArmBus):
         def _handle(self, identifier: int, data: bytes) -> None:
             super()._handle(identifier, data)
@@ -79,13 +79,13 @@ def test_a_master_that_comes_while_connecting_is_named():
         make(Contested()).connect()
 
 
-def test_other_devices_on_the_bus_are_not_reset_and_not_started(arm, bus):
+def test_only_nodes_of_the_arm_are_reset_and_started(arm, bus):
     nodes = [*range(1, 8), 16]
     told = [data for identifier, data in bus.sent if identifier == 0x000]
     assert told == [bytes([command, node]) for command in (0x82, 0x01) for node in nodes]
 
 
-def test_missing_nodes_are_named_and_nothing_runs_after_that(bus):
+def test_missing_nodes_fail_connecting_and_leave_no_thread(bus):
     bus.dead = {3, 16}
     before = threading.active_count()
     with pytest.raises(NodeMissing) as missing:
@@ -95,7 +95,7 @@ def test_missing_nodes_are_named_and_nothing_runs_after_that(bus):
     assert threading.active_count() == before
 
 
-def test_a_bus_that_breaks_while_the_nodes_boot_is_said_and_nobody_waits_for_them():
+def test_bus_failure_during_boot_ends_connecting():
     class Breaking(FakeArmBus):
         """Cannot be read any more once the first node was reset."""
 
@@ -108,7 +108,7 @@ def test_a_bus_that_breaks_while_the_nodes_boot_is_said_and_nobody_waits_for_the
         make(Breaking()).connect()
 
 
-def test_another_arm_is_named_with_everything_that_differs(bus):
+def test_wrong_arm_lists_every_difference(bus):
     bus.model, bus.full_scale = "other", 110_000_000
     description = describe()
     joints = list(description.joints)

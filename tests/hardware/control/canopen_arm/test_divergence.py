@@ -34,7 +34,7 @@ def creep_when_stopped(bus: FakeArmBus, *joints: int) -> None:
         axis.noise = creep
 
 
-def test_the_arm_is_stopped_and_the_drive_that_diverged_is_switched_off(driven, bus):
+def test_diverged_drive_is_disabled_and_arm_stopped(driven, bus):
     diverge(bus, 5)
     since = len(bus.sent)
     with pytest.raises(DriveDiverged, match=r"joint 5 is \+1\d\d\d counts from its target") as told:
@@ -50,7 +50,7 @@ def test_the_arm_is_stopped_and_the_drive_that_diverged_is_switched_off(driven, 
     assert found.stopped_for == str(told.value)
 
 
-def test_whatever_is_asked_then_the_cause_is_said_and_not_that_stop_was_pressed(driven, bus):
+def test_commands_after_divergence_raise_drive_diverged(driven, bus):
     diverge(bus, 2)
     with pytest.raises(DriveDiverged):
         driven.move({5: 1.2}, speed_rad_per_s=0.2)
@@ -67,7 +67,7 @@ def test_whatever_is_asked_then_the_cause_is_said_and_not_that_stop_was_pressed(
     assert {word for j in bus.drives for word in bus.words(j, begun)} <= {0x0000, 0x0002}
 
 
-def test_it_is_seen_and_stopped_while_nobody_asks_for_anything(connected, bus):
+def test_divergence_is_detected_while_idle(connected, bus):
     arm = connected(pace=Pace.REAL_TIME)
     arm.take_control()
     arm.set_modes([JointMode.POSITION] * JOINTS)
@@ -80,7 +80,7 @@ def test_it_is_seen_and_stopped_while_nobody_asks_for_anything(connected, bus):
     assert bus.drives[3].status == 0x40
 
 
-def test_its_power_stays_off_though_the_frame_that_took_it_is_lost(driven, bus):
+def test_lost_disable_command_is_repeated(driven, bus):
     diverge(bus, 5)
     rpdo, lost = bus.drives[5].rpdo, []
 
@@ -96,7 +96,7 @@ def test_its_power_stays_off_though_the_frame_that_took_it_is_lost(driven, bus):
     wait_for(lambda: len(lost) == 2 and bus.drives[5].status == 0x40)
 
 
-def test_the_others_are_stopped_though_the_main_handle_takes_no_frame_any_more(connected):
+def test_full_main_handle_does_not_block_stop(connected):
     """STOP has a handle of its own: the frame that takes one drive's power must not stand before it."""
 
     class Full(FakeArmBus):
@@ -119,7 +119,7 @@ def test_the_others_are_stopped_though_the_main_handle_takes_no_frame_any_more(c
     assert bus.statuses == {0x07}
 
 
-def test_after_a_reset_a_drive_that_was_mended_goes_on_and_one_that_was_not_is_stopped_again(
+def test_divergence_is_detected_again_after_reset(
     driven, bus
 ):
     diverge(bus, 5)
@@ -139,7 +139,7 @@ def test_after_a_reset_a_drive_that_was_mended_goes_on_and_one_that_was_not_is_s
     assert bus.drives[5].status == 0x40
 
 
-def test_closing_leaves_the_others_held_and_why_it_was_stopped_is_known_to_the_next_connection(
+def test_stop_reason_survives_reconnection_until_reset(
     driven, bus
 ):
     diverge(bus, 5)
@@ -164,7 +164,7 @@ def test_closing_leaves_the_others_held_and_why_it_was_stopped_is_known_to_the_n
 
 
 @pytest.mark.parametrize("joints", [(5,), (2, 5)])
-def test_drives_that_creep_on_after_a_stop_lose_their_power_and_the_operator_is_told(
+def test_drives_moving_after_stop_are_disabled(
     live, bus, joints
 ):
     live.stop()
@@ -181,7 +181,7 @@ def test_drives_that_creep_on_after_a_stop_lose_their_power_and_the_operator_is_
     assert (live.snapshot().stopped, live.snapshot().stopped_for) == (False, "")
 
 
-def test_it_is_watched_though_its_drive_stopped_by_itself_and_nobody_pressed_stop(live, bus):
+def test_drive_moving_after_its_own_quick_stop_is_disabled(live, bus):
     for axis in bus.drives.values():
         axis.status = 0x07
     creep_when_stopped(bus, 5)
@@ -189,7 +189,7 @@ def test_it_is_watched_though_its_drive_stopped_by_itself_and_nobody_pressed_sto
     assert live.snapshot().stopped
 
 
-def test_a_free_joint_may_be_moved_after_a_stop(live, bus):
+def test_free_joint_may_move_after_stop(live, bus):
     live.stop()
     creep_when_stopped(bus, 3)
     since = bus.syncs
@@ -198,7 +198,7 @@ def test_a_free_joint_may_be_moved_after_a_stop(live, bus):
     assert bus.drives[3].status == 0x07
 
 
-def test_a_second_drive_that_diverges_is_switched_off_though_the_first_obeys_nothing(live, bus):
+def test_second_diverged_drive_is_disabled_if_first_ignores_commands(live, bus):
     """Two drives that another program moves: the first takes no notice of STOP nor of its power being taken."""
     bus.drives[2].ignores = (0x0000, 0x0002)
     bus.drives[5].ignores = (0x0002,)
@@ -209,7 +209,7 @@ def test_a_second_drive_that_diverges_is_switched_off_though_the_first_obeys_not
     assert "joint 2 is +1" in live.snapshot().stopped_for
 
 
-def test_a_silent_node_hides_no_other_drive_that_diverges(live, bus):
+def test_divergence_is_detected_despite_silent_node(live, bus):
     bus.silent = {7}
     diverge(bus, 5)
     wait_for(lambda: bus.drives[5].status == 0x40)

@@ -35,7 +35,7 @@ def move_to_and_fro(arm: CanopenArm) -> None:
 @pytest.mark.sample(4)
 @pytest.mark.parametrize("doing", [capture_for_ever, settle_for_ever, move_to_and_fro])
 @pytest.mark.parametrize("joint", [2, 3, 5, 7])
-def test_whichever_it_is_ends_what_is_under_way_by_its_name_and_stays_off(
+def test_dropout_ends_operation_and_drive_stays_disabled(
     driven, bus, doing, joint
 ):
     driven.capture(20)
@@ -59,7 +59,7 @@ def test_whichever_it_is_ends_what_is_under_way_by_its_name_and_stays_off(
 @pytest.mark.sample(9)
 @pytest.mark.parametrize("after", range(1, 10))
 @pytest.mark.parametrize("state", [SWITCHED_ON, OFF, STOPPED])
-def test_one_that_leaves_as_soon_as_it_was_enabled_is_not_switched_on_again_either(
+def test_dropout_right_after_enabling_is_not_enabled_again(
     arm, bus, after, state
 ):
     arm.take_control()
@@ -79,7 +79,7 @@ def test_one_that_leaves_as_soon_as_it_was_enabled_is_not_switched_on_again_eith
 
 
 @pytest.mark.parametrize("state", [SWITCHED_ON, READY, OFF, STOPPED])
-def test_one_that_leaves_while_another_is_still_being_enabled_ends_that(arm, bus, state):
+def test_dropout_during_enabling_ends_take_control(arm, bus, state):
     begun = bus.syncs
 
     def happen(sync: int) -> None:
@@ -98,7 +98,7 @@ def test_one_that_leaves_while_another_is_still_being_enabled_ends_that(arm, bus
     assert ENABLED not in bus.statuses
 
 
-def test_nothing_is_enabled_before_it_is_reset(driven, bus):
+def test_dropout_requires_reset_before_enabling(driven, bus):
     driven.capture(20)
     drop(bus, 3)
     with pytest.raises(DriveDropout):
@@ -115,7 +115,7 @@ def test_nothing_is_enabled_before_it_is_reset(driven, bus):
     driven.capture(50)
 
 
-def test_it_stays_off_though_nobody_asks_for_anything(live, bus):
+def test_dropout_is_detected_while_idle(live, bus):
     begun = bus.syncs
     wait_for(lambda: bus.syncs > begun + 20)
     drop(bus, 3, after=10)
@@ -129,7 +129,7 @@ def test_it_stays_off_though_nobody_asks_for_anything(live, bus):
     assert bus.drives[3].status == OFF
 
 
-def test_a_trip_whose_emergency_comes_after_its_statusword_is_called_by_its_code(driven, bus):
+def test_late_emergency_determines_fault_code(driven, bus):
     driven.capture(20)
     start = bus.syncs
 
@@ -145,7 +145,7 @@ def test_a_trip_whose_emergency_comes_after_its_statusword_is_called_by_its_code
     assert {drive.mode for j, drive in bus.drives.items() if j != 5} == {8}
 
 
-def test_a_drive_that_says_no_more_that_it_follows_is_named(driven, bus):
+def test_cleared_following_bit_raises_drive_dropout(driven, bus):
     driven.capture(20)
     bus.deaf = {5}
     with pytest.raises(DriveDropout, match=r"joint 5: .* no longer follows .*bit 12"):
@@ -157,7 +157,7 @@ def test_a_drive_that_says_no_more_that_it_follows_is_named(driven, bus):
     driven.capture(80)
 
 
-def test_a_drive_that_diverges_is_stopped_although_it_reports_that_it_does_not_follow(driven, bus):
+def test_divergence_takes_precedence_over_cleared_following_bit(driven, bus):
     driven.capture(20)
     bus.deaf = {5}
     bus.drives[5].noise = lambda _sync: 1600
@@ -166,7 +166,7 @@ def test_a_drive_that_diverges_is_stopped_although_it_reports_that_it_does_not_f
     assert bus.drives[5].status == OFF
 
 
-def test_a_node_that_is_cut_off_is_named_and_not_a_neighbour_that_stops_for_it(driven, bus):
+def test_disconnected_node_is_named_rather_than_its_neighbours(driven, bus):
     """The others stop by themselves at once; that the node is missed, answers and heartbeat, shows later."""
     driven.capture(20)
     at = bus.syncs + 30

@@ -77,19 +77,19 @@ def after(bus: Asked, looks: int, what: bytes, happens: Callable[[], None]) -> N
 
 
 @pytest.mark.parametrize("state", [ENABLED, QUICK_STOP])
-def test_an_operator_who_was_late_is_heard_before_his_arm_is_reset(bus, state):
+def test_late_operator_heartbeat_prevents_reset(bus, state):
     bus.drives[2].status = state
     after(bus, 7, STATUSWORD, lambda: setattr(bus, "other_operator", True))
     assert refused(bus, ControlDenied).holder == 127
 
 
-def test_a_command_that_comes_late_is_named_before_anything_is_reset(bus):
+def test_late_command_of_other_master_prevents_reset(bus):
     bus.drives[2].status = ENABLED
     after(bus, 7, STATUSWORD, lambda: setattr(bus, "other_master", ((0x202, bytes(7)),)))
     refused(bus, OtherMaster, r"Another program .* a command to joint 2 \(COB-ID 202h\)")
 
 
-def test_drives_that_let_go_since_their_operator_was_killed_are_connected_to(arm, bus):
+def test_drives_tripped_after_operator_loss_accept_connection(arm, bus):
     for drive in bus.drives.values():
         drive.status = ENABLED
     bus.token = 127
@@ -104,7 +104,7 @@ def test_drives_that_let_go_since_their_operator_was_killed_are_connected_to(arm
     assert bus.reads.count(TOKEN) > 3
 
 
-def test_drives_that_stay_enabled_are_named_with_what_to_do_and_not_reset(bus):
+def test_enabled_drives_raise_arm_in_use_with_remedy(bus):
     bus.drives[2].status, bus.drives[5].status = ENABLED, QUICK_STOP
     said = str(refused(bus, ArmInUse))
     assert (
@@ -115,21 +115,21 @@ def test_drives_that_stay_enabled_are_named_with_what_to_do_and_not_reset(bus):
         assert way in said
 
 
-def test_nobody_is_waited_for_shorter_than_the_drives_wait_themselves(bus):
+def test_listening_time_covers_drive_heartbeat_timeout(bus):
     for sub, value in ((0, b"\x01"), (1, struct.pack("<L", 127 << 16 | 400))):
         bus.objects[2, 0x1016, sub] = value
     bus.drives[2].status = ENABLED
     assert refused(bus, ArmInUse).listened_s == pytest.approx(0.6)
 
 
-def test_drives_are_taken_over_on_request(arm, bus):
+def test_take_over_resets_enabled_drives(arm, bus):
     bus.drives[2].status = ENABLED
     arm.take_over()
     arm.connect()
     assert bus.resets > 0
 
 
-def test_what_this_program_left_stopped_itself_it_connects_to_again(arm, bus):
+def test_own_stopped_drives_accept_reconnection(arm, bus):
     arm.connect()
     arm.take_control()
     arm.stop()
@@ -146,7 +146,7 @@ def test_what_this_program_left_stopped_itself_it_connects_to_again(arm, bus):
     again.close()
 
 
-def test_what_somebody_else_enabled_is_not_taken_for_left_behind(arm, bus):
+def test_drives_enabled_by_another_program_are_in_use(arm, bus):
     arm.connect()
     bus.drives[2].status = ENABLED
     bus.say(0x202, bytes.fromhex("0f000500000008"))
@@ -159,7 +159,7 @@ def test_what_somebody_else_enabled_is_not_taken_for_left_behind(arm, bus):
     assert bus.resets == resets
 
 
-def test_drives_are_taken_over_by_the_connection_it_was_asked_for_only(arm, bus):
+def test_take_over_applies_to_one_connection_only(arm, bus):
     arm.take_over()
     bus.dead = {3}
     with pytest.raises(NodeMissing):
@@ -171,13 +171,13 @@ def test_drives_are_taken_over_by_the_connection_it_was_asked_for_only(arm, bus)
     assert bus.resets == resets
 
 
-def test_drives_that_were_stopped_are_somebodys_while_he_holds_the_token(bus):
+def test_stopped_drives_with_token_held_are_in_use(bus):
     bus.drives[5].status, bus.token = QUICK_STOP, 127
     refused(bus, ArmInUse, r"joint 5 \(node 5\) is in state quick stop active")
 
 
 @pytest.mark.parametrize("look", [1, 3])
-def test_a_drive_whose_answer_is_lost_is_what_it_was(bus, look):
+def test_lost_statusword_response_keeps_last_state(bus, look):
     bus.drives[2].status = ENABLED
     bus.lost[2, STATUSWORD] = look
     refused(bus, ArmInUse, r"joint 2 \(node 2\) is in state operation enabled")
@@ -185,14 +185,14 @@ def test_a_drive_whose_answer_is_lost_is_what_it_was(bus, look):
 
 
 @pytest.mark.parametrize("look", [1, 3])
-def test_a_token_is_held_though_the_answer_is_lost(bus, look):
+def test_lost_token_response_keeps_holder(bus, look):
     bus.token = 99
     bus.lost[16, TOKEN] = look
     after(bus, 5, TOKEN, lambda: setattr(bus, "other_master", ((0x700 + 99, b"\x05"),)))
     assert refused(bus, ControlDenied).holder == 99
 
 
-def test_a_token_is_waited_for_as_long_as_the_supervisor_waits(arm, bus):
+def test_listening_time_covers_supervisor_heartbeat_timeout(arm, bus):
     """Its holder was killed: this program's heartbeat has the same node, and must not keep his token alive."""
     for sub, value in ((0, b"\x01"), (1, struct.pack("<L", 127 << 16 | 400))):
         bus.objects[16, 0x1016, sub] = value
@@ -203,7 +203,7 @@ def test_a_token_is_waited_for_as_long_as_the_supervisor_waits(arm, bus):
     assert arm.snapshot().token == 0
 
 
-def test_a_predecessors_token_is_not_this_programs(arm, bus):
+def test_token_of_predecessor_grants_no_control(arm, bus):
     bus.token = 127
     arm.connect()
     assert arm.snapshot().token == 127
@@ -214,24 +214,24 @@ def test_a_predecessors_token_is_not_this_programs(arm, bus):
     assert not [data for i, data in bus.sent[since:] if 0x200 < i < 0x280 or i == 0x610]
 
 
-def test_what_somebody_commands_while_the_drives_are_asked_is_not_forgotten(bus):
+def test_command_during_state_check_raises_other_master(bus):
     bus.on_read = lambda reads: bus.say(0x202, bytes(7)) if len(reads) == 1 else None
     refused(bus, OtherMaster, r"Another program .* a command to joint 2 \(COB-ID 202h\)")
 
 
-def test_a_token_whose_holder_is_heard_is_his(bus):
+def test_token_with_live_holder_denies_control(bus):
     bus.token = 99
     bus.other_master = ((0x700 + 99, b"\x05"),)
     assert refused(bus, ControlDenied).holder == 99
 
 
-def test_an_arm_at_rest_is_asked_once(arm, bus):
+def test_disabled_arm_is_read_once_before_reset(arm, bus):
     arm.connect()
     before = [data[1:4] for identifier, data in bus.sent[: 7 + 1] if 0x600 < identifier < 0x680]
     assert sorted(before) == sorted([STATUSWORD] * 7 + [TOKEN])
 
 
-def test_who_stopped_the_nodes_comes_before_that_they_have_stopped():
+def test_other_master_alarm_precedes_stopped_node_alarm():
     nodes = NodeMonitor(sarcos())
     nodes.note(0x703, b"\x05", 0.0, 0)
     nodes.note_command(0x000, b"\x80\x00")

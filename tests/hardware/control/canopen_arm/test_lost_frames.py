@@ -42,7 +42,7 @@ def requests(bus: FakeArmBus) -> int:
     return sum(0x600 < i < 0x680 and data[0] != 0x80 for i, data in bus.sent)
 
 
-def test_a_bus_that_loses_every_tenth_frame_is_named_long_before_all_was_asked(bus):
+def test_ten_percent_frame_loss_raises_frames_lost_early(bus):
     bus.loses = one_in(10)
     with pytest.raises(FramesLost, match=r"of the requests \d of \d+ to node 1") as lost:
         make(bus, timing=HASTY).connect()
@@ -52,13 +52,13 @@ def test_a_bus_that_loses_every_tenth_frame_is_named_long_before_all_was_asked(b
     assert asked <= requests(bus) < 60, "of more than 500"
 
 
-def test_a_bus_that_loses_one_frame_in_a_hundred_will_do(connected, bus):
+def test_one_percent_frame_loss_is_tolerated(connected, bus):
     bus.loses = one_in(100)
     connected(timing=HASTY)
     assert requests(bus) > 500
 
 
-def test_what_was_asked_once_only_says_nothing_of_the_bus():
+def test_single_attempts_do_not_count_as_frame_loss():
     """Drives in the NMT state STOPPED answer nothing, and are asked whether they are in use before their reset."""
     lost = [True] * 16 + [False] * 8 + [True]
 
@@ -75,7 +75,7 @@ def test_what_was_asked_once_only_says_nothing_of_the_bus():
     assert not lost
 
 
-def test_a_node_that_answers_nothing_any_more_is_no_bus_that_loses_frames(bus):
+def test_single_unanswered_object_is_no_frame_loss(bus):
     bus.loses = lambda identifier, data: (identifier, data[1:3]) == (0x604, b"\x14\x10")
     with pytest.raises(BusError, match="Node 4 does not answer when asked for 1014h") as silent:
         make(bus, timing=HASTY).connect()
@@ -91,7 +91,7 @@ def test_a_node_that_answers_nothing_any_more_is_no_bus_that_loses_frames(bus):
         pytest.param(first(0x000, b"\x01\x04", b"\x01\x10"), id="start"),
     ],
 )
-def test_a_node_that_is_heard_is_told_once_more(connected, bus, lost):
+def test_lost_nmt_command_is_repeated(connected, bus, lost):
     bus.loses = lost
     arm = connected()
     arm.take_control()

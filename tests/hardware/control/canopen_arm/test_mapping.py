@@ -43,7 +43,7 @@ def u32(value: int) -> bytes:
         ((2, 0x1800, 6), b"\x01"),
     ],
 )
-def test_what_differs_is_named_with_node_object_expected_and_found(bus, place, value, approve):
+def test_mapping_difference_names_node_object_expected_and_found(bus, place, value, approve):
     bus.objects[place] = value
     with pytest.raises(MappingMismatch) as refused:
         make(bus).connect()
@@ -68,7 +68,7 @@ RPDO, TPDO = 0x1400, 0x1800
         *((TPDO, 2, cob_id) for cob_id in (0x583, 0x605, 0x610, 0x704, 0x710, 0x77F)),
     ],
 )
-def test_a_pdo_that_nobody_uses_on_an_identifier_of_the_arm_is_refused(bus, record, number, cob_id):
+def test_unused_pdo_with_conflicting_cob_id_is_refused(bus, record, number, cob_id):
     bus.objects[4, record + number - 1, 1] = u32(cob_id)
     with pytest.raises(MappingMismatch) as refused:
         make(bus).connect()
@@ -78,7 +78,7 @@ def test_a_pdo_that_nobody_uses_on_an_identifier_of_the_arm_is_refused(bus, reco
     )
 
 
-def test_a_record_far_behind_the_others_is_found(bus):
+def test_pdo_record_after_gaps_is_checked(bus):
     """Looked for is until 16 in a row are absent."""
     for at in (8, 20, 36):
         bus.objects[4, RPDO + at, 1] = u32(0x80000000)
@@ -87,7 +87,7 @@ def test_a_record_far_behind_the_others_is_found(bus):
         make(bus).connect()
 
 
-def test_a_further_pdo_elsewhere_is_nobodys_business(connected, bus):
+def test_unrelated_pdo_settings_are_accepted(connected, bus):
     bus.objects[4, 0x1401, 1] = u32(0x304)
     bus.objects[4, 0x1404, 1] = u32(0x80000201)
     bus.objects[4, 0x1801, 1] = u32(0x80000181)
@@ -98,7 +98,7 @@ def test_a_further_pdo_elsewhere_is_nobodys_business(connected, bus):
     connected()
 
 
-def test_a_map_that_reads_well_and_a_frame_that_does_not_agree(bus):
+def test_tpdo_contradicting_its_mapping_is_refused(bus):
     """What the dictionary says and what the drive sends are two things."""
     bus.objects[2, 0x6064, 0] = struct.pack("<l", 150_000)
     with pytest.raises(MappingMismatch) as refused:

@@ -8,7 +8,7 @@ from hardware.errors import CommandRefused, ControlDenied, DriveFault, ModeNotRe
 from tests.hardware.on_fake_bus import POSITION, TWO_DRIVEN, frames
 
 
-def test_taking_control_enables_every_drive_where_it_is(arm, bus):
+def test_take_control_enables_every_drive_at_its_position(arm, bus):
     before = [drive.counts for drive in bus.drives.values()]
     arm.take_control()
     assert bus.token == 127
@@ -19,7 +19,7 @@ def test_taking_control_enables_every_drive_where_it_is(arm, bus):
     assert {joint.mode for joint in snapshot.joints} == {POSITION}
 
 
-def test_a_joint_that_sinks_until_its_drive_is_enabled_is_not_pulled_back(arm, bus):
+def test_joint_sinking_before_enable_is_held_at_its_final_position(arm, bus):
     """The brake of joint 3 opens late, and its joint sinks meanwhile by some degrees."""
     axis, opens = bus.drives[3], bus.syncs + 30
     released = axis.rpdo
@@ -43,7 +43,7 @@ def test_a_joint_that_sinks_until_its_drive_is_enabled_is_not_pulled_back(arm, b
     assert abs(axis.counts - sunk) <= 200
 
 
-def test_a_token_held_by_somebody_else_is_respected(arm, bus):
+def test_token_of_another_holder_denies_control(arm, bus):
     bus.token = 42
     with pytest.raises(ControlDenied) as denied:
         arm.take_control()
@@ -51,7 +51,7 @@ def test_a_token_held_by_somebody_else_is_respected(arm, bus):
     assert frames(bus, 0x200) == []
 
 
-def test_an_operator_who_appears_later_is_respected(arm, bus):
+def test_late_operator_heartbeat_denies_control(arm, bus):
     bus.say(0x77F, b"\x05")
     arm.active_parameters()  # its answer came after the heartbeat
     with pytest.raises(ControlDenied):
@@ -70,7 +70,7 @@ def test_modes_are_read_back(driven, bus):
     assert [joint.mode for joint in driven.snapshot().joints] == TWO_DRIVEN
 
 
-def test_a_mode_that_is_not_reached_is_named(arm, bus):
+def test_unreached_mode_raises_mode_not_reached(arm, bus):
     arm.take_control()
     bus.drives[3].follows_mode = False
     with pytest.raises(ModeNotReached) as late:
@@ -78,19 +78,19 @@ def test_a_mode_that_is_not_reached_is_named(arm, bus):
     assert (late.value.joint, late.value.wanted, late.value.actual) == (3, "free", "position")
 
 
-def test_modes_need_enabled_drives(arm):
+def test_set_modes_requires_enabled_drives(arm):
     with pytest.raises(CommandRefused, match="switch on disabled"):
         arm.set_modes(TWO_DRIVEN)
 
 
-def test_holding_puts_free_joints_where_they_are(driven, bus):
+def test_hold_sets_target_to_current_position(driven, bus):
     bus.drives[3].counts = 3456
     driven.hold()
     assert bus.drives[3].target == 3456
     assert {drive.mode for drive in bus.drives.values()} == {8}
 
 
-def test_a_drive_that_never_says_that_it_follows_its_target_is_not_moved_unwatched(arm, bus):
+def test_missing_following_bit_raises_mode_not_reached(arm, bus):
     bus.says_it_follows = False
     arm.take_control()
     with pytest.raises(ModeNotReached, match=r"joint 2 .* position .* bit 12") as deaf:

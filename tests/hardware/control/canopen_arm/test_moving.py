@@ -18,7 +18,7 @@ from tests.hardware.fake_arm import JOINTS, FakeArmBus
 from tests.hardware.on_fake_bus import PER_RAD, drive, frames
 
 
-def test_a_move_reaches_its_targets_in_small_steps(driven, bus):
+def test_move_reaches_targets_in_small_steps(driven, bus):
     result = driven.move({2: 0.2, 5: -0.1}, speed_rad_per_s=0.5)
     assert result.reached
     assert result.reason == ""
@@ -30,7 +30,7 @@ def test_a_move_reaches_its_targets_in_small_steps(driven, bus):
     assert not driven.snapshot().moving
 
 
-def test_the_same_moves_take_the_same_syncs_every_time(connected):
+def test_repeated_session_takes_equal_sync_count(connected):
     buses = FakeArmBus(), FakeArmBus()
     for fake in buses:
         arm = drive(connected(fake))
@@ -45,7 +45,7 @@ def test_the_same_moves_take_the_same_syncs_every_time(connected):
     ("targets", "speed"),
     [({2: 3.0}, 0.5), ({2: math.nan}, 0.5), ({2: 0.1}, 5.0), ({2: 0.1}, 0.0), ({3: 0.1}, 0.5)],
 )
-def test_a_move_out_of_bounds_never_starts(driven, bus, targets, speed, approve):
+def test_invalid_move_is_refused_before_any_command(driven, bus, targets, speed, approve):
     before = len(frames(bus, 0x200))
     with pytest.raises(CommandRefused) as refused:
         driven.move(targets, speed_rad_per_s=speed)
@@ -53,7 +53,7 @@ def test_a_move_out_of_bounds_never_starts(driven, bus, targets, speed, approve)
     assert len(frames(bus, 0x200)) == before
 
 
-def test_a_watch_ends_the_move_with_its_words_and_deceleration(driven, bus):
+def test_watch_ends_move_with_reason_and_deceleration(driven, bus):
     seen: list[ArmSnapshot] = []
 
     def watch(snapshot: ArmSnapshot) -> str | None:
@@ -71,7 +71,7 @@ def test_a_watch_ends_the_move_with_its_words_and_deceleration(driven, bus):
     assert bus.drives[2].counts == bus.drives[2].target
 
 
-def test_an_exception_of_the_watch_arrives_when_the_arm_is_at_rest(driven, bus):
+def test_watch_exception_is_raised_after_braking(driven, bus):
     def watch(snapshot: ArmSnapshot) -> str | None:
         if snapshot.joints[1].position_rad > 0.2:
             raise RuntimeError("broken watch")
@@ -82,7 +82,7 @@ def test_an_exception_of_the_watch_arrives_when_the_arm_is_at_rest(driven, bus):
     assert driven.move({2: 0.0}, speed_rad_per_s=0.5).reached
 
 
-def test_ctrl_c_in_a_move_leaves_the_arm_at_rest(driven, bus):
+def test_ctrl_c_brings_move_to_rest(driven, bus):
     seen = threading.Event()
 
     def press_in_the_middle(_sync: int) -> None:
@@ -108,7 +108,7 @@ def test_ctrl_c_in_a_move_leaves_the_arm_at_rest(driven, bus):
     assert bus.drives[2].target == rest
 
 
-def test_a_tripped_drive_ends_the_move_and_all_others_hold(driven, bus):
+def test_tripped_drive_ends_move_and_others_hold(driven, bus):
     start = bus.syncs
     bus.on_sync = lambda sync: bus.trip(5, 0x8311) if sync == start + 40 else None
     with pytest.raises(DriveFault) as fault:
@@ -139,7 +139,7 @@ def after_braking_began(bus: FakeArmBus, syncs: int, act: Callable[[], None]) ->
 
 
 @pytest.mark.parametrize("joint", [2, 5])
-def test_a_drive_that_trips_while_braking_is_named_and_all_others_hold(driven, bus, joint):
+def test_drive_tripping_while_braking_is_named_and_others_hold(driven, bus, joint):
     after_braking_began(bus, 10, lambda: bus.trip(joint, 0x8311))
     with pytest.raises(DriveFault) as fault:
         driven.move({2: 1.0}, speed_rad_per_s=0.5, watch=brake_at(0.2))
@@ -147,7 +147,7 @@ def test_a_drive_that_trips_while_braking_is_named_and_all_others_hold(driven, b
     assert {drive.mode for j, drive in bus.drives.items() if j != joint} == {8}
 
 
-def test_a_trip_that_another_programs_command_brought_about_is_not_taken_for_the_cause(driven, bus):
+def test_other_master_takes_precedence_over_resulting_trip(driven, bus):
     """As where it resets a drive: the others overload each other. They hold all the same."""
 
     def interfere(sync: int) -> None:
@@ -164,7 +164,7 @@ def test_a_trip_that_another_programs_command_brought_about_is_not_taken_for_the
     assert {drive.mode for joint, drive in bus.drives.items() if joint != 5} == {8}
 
 
-def test_an_external_stop_while_braking_is_a_stop_at_once(driven, bus):
+def test_external_stop_while_braking_stops_at_once(driven, bus):
     external = struct.pack("<HB5x", 0x5441, 0x81)
     after_braking_began(bus, 10, lambda: bus.say(0x90, external))
     with pytest.raises(Stopped, match="external stop"):

@@ -25,7 +25,7 @@ def test_settling_gives_up_after_its_syncs(driven, bus):
     assert bus.syncs - start == 60
 
 
-def test_a_reading_is_mean_sd_and_count_of_the_samples(driven, bus):
+def test_reading_has_mean_sd_and_count_of_samples(driven, bus):
     noise = [3, -1, 4, 1, -5, 9, -2, 6]
     start = bus.syncs
     bus.drives[6].noise = lambda sync: noise[(sync - start - 1) % len(noise)]
@@ -45,7 +45,7 @@ def test_one_sample_has_no_deviation(driven):
 
 
 @pytest.mark.parametrize("fault", ["silent", "twice"])
-def test_a_sample_that_is_not_whole_is_no_part_of_a_reading(driven, bus, fault):
+def test_incomplete_sample_is_excluded_from_reading(driven, bus, fault):
     start = bus.syncs
 
     def disturb(sync: int) -> None:
@@ -64,7 +64,7 @@ def test_a_sample_that_is_not_whole_is_no_part_of_a_reading(driven, bus, fault):
     assert reading.sd_rad[5] == 0.0
 
 
-def test_answers_in_a_snapshot_are_never_younger_than_the_snapshot(driven, monkeypatch):
+def test_snapshot_ages_are_never_negative(driven, monkeypatch):
     """Frames may come in between the parts that it is made of."""
     connection = driven._connection
     real = connection._clock

@@ -7,7 +7,7 @@ from hardware.errors import BusError
 from tests.hardware.fake_arm import JOINTS
 
 
-def test_the_recording_has_stop_and_every_frame_before_its_answer(connected, bus, tmp_path):
+def test_recording_holds_every_frame_in_order(connected, bus, tmp_path):
     arm = connected(record_to=tmp_path / "bus.blf")
     arm.take_control()
     arm.stop()
@@ -31,7 +31,7 @@ def test_the_recording_has_stop_and_every_frame_before_its_answer(connected, bus
 
 
 @pytest.mark.parametrize("suffix", [".blf", ".asc", ".log"])
-def test_a_channel_of_any_name_is_recorded(connected, bus, tmp_path, suffix):
+def test_channel_name_ending_in_digits_is_recorded(connected, bus, tmp_path, suffix):
     """python-can takes digits at the end of a channel's name for a number, and packs it into two bytes."""
     received = bus._recv_internal
 
@@ -49,7 +49,7 @@ def test_a_channel_of_any_name_is_recorded(connected, bus, tmp_path, suffix):
         assert sum(frame.arbitration_id == 0x701 for frame in recorded) >= 1
 
 
-def test_connecting_again_leaves_the_recording_before_alone(connected, tmp_path):
+def test_reconnecting_starts_a_second_recording(connected, tmp_path):
     arm = connected(record_to=tmp_path / "bus.blf")
     arm.close()
     first = (tmp_path / "bus.blf").read_bytes()
@@ -60,6 +60,6 @@ def test_connecting_again_leaves_the_recording_before_alone(connected, tmp_path)
         assert sum(frame.arbitration_id == 0x701 for frame in again) >= 1
 
 
-def test_a_recording_that_cannot_start_is_said(connected, tmp_path):
+def test_unwritable_recording_raises_bus_error(connected, tmp_path):
     with pytest.raises(BusError, match="cannot be recorded"):
         connected(record_to=tmp_path / "missing" / "bus.blf")

@@ -9,7 +9,7 @@ from hardware.errors import BusError, CommandRefused
 from tests.hardware.on_fake_bus import PER_RAD, capture_for_ever, wait_for
 
 
-def test_a_joint_that_stops_answering_is_named_and_nothing_hangs(driven, bus):
+def test_joint_without_tpdo_ends_move(driven, bus):
     bus.silent = {6}
     with pytest.raises(BusError, match="no answer to SYNC from node 6"):
         driven.move({2: 0.5}, speed_rad_per_s=0.5)
@@ -19,7 +19,7 @@ def test_a_joint_that_stops_answering_is_named_and_nothing_hangs(driven, bus):
     assert driven_again.joints[5].age_s > driven_again.joints[0].age_s
 
 
-def test_an_arm_that_was_stopped_and_then_fell_silent_is_not_said_to_be_held(driven, bus):
+def test_close_after_silence_reports_unknown_state(driven, bus):
     bus.dead = {16}
     with pytest.raises(BusError, match="no heartbeat from node 16"):
         capture_for_ever(driven)
@@ -27,7 +27,7 @@ def test_an_arm_that_was_stopped_and_then_fell_silent_is_not_said_to_be_held(dri
     assert not driven.close()
 
 
-def test_a_broken_bus_is_a_bus_error_everywhere(driven, bus):
+def test_bus_failure_raises_bus_error_in_every_call(driven, bus):
     bus.broken = can.CanOperationError("cable cut")
     with pytest.raises(BusError, match="cable cut"):
         driven.capture(5)
@@ -38,13 +38,13 @@ def test_a_broken_bus_is_a_bus_error_everywhere(driven, bus):
     driven.close()
 
 
-def test_a_node_that_restarts_is_named(driven, bus):
+def test_restarted_node_is_named(driven, bus):
     bus.restart(3)
     with pytest.raises(BusError, match="Node 3 has left operation"):
         capture_for_ever(driven)
 
 
-def test_a_target_the_drive_refuses_is_no_trip(driven, bus):
+def test_refused_target_raises_command_refused(driven, bus):
     bus.say(0x82, struct.pack("<HB5x", 0x8612, 0x81))
     with pytest.raises(CommandRefused, match="joint 2: target refused"):
         capture_for_ever(driven)
@@ -53,7 +53,7 @@ def test_a_target_the_drive_refuses_is_no_trip(driven, bus):
     driven.capture(1)
 
 
-def test_one_lost_answer_does_not_end_a_move(driven, bus):
+def test_single_lost_tpdo_does_not_end_move(driven, bus):
     start = bus.syncs
 
     def lose_one(sync: int) -> None:
@@ -63,7 +63,7 @@ def test_one_lost_answer_does_not_end_a_move(driven, bus):
     assert driven.move({2: 0.2}, speed_rad_per_s=0.5).reached
 
 
-def test_frames_that_mean_nothing_are_passed_over(driven, bus):
+def test_malformed_and_unknown_frames_are_ignored(driven, bus):
     for identifier, data in (
         (0x181, b""),  # a TPDO1 of another length
         (0x703, b"\x05\x05"),

@@ -35,7 +35,7 @@ def test_stop_reaches_all_drives_and_latches(driven, bus):
     assert bus.statuses == {0x07}
 
 
-def test_a_command_under_way_when_stop_comes_is_followed_by_quick_stop(driven, bus):
+def test_stop_during_transmission_overrides_late_setpoint(driven, bus):
     """STOP strikes from another thread between the loop's look at the latch and its frame, and waits for no lock."""
     presses: list[threading.Thread] = []
 
@@ -67,7 +67,7 @@ STAGES = {
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_stop_while_connecting_is_latched_and_sent_and_ends_it(stage):
+def test_stop_while_connecting_is_sent_and_latched(stage):
     """By the time a STOP is pressed the bus may be open, and a drive may be moving for whoever was before us."""
 
     class Pressed(FakeArmBus):
@@ -102,7 +102,7 @@ def test_stop_while_connecting_is_latched_and_sent_and_ends_it(stage):
     arm.close()
 
 
-def test_stop_before_the_bus_is_open_is_latched_and_ends_connecting(bus):
+def test_stop_before_bus_opens_ends_connecting(bus):
     def opened(_: BusSettings) -> can.BusABC:
         arm.stop()
         return bus
@@ -113,7 +113,7 @@ def test_stop_before_the_bus_is_open_is_latched_and_ends_connecting(bus):
     assert bus.sent == []
 
 
-def test_one_reset_lifts_all_stops_before_it_and_moves_nothing(driven, bus):
+def test_reset_clears_all_earlier_stops_without_motion(driven, bus):
     for _ in range(3):
         driven.stop()
     bus.trip(3, 0x7305)
@@ -131,7 +131,7 @@ def test_one_reset_lifts_all_stops_before_it_and_moves_nothing(driven, bus):
     assert [drive.counts for drive in bus.drives.values()] == positions
 
 
-def test_an_emergency_that_is_read_after_reset_is_over_when_the_drive_says_so(driven, bus):
+def test_emergency_received_during_reset_is_cleared(driven, bus):
     """On a busy machine it may still wait to be looked at when RESET has its turn."""
     driven.stop()
     first = bus.syncs + 1
@@ -156,7 +156,7 @@ def test_reset_forgets_an_emergency_that_nobody_says_is_over(driven, bus):
     driven.take_control()
 
 
-def test_a_stop_while_being_reset_stays(driven, bus):
+def test_stop_during_reset_stays_latched(driven, bus):
     driven.stop()
     start = bus.syncs
     bus.on_sync = lambda sync: driven.stop() if sync == start + 2 else None
@@ -165,7 +165,7 @@ def test_a_stop_while_being_reset_stays(driven, bus):
     assert driven.snapshot().stopped
 
 
-def test_a_stop_outlives_the_connection(driven, bus):
+def test_stop_survives_reconnection(driven, bus):
     driven.stop()
     driven.close()
     driven.connect()
@@ -180,6 +180,6 @@ def test_a_stop_outlives_the_connection(driven, bus):
     assert driven.move({2: 0.1}, speed_rad_per_s=0.1).reached
 
 
-def test_a_connected_arm_is_not_connected_again(arm):
+def test_second_connect_raises_value_error(arm):
     with pytest.raises(ValueError, match="already"):
         arm.connect()

@@ -36,7 +36,7 @@ def watches(bus: FakeArmBus, node: int, *entries: tuple[int, int]) -> None:
         [(5, 500), (OPERATOR, 0)],
     ],
 )
-def test_a_drive_that_would_go_on_without_its_operator_is_refused(bus, entries):
+def test_drive_without_operator_heartbeat_timeout_is_refused(bus, entries):
     watches(bus, 6, *entries)
     with pytest.raises(
         MappingMismatch, match="node 6, 1016h: expected a time-out of at most 10000 ms"
@@ -48,12 +48,12 @@ def test_a_drive_that_would_go_on_without_its_operator_is_refused(bus, entries):
 @pytest.mark.parametrize(
     "entries", [[(OPERATOR, 1)], [(OPERATOR, 10_000)], [(5, 0), (OPERATOR, 500)]]
 )
-def test_one_entry_for_the_operator_is_enough(connected, bus, entries):
+def test_one_valid_heartbeat_consumer_entry_is_accepted(connected, bus, entries):
     watches(bus, 6, *entries)
     connected()
 
 
-def test_drives_that_do_not_say_that_they_watch_are_known_by_joint(bus):
+def test_drives_without_heartbeat_consumer_are_listed(bus):
     for node in (1, 2, 4, 6, 7):
         watches(bus, node, (OPERATOR, 500))
     arm = make(bus)
@@ -72,7 +72,7 @@ class Windows(ObjectAccess):
         return struct.pack("<L", self._counts[node - 1])
 
 
-def test_a_joint_may_be_a_third_of_its_drives_window_away_and_a_degree_where_there_is_none():
+def test_following_window_is_a_third_of_6065h_or_one_degree():
     scales = [JointScale(counts_per_rad=sense * 360 * DEGREE / math.tau) for sense in (1, -1, 1)]
     windows = following_windows_counts(Windows(3000, 0, 0xFFFFFFFF), sarcos(3), scales)
     assert windows == pytest.approx([1000.0, DEGREE, DEGREE])
@@ -82,14 +82,14 @@ def test_a_joint_may_be_a_third_of_its_drives_window_away_and_a_degree_where_the
     ("told", "window"),
     [(1, 10.0), (29, 10.0), *((told, DEGREE) for told in (400_000, 0x7FFFFFFF, 0xFFFFFFFE))],
 )
-def test_no_window_is_as_small_as_noise_and_none_switches_the_watch_off(told, window):
+def test_following_window_is_bounded(told, window):
     scale = JointScale(counts_per_rad=360 * DEGREE / (2 * math.pi))
     found = following_windows_counts(Windows(told), sarcos(1), [scale])
     assert found == pytest.approx([window])
 
 
 @pytest.mark.parametrize(("period_ms", "sayable"), [(5000, True), (10_001, False), (0, False)])
-def test_a_slow_heartbeat_may_be_set_or_said_in_a_profile(bus, period_ms, sayable):
+def test_slow_heartbeat_names_its_remedies(bus, period_ms, sayable):
     bus.objects[3, 0x1017, 0] = struct.pack("<H", period_ms)
     with pytest.raises(MappingMismatch, match="node 3, 1017h sub 0") as refused:
         make(bus).connect()
@@ -100,7 +100,7 @@ def test_a_slow_heartbeat_may_be_set_or_said_in_a_profile(bus, period_ms, sayabl
     assert "probe --draft" not in said
 
 
-def test_every_difference_has_its_own_remedy(bus):
+def test_each_difference_has_its_own_remedy(bus):
     bus.objects[3, 0x1005, 0] = struct.pack("<L", 0x81)
     bus.objects[4, 0x1A00, 2] = struct.pack("<L", 0x606C0020)
     with pytest.raises(MappingMismatch) as refused:
@@ -113,7 +113,7 @@ def test_every_difference_has_its_own_remedy(bus):
 @pytest.mark.parametrize(
     ("index", "form", "value"), [(0x6071, "<h", -50), (0x60B2, "<h", 200), (0x60B0, "<l", 4000)]
 )
-def test_a_torque_or_an_offset_that_a_drive_would_add_is_refused_by_name(bus, index, form, value):
+def test_nonzero_torque_or_offset_is_refused(bus, index, form, value):
     bus.objects[3, index, 0] = struct.pack(form, value)
     with pytest.raises(MappingMismatch) as refused:
         make(bus).connect()
@@ -126,6 +126,6 @@ def test_a_torque_or_an_offset_that_a_drive_would_add_is_refused_by_name(bus, in
     assert not [identifier for identifier, _ in bus.sent if 0x200 < identifier <= 0x207]
 
 
-def test_a_torque_of_zero_and_one_that_is_absent_are_fine(connected, bus):
+def test_zero_or_absent_offsets_are_accepted(connected, bus):
     bus.objects[3, 0x6071, 0] = bus.objects[3, 0x60B2, 0] = bytes(2)
     connected()

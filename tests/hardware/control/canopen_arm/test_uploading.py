@@ -54,7 +54,7 @@ def arm(bus, clock, pace):
     made.close()
 
 
-def test_an_upload_is_staged_read_back_and_committed(driven, bus):
+def test_upload_is_staged_verified_and_committed(driven, bus):
     receipt = driven.upload_parameters(DOCUMENT)
     assert bus.document == DOCUMENT
     assert receipt.sha256 == SHA256
@@ -63,27 +63,27 @@ def test_an_upload_is_staged_read_back_and_committed(driven, bus):
     assert driven.active_parameters() == DOCUMENT
 
 
-def test_an_upload_enables_no_drive(arm, bus):
+def test_upload_leaves_drives_disabled(arm, bus):
     arm.upload_parameters(DOCUMENT)
     assert bus.document == DOCUMENT
     assert {j.drive for j in arm.snapshot().joints} == {DriveState.SWITCH_ON_DISABLED}
 
 
 @pytest.mark.parametrize("document", [b"", b"abc", b"abcd", b"abcdefg", bytes(range(256))])
-def test_any_length_survives(driven, bus, document):
+def test_documents_of_any_length_round_trip(driven, bus, document):
     if document:
         driven.upload_parameters(document)
     assert driven.active_parameters() == document
 
 
-def test_a_refusal_carries_the_controllers_words(driven, bus):
+def test_upload_refusal_gives_the_controllers_reason(driven, bus):
     bus.document, bus.refusal = b"the one before", "serial SDA-0007 is another arm"
     with pytest.raises(UploadRefused, match="serial SDA-0007 is another arm"):
         driven.upload_parameters(DOCUMENT)
     assert driven.active_parameters() == b"the one before"
 
 
-def test_a_document_that_comes_back_different_is_dropped(driven, bus):
+def test_corrupted_document_is_not_committed(driven, bus):
     bus.document, bus.corrupts = b"the one before", True
     with pytest.raises(UploadRefused, match=f"byte {len(DOCUMENT) - 1} differs"):
         driven.upload_parameters(DOCUMENT)
@@ -111,7 +111,7 @@ COMMIT = b"\x2f\x02\x20\x00\x02"
 COMMITTED = b"\x60\x02\x20\x00"
 
 
-def test_a_supervisor_that_falls_silent_at_the_commit_leaves_it_unknown(driven, bus):
+def test_silence_after_commit_raises_upload_unknown(driven, bus):
     def loses(identifier: int, data: bytes) -> bool:
         return identifier == 0x590 and bus.document == DOCUMENT
 
@@ -122,7 +122,7 @@ def test_a_supervisor_that_falls_silent_at_the_commit_leaves_it_unknown(driven, 
     assert driven.active_parameters() == DOCUMENT
 
 
-def test_a_commit_that_was_done_at_last_is_no_refusal_though_control_was_lost_since(driven, bus):
+def test_repeated_commit_after_lost_control_is_accepted(driven, bus):
     """Its answer was lost, and it was repeated: what 2003h says counts, and not why the repetition is refused."""
     asked = 0
 
@@ -142,7 +142,7 @@ def test_a_commit_that_was_done_at_last_is_no_refusal_though_control_was_lost_si
 
 
 @pytest.mark.parametrize("times", [1, 100])
-def test_a_document_dropped_before_its_commit_came_is_uploaded_again_and_known_to_be_dropped(
+def test_document_dropped_before_commit_is_uploaded_again(
     driven, bus, times
 ):
     """As a supervisor does whose operator is missed for a moment."""
@@ -178,7 +178,7 @@ def test_a_document_dropped_before_its_commit_came_is_uploaded_again_and_known_t
         pytest.param(Loses(0x590, COMMITTED, skip=1), id="the commit's answer"),
     ],
 )
-def test_a_lost_frame_has_it_written_checked_or_looked_for_again(driven, bus, loses):
+def test_lost_frame_is_retried(driven, bus, loses):
     bus.document, bus.loses = b"the one before", loses
     receipt = driven.upload_parameters(DOCUMENT)
     assert (receipt.length, receipt.sha256) == (len(DOCUMENT), SHA256)
@@ -186,7 +186,7 @@ def test_a_lost_frame_has_it_written_checked_or_looked_for_again(driven, bus, lo
     assert bus.document == DOCUMENT
 
 
-def test_frames_lost_each_time_are_a_silence_and_no_refusal(driven, bus):
+def test_repeatedly_lost_segments_report_no_answer(driven, bus):
     """The node refuses the segment that closes a transfer which it has given up: not the reason."""
     bus.document, bus.loses = b"the one before", Loses(0x610, b"\x10", times=MAX_UPLOADS, skip=3)
     with pytest.raises(BusError, match="Node 16 does not answer when asked for 2000h"):
@@ -218,14 +218,14 @@ def late(driven, clock):
 
 
 @pytest.mark.parametrize("pace", [Pace.REAL_TIME])
-def test_control_that_lapsed_by_our_own_lateness_is_taken_again(late, bus):
+def test_control_lost_by_host_latency_is_taken_again(late, bus):
     bus.document, bus.loses = b"the one before", Lapses(bus)
     late.upload_parameters(DOCUMENT)
     assert bus.document == DOCUMENT
     assert bus.token == 127
 
 
-def test_control_that_lapsed_while_nobody_here_was_late_is_not_taken_again(driven, bus):
+def test_control_lost_without_host_latency_is_denied(driven, bus):
     bus.document, bus.loses = b"the one before", Lapses(bus)
     with pytest.raises(ControlDenied) as denied:
         driven.upload_parameters(DOCUMENT)
@@ -235,7 +235,7 @@ def test_control_that_lapsed_while_nobody_here_was_late_is_not_taken_again(drive
 
 
 @pytest.mark.parametrize("pace", [Pace.REAL_TIME])
-def test_what_comes_of_our_own_lateness_is_not_put_down_to_the_cable(late, bus):
+def test_control_lost_repeatedly_raises_host_latency_exceeded(late, bus):
     bus.document, bus.loses = b"the one before", Lapses(bus, always=True)
     with pytest.raises(HostLatencyExceeded) as exceeded:
         late.upload_parameters(DOCUMENT)
@@ -244,7 +244,7 @@ def test_what_comes_of_our_own_lateness_is_not_put_down_to_the_cable(late, bus):
     assert bus.document == b"the one before"
 
 
-def test_a_refusal_after_a_silence_is_a_refusal(driven, bus):
+def test_refusal_after_sdo_timeout_raises_upload_refused(driven, bus):
     bus.refusal = "another arm"
     try:
         raise SdoCommunicationError("No SDO response received")
@@ -254,7 +254,7 @@ def test_a_refusal_after_a_silence_is_a_refusal(driven, bus):
 
 
 @pytest.mark.parametrize("frame", [2, 3, 9])
-def test_ctrl_c_in_an_upload_is_an_interrupt_and_the_next_one_works(driven, bus, frame):
+def test_upload_after_ctrl_c_succeeds(driven, bus, frame):
     sent = []
 
     def interrupt(identifier: int, data: bytes) -> None:

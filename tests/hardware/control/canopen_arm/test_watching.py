@@ -38,7 +38,7 @@ from tests.oracles.profiles import sarcos
         (0x603, bytes.fromhex("c07d600108000000")),
     ],
 )
-def test_another_program_that_commands_is_named(driven, bus, frame, approve):
+def test_command_of_another_program_raises_other_master(driven, bus, frame, approve):
     bus.say(*frame)
     with pytest.raises(OtherMaster) as refused:
         capture_for_ever(driven)
@@ -46,14 +46,14 @@ def test_another_program_that_commands_is_named(driven, bus, frame, approve):
     driven.hold()
 
 
-def test_another_program_that_only_reads_or_stops_is_allowed(driven, bus):
+def test_reads_and_quick_stops_of_another_program_are_allowed(driven, bus):
     bus.say(0x610, bytes.fromhex("4000200000000000"))
     bus.say(0x610, bytes.fromhex("a400200020000000"))  # a block upload
     bus.say(0x203, struct.pack("<Hib", 0x02, 0, 8))
     driven.capture(20)
 
 
-def test_a_node_that_is_back_in_operation_has_restarted_all_the_same(driven, bus):
+def test_boot_up_message_raises_node_restarted(driven, bus):
     bus.say(0x703, b"\x00")
     bus.say(0x703, b"\x05")
     with pytest.raises(NodeRestarted, match=r"joint 3 \(node 3\) has restarted") as told:
@@ -62,14 +62,14 @@ def test_a_node_that_is_back_in_operation_has_restarted_all_the_same(driven, bus
 
 
 @pytest.mark.parametrize("joint", [1, 4, 7])
-def test_two_answers_to_every_sync_end_a_capture(driven, bus, joint):
+def test_two_tpdos_per_sync_raise_duplicate_node_id(driven, bus, joint):
     bus.twice = {joint}
     with pytest.raises(DuplicateNodeId, match=f"two devices answer as node {joint}"):
         driven.capture(50)
 
 
 @pytest.mark.campaign
-def test_where_hardly_any_sync_is_answered_by_all_a_capture_ends(driven, bus):
+def test_capture_with_few_complete_samples_fails(driven, bus):
     def normal_priority(sync: int) -> None:
         bus.silent = {1 + sync % JOINTS}
 
@@ -78,7 +78,7 @@ def test_where_hardly_any_sync_is_answered_by_all_a_capture_ends(driven, bus):
         driven.capture(1)
 
 
-def test_two_devices_with_one_number_are_named_when_connecting(connected, bus):
+def test_duplicate_node_id_fails_connecting(connected, bus):
     bus.twins = {5}
     with pytest.raises(DuplicateNodeId, match="two devices answer as node 5"):
         connected()
@@ -86,7 +86,7 @@ def test_two_devices_with_one_number_are_named_when_connecting(connected, bus):
 
 
 @pytest.mark.parametrize("node", [1, 7])
-def test_a_second_device_that_comes_in_mid_session_and_answers_to_objects_is_named(
+def test_duplicate_sdo_responses_raise_duplicate_node_id(
     driven, bus, node
 ):
     bus.twins = {node}
@@ -99,7 +99,7 @@ def test_a_second_device_that_comes_in_mid_session_and_answers_to_objects_is_nam
 
 
 @pytest.mark.parametrize("nodes", [{7}, set(range(1, JOINTS + 1)) | {16}])
-def test_another_program_whose_questions_are_answered_too_is_named_and_no_second_device(
+def test_sdo_requests_of_another_program_are_not_a_duplicate_node(
     driven, bus, nodes
 ):
     """A drive maker's tool that polls: each answer to it counts as a second one."""
@@ -116,7 +116,7 @@ def test_another_program_whose_questions_are_answered_too_is_named_and_no_second
         driven.hold()
 
 
-def test_an_object_answered_twice_now_and_then_is_no_second_device(driven, bus):
+def test_occasional_duplicate_sdo_response_is_no_duplicate_node(driven, bus):
     asked = itertools.count()
     bus.doubles = lambda node: node == 4 and next(asked) % 2 == 0
     for _ in range(10):
@@ -133,7 +133,7 @@ def test_an_object_answered_twice_now_and_then_is_no_second_device(driven, bus):
         ({}, "node 4, 6064h: expected the 5000 counts that it holds, found 4000 in TPDO1"),
     ],
 )
-def test_an_answer_to_sync_that_is_no_longer_the_position_is_no_reading(
+def test_changed_tpdo_mapping_ends_capture(
     driven, bus, changed, words
 ):
     driven.capture(3)
@@ -142,23 +142,23 @@ def test_an_answer_to_sync_that_is_no_longer_the_position_is_no_reading(
         driven.capture(3)
 
 
-def test_why_a_move_ends_early_is_looked_for_in_the_maps_first(driven, bus):
+def test_interrupted_move_reports_changed_mapping(driven, bus):
     bus.objects[4, 0x6064, 0] = struct.pack("<l", 5000)
     with pytest.raises(MappingChanged, match="node 4, 6064h"):
         driven.move({2: 0.3}, speed_rad_per_s=0.5, watch=lambda _: "joint 4 does not follow")
 
 
-def test_noise_is_no_other_map(driven, bus):
+def test_noise_is_no_changed_mapping(driven, bus):
     bus.drives[4].noise = lambda sync: 1000 * (sync * sync % 7 == 1)
     assert driven.capture(3).samples == 3
 
 
-def test_a_pose_does_not_wait_for_an_object_that_is_not_given(driven, bus):
+def test_capture_accepts_unreadable_position_object(driven, bus):
     bus.objects[1, 0x6064, 0] = 0x08000000
     assert driven.capture(3).samples == 3
 
 
-def test_a_slow_heartbeat_is_waited_for(connected, bus):
+def test_slow_producer_extends_heartbeat_timeout(connected, bus):
     bus.heartbeat_ms = 800
     arm = connected()
     bus.mute = {3}
@@ -167,12 +167,12 @@ def test_a_slow_heartbeat_is_waited_for(connected, bus):
         arm.capture(1)
 
 
-def test_other_bits_of_the_device_type_are_the_makers(connected, bus):
+def test_manufacturer_bits_of_device_type_are_ignored(connected, bus):
     bus.objects[2, 0x1000, 0] = struct.pack("<L", 0x47020192)
     connected()
 
 
-def test_the_patience_for_an_object_is_a_setting(connected, bus):
+def test_sdo_timeout_is_configurable(connected, bus):
     arm = connected(timing=hasty(sdo_timeout_s=0.05))
     bus.dead = {3}
     begun = time.monotonic()
@@ -181,7 +181,7 @@ def test_the_patience_for_an_object_is_a_setting(connected, bus):
     assert time.monotonic() - begun < 2.9, "three times the usual second"
 
 
-def test_a_joint_that_jumps_ends_what_is_under_way(driven, bus):
+def test_position_jump_raises_sensor_fault(driven, bus):
     driven.capture(20)
     bus.drives[3].counts += 500
     with pytest.raises(SensorFault, match=r"joint 3 jumped by \+500 counts") as told:
@@ -193,7 +193,7 @@ def test_a_joint_that_jumps_ends_what_is_under_way(driven, bus):
     driven.reset_stop()
 
 
-def test_a_trip_from_before_is_known_when_connected(connected, bus):
+def test_drive_fault_before_connecting_is_reported(connected, bus):
     bus.drives[4].status = 0x08
     arm = connected()
     (fault,) = arm.snapshot().faults
@@ -202,7 +202,7 @@ def test_a_trip_from_before_is_known_when_connected(connected, bus):
         arm.take_control()
 
 
-def test_control_that_is_not_given_is_nobody_elses(arm, bus):
+def test_refused_control_gives_the_supervisors_reason(arm, bus):
     bus.denies_control, bus.refusal = True, "the heartbeat of node 127 is not heard"
     with pytest.raises(ControlDenied, match="refused: the heartbeat of node 127") as denied:
         arm.take_control()
@@ -227,7 +227,7 @@ class Babbling(FakeArmBus):
 
 
 @pytest.mark.parametrize("pace", list(Pace))
-def test_with_a_frame_always_waiting_sync_and_heartbeat_go_on(connected, pace):
+def test_bus_flood_does_not_delay_sync_and_heartbeat(connected, pace):
     bus = Babbling()
     arm = connected(bus, pace=pace, timing=hasty(heartbeat_timeout_s=5.0, lost_after_s=5.0))
     arm.take_control()
@@ -246,7 +246,7 @@ def test_with_a_frame_always_waiting_sync_and_heartbeat_go_on(connected, pace):
     bus.silent = set()
 
 
-def test_who_has_nothing_to_do_looks_for_a_task_less_and_less_often_until_there_is_one(connected):
+def test_idle_loop_polls_less_often_until_next_task(connected):
     class Noting(FakeArmBus):
         """Notes how long its reader is ready to wait."""
 
@@ -266,7 +266,7 @@ def test_who_has_nothing_to_do_looks_for_a_task_less_and_less_often_until_there_
     assert timing.idle_poll_s in waits_s, "the next task may follow at once"
 
 
-def test_an_adapter_that_opens_once_connects_and_stops(connected, bus):
+def test_stop_works_with_a_single_adapter_handle(connected, bus):
     def only_once(_: BusSettings) -> can.BusABC:
         raise BusError("the adapter is in use")
 
@@ -276,7 +276,7 @@ def test_an_adapter_that_opens_once_connects_and_stops(connected, bus):
     assert bus.statuses == {0x07}
 
 
-def test_a_drive_that_goes_on_complaining_is_one_fault():
+def test_repeated_emergency_is_one_fault():
     nodes = NodeMonitor(sarcos(7))
     for sync in range(5000):
         for code in (0x8311, 0x7305):

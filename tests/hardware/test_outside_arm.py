@@ -103,9 +103,7 @@ COMMANDS: dict[str, Callable[[OutsideArm], object]] = {
 
 @pytest.mark.parametrize("asks_the_watch", [True, False])
 @pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
-def test_stop_during_command_takes_precedence(
-    arm, plain, command, asks_the_watch
-):
+def test_stop_during_command_takes_precedence(arm, plain, command, asks_the_watch):
     arm.take_control()
     plain.meanwhile, plain.asks_the_watch = arm.stop, asks_the_watch
     with pytest.raises(arms.Stopped, match="STOP was pressed: reset it"):

@@ -38,11 +38,11 @@ def test_probe_lists_every_node_with_type_and_position(bus):
 
 
 @pytest.mark.parametrize(
-    ("what", "value", "words"),
+    ("attribute", "value", "words"),
     [
         ("objects", {(3, 0x1A00, 2): struct.pack("<L", 0x606C0020)}, ("1A00h", "606Ch(32)")),
-        ("twins", {3}, ("two devices answer as node 3",)),
-        ("mute", {3}, ("no heartbeat was heard in 0.3 s",)),
+        ("duplicate_nodes", {3}, ("two devices answer as node 3",)),
+        ("without_heartbeat", {3}, ("no heartbeat was heard in 0.3 s",)),
     ],
     ids=["another map", "two of one number", "no heartbeat"],
 )
@@ -83,7 +83,7 @@ def test_probe_of_bus_with_operator_sends_nothing(bus):
 
 
 def test_where_somebody_sends_sync_nobody_is_asked(bus):
-    bus.say(0x080, b"")
+    bus.inject(0x080, b"")
     found = look(bus)
     assert "SYNC" in found.busy
     assert bus.sent == []
@@ -106,7 +106,7 @@ def test_where_somebody_sends_sync_nobody_is_asked(bus):
 )
 def test_probe_of_bus_with_other_master_sends_nothing(bus, identifier, data, words):
     for _ in range(2):
-        bus.say(identifier, bytes.fromhex(data))
+        bus.inject(identifier, bytes.fromhex(data))
     found = look(bus)
     assert found.busy == f"another program uses this bus: {words}, 2 times"
     assert bus.sent == []
@@ -114,7 +114,7 @@ def test_probe_of_bus_with_other_master_sends_nothing(bus, identifier, data, wor
 
 @pytest.mark.parametrize("identifier", [0x081, 0x100, 0x185, 0x283, 0x586, 0x703, 0x7E4])
 def test_node_initiated_frames_do_not_make_bus_busy(bus, identifier):
-    bus.say(identifier, bytes(8))
+    bus.inject(identifier, bytes(8))
     found = look(bus)
     assert (found.busy, found.meanwhile) == ("", "")
     assert found.nodes
@@ -126,7 +126,7 @@ def test_master_starting_during_probe_is_reported(bus):
     def and_another(message: can.Message, timeout: float | None = None) -> None:
         send(message, timeout)
         if message.arbitration_id == 0x601:
-            bus.say(0x608, bytes.fromhex("4064600000000000"))
+            bus.inject(0x608, bytes.fromhex("4064600000000000"))
 
     bus.send = and_another  # type: ignore[method-assign]
     found = look(bus)
@@ -139,11 +139,11 @@ def test_master_starting_during_probe_is_reported(bus):
 
 def test_busy_message_is_limited_to_six_frame_kinds(bus):
     for node in range(1, 10):
-        bus.say(0x600 + node, bytes.fromhex("4064600000000000"))
+        bus.inject(0x600 + node, bytes.fromhex("4064600000000000"))
     found = look(bus)
     assert found.busy.endswith("of node 6 (COB-ID 606h); and 3 more")
 
 
 def test_an_empty_bus_is_empty(bus):
-    bus.dead = {*range(1, 8), 16}
+    bus.offline = {*range(1, 8), 16}
     assert look(bus) == Probe(busy="", heard=(), nodes=())

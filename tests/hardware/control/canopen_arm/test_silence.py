@@ -1,26 +1,26 @@
-"""What goes silent on a fake bus, restarts, or talks nonsense: it is named, and nothing hangs."""
+"""Silent, restarted and faulty nodes on a fake bus: they are named, and no call hangs."""
 
 import struct
 
 import can
 import pytest
 
-from hardware.errors import BusError, CommandRefused
+from hardware.errors import BusError, CommandRefused, NodeRestarted
 from tests.hardware.on_fake_bus import PER_RAD, capture_for_ever, wait_for
 
 
 def test_joint_without_tpdo_ends_move(driven, bus):
-    bus.silent = {6}
+    bus.without_tpdo = {6}
     with pytest.raises(BusError, match="no answer to SYNC from node 6"):
         driven.move({2: 0.5}, speed_rad_per_s=0.5)
     assert bus.drives[2].target < 0.1 * PER_RAD
-    bus.silent = set()
-    driven_again = driven.snapshot()
-    assert driven_again.joints[5].age_s > driven_again.joints[0].age_s
+    bus.without_tpdo = set()
+    joints = driven.snapshot().joints
+    assert joints[5].age_s > joints[0].age_s
 
 
 def test_close_after_silence_reports_unknown_state(driven, bus):
-    bus.dead = {16}
+    bus.offline = {16}
     with pytest.raises(BusError, match="no heartbeat from node 16"):
         capture_for_ever(driven)
     driven.stop()
@@ -28,7 +28,7 @@ def test_close_after_silence_reports_unknown_state(driven, bus):
 
 
 def test_bus_failure_raises_bus_error_in_every_call(driven, bus):
-    bus.broken = can.CanOperationError("cable cut")
+    bus.io_error = can.CanOperationError("cable cut")
     with pytest.raises(BusError, match="cable cut"):
         driven.capture(5)
     with pytest.raises(BusError):
@@ -44,11 +44,19 @@ def test_restarted_node_is_named(driven, bus):
         capture_for_ever(driven)
 
 
+def test_node_restarted_into_operation_raises_node_restarted(driven, bus):
+    for state in (b"\x00", b"\x05"):
+        bus.inject(0x703, state)
+    with pytest.raises(NodeRestarted, match=r"joint 3 \(node 3\) has restarted") as restarted:
+        capture_for_ever(driven)
+    assert restarted.value.nodes == (3,)
+
+
 def test_refused_target_raises_command_refused(driven, bus):
-    bus.say(0x82, struct.pack("<HB5x", 0x8612, 0x81))
+    bus.inject(0x82, struct.pack("<HB5x", 0x8612, 0x81))
     with pytest.raises(CommandRefused, match="joint 2: target refused"):
         capture_for_ever(driven)
-    bus.say(0x82, struct.pack("<HB5x", 0x0000, 0x00))
+    bus.inject(0x82, struct.pack("<HB5x", 0x0000, 0x00))
     wait_for(lambda: driven.snapshot().faults == ())
     driven.capture(1)
 
@@ -57,7 +65,7 @@ def test_single_lost_tpdo_does_not_end_move(driven, bus):
     start = bus.syncs
 
     def lose_one(sync: int) -> None:
-        bus.silent = {4} if sync == start + 20 else set()
+        bus.without_tpdo = {4} if sync == start + 20 else set()
 
     bus.on_sync = lose_one
     assert driven.move({2: 0.2}, speed_rad_per_s=0.5).reached
@@ -71,10 +79,10 @@ def test_malformed_and_unknown_frames_are_ignored(driven, bus):
         (0x583, b"\x00"),
         (0x585, bytes(8)),
         (0x7FF, bytes(8)),
-        (0x730, b"\x05"),  # heartbeat and emergency of a stranger
+        (0x730, b"\x05"),  # heartbeat and emergency of another node
         (0x0B0, bytes(8)),
     ):
-        bus.say(identifier, data)
+        bus.inject(identifier, data)
     reading = driven.capture(5)
     assert reading.mean_counts.tolist()[:6] == [1000.0 * j for j in range(1, 7)]
     assert driven.snapshot().faults == ()

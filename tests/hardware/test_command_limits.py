@@ -20,18 +20,12 @@ LIMITS = JointLimits(
     joint=4, lower_counts=-1000, upper_counts=500, max_speed_rad_per_s=2.0, max_step_counts=20
 )
 NAN, INF = math.nan, math.inf
-
-
-OUTSIDE, STEP, NOT_FINITE, SPEED = (
-    "is outside -1000 .. 500",
-    "a step of",
-    "is not a finite",
-    "is not valid",
-)
+OUTSIDE, STEP = "is outside -1000 .. 500", "a step of"
+NOT_FINITE, SPEED = "is not a finite", "is not valid"
 
 
 def is_refused(refusal: str, words: str) -> bool:
-    """Whether it is refused in these words; without words, whether it is allowed."""
+    """Whether a refusal has these words; for no words, whether there is none."""
     return refusal.startswith("joint 4: ") and words in refusal if words else refusal == ""
 
 
@@ -51,7 +45,7 @@ def is_refused(refusal: str, words: str) -> bool:
         (0, -20, ""),
         (0, -21, STEP),
         (20, 0, ""),
-        # Pushed out of its range, a joint may come nearer, never stay put by command or go on out.
+        # A joint outside its range may move towards it; no command may keep it there or move it away.
         (520, 519, ""),
         (520, 520, OUTSIDE),
         (520, 521, OUTSIDE),
@@ -113,13 +107,8 @@ def test_accepted_target_is_in_range_near_and_finite(target, previous):
 
 
 def test_limits_from_radians_are_rounded_inwards():
-    limits = joint_limits(
-        1,
-        JointScale(counts_per_rad=100.0),
-        lower_rad=-1.009,
-        upper_rad=2.001,
-        max_speed_rad_per_s=3.0,
-    )
+    scale = JointScale(counts_per_rad=100.0)
+    limits = joint_limits(1, scale, lower_rad=-1.009, upper_rad=2.001, max_speed_rad_per_s=3.0)
     assert (limits.lower_counts, limits.upper_counts) == (-100, 200)
     assert limits.max_step_counts == 4  # 3 counts a period, and one for rounding
 
@@ -127,13 +116,8 @@ def test_limits_from_radians_are_rounded_inwards():
 def test_range_on_whole_counts_is_kept():
     scale = JointScale(counts_per_rad=4000 / (2 * math.pi))
     for counts in range(-4000, 4000, 37):
-        limits = joint_limits(
-            1,
-            scale,
-            lower_rad=counts * (2 * math.pi / 4000),
-            upper_rad=(counts + 10) * (2 * math.pi / 4000),
-            max_speed_rad_per_s=1.0,
-        )
+        lower, upper = (n * (2 * math.pi / 4000) for n in (counts, counts + 10))
+        limits = joint_limits(1, scale, lower_rad=lower, upper_rad=upper, max_speed_rad_per_s=1.0)
         assert (limits.lower_counts, limits.upper_counts) == (counts, counts + 10)
 
 
@@ -147,7 +131,7 @@ def test_steps_at_maximum_speed_are_accepted(speed, start, counts_per_rad):
 
 
 @pytest.mark.parametrize(
-    "bad",
+    "invalid",
     [
         {"lower_counts": 501},
         {"max_speed_rad_per_s": 0.0},
@@ -156,16 +140,9 @@ def test_steps_at_maximum_speed_are_accepted(speed, start, counts_per_rad):
         {"max_step_counts": 0},
     ],
 )
-def test_invalid_limits_raise_value_error(bad):
-    good = {
-        "joint": 1,
-        "lower_counts": 0,
-        "upper_counts": 500,
-        "max_speed_rad_per_s": 1.0,
-        "max_step_counts": 1,
-    }
-    with pytest.raises(ValueError, match="joint 1"):
-        JointLimits(**{**good, **bad})  # type: ignore[arg-type]
+def test_invalid_limits_raise_value_error(invalid):
+    with pytest.raises(ValueError, match="joint 4"):
+        replace(LIMITS, **invalid)
 
 
 def test_single_count_range_is_accepted():
@@ -174,10 +151,10 @@ def test_single_count_range_is_accepted():
     assert "is outside 7 .. 7" in refuse_move(limits, 8, 1.0)
 
 
-@pytest.mark.parametrize("bad", [0.0, NAN, INF, -INF])
-def test_scale_must_be_finite_and_nonzero(bad):
+@pytest.mark.parametrize("counts_per_rad", [0.0, NAN, INF, -INF])
+def test_scale_must_be_finite_and_nonzero(counts_per_rad):
     with pytest.raises(ValueError, match="not zero"):
-        JointScale(counts_per_rad=bad)
+        JointScale(counts_per_rad=counts_per_rad)
 
 
 def test_scale_round_trip():

@@ -1,4 +1,4 @@
-"""Every transport under contract, one after another. Imports no arm: emulated machines are slow."""
+"""Settings of every transport under contract. Imports no arm, as emulated machines are slow."""
 
 import pytest
 

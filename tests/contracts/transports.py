@@ -1,6 +1,6 @@
-"""The transports under contract. A new one joins here by one line, and every contract runs over it.
+"""The transports under contract: every contract runs on each.
 
-``socketcan`` takes part where there is a vcan0; `test_socketcan_uml` brings one along.
+``socketcan`` needs a vcan0, which `test_socketcan_uml` provides.
 """
 
 import itertools
@@ -16,6 +16,6 @@ def _own_channel() -> str:
 
 
 TRANSPORTS: dict[str, Callable[[], str]] = {"virtual": _own_channel, "loopback": _own_channel}
-"""Interface name, and what gives a test a channel of its own."""
+"""Function that returns a new channel, by interface."""
 if Path("/sys/class/net/vcan0").exists():
     TRANSPORTS["socketcan"] = lambda: "vcan0"

@@ -150,6 +150,6 @@ def test_draft_refuses_drive_that_stopped_answering(settings, foreign):
 
     foreign.network.unsubscribe(0x602)
     foreign.network.subscribe(0x602, answer_up_to_1018h)
-    with pytest.raises(DraftRefused, match="^Node 2 does not answer when asked for") as refused:
+    with pytest.raises(DraftRefused, match=r"^Node 2 does not answer when asked for") as refused:
         drafted(settings, configure=True)
     assert len(refused.value.reasons) == 1

@@ -1,4 +1,4 @@
-"""An overloaded arm and a doubled one are named, on every transport; single faults are a campaign of their own."""
+"""An overloaded arm and a duplicate one, on every transport; single faults have a campaign of their own."""
 
 import pytest
 
@@ -11,11 +11,11 @@ def test_third_driven_joint_trips_torque_limit(arm):
     arm.take_control()
     arm.set_modes([FREE, POSITION, POSITION, FREE, POSITION, FREE, FREE])
     start = arm.snapshot().positions_rad
-    with pytest.raises(DriveFault) as fault:
+    with pytest.raises(DriveFault) as error:
         arm.move({3: start[2] + 0.3}, speed_rad_per_s=0.3)
-    assert fault.value.code == 0x8311
+    assert error.value.code == 0x8311
     snapshot = arm.snapshot()
-    assert 0x8311 in {found.code for found in snapshot.faults}
+    assert 0x8311 in {fault.code for fault in snapshot.faults}
     assert DriveState.OPERATION_ENABLED not in {joint.drive for joint in snapshot.joints}
     arm.reset_stop()
     arm.take_control()

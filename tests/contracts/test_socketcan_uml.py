@@ -75,22 +75,20 @@ def test_socketcan_agrees_with_can_utils():
     check_can_utils_output(in_user_mode_linux(sys.executable, "-c", INSIDE))
 
 
-@pytest.mark.campaign
-@pytest.mark.needs("linux.uml")
-def test_frame_refused_by_full_queue_is_sent_again_once():
-    program = "-m", "tests.oracles.full_transmit_queue"
-    check_queue_output(in_user_mode_linux(sys.executable, *program))
+EMULATED = pytest.mark.needs("qemu-system-x86_64", "busybox")
 
 
 @pytest.mark.campaign
-@pytest.mark.needs("qemu-system-x86_64", "busybox")
-def test_full_queue_of_debian_kernel_is_retried():
+@pytest.mark.parametrize(
+    "run",
+    [
+        pytest.param(in_user_mode_linux, marks=pytest.mark.needs("linux.uml")),
+        pytest.param(in_emulated_linux, marks=EMULATED),
+    ],
+)
+def test_frame_refused_by_full_queue_is_sent_again_once(run):
     kernel = f"QEMU_KERNEL_ROOT={os.environ.get('QEMU_KERNEL_ROOT', '')}"
-    program = "-m", "tests.oracles.full_transmit_queue"
-    check_queue_output(in_emulated_linux("env", kernel, sys.executable, *program))
-
-
-def check_queue_output(output: str) -> None:
+    output = run("env", kernel, sys.executable, "-m", "tests.oracles.full_transmit_queue")
     results = {
         line.split()[0]: line.partition(" ")[2] for line in output.splitlines() if line.strip()
     }

@@ -167,12 +167,6 @@ class FakeArmBus(can.BusABC):
             self._queue.append((identifier, data))
             self._wake.notify_all()
 
-    def restart(self, node: int) -> None:
-        """Restart a node, which then stays in the state pre-operational."""
-        with self._wake:
-            self._nmt(0x82, node)
-            self._wake.notify_all()
-
     def trip(self, joint: int, code: int) -> None:
         """Put a drive into the state fault, with an emergency message."""
         with self._wake:  # a concurrent command must not reset the fault
@@ -341,6 +335,3 @@ class _StopHandle(can.BusABC):
     def shutdown(self) -> None:
         self._bus.on_closing()
         super().shutdown()
-
-    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        return None, False

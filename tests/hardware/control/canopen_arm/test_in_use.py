@@ -2,7 +2,7 @@
 
 import struct
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any
 
 import pytest
 
@@ -17,7 +17,6 @@ from tests.oracles.profiles import sarcos
 
 ENABLED, QUICK_STOP, TRIPPED = 0x27, 0x07, 0x08
 SDO_TIMEOUT_S = 0.5
-E = TypeVar("E", bound=BaseException)
 STATUSWORD, TOKEN = b"\x41\x60\x00", b"\x10\x20\x00"
 
 
@@ -70,7 +69,7 @@ def arm(bus):
     arm.close()
 
 
-def refused(bus: ReadingBus, error: type[E], match: str | None = None) -> E:
+def refused(bus: ReadingBus, error: type[Exception], match: str | None = None) -> Any:
     """Return the error of a connection that resets nothing."""
     with pytest.raises(error, match=match) as refusal:
         real_time_arm(bus).connect()

@@ -69,11 +69,6 @@ def test_drive_fault_without_emergency_denies_control(connected, bus, before_con
     assert (error.value.joint, error.value.code) == (4, 0x8611)
 
 
-def test_set_modes_reads_modes_back(driven, bus):
-    assert [drive.mode for drive in bus.drives.values()] == [10, 8, 10, 10, 8, 10, 10]
-    assert [joint.mode for joint in driven.snapshot().joints] == TWO_DRIVEN
-
-
 def test_unreached_mode_raises_mode_not_reached(arm, bus):
     arm.take_control()
     bus.drives[3].follows_mode = False
@@ -87,7 +82,9 @@ def test_set_modes_requires_enabled_drives(arm):
         arm.set_modes(TWO_DRIVEN)
 
 
-def test_hold_sets_target_to_current_position(driven, bus):
+def test_hold_sets_position_mode_and_current_position(driven, bus):
+    assert [drive.mode for drive in bus.drives.values()] == [10, 8, 10, 10, 8, 10, 10]
+    assert [joint.mode for joint in driven.snapshot().joints] == TWO_DRIVEN
     bus.drives[3].counts = 3456
     driven.hold()
     assert bus.drives[3].target == 3456

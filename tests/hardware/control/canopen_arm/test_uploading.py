@@ -3,6 +3,8 @@
 import hashlib
 import struct
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import pytest
 from canopen.sdo.exceptions import SdoCommunicationError
@@ -18,7 +20,7 @@ from hardware.errors import (
 )
 from hardware.timing import Pace
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import make, short_timing, wait_for
+from tests.hardware.on_fake_bus import drive, short_timing, wait_for
 
 FREE_TOKEN = struct.pack("<BHBL", 0x80, 0x2002, 0, 0x08000021)
 OLD_DOCUMENT = b"the one before"
@@ -27,25 +29,10 @@ SHA256 = hashlib.sha256(DOCUMENT).hexdigest()
 STAGE = b"\x2f\x02\x20\x00\x01"
 COMMIT = b"\x2f\x02\x20\x00\x02"
 COMMITTED = b"\x60\x02\x20\x00"
+MANY = 100
 
 
-class Clock:
-    """Monotonic time, ahead by `late_s` after a suspension of this computer."""
-
-    late_s = 0.0
-
-    def __call__(self) -> float:
-        return time.monotonic() + self.late_s
-
-
-@pytest.fixture
-def clock():
-    return Clock()
-
-
-@pytest.fixture
-def pace():
-    return Pace.FAST_FORWARD
+TIMING = short_timing(speed=10.0, heartbeat_timeout_s=0.35, sdo_timeout_s=0.1)
 
 
 @pytest.fixture
@@ -55,12 +42,8 @@ def bus(bus):
 
 
 @pytest.fixture
-def arm(bus, clock, pace):
-    timing = short_timing(speed=10.0, heartbeat_timeout_s=0.35, sdo_timeout_s=0.1)
-    arm = make(bus, pace=pace, timing=timing, clock=clock)
-    arm.connect()
-    yield arm
-    arm.close()
+def arm(connected):
+    return connected(timing=TIMING)
 
 
 def test_upload_is_staged_verified_and_committed(driven, bus):
@@ -100,19 +83,26 @@ def test_corrupted_document_is_not_committed(driven, bus):
     assert driven.active_parameters() == OLD_DOCUMENT
 
 
+@dataclass
 class FrameLoss:
-    """Loses the first `times` SDO frames with this beginning, after `skip` that arrive."""
+    """Loses the first `times` SDO frames with this beginning, after `skip` that arrive, and acts at each."""
 
-    def __init__(self, identifier: int, begin: bytes, times: int = 1, skip: int = 0) -> None:
-        self.identifier, self.begin, self.remaining, self.skip = identifier, begin, times, skip
+    identifier: int
+    begin: bytes
+    times: int = 1
+    skip: int = 0
+    act: Callable[[int], None] = lambda _lost: None
+    lost: int = 0
 
     def __call__(self, identifier: int, data: bytes) -> bool:
-        if identifier != self.identifier or not data.startswith(self.begin) or self.remaining == 0:
+        matches = identifier == self.identifier and data.startswith(self.begin)
+        if not matches or self.lost == self.times:
             return False
         if self.skip:
             self.skip -= 1
             return False
-        self.remaining -= 1
+        self.lost += 1
+        self.act(self.lost)
         return True
 
 
@@ -126,43 +116,31 @@ def test_silence_after_commit_raises_upload_unknown(driven, bus):
 
 def test_repeated_commit_after_lost_control_is_accepted(driven, bus):
     """The response to the commit was lost, and its repetition is refused: 2003h decides."""
-    commits = 0
 
-    def drops(identifier: int, data: bytes) -> bool:
-        nonlocal commits
-        if identifier != 0x610 or not data.startswith(COMMIT):
-            return False
-        commits += 1
+    def commit_and_refuse_repetition(commits: int) -> None:
         if commits == 2:
-            assert bus.written is not None
             bus.document, bus.written, bus.staged = bus.written, None, False
             bus.inject(0x590, FREE_TOKEN)
-        return True
 
-    bus.drops = drops
+    bus.drops = FrameLoss(0x610, COMMIT, times=MANY, act=commit_and_refuse_repetition)
     assert driven.upload_parameters(DOCUMENT).sha256 == SHA256
 
 
-@pytest.mark.parametrize("times", [1, 100])
+@pytest.mark.parametrize("times", [1, MANY])
 def test_document_dropped_before_commit_is_uploaded_again(driven, bus, times):
     """A supervisor drops it if it misses its operator's heartbeat for a moment."""
-    dropped = 0
 
-    def drops(identifier: int, data: bytes) -> bool:
-        nonlocal dropped
-        if identifier == 0x610 and data.startswith(COMMIT) and dropped < times:
-            bus.written, bus.staged, dropped = None, False, dropped + 1
-            return True
-        return False
+    def drop_document(_lost: int) -> None:
+        bus.written, bus.staged = None, False
 
-    bus.drops = drops
+    bus.drops = FrameLoss(0x610, COMMIT, times=times, act=drop_document)
     if times == 1:
         driven.upload_parameters(DOCUMENT)
         assert bus.document == DOCUMENT
         return
     with pytest.raises(BusError):
         driven.upload_parameters(DOCUMENT)
-    assert dropped == MAX_UPLOADS
+    assert bus.drops.lost == MAX_UPLOADS
     assert bus.document == OLD_DOCUMENT
 
 
@@ -182,7 +160,7 @@ def test_lost_frame_is_retried(driven, bus, loss):
     bus.drops = loss
     receipt = driven.upload_parameters(DOCUMENT)
     assert (receipt.length, receipt.sha256) == (len(DOCUMENT), SHA256)
-    assert loss.remaining == 0
+    assert loss.lost == loss.times
     assert bus.document == DOCUMENT
 
 
@@ -194,39 +172,37 @@ def test_repeatedly_lost_segments_report_no_answer(driven, bus):
     assert driven.active_parameters() == OLD_DOCUMENT
 
 
-class ControlLapse:
-    """Supervisor that releases control at the first stage command, or at each, and drops the document."""
+def control_lapse(bus: FakeArmBus, times: int = 1) -> FrameLoss:
+    """Let the supervisor release control and drop the document when it is to check it."""
 
-    def __init__(self, bus: FakeArmBus, *, always: bool = False) -> None:
-        self.bus, self.always, self.times = bus, always, 0
+    def release_control(_lost: int) -> None:
+        bus.token, bus.written = 0, None
+        bus.inject(0x590, FREE_TOKEN)
 
-    def __call__(self, identifier: int, data: bytes) -> bool:
-        if identifier != 0x610 or not data.startswith(STAGE) or (self.times and not self.always):
-            return False
-        self.times += 1
-        self.bus.token, self.bus.written = 0, None
-        self.bus.inject(0x590, FREE_TOKEN)
-        return True
+    return FrameLoss(0x610, STAGE, times=times, act=release_control)
 
 
 @pytest.fixture
-def late(driven, clock):
+def late(connected):
     """An arm whose host computer was suspended for a moment."""
-    clock.late_s = 0.74
-    wait_for(lambda: driven.snapshot().lateness.times > 0)
-    return driven
+    late_s = 0.0
+    arm = drive(
+        connected(pace=Pace.REAL_TIME, timing=TIMING, clock=lambda: time.monotonic() + late_s)
+    )
+    late_s = 0.74
+    wait_for(lambda: arm.snapshot().lateness.times > 0)
+    return arm
 
 
-@pytest.mark.parametrize("pace", [Pace.REAL_TIME])
 def test_control_lost_by_host_latency_is_taken_again(late, bus):
-    bus.drops = ControlLapse(bus)
+    bus.drops = control_lapse(bus)
     late.upload_parameters(DOCUMENT)
     assert bus.document == DOCUMENT
     assert bus.token == 127
 
 
 def test_control_lost_without_host_latency_is_denied(driven, bus):
-    bus.drops = ControlLapse(bus)
+    bus.drops = control_lapse(bus)
     with pytest.raises(ControlDenied) as denied:
         driven.upload_parameters(DOCUMENT)
     assert denied.value.holder == 0
@@ -234,13 +210,12 @@ def test_control_lost_without_host_latency_is_denied(driven, bus):
     assert bus.document == OLD_DOCUMENT
 
 
-@pytest.mark.parametrize("pace", [Pace.REAL_TIME])
 def test_control_lost_repeatedly_raises_host_latency_exceeded(late, bus):
-    bus.drops = ControlLapse(bus, always=True)
+    bus.drops = control_lapse(bus, times=MANY)
     with pytest.raises(HostLatencyExceeded) as exceeded:
         late.upload_parameters(DOCUMENT)
     assert exceeded.value.longest_s == pytest.approx(0.7, abs=0.1)
-    assert bus.drops.times == MAX_UPLOADS
+    assert bus.drops.lost == MAX_UPLOADS
     assert bus.document == OLD_DOCUMENT
 
 

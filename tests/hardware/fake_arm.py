@@ -112,7 +112,7 @@ class FakeArmBus(can.BusABC):
         self.on_closing: Callable[[], None] = lambda: None
         """Called when the second handle is closed, just before the bus itself."""
         self.io_error: Exception | None = None
-        self.model, self.serial = "fake", "FAKE-1"
+        self.model = "fake"
         self.full_scale = 120_000_000
         self._queue: deque[tuple[int, bytes]] = deque()
         self._wake = threading.Condition()
@@ -297,7 +297,7 @@ class FakeArmBus(can.BusABC):
             (0x2004, 0): self.refusal.encode() or 0x08000024,
             (0x2010, 0): struct.pack("<L", self.token),
             (0x2020, 1): self.model.encode(),
-            (0x2020, 2): self.serial.encode(),
+            (0x2020, 2): b"FAKE-1",
             (0x2020, 3): bytes([JOINTS]),
         }.get((index, sub), 0x06020000)
 

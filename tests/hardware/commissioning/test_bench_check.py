@@ -164,17 +164,22 @@ def test_declined_stop_test_enables_no_drive(bench):
     assert all(command.mode is None for command in bench.plant.commands)
 
 
-def test_wrong_direction_ends_check_and_declined_joint_stays(bench):
+def test_declined_joint_is_not_moved(bench):
     before = bench.plant.angles_rad[2]
-    user = turning_only(4)
-    user.refused += ("Did joint 4",)
-    findings = findings_of(bench.arm(), user)
-    assert failed(findings) == [("direction", 4)]
-    assert {f.stage for f in findings} == {Stage.LOOK, Stage.HOLD, Stage.MOVE}
+    findings = findings_of(bench.arm(), turning_only(5), Stage.MOVE)
+    assert failed(findings) == []
     assert [f.text for f in findings if f.joint == 3 and f.stage is Stage.MOVE] == [
         "not tried: declined"
     ]
     assert bench.plant.angles_rad[2] == pytest.approx(before, abs=1e-3)
+
+
+def test_wrong_direction_ends_check(bench):
+    user = turning_only(2)
+    user.refused += ("Did joint 2",)
+    findings = findings_of(bench.arm(), user)
+    assert failed(findings) == [("direction", 2)]
+    assert {f.stage for f in findings} == {Stage.LOOK, Stage.HOLD, Stage.MOVE}
 
 
 def test_stuck_joint_is_reported(bench):

@@ -8,7 +8,7 @@ import pytest
 from hardware.buses.python_can import BusSettings
 from hardware.canopen.bus_profile import BusProfile
 from hardware.control.canopen_arm import CanopenArm
-from tests.hardware.on_foreign_arm import on, unconnected
+from tests.hardware.on_foreign_arm import running_foreign_arm, unconnected
 
 _channels = itertools.count()
 
@@ -21,7 +21,7 @@ def settings():
 @pytest.fixture
 def foreign(settings):
     """An arm with the node numbers of ours, and another set-up."""
-    yield from on(settings, 1, 2, 3, 4)
+    yield from running_foreign_arm(settings, 1, 2, 3, 4)
 
 
 @pytest.fixture

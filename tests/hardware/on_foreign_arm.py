@@ -24,7 +24,7 @@ DESCRIPTION = described(
 )
 
 
-def on(settings: BusSettings, *nodes: int) -> Iterator[ForeignArm]:
+def running_foreign_arm(settings: BusSettings, *nodes: int) -> Iterator[ForeignArm]:
     axes = [Axis(counts=1000 * (k + 1)) for k in range(JOINTS)]
     with (
         can.Bus(settings.channel, interface="virtual") as bus,

@@ -8,7 +8,7 @@ import pytest
 from hardware.arm import DriveState, JointMode
 from hardware.commissioning.profile_draft import DraftRefused
 from hardware.errors import CommandRefused, MappingMismatch, UploadRefused, WrongArm
-from tests.hardware.on_foreign_arm import JOINTS, PER_RAD, drafted, on
+from tests.hardware.on_foreign_arm import JOINTS, PER_RAD, drafted, running_foreign_arm
 from tests.oracles.profiles import sarcos
 
 POSITION, FREE = JointMode.POSITION, JointMode.FREE
@@ -17,7 +17,7 @@ NODES = range(1, JOINTS + 1)
 
 @pytest.fixture
 def elsewhere(settings):
-    yield from on(settings, 11, 12, 23, 34)
+    yield from running_foreign_arm(settings, 11, 12, 23, 34)
 
 
 def test_foreign_arm_with_wrong_profile_is_refused(connect, foreign):

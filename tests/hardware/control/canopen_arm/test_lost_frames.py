@@ -57,7 +57,7 @@ def test_one_percent_frame_loss_is_tolerated(connected, bus):
 
 
 def test_single_attempts_do_not_count_as_frame_loss():
-    """Drives in the NMT state STOPPED do not answer when they are asked, before their reset, if they are in use."""
+    """Drives in the NMT state STOPPED do not answer the state check that precedes their reset."""
     lost = [True] * 16 + [False] * 8 + [True]
 
     def send(identifier: int, data: bytes) -> None:

@@ -1,5 +1,6 @@
 """The operator's arm with the virtual controller, on every transport."""
 
+import hashlib
 import math
 from contextlib import closing
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from hardware.arm import ArmSnapshot, DriveState
-from hardware.errors import ControlDenied, Stopped
+from hardware.errors import ControlDenied, Stopped, UploadRefused
 from tests.contracts.arm.bench import operator_on, take_two_joints
 from tests.hardware.on_fake_bus import wait_for
 
@@ -46,6 +47,18 @@ def test_stop_in_a_move_stops_everything(driven):
     assert {j.drive for j in driven.snapshot().joints} == {DriveState.SWITCH_ON_DISABLED}
     take_two_joints(driven)
     assert driven.move({2: start[1]}, speed_rad_per_s=0.3).reached
+
+
+@pytest.mark.sample(1)
+def test_uploaded_parameters_are_read_back(driven):
+    document = b"SDA-0007 11 -22 33 -44 55 -6 7".ljust(4000)
+    receipt = driven.upload_parameters(document)
+    assert receipt.home_offset_counts == (11, -22, 33, -44, 55, -6, 7)
+    assert receipt.sha256 == hashlib.sha256(document).hexdigest()
+    assert driven.active_parameters() == document
+    with pytest.raises(UploadRefused, match="invalid literal"):
+        driven.upload_parameters(b"SDA-0007 eleven")
+    assert driven.active_parameters() == document
 
 
 def test_two_operators_exclude_each_other(driven, settings):

@@ -1,4 +1,4 @@
-"""Loops with a planted truth: every fixture on two arms, with poses that close there exactly. No test in it."""
+"""Loops with planted parameters: every fixture on two arms, with poses that close exactly. No test in it."""
 
 from dataclasses import dataclass, replace
 from functools import cache
@@ -31,19 +31,19 @@ def at_home(arm: ArmModel) -> Frames:
 
 def ball(arm: ArmModel) -> Ball:
     """A ball beside the flange, with its socket at the home pose."""
-    hand = at_home(arm)
-    ground = hand.p_end + hand.R_end @ np.array(EXAMPLE_TIP_M)
+    frames = at_home(arm)
+    ground = frames.p_end + frames.R_end @ np.array(EXAMPLE_TIP_M)
     return Ball(tip_m=EXAMPLE_TIP_M, ground_m=tuple(ground.tolist()))
 
 
 def hinge(arm: ArmModel) -> Hinge:
-    """A hinge, at 100 deg to joint n, that closes at home but for turns of joints 1 and n."""
+    """A hinge, at 100 deg to joint n, that closes at home except for rotations of joints 1 and n."""
     alpha_n = np.deg2rad(100.0)
     return hinge_at(arm, [-0.1, 0.0, 0.04], [0.0, -np.sin(alpha_n), np.cos(alpha_n)])
 
 
 def rigid(arm: ArmModel) -> Rigid:
-    """An attachment that closes at home but for turns of joints 1 and n."""
+    """An attachment that closes at home except for rotations of joints 1 and n."""
     axis = hinge_at(arm, [0.0, 0.0, 0.0], [0.0, 0.0, 1.0])
     return Rigid(a_0_m=axis.a_0_m, s_0_m=axis.s_0_m, alpha_0_rad=axis.alpha_0_rad, s_1_m=axis.s_1_m)
 
@@ -52,9 +52,9 @@ def hinge_at(arm: ArmModel, point_m: list[float], direction: list[float]) -> Hin
     """The hinge on a line of the frame before the last link at home, with the offsets of the arm's file."""
     frames = at_home(arm)
     R, p = frames.axes[-2] @ rotation_about_z(arm.home_rad[-1]), frames.origins_m[-2]
-    ground = Line(point_m=np.array(point_m), direction=np.array(direction)).in_frame(R, p)
-    hand = ground.in_frame(frames.R_end.T, -frames.p_end @ frames.R_end)
-    placed = Hinge.between(arm, ground, hand)
+    in_base = Line(point_m=np.array(point_m), direction=np.array(direction)).in_frame(R, p)
+    in_tool = in_base.in_frame(frames.R_end.T, -frames.p_end @ frames.R_end)
+    placed = Hinge.between(arm, in_base, in_tool)
     return replace(placed, theta_off_1_rad=None, theta_off_n_rad=None)
 
 
@@ -72,11 +72,10 @@ def measured(arm: ArmModel) -> Measured:
 
 
 FIXTURES = {"ball": ball, "hinge": hinge, "measured": measured, "rigid": rigid}
-"""One line a fixture, made by its function: the contract tests run on each."""
+"""The fixtures under contract."""
 
 
 def arm(name: str, table: DhTable, home_deg: list[float]) -> ArmModel:
-    home = np.deg2rad(home_deg)
     joint = Joint(
         name="joint",
         lower_rad=-10.0,
@@ -90,7 +89,7 @@ def arm(name: str, table: DhTable, home_deg: list[float]) -> ArmModel:
         table=table,
         joints=(joint,) * table.links,
         free=tuple(DhEntry(DhKind.THETA_OFF, j) for j in range(1, table.links + 1)),
-        home_rad=home,
+        home_rad=np.deg2rad(home_deg),
     )
 
 
@@ -109,7 +108,7 @@ def sarcos() -> ArmModel:
 
 
 def eight_joints() -> ArmModel:
-    """No two neighbouring axes meet: nothing about seven joints or spherical wrists is built in."""
+    """No two neighbouring axes intersect, so that seven joints or spherical wrists are not assumed."""
     return arm(
         "eight",
         DhTable(
@@ -127,7 +126,7 @@ ARMS = {"sarcos": sarcos, "eight": eight_joints}
 
 @dataclass(frozen=True)
 class Case:
-    """A fixture on an arm, with a planted truth and poses that close there exactly."""
+    """A fixture on an arm, with planted parameters and poses that close exactly."""
 
     kind: str
     arm: ArmModel
@@ -137,18 +136,11 @@ class Case:
 
 
 def observed(model: ClosureModel, x: np.ndarray, q: np.ndarray) -> ClosureModel:
-    """Bind an open arm to what its instrument would see; a closed loop needs no instrument."""
+    """Bind an open arm to simulated measurements of its instrument; a closed loop has none."""
     if isinstance(model, MeasuredClosure):
         position, rotation = model.predicted(x, q)
         return model.with_endpoints(position, rotation if model.full_pose else None)
     return model
-
-
-def near_home(arm: ArmModel, rng: np.random.Generator, count: int) -> np.ndarray:
-    """Inner joints up to 60 deg from home, first and last anywhere: their zeros are the fixture's."""
-    q = arm.home_rad + rng.uniform(-1.0, 1.0, (count, arm.joint_count))
-    q[:, [0, -1]] = rng.uniform(-np.pi, np.pi, (count, 2))
-    return q
 
 
 def closed_poses(
@@ -158,22 +150,25 @@ def closed_poses(
     seed: int,
     *,
     count: int = 30,
-    held: tuple[int, ...] = (),
+    constrained: int | None = None,
 ) -> np.ndarray:
+    """Return poses with inner joints up to 60 deg from home, first and last anywhere, one joint at home on request."""
     rng = np.random.default_rng(seed)
-    q = near_home(arm, rng, 12 * count)
-    q[:, [j - 1 for j in held]] = arm.home_rad[[j - 1 for j in held]]
+    q = arm.home_rad + rng.uniform(-1.0, 1.0, (12 * count, arm.joint_count))
+    q[:, [0, -1]] = rng.uniform(-np.pi, np.pi, (12 * count, 2))
     sigma = np.ones(arm.joint_count)
-    sigma[[j - 1 for j in held]] = 0.0
+    if constrained is not None:
+        q[:, constrained - 1] = arm.home_rad[constrained - 1]
+        sigma[constrained - 1] = 0.0
     if isinstance(model, MeasuredClosure):
         return q[:count]
     poses = close_loops(model, x, q, sigma_rad=sigma, max_iterations=60)
-    # The shortest way to the manifold: what went far is another assembly of the arm.
-    good = poses.closed & ~model.reduced(x, poses.q).flipped
-    good &= np.abs(poses.q - q).max(-1) < 1.5
-    found = poses.q[good][:count]
-    assert len(found) == count, f"only {len(found)} of {count} poses close"
-    return found
+    # Distant solutions belong to another assembly mode of the arm.
+    valid = poses.closed & ~model.reduced(x, poses.q).flipped
+    valid &= np.abs(poses.q - q).max(-1) < 1.5
+    q = poses.q[valid][:count]
+    assert len(q) == count, f"only {len(q)} of {count} poses close"
+    return q
 
 
 def perturbed(model: ClosureModel, seed: int) -> np.ndarray:
@@ -184,7 +179,7 @@ def perturbed(model: ClosureModel, seed: int) -> np.ndarray:
 
 @cache
 def case(kind: str, arm_name: str) -> Case:
-    """What the poses cannot show is held first: a truth planted there would be nobody's to find."""
+    """Return a case whose parameters are all identifiable from its poses."""
     arm = ARMS[arm_name]()
     model = FIXTURES[kind](arm).model(arm)
     x = nominal_vector(model.parameters)

@@ -13,8 +13,7 @@ from tests.oracles.virtual_rig import ARM, TrivialPlant, axes, parse
 
 MASTER = Path(__file__).resolve().parents[1] / "tools" / "node_canopen_master.js"
 JOINT, COUNTS = 3, 200
-# As the master's own: what the arm does when nobody is heard any more is tested elsewhere.
-PATIENCE_S = 5.0
+HEARTBEAT_TIMEOUT_S = 5.0  # as in the master
 
 pytestmark = pytest.mark.needs("node")
 
@@ -29,42 +28,42 @@ def library():
         )
 
 
-def test_a_foreign_master_reads_samples_drives_and_stops():
+def test_node_canopen_master_reads_moves_and_stops_arm():
     settings = axes()
     plant = TrivialPlant([axis.scale.counts_per_rad for axis in settings])
-    there = [
+    initial_counts = [
         round(angle * axis.scale.counts_per_rad)
         for angle, axis in zip(plant.angles_rad, settings, strict=True)
     ]
     channel = f"node-canopen-{os.getpid()}"
     bus = open_bus(BusSettings(interface="loopback", channel=channel))
     with VirtualController(
-        bus, plant, axes=settings, arm=ARM, validate=parse, heartbeat_timeout_s=PATIENCE_S
+        bus, plant, axes=settings, arm=ARM, validate=parse, heartbeat_timeout_s=HEARTBEAT_TIMEOUT_S
     ) as controller:
-        done = subprocess.run(
+        master = subprocess.run(
             ["node", str(MASTER), channel, str(JOINT), str(COUNTS)],
             capture_output=True, text=True, timeout=60, check=False,
         )  # fmt: skip
-        assert done.returncode == 0, done.stderr
+        assert master.returncode == 0, master.stderr
     bus.shutdown()
-    told = json.loads(done.stdout)
+    report = json.loads(master.stdout)
     for joint in range(1, 8):
-        found = told["identity"][str(joint)]
+        identity = report["identity"][str(joint)]
         # CiA 402, a servo drive; serial numbers of drives follow the arm's.
-        assert found["deviceType"] & 0x00FFFFFF == 0x00020192
-        assert (found["vendor"], found["product"]) == (0, 1)
-        assert found["serial"] == 700 + joint
-        assert found["name"].rstrip("\0")
-    assert told["identity"]["16"]["product"] == 2
-    assert [counts for _, counts, _ in told["first"]] == there
-    assert told["token"] == 127
-    assert told["blocks"] == "the same"
+        assert identity["deviceType"] & 0x00FFFFFF == 0x00020192
+        assert (identity["vendor"], identity["product"]) == (0, 1)
+        assert identity["serial"] == 700 + joint
+        assert identity["name"].rstrip("\0")
+    assert report["identity"]["16"]["product"] == 2
+    assert [counts for _, counts, _ in report["first"]] == initial_counts
+    assert report["token"] == 127
+    assert report["blocks"] == "the same"
     # 6041h: ready to switch on, switched on, operation enabled; from one SYNC to the next.
-    assert [status & 0x6F for status in told["enabling"]] == [0x21, 0x23, 0x27]
-    assert told["mode"] == 8
-    _, driven, _ = told["driven"]
-    assert driven == pytest.approx(there[JOINT - 1] + COUNTS, abs=COUNTS / 10 + 1)
-    assert told["statusword"] & 0x6F == 0x07  # quick stop active
-    assert told["afterwards"][1] == pytest.approx(told["stopped"][1], abs=1)
-    assert "Object does not exist" in told["refused"]
-    assert controller.drives[JOINT - 1].drive.counts == told["afterwards"][1]
+    assert [status & 0x6F for status in report["enabling"]] == [0x21, 0x23, 0x27]
+    assert report["mode"] == 8
+    _, driven, _ = report["driven"]
+    assert driven == pytest.approx(initial_counts[JOINT - 1] + COUNTS, abs=COUNTS / 10 + 1)
+    assert report["statusword"] & 0x6F == 0x07  # quick stop active
+    assert report["afterwards"][1] == pytest.approx(report["stopped"][1], abs=1)
+    assert "Object does not exist" in report["refused"]
+    assert controller.drives[JOINT - 1].drive.counts == report["afterwards"][1]

@@ -1,4 +1,4 @@
-"""The contract that outside packages run, run on the arms we have: the embedded one, and the manual's two."""
+"""The contract for arms of outside packages, run on the embedded arm and the manual's two."""
 
 import os
 import subprocess
@@ -9,17 +9,14 @@ from sarcal import arm_contract
 from sarcal.arm_contract import *  # noqa: F403 - the tests
 from sarcal.arm_contract import fulfils
 
-from hardware.commissioning.bench_check import Bench as Tried
-from hardware.commissioning.bench_check import check
+from hardware.commissioning.bench_check import Bench, check
 from hardware.commissioning.stages import Clause, Stage
 from hardware.control.canopen_arm import CanopenArm
 from operator_app.composition import describe
 from tests.oracles.toy_arm import package, toy
 
-ARMS = ("virtual", "moving_line_arm", "line_arm")
 
-
-@pytest.fixture(scope="module", params=ARMS)
+@pytest.fixture(scope="module", params=["virtual", "moving_line_arm", "line_arm"])
 def bench(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("toy")
     with pytest.MonkeyPatch.context() as patch:
@@ -31,10 +28,10 @@ def bench(request, tmp_path_factory):
             yield from arm_contract.bench.__wrapped__(tmp_path_factory)
 
 
-def test_arm_check_tries_it_as_well(bench):
-    """All but what moves it: in a fixture one joint is not turned alone."""
+def test_arm_check_passes_contract_arms(bench):
+    """Without the stages that move it: in a fixture no joint can turn alone."""
     bench.arm.close()
-    made = Tried(
+    arm_check = Bench(
         arm=bench.arm,
         description=describe(bench.procedure.arm),
         ask=lambda _: True,
@@ -42,41 +39,40 @@ def test_arm_check_tries_it_as_well(bench):
         speed_rad_per_s=bench.speed_rad_per_s,
         bounds=arm_contract.BOUNDS,
     )
-    found = list(check(made, last=Stage.HOLD))
-    assert {f.name: f.text for f in found if f.passed is False} == {}
-    assert {f.stage for f in found} == {Stage.LOOK, Stage.HOLD}
+    findings = list(check(arm_check, last=Stage.HOLD))
+    assert {f.name: f.text for f in findings if f.passed is False} == {}
+    assert {f.stage for f in findings} == {Stage.LOOK, Stage.HOLD}
     if isinstance(bench.arm, CanopenArm):
-        # The embedded arm waits 10 s for its operator: runs put up with that, a bench is told.
-        assert {f.passed for f in found if f.name == "guard"} == {None}
+        # The embedded arm's heartbeat time-out of 10 s is accepted in runs, and reported by the check.
+        assert {f.passed for f in findings if f.name == "guard"} == {None}
 
 
-def test_what_was_not_found_out_is_no_pass_and_nothing_tried_is_a_failure():
+def test_fulfils_skips_unknown_and_fails_empty_clauses():
     def clause(name: str, *, passed: bool | None) -> Clause:
-        return Clause(name=name, passed=passed, text="as it was seen")
+        return Clause(name=name, passed=passed, text="observation")
 
-    fine, unknown = clause("fine", passed=True), clause("torque", passed=None)
-    fulfils(iter([fine]))
-    with pytest.raises(pytest.skip.Exception, match="torque: as it was seen"):
-        fulfils([unknown, fine])
+    passed, unknown = clause("passed", passed=True), clause("torque", passed=None)
+    fulfils(iter([passed]))
+    with pytest.raises(pytest.skip.Exception, match="torque: observation"):
+        fulfils([unknown, passed])
     with pytest.raises(AssertionError, match="nothing was tried"):
         fulfils(())
-    left = iter([unknown, clause("wrong", passed=False), fine])
-    with pytest.raises(AssertionError, match="wrong: as it was seen"):
-        fulfils(left)
-    # What comes after a failure is not tried any more: the arm may be moving.
-    assert list(left) == [fine]
+    clauses = iter([unknown, clause("wrong", passed=False), passed])
+    with pytest.raises(AssertionError, match="wrong: observation"):
+        fulfils(clauses)
+    assert list(clauses) == [passed], "nothing is tried after a failure, as the arm may be moving"
 
 
 @pytest.mark.campaign
-def test_an_outside_package_installs_and_runs_it_by_itself(tmp_path):
-    """As the manual says, in a folder that has nothing of ours."""
+def test_installed_outside_package_passes_contract(tmp_path):
+    """As in the manual, in a folder without the project's sources."""
     folder, target = tmp_path / "package", tmp_path / "target"
     package(folder)
     install = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation"]
     subprocess.run([*install, "--no-index", "--target", target, folder], check=True)
     with toy(folder, "--rate", "100") as arm:
         bus = {"CAN_INTERFACE": "moving_line_arm", "CAN_CHANNEL": arm.channel}
-        found = subprocess.run(
+        run = subprocess.run(
             [sys.executable, "-m", "pytest", "--pyargs", "sarcal.arm_contract"],
             env=os.environ | bus | {"PYTHONPATH": str(target)},
             cwd=tmp_path,
@@ -84,4 +80,4 @@ def test_an_outside_package_installs_and_runs_it_by_itself(tmp_path):
             text=True,
             check=False,
         )
-    assert "14 passed" in found.stdout, found.stdout
+    assert "14 passed" in run.stdout, run.stdout

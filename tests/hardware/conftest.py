@@ -1,4 +1,4 @@
-"""A foreign arm on a channel of its own, and who connects to it."""
+"""A foreign arm on a channel of its own, and an operator that connects to it."""
 
 import itertools
 from contextlib import ExitStack
@@ -8,7 +8,7 @@ import pytest
 from hardware.buses.python_can import BusSettings
 from hardware.canopen.bus_profile import BusProfile
 from hardware.control.canopen_arm import CanopenArm
-from tests.hardware.on_foreign_arm import on, unconnected
+from tests.hardware.on_foreign_arm import running_foreign_arm, unconnected
 
 _channels = itertools.count()
 
@@ -20,13 +20,13 @@ def settings():
 
 @pytest.fixture
 def foreign(settings):
-    """On the node numbers that ours has, so that nothing differs but how they are set up."""
-    yield from on(settings, 1, 2, 3, 4)
+    """An arm with the node numbers of ours, and another set-up."""
+    yield from running_foreign_arm(settings, 1, 2, 3, 4)
 
 
 @pytest.fixture
 def connect(settings):
-    """Connect with a profile; the arm is closed in the end."""
+    """Connect an arm with a profile; it is closed after the test."""
     with ExitStack() as stack:
 
         def connected(profile: BusProfile) -> CanopenArm:

@@ -1,8 +1,8 @@
-"""A fake at the lowest seam: a CAN bus whose other end is eight CANopen nodes, without any thread.
+"""Fake CAN bus with eight CANopen nodes behind it, without a thread.
 
-Written from the design's tables in plain numbers, so that it shares nothing with the operator side; the `canopen`
-package serves SDO. Every frame sent to it is answered at once, into the queue `recv` reads. Drives are ideal: a joint
-in position mode is where its last target said, one period later.
+Written from the design's tables in plain numbers, so that it shares no code with the product; the `canopen` package
+serves SDO. Every sent frame is answered at once, into the queue that `recv` reads. Drives are ideal: a joint in
+position mode reaches its target one period later.
 """
 
 import hashlib
@@ -32,19 +32,19 @@ MAPS = {
 
 @dataclass
 class FakeDrive(Axis):
-    """One CiA 402 axis, as far as a well-behaved operator can tell."""
+    """An ideal CiA 402 axis."""
 
     counts: int = 1000
     torque: int = 0
     follows_mode: bool = True
     ignores: tuple[int, ...] = ()
-    """Controlwords that it takes no notice of while it is enabled."""
+    """Controlwords without effect while the drive is enabled."""
     noise: Callable[[int], int] = lambda _sync: 0
-    heard: list[tuple[int, int, int]] = field(default_factory=list)
+    received: list[tuple[int, int, int]] = field(default_factory=list)
 
     def rpdo(self, data: bytes) -> None:
         word, target, mode = struct.unpack("<Hib", data)
-        self.heard.append((word, target, mode))
+        self.received.append((word, target, mode))
         if self.status == 0x27 and word in self.ignores:
             return
         self.obey(word, target)
@@ -53,7 +53,7 @@ class FakeDrive(Axis):
 
 
 class FakeServer(SdoServer):
-    """The SDO server of the `canopen` package in front of the objects of one node of `bus`."""
+    """SDO server of the `canopen` package for the objects of one node of `bus`."""
 
     def __init__(self, bus: "FakeArmBus", number: int) -> None:
         node = SimpleNamespace(object_dictionary={}, get_data=self.get_data, set_data=self.set_data)
@@ -71,11 +71,11 @@ class FakeServer(SdoServer):
         self._bus.store(index, bytes(data))
 
     def request_aborted(self, data: bytes) -> None:
-        self._toggle = None  # what comes of that transfer is refused
+        self._toggle = None  # further segments of that transfer are refused
 
 
 class FakeArmBus(can.BusABC):
-    """The bus. `stop_handle` gives the second handle that STOP uses."""
+    """The bus; `stop_handle` returns the second handle, which STOP uses."""
 
     def __init__(self) -> None:
         self.drives = {j: FakeDrive(counts=1000 * j) for j in range(1, JOINTS)}
@@ -84,17 +84,17 @@ class FakeArmBus(can.BusABC):
         self.syncs = 0
         self.sent: list[tuple[int, bytes]] = []
         self.heartbeat_ms = 100
-        self.mute: set[int] = set()
-        self.twins: set[int] = set()
-        self.doubles: Callable[[int], bool] = lambda _node: False
+        self.without_heartbeat: set[int] = set()
+        self.duplicate_nodes: set[int] = set()
+        self.duplicates_response: Callable[[int], bool] = lambda _node: False
         self.denies_control = False
         self.objects: dict[tuple[int, int, int], bytes | int] = {}
-        self.silent: set[int] = set()
-        self.twice: set[int] = set()
-        self.dead: set[int] = set()
+        self.without_tpdo: set[int] = set()
+        self.doubling_tpdo: set[int] = set()
+        self.offline: set[int] = set()
         self.started: set[int] = set()
-        self.says_it_follows = True
-        self.deaf: set[int] = set()
+        self.reports_following = True
+        self.not_following: set[int] = set()
         self.token = 0
         self.other_operator = False
         self.other_master: tuple[tuple[int, bytes], ...] = ()
@@ -103,27 +103,25 @@ class FakeArmBus(can.BusABC):
         self.written: bytes | None = None
         self.refusal = ""
         self.corrupts = False
-        self.loses: Callable[[int, bytes], bool] = lambda _identifier, _data: False
-        """Of SDO and NMT frames and boot-ups, by identifier: which do not arrive."""
+        self.drops: Callable[[int, bytes], bool] = lambda _identifier, _data: False
+        """Which SDO frames, NMT commands and boot-up messages are lost."""
         self.staged = False
         self.on_sync: Callable[[int], None] = lambda _sync: None
         self.on_send: Callable[[int, bytes], None] = lambda _identifier, _data: None
-        """Called before a frame is sent, in the sender's thread."""
+        """Called before each frame, in the sender's thread."""
         self.on_closing: Callable[[], None] = lambda: None
-        """Called when the second handle is closed, the last thing but the bus itself."""
-        self.broken: Exception | None = None
-        self.model, self.serial = "fake", "FAKE-1"
+        """Called when the second handle is closed, just before the bus itself."""
+        self.io_error: Exception | None = None
+        self.model = "fake"
         self.full_scale = 120_000_000
         self._queue: deque[tuple[int, bytes]] = deque()
         self._wake = threading.Condition()
         self._next_beat = 0.0
         super().__init__(channel="fake")
 
-    # ---- python-can --------------------------------------------------------------------------------
-
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        if self.broken is not None:
-            raise self.broken
+        if self.io_error is not None:
+            raise self.io_error
         self.on_send(msg.arbitration_id, bytes(msg.data))
         with self._wake:
             self.sent.append((msg.arbitration_id, bytes(msg.data)))
@@ -131,8 +129,8 @@ class FakeArmBus(can.BusABC):
             self._wake.notify_all()
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        if self.broken is not None:
-            raise self.broken
+        if self.io_error is not None:
+            raise self.io_error
         with self._wake:
             self._beat()
             if not self._queue:
@@ -148,35 +146,32 @@ class FakeArmBus(can.BusABC):
     def stop_handle(self) -> can.BusABC:
         return _StopHandle(self)
 
-    # ---- nodes -------------------------------------------------------------------------------------
-
     @property
     def statuses(self) -> set[int]:
-        """Status of the drives, whosever it is."""
+        """Distinct states of the drives."""
         return {drive.status for drive in self.drives.values()}
 
-    def words(self, joint: int, since: int = 0) -> list[int]:
-        """Controlwords that a joint was sent, from a number of sent frames on."""
-        sent = [data for i, data in self.sent[since:] if i == 0x200 + joint]
-        return [struct.unpack("<Hib", data)[0] for data in sent]
+    @property
+    def commands(self) -> list[bytes]:
+        """Data of the command frames to joints so far."""
+        return [data for identifier, data in self.sent if 0x200 < identifier <= 0x200 + JOINTS]
 
-    def say(self, identifier: int, data: bytes) -> None:
-        """Put a frame on the bus as some node would."""
+    def controlwords(self, joint: int, since: int = 0) -> list[int]:
+        """Controlwords sent to a joint, without those in the first `since` frames."""
+        frames = [data for i, data in self.sent[since:] if i == 0x200 + joint]
+        return [struct.unpack("<Hib", data)[0] for data in frames]
+
+    def inject(self, identifier: int, data: bytes) -> None:
+        """Put a frame of another device on the bus."""
         with self._wake:
             self._queue.append((identifier, data))
             self._wake.notify_all()
 
-    def restart(self, node: int) -> None:
-        """Let a node lose its power for a moment: it waits to be started from then on, and says so."""
-        with self._wake:
-            self._nmt(0x82, node)
-            self._wake.notify_all()
-
     def trip(self, joint: int, code: int) -> None:
-        """Let a drive fault."""
-        with self._wake:  # what it is told at this moment must not undo it
+        """Put a drive into the state fault, with an emergency message."""
+        with self._wake:  # a concurrent command must not reset the fault
             self.drives[joint].status = 0x08
-            self.say(0x80 + joint, struct.pack("<HB5x", code, 0x81))
+            self.inject(0x80 + joint, struct.pack("<HB5x", code, 0x81))
 
     def _beat(self) -> None:
         now = time.monotonic()
@@ -187,7 +182,7 @@ class FakeArmBus(can.BusABC):
             return
         self._next_beat = now + 0.1
         for node in (*self.drives, SUPERVISOR):
-            if node not in self.dead | self.mute:
+            if node not in self.offline | self.without_heartbeat:
                 state = b"\x05" if node in self.started else b"\x7f"
                 self._queue.append((0x700 + node, state))
         if self.other_operator:
@@ -195,20 +190,20 @@ class FakeArmBus(can.BusABC):
 
     def _handle(self, identifier: int, data: bytes) -> None:
         if identifier == 0x000:
-            if not self.loses(identifier, data):
+            if not self.drops(identifier, data):
                 self._nmt(*data)
         elif identifier == 0x080 and self.started:
             self.syncs += 1
             self.on_sync(self.syncs)
             servo(self.drives.values())
             for joint, drive in self.drives.items():
-                if joint in self.silent | self.dead or joint not in self.started:
+                if joint in self.without_tpdo | self.offline or joint not in self.started:
                     continue
                 counts = drive.counts + drive.noise(self.syncs)
-                leads = self.says_it_follows and (drive.status, drive.mode) == (0x27, 8)
-                bits = 0x1200 if leads and joint not in self.deaf else 0x0200
+                follows = self.reports_following and (drive.status, drive.mode) == (0x27, 8)
+                bits = 0x1200 if follows and joint not in self.not_following else 0x0200
                 frame = struct.pack("<Hih", drive.status | bits, counts, drive.torque)
-                for _ in range(2 if joint in self.twice else 1):
+                for _ in range(2 if joint in self.doubling_tpdo else 1):
                     self._queue.append((0x180 + joint, frame))
         elif 0x201 <= identifier <= 0x200 + JOINTS:
             drive = self.drives[identifier - 0x200]
@@ -218,33 +213,31 @@ class FakeArmBus(can.BusABC):
                 self._queue.append((identifier - 0x180, bytes(8)))
         elif 0x601 <= identifier <= 0x67F:
             node = identifier - 0x600
-            lost = self.loses(identifier, data)
-            if node in self._servers and node not in self.dead and not lost:
+            dropped = self.drops(identifier, data)
+            if node in self._servers and node not in self.offline and not dropped:
                 self._servers[node].on_request(identifier, data, 0.0)
 
     def _nmt(self, command: int, number: int) -> None:
-        for node in {*self.drives, SUPERVISOR} - self.dead:
+        for node in {*self.drives, SUPERVISOR} - self.offline:
             if number not in (0, node):
                 continue
             if command == 0x82:
                 self.started.discard(node)
-                if not self.loses(0x700 + node, b"\x00"):
+                if not self.drops(0x700 + node, b"\x00"):
                     self._queue.append((0x700 + node, b"\x00"))
                 self._queue.append((0x700 + node, b"\x7f"))
             elif command == 0x01:
                 self.started.add(node)
                 self._next_beat = 0.0
 
-    # ---- SDO server --------------------------------------------------------------------------------
-
     def answer(self, node: int, data: bytes) -> None:
-        if self.loses(0x580 + node, data):
+        if self.drops(0x580 + node, data):
             return
-        for _ in range(2 if node in self.twins or self.doubles(node) else 1):
+        for _ in range(2 if node in self.duplicate_nodes or self.duplicates_response(node) else 1):
             self._queue.append((0x580 + node, data))
 
     def object_of(self, node: int, index: int, sub: int) -> bytes | int:
-        """Bytes of an object, or the abort code."""
+        """Return the bytes of an object, or the abort code."""
         name = b"fake supervisor" if node == SUPERVISOR else b"fake drive"
         common = {
             (0x1008, 0): name,
@@ -258,11 +251,9 @@ class FakeArmBus(can.BusABC):
             return self.objects[node, index, sub]
         if (index, sub) in common:
             return common[index, sub]
-        return (
-            self._of_supervisor(index, sub)
-            if node == SUPERVISOR
-            else self._of_drive(node, index, sub)
-        )
+        if node == SUPERVISOR:
+            return self._of_supervisor(index, sub)
+        return self._of_drive(node, index, sub)
 
     def _of_drive(self, node: int, index: int, sub: int) -> bytes | int:
         limit = round(COUNTS_PER_REV / 4)
@@ -295,27 +286,27 @@ class FakeArmBus(can.BusABC):
         }.get((index, sub), 0x06020000)
 
     def _of_supervisor(self, index: int, sub: int) -> bytes | int:
-        held = self.document if self.written is None else self.written
+        document = self.document if self.written is None else self.written
         return {
             (0x1000, 0): bytes(4),
-            (0x2000, 0): held or 0x08000024,
-            (0x2001, 1): hashlib.sha256(held).digest(),
-            (0x2001, 2): struct.pack("<L", len(held)),
+            (0x2000, 0): document or 0x08000024,
+            (0x2001, 1): hashlib.sha256(document).digest(),
+            (0x2001, 2): struct.pack("<L", len(document)),
             (0x2003, 1): b"\x01" if self.document else b"\x00",
             (0x2003, 4): bytes([self.staged]),
             (0x2004, 0): self.refusal.encode() or 0x08000024,
             (0x2010, 0): struct.pack("<L", self.token),
             (0x2020, 1): self.model.encode(),
-            (0x2020, 2): self.serial.encode(),
+            (0x2020, 2): b"FAKE-1",
             (0x2020, 3): bytes([JOINTS]),
         }.get((index, sub), 0x06020000)
 
     def store(self, index: int, value: bytes) -> None:
         if index == 0x2010:
-            wanted = int.from_bytes(value, "little")
-            if wanted and (self.denies_control or self.token not in (0, wanted)):
+            node = int.from_bytes(value, "little")
+            if node and (self.denies_control or self.token not in (0, node)):
                 raise SdoAbortedError(0x08000022)
-            self.token = wanted
+            self.token = node
         elif index == 0x2000:
             self.written = value[:-1] + b"?" if self.corrupts else value
         elif index == 0x2002 and value == b"\x01":
@@ -332,7 +323,7 @@ class FakeArmBus(can.BusABC):
 
 
 class _StopHandle(can.BusABC):
-    """Second handle on the same bus: sends, hears nothing."""
+    """Second handle on the same bus, for sending only."""
 
     def __init__(self, bus: FakeArmBus) -> None:
         self._bus = bus
@@ -344,6 +335,3 @@ class _StopHandle(can.BusABC):
     def shutdown(self) -> None:
         self._bus.on_closing()
         super().shutdown()
-
-    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        return None, False

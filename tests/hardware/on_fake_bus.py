@@ -1,4 +1,4 @@
-"""An operator's arm on a fake bus, as the tests of `CanopenArm` use it."""
+"""An operator's arm on a fake bus, for the tests of `CanopenArm`."""
 
 import math
 from collections.abc import Callable
@@ -25,17 +25,17 @@ def describe() -> ArmDescription:
     return described("fake", *[(encoder, math.pi / 2)] * (JOINTS - 1), wrist)
 
 
-def hasty(**options: Any) -> Timing:
+def short_timing(**options: Any) -> Timing:
     """Time-outs no longer than the fake bus needs."""
-    waits = {"listen_s": 0.02, "boot_timeout_s": 1.0, "upload_retry_s": 0.01}
-    return Timing(answer_timeouts_s=dict.fromkeys(Pace, 0.05), **{**waits, **options})
+    times = {"listen_s": 0.02, "boot_timeout_s": 1.0, "upload_retry_s": 0.01}
+    return Timing(answer_timeouts_s=dict.fromkeys(Pace, 0.05), **{**times, **options})
 
 
 def make(
     bus: FakeArmBus, *, description: ArmDescription | None = None, **options: Any
 ) -> CanopenArm:
     options.setdefault("pace", Pace.FAST_FORWARD)
-    options.setdefault("timing", hasty(heartbeat_timeout_s=0.35))
+    options.setdefault("timing", short_timing(heartbeat_timeout_s=0.35))
     opener = options.pop("opener", lambda _settings: bus)
     stop_opener = options.pop("stop_opener", lambda _settings: bus.stop_handle())
     return CanopenArm(
@@ -48,18 +48,14 @@ def make(
 
 
 def drive(arm: CanopenArm) -> CanopenArm:
-    """Let the two joints of a closed loop be driven."""
+    """Take control, with the two driven joints of a closed loop in position mode."""
     arm.take_control()
     arm.set_modes(TWO_DRIVEN)
     return arm
 
 
-def frames(bus: FakeArmBus, base: int) -> list[tuple[int, bytes]]:
-    return [(i, data) for i, data in bus.sent if base < i <= base + JOINTS]
-
-
 def wait_for(condition: Callable[[], bool]) -> None:
-    """Spin until a condition holds; pytest's own timeout ends what never does."""
+    """Spin until a condition holds, or pytest's own timeout ends the test."""
     while not condition():
         pass
 

@@ -1,4 +1,4 @@
-"""An arm of drives that are not ours, as the tests of profiles and of the check on the bench use it."""
+"""An arm with drives of another set-up, for the tests of profiles and of the bench check."""
 
 import math
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ DESCRIPTION = described(
 )
 
 
-def on(settings: BusSettings, *nodes: int) -> Iterator[ForeignArm]:
+def running_foreign_arm(settings: BusSettings, *nodes: int) -> Iterator[ForeignArm]:
     axes = [Axis(counts=1000 * (k + 1)) for k in range(JOINTS)]
     with (
         can.Bus(settings.channel, interface="virtual") as bus,
@@ -44,9 +44,9 @@ def unconnected(settings: BusSettings, profile: BusProfile) -> CanopenArm:
 
 
 def drafted(settings: BusSettings, *, configure: bool = False) -> BusProfile:
-    """By probe, through the file it writes."""
-    found = probe(settings, sarcos(), listen_s=0.5, answers_s=0.3)
-    made = draft(found.nodes, name="acme", configure=configure)
-    text = format_profile(made, comment="drafted")
-    assert parse_profile(text, "acme.yaml", joints=JOINTS) == made
-    return made
+    """Probe the bus and draft a profile, which survives being written to a file."""
+    nodes = probe(settings, sarcos(), listen_s=0.5, answers_s=0.3).nodes
+    profile = draft(nodes, name="acme", configure=configure)
+    text = format_profile(profile, comment="drafted")
+    assert parse_profile(text, "acme.yaml", joints=JOINTS) == profile
+    return profile

@@ -20,18 +20,12 @@ LIMITS = JointLimits(
     joint=4, lower_counts=-1000, upper_counts=500, max_speed_rad_per_s=2.0, max_step_counts=20
 )
 NAN, INF = math.nan, math.inf
-
-
-OUTSIDE, STEP, NOT_FINITE, SPEED = (
-    "is outside -1000 .. 500",
-    "a step of",
-    "is not a finite",
-    "is not valid",
-)
+OUTSIDE, STEP = "is outside -1000 .. 500", "a step of"
+NOT_FINITE, SPEED = "is not a finite", "is not valid"
 
 
 def is_refused(refusal: str, words: str) -> bool:
-    """Whether it is refused in these words; without words, whether it is allowed."""
+    """Whether a refusal has these words; for no words, whether there is none."""
     return refusal.startswith("joint 4: ") and words in refusal if words else refusal == ""
 
 
@@ -51,7 +45,7 @@ def is_refused(refusal: str, words: str) -> bool:
         (0, -20, ""),
         (0, -21, STEP),
         (20, 0, ""),
-        # Pushed out of its range, a joint may come nearer, never stay put by command or go on out.
+        # A joint outside its range may move towards it; no command may keep it there or move it away.
         (520, 519, ""),
         (520, 520, OUTSIDE),
         (520, 521, OUTSIDE),
@@ -67,7 +61,7 @@ def is_refused(refusal: str, words: str) -> bool:
         (NAN, 0, NOT_FINITE),
     ],
 )
-def test_targets_on_the_boundaries(previous, target, words):
+def test_target_boundaries(previous, target, words):
     assert is_refused(refuse_target(LIMITS, target, previous), words)
 
 
@@ -88,14 +82,14 @@ def test_targets_on_the_boundaries(previous, target, words):
         (-1001, 1.0, OUTSIDE),
     ],
 )
-def test_moves_on_the_boundaries(target, speed, words):
+def test_move_boundaries(target, speed, words):
     assert is_refused(refuse_move(LIMITS, target, speed), words)
 
 
 @pytest.mark.parametrize("drive", DriveState)
 @pytest.mark.parametrize("mode", [*JointMode, None])
 @pytest.mark.parametrize("in_control", [False, True])
-def test_only_one_situation_allows_commands(in_control, drive, mode):
+def test_commands_require_control_enabled_drive_and_position_mode(in_control, drive, mode):
     words = "does not control the arm" if not in_control else ""
     if in_control and drive is not DriveState.OPERATION_ENABLED:
         words = f"the drive is in state {drive.value}"
@@ -105,7 +99,7 @@ def test_only_one_situation_allows_commands(in_control, drive, mode):
 
 
 @given(st.floats(-1e6, 1e6) | st.sampled_from([NAN, INF, -INF]), st.integers(-1500, 1500))
-def test_what_passes_is_inside_near_and_finite(target, previous):
+def test_accepted_target_is_in_range_near_and_finite(target, previous):
     if not refuse_target(LIMITS, target, previous):
         assert math.isfinite(target)
         assert abs(target - previous) <= 20
@@ -113,32 +107,22 @@ def test_what_passes_is_inside_near_and_finite(target, previous):
 
 
 def test_limits_from_radians_are_rounded_inwards():
-    limits = joint_limits(
-        1,
-        JointScale(counts_per_rad=100.0),
-        lower_rad=-1.009,
-        upper_rad=2.001,
-        max_speed_rad_per_s=3.0,
-    )
+    scale = JointScale(counts_per_rad=100.0)
+    limits = joint_limits(1, scale, lower_rad=-1.009, upper_rad=2.001, max_speed_rad_per_s=3.0)
     assert (limits.lower_counts, limits.upper_counts) == (-100, 200)
     assert limits.max_step_counts == 4  # 3 counts a period, and one for rounding
 
 
-def test_a_range_on_whole_counts_keeps_them():
+def test_range_on_whole_counts_is_kept():
     scale = JointScale(counts_per_rad=4000 / (2 * math.pi))
     for counts in range(-4000, 4000, 37):
-        limits = joint_limits(
-            1,
-            scale,
-            lower_rad=counts * (2 * math.pi / 4000),
-            upper_rad=(counts + 10) * (2 * math.pi / 4000),
-            max_speed_rad_per_s=1.0,
-        )
+        lower, upper = (n * (2 * math.pi / 4000) for n in (counts, counts + 10))
+        limits = joint_limits(1, scale, lower_rad=lower, upper_rad=upper, max_speed_rad_per_s=1.0)
         assert (limits.lower_counts, limits.upper_counts) == (counts, counts + 10)
 
 
 @given(st.floats(0.001, 3.0), st.floats(-2.0, 2.0), st.floats(600.0, 70000.0))
-def test_a_move_at_the_largest_speed_passes_step_by_step(speed, start, counts_per_rad):
+def test_steps_at_maximum_speed_are_accepted(speed, start, counts_per_rad):
     scale = JointScale(counts_per_rad=counts_per_rad)
     limits = joint_limits(1, scale, lower_rad=-5, upper_rad=5, max_speed_rad_per_s=speed)
     targets = [scale.to_counts(start + k * speed * 0.01) for k in range(50)]
@@ -147,7 +131,7 @@ def test_a_move_at_the_largest_speed_passes_step_by_step(speed, start, counts_pe
 
 
 @pytest.mark.parametrize(
-    "bad",
+    "invalid",
     [
         {"lower_counts": 501},
         {"max_speed_rad_per_s": 0.0},
@@ -156,28 +140,21 @@ def test_a_move_at_the_largest_speed_passes_step_by_step(speed, start, counts_pe
         {"max_step_counts": 0},
     ],
 )
-def test_impossible_limits_are_wrong_calls(bad):
-    good = {
-        "joint": 1,
-        "lower_counts": 0,
-        "upper_counts": 500,
-        "max_speed_rad_per_s": 1.0,
-        "max_step_counts": 1,
-    }
-    with pytest.raises(ValueError, match="joint 1"):
-        JointLimits(**{**good, **bad})  # type: ignore[arg-type]
+def test_invalid_limits_raise_value_error(invalid):
+    with pytest.raises(ValueError, match="joint 4"):
+        replace(LIMITS, **invalid)
 
 
-def test_a_range_may_be_a_single_count():
+def test_single_count_range_is_accepted():
     limits = replace(LIMITS, lower_counts=7, upper_counts=7)
     assert not refuse_move(limits, 7, 1.0)
     assert "is outside 7 .. 7" in refuse_move(limits, 8, 1.0)
 
 
-@pytest.mark.parametrize("bad", [0.0, NAN, INF, -INF])
-def test_a_scale_is_finite_and_not_zero(bad):
+@pytest.mark.parametrize("counts_per_rad", [0.0, NAN, INF, -INF])
+def test_scale_must_be_finite_and_nonzero(counts_per_rad):
     with pytest.raises(ValueError, match="not zero"):
-        JointScale(counts_per_rad=bad)
+        JointScale(counts_per_rad=counts_per_rad)
 
 
 def test_scale_round_trip():

@@ -1,8 +1,10 @@
-"""An arm of another package: no command overtakes STOP, and no reading passes that is no number."""
+"""An arm of another package: STOP takes precedence over commands, and invalid readings are refused."""
 
 import math
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import wait as wait_for_futures
 from dataclasses import replace
 from functools import partial
 
@@ -19,38 +21,33 @@ HOME_RAD = [(joint.lower_rad + joint.upper_rad) / 2.0 for joint in DESCRIPTION.j
 POSITION = [arms.JointMode.POSITION] * N
 
 
-def nothing() -> None:
-    """Happens while nothing happens."""
-
-
 class PlainArm:
-    """Does what it is told, whatever it was told before: the last command wins, as on many a controller."""
+    """Executes every command, whatever came before, like many controllers."""
 
     def __init__(self) -> None:
         self.order = arms.ArmOrder(description=DESCRIPTION)
-        self.angles = list(HOME_RAD)
         self.modes, self.on = list(POSITION), False
-        self.meanwhile: Callable[[], None] = nothing  # between being told and doing it
-        self.asks_the_watch = True
+        self.before_executing: Callable[[], None] = lambda: None
+        self.calls_watch = True
 
     def connect(self) -> arms.ArmIdentity:
         return arms.identity_of(self.order, serial_number="PLAIN-1", speaks="Python")
 
     def close(self) -> bool:
-        self.meanwhile()
+        self.before_executing()
         return True
 
     def snapshot(self) -> arms.ArmSnapshot:
         return arms.snapshot_of(
-            self.order, self.angles, sample=1, age_s=0.0, modes=self.modes, enabled=self.on
+            self.order, HOME_RAD, sample=1, age_s=0.0, modes=self.modes, enabled=self.on
         )
 
     def take_control(self) -> None:
-        self.meanwhile()
+        self.before_executing()
         self.on = True
 
     def set_modes(self, modes: list[arms.JointMode]) -> None:
-        self.meanwhile()
+        self.before_executing()
         self.modes, self.on = list(modes), True
 
     def hold(self) -> None:
@@ -59,16 +56,17 @@ class PlainArm:
     def move(
         self, targets_rad: dict[int, float], *, speed_rad_per_s: float, watch: arms.Watch
     ) -> arms.MoveResult:
-        self.meanwhile()
+        self.before_executing()
         self.on = True
-        why = watch(self.snapshot()) if self.asks_the_watch else None
-        self.on_after_the_watch = self.on
+        reason = (watch(self.snapshot()) if self.calls_watch else None) or ""
+        self.on_after_watch = self.on
+        positions_rad = self.snapshot().positions_rad
         return arms.MoveResult(
-            reached=not why, reason=why or "", positions_rad=self.snapshot().positions_rad, syncs=1
+            reached=not reason, reason=reason, positions_rad=positions_rad, syncs=1
         )
 
     def capture(self, samples: int) -> arms.Reading:
-        return arms.reading_of(self.order, [self.angles] * samples, first_sample=1)
+        return arms.reading_of(self.order, [HOME_RAD] * samples, first_sample=1)
 
     def stop(self) -> None:
         self.on = False
@@ -87,10 +85,10 @@ def plain():
 
 @pytest.fixture
 def arm(plain):
-    made = OutsideArm(lambda: plain, DESCRIPTION, "the arm plain")
-    made.connect()
-    yield made
-    made.close()
+    arm = OutsideArm(lambda: plain, DESCRIPTION, "the arm plain")
+    arm.connect()
+    yield arm
+    arm.close()
 
 
 COMMANDS: dict[str, Callable[[OutsideArm], object]] = {
@@ -101,40 +99,32 @@ COMMANDS: dict[str, Callable[[OutsideArm], object]] = {
 }
 
 
-@pytest.mark.parametrize("asks_the_watch", [True, False])
-@pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
-def test_stop_pressed_while_a_command_is_under_way_has_the_last_word(
-    arm, plain, command, asks_the_watch
-):
+@pytest.mark.parametrize("calls_watch", [True, False])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_stop_during_command_takes_precedence(arm, plain, command, calls_watch):
     arm.take_control()
-    plain.meanwhile, plain.asks_the_watch = arm.stop, asks_the_watch
+    plain.before_executing, plain.calls_watch = arm.stop, calls_watch
     with pytest.raises(arms.Stopped, match="STOP was pressed: reset it"):
-        command(arm)
+        COMMANDS[command](arm)
     assert not plain.on
     assert arm.snapshot().stopped
+    if command == "move":
+        assert plain.on_after_watch is not calls_watch, "stopped in the first call of the watch"
 
 
-def test_a_move_that_began_after_stop_is_stopped_at_its_first_look(arm, plain):
-    arm.take_control()
-    plain.meanwhile = arm.stop
-    with pytest.raises(arms.Stopped):
-        COMMANDS["move"](arm)
-    assert not plain.on_after_the_watch
-
-
-def test_a_command_that_fails_while_stop_is_pressed_is_stopped_all_the_same(arm, plain):
-    def half_done() -> None:
+def test_stop_during_failing_command_stops_arm(arm, plain):
+    def fail_after_stop() -> None:
         arm.stop()
         plain.on = True
         raise KeyError("enabled")
 
-    plain.meanwhile = half_done
+    plain.before_executing = fail_after_stop
     with pytest.raises(arms.Stopped):
         arm.take_control()
     assert not plain.on
 
 
-@pytest.mark.parametrize("what", ["mean_counts", "mean_rad", "sd_rad"])
+@pytest.mark.parametrize("field", ["mean_counts", "mean_rad", "sd_rad"])
 @pytest.mark.parametrize(
     ("values", "words"),
     [
@@ -143,60 +133,54 @@ def test_a_command_that_fails_while_stop_is_pressed_is_stopped_all_the_same(arm,
     ],
     ids=["nan", "one missing"],
 )
-def test_a_reading_that_is_none_names_the_arm_and_the_joint(arm, plain, what, values, words):
-    right = plain.capture
-    plain.capture = lambda samples: replace(right(samples), **{what: values})
-    with pytest.raises(arms.BusError, match=f"the arm plain: {what} {words}"):
+def test_invalid_reading_names_arm_and_joint(arm, plain, field, values, words):
+    reading = replace(plain.capture(3), **{field: values})
+    plain.capture = lambda _: reading
+    with pytest.raises(arms.BusError, match=f"the arm plain: {field} {words}"):
         arm.capture(3)
 
 
 @pytest.mark.parametrize("command", [OutsideArm.snapshot, COMMANDS["set_modes"], COMMANDS["move"]])
-def test_a_snapshot_is_looked_over_every_time(arm, plain, command):
+def test_invalid_snapshot_is_refused_in_every_command(arm, plain, command):
     arm.take_control()
-    whole = plain.snapshot()
-    lost = replace(whole.joints[1], position_rad=math.inf)
+    snapshot = plain.snapshot()
+    first, second, *others = snapshot.joints
+    infinite = replace(second, position_rad=math.inf)
     for joints, words in (
-        (whole.joints[:-1], f"the arm plain has {N - 1} joints, and sarcos_dextrous has {N}"),
-        (
-            (whole.joints[0], lost, *whole.joints[2:]),
-            "the arm plain: position_rad of joint 2 is inf",
-        ),
+        (snapshot.joints[:-1], f"the arm plain has {N - 1} joints, and sarcos_dextrous has {N}"),
+        ((first, infinite, *others), "the arm plain: position_rad of joint 2 is inf"),
     ):
-        plain.snapshot = partial(replace, whole, joints=joints)
+        plain.snapshot = partial(replace, snapshot, joints=joints)
         with pytest.raises(arms.BusError, match=words):
             command(arm)
 
 
-def test_a_stop_that_is_pressed_while_the_arm_is_being_closed_reaches_it(arm, plain):
+def test_stop_while_closing_reaches_arm(arm, plain):
     arm.take_control()
-    plain.meanwhile = arm.stop
+    plain.before_executing = arm.stop
     assert plain.on
     assert arm.close()
     assert not plain.on
 
 
-def test_closing_an_arm_that_is_being_closed_waits_for_it(arm, plain):
-    going, watch_on_the_way, answers = threading.Event(), threading.Event(), list[bool]()
+def test_second_close_waits_for_first_close(arm, plain):
+    closing, may_close = threading.Event(), threading.Event()
 
     def wait() -> None:
-        watch_on_the_way.set()
-        assert going.wait(5.0)
+        closing.set()
+        assert may_close.wait(5.0)
 
-    plain.meanwhile = wait
-    threads = [
-        threading.Thread(target=lambda: answers.append(arm.close()), daemon=True) for _ in range(2)
-    ]
-    threads[0].start()
-    assert watch_on_the_way.wait(5.0)
-    threads[1].start()
-    threads[1].join(0.05)
-    assert answers == []
-    going.set()
-    for thread in threads:
-        thread.join(5.0)
-    assert answers == [True, True]
+    plain.before_executing = wait
+    with ThreadPoolExecutor(2) as pool:
+        first = pool.submit(arm.close)
+        assert closing.wait(5.0)
+        second = pool.submit(arm.close)
+        assert not wait_for_futures([first, second], timeout=0.05).done
+        may_close.set()
+        assert first.result(5.0)
+        assert second.result(5.0)
 
 
-def test_an_upload_needs_no_drive(arm, plain):
+def test_upload_enables_no_drive(arm, plain):
     assert arm.upload_parameters(b"table").length == len(plain.document)
     assert not plain.on

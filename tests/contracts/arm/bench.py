@@ -1,4 +1,4 @@
-"""The arm that the contract is run on: a virtual controller on a bus, and who commands it. No test in it."""
+"""The arm under contract, a virtual controller on a bus, and its operator. No test in it."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,7 +20,6 @@ from tests.oracles.virtual_rig import parse
 FREE, POSITION = JointMode.FREE, JointMode.POSITION
 TWO_DRIVEN = [FREE, POSITION, FREE, FREE, POSITION, FREE, FREE]
 SERIAL = "SDA-0007"
-PATIENCE_S = 10.0
 SCENARIO = scenario("datasheet", 3)
 MODEL = SCENARIO.arm(load_arm("sarcos_dextrous"))
 
@@ -35,8 +34,7 @@ def controller_on(settings: BusSettings) -> Iterator[VirtualController]:
             axes=arm_axes(MODEL),
             arm=ArmLabel(model=MODEL.name, serial_number=SERIAL),
             validate=partial(parse, of=arm_axes(MODEL)),
-            # Both ends share a processor, and neither is in real time: either may wait for it.
-            heartbeat_timeout_s=PATIENCE_S,
+            heartbeat_timeout_s=10.0,  # both ends share a processor, without real-time priority
         ) as controller:
             yield controller
         assert controller.failure is None
@@ -45,6 +43,12 @@ def controller_on(settings: BusSettings) -> Iterator[VirtualController]:
 
 
 def operator_on(settings: BusSettings, timing: Timing | None = None) -> CanopenArm:
-    """The arm as its operator has it, not connected."""
+    """Return the operator's side of the arm, not connected."""
     timing = timing or Timing(listen_s=0.15)
     return CanopenArm(describe(MODEL), settings, sarcos(), pace=Pace.FAST_FORWARD, timing=timing)
+
+
+def take_two_joints(arm: CanopenArm) -> CanopenArm:
+    arm.take_control()
+    arm.set_modes(TWO_DRIVEN)
+    return arm

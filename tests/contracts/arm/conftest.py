@@ -1,8 +1,8 @@
-"""The arm of the contract on every transport: at rest, connected, driven."""
+"""The arm under contract on every transport."""
 
 import pytest
 
-from tests.contracts.arm.bench import TWO_DRIVEN, controller_on, operator_on
+from tests.contracts.arm.bench import controller_on, operator_on, take_two_joints
 
 
 @pytest.fixture
@@ -13,14 +13,12 @@ def controller(settings):
 
 @pytest.fixture
 def arm(controller, settings):
-    made = operator_on(settings)
-    made.connect()
-    yield made
-    made.close()
+    arm = operator_on(settings)
+    arm.connect()
+    yield arm
+    arm.close()
 
 
 @pytest.fixture
 def driven(arm):
-    arm.take_control()
-    arm.set_modes(TWO_DRIVEN)
-    return arm
+    return take_two_joints(arm)

@@ -1,28 +1,29 @@
-"""What the operator's arm does on every transport, with the virtual controller at the other end."""
+"""The operator's arm with the virtual controller, on every transport."""
 
 import hashlib
 import math
+from contextlib import closing
 
 import numpy as np
 import pytest
 
 from hardware.arm import ArmSnapshot, DriveState
 from hardware.errors import ControlDenied, Stopped, UploadRefused
-from tests.contracts.arm.bench import TWO_DRIVEN, operator_on
+from tests.contracts.arm.bench import operator_on, take_two_joints
 from tests.hardware.on_fake_bus import wait_for
 
 
 @pytest.mark.sample(1)
-def test_two_driven_joints_move_the_closed_chain(driven):
+def test_two_driven_joints_move_closed_chain(driven):
     start = driven.snapshot().positions_rad
     result = driven.move({2: start[1] + 0.1, 5: start[4] - 0.1}, speed_rad_per_s=0.5)
     assert result.reached
     assert driven.settle(window=20, spread_rad=[0.01] * 7, timeout_syncs=500)
     reading = driven.capture(50)
-    moved = reading.mean_rad - start
-    assert moved[1] == pytest.approx(0.1, abs=2e-3)
-    assert moved[4] == pytest.approx(-0.1, abs=2e-3)
-    assert np.abs(moved[[0, 2, 3]]).min() > 1e-3, "a free joint did not follow"
+    displacement = reading.mean_rad - start
+    assert displacement[1] == pytest.approx(0.1, abs=2e-3)
+    assert displacement[4] == pytest.approx(-0.1, abs=2e-3)
+    assert np.abs(displacement[[0, 2, 3]]).min() > 1e-3, "a free joint did not follow"
     lsb = math.radians(120) / 4096
     assert np.all(reading.sd_rad[5:] == pytest.approx(2 * lsb, rel=0.5))  # datasheet: 2 LSB
     assert np.all(reading.sd_rad[:5] < 1e-4)
@@ -44,13 +45,12 @@ def test_stop_in_a_move_stops_everything(driven):
         driven.move({2: start[1]}, speed_rad_per_s=0.3)
     driven.reset_stop()
     assert {j.drive for j in driven.snapshot().joints} == {DriveState.SWITCH_ON_DISABLED}
-    driven.take_control()
-    driven.set_modes(TWO_DRIVEN)
+    take_two_joints(driven)
     assert driven.move({2: start[1]}, speed_rad_per_s=0.3).reached
 
 
 @pytest.mark.sample(1)
-def test_parameters_are_uploaded_and_read_back(driven):
+def test_uploaded_parameters_are_read_back(driven):
     document = b"SDA-0007 11 -22 33 -44 55 -6 7".ljust(4000)
     receipt = driven.upload_parameters(document)
     assert receipt.home_offset_counts == (11, -22, 33, -44, 55, -6, 7)
@@ -69,16 +69,12 @@ def test_two_operators_exclude_each_other(driven, settings):
     driven.capture(1)
 
 
-def test_closing_leaves_the_arm_held_and_free_to_take(driven, settings):
+def test_closed_arm_holds_and_accepts_next_operator(driven, settings):
     before = driven.capture(10).mean_rad
     driven.close()
     driven.close()
-    again = operator_on(settings)
-    again.connect()
-    try:
-        assert again.snapshot().token == 0
-        again.take_control()
-        again.set_modes(TWO_DRIVEN)
-        assert again.capture(10).mean_rad == pytest.approx(before, abs=5e-3)
-    finally:
-        again.close()
+    with closing(operator_on(settings)) as other:
+        other.connect()
+        assert other.snapshot().token == 0
+        take_two_joints(other)
+        assert other.capture(10).mean_rad == pytest.approx(before, abs=5e-3)

@@ -1,17 +1,18 @@
-"""The arm through an adapter on a serial line: connects, moves, stops, and is left as it should be."""
+"""The arm over an slcan adapter on a serial line."""
 
 import os
+from contextlib import closing
 
 import pytest
 
 from hardware.arm import DriveState
 from hardware.buses.python_can import BusSettings, open_bus
 from hardware.timing import Pace, Timing
-from tests.contracts.arm.bench import TWO_DRIVEN, controller_on, operator_on
+from tests.contracts.arm.bench import controller_on, operator_on, take_two_joints
 from tests.oracles.slcan_adapter import SlcanAdapter
 
 
-def test_the_arm_is_driven_and_stopped_over_a_serial_line():
+def test_arm_moves_and_stops_over_slcan():
     inside = BusSettings(channel=f"slcan-{os.getpid()}")
     bus = open_bus(inside)
     with controller_on(inside), SlcanAdapter(bus) as adapter:
@@ -24,11 +25,9 @@ def test_the_arm_is_driven_and_stopped_over_a_serial_line():
         patient = Timing(
             answer_timeouts_s=dict.fromkeys(Pace, 2.0), heartbeat_timeout_s=10.0, lost_after_s=10.0
         )
-        arm = operator_on(line, patient)
-        arm.connect()
-        try:
-            arm.take_control()
-            arm.set_modes(TWO_DRIVEN)
+        with closing(operator_on(line, patient)) as arm:
+            arm.connect()
+            take_two_joints(arm)
             start = arm.snapshot().positions_rad
             assert arm.move({2: start[1] + 0.05}, speed_rad_per_s=0.5).reached
             assert arm.capture(10).mean_rad[1] == pytest.approx(start[1] + 0.05, abs=5e-3)
@@ -37,10 +36,8 @@ def test_the_arm_is_driven_and_stopped_over_a_serial_line():
                 pass
             arm.reset_stop()
             arm.take_control()
-            # Nobody closed the line in between: STOP went by the one handle there is.
+            # The line was not closed in between: STOP went over the only handle.
             assert adapter.commands.count("O") <= 2
             assert adapter.commands[-1] == "O"
-        finally:
-            arm.close()
         assert "S8" in adapter.commands
     bus.shutdown()

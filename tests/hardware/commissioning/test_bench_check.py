@@ -1,4 +1,4 @@
-"""What a check on the bench tries, asks, finds and leaves behind."""
+"""The bench check: stages, consent, findings, and the state in which it leaves the arm."""
 
 import itertools
 import math
@@ -17,8 +17,7 @@ from hardware.arm import ArmSnapshot, DriveState, MoveResult
 from hardware.arm_description import EncoderDescription, RvdtDescription
 from hardware.buses.python_can import BusOpeners, BusSettings, open_bus
 from hardware.canopen.objects import COB_HEARTBEAT, HEARTBEAT_CONSUMER, OPERATOR_NODE
-from hardware.commissioning.bench_check import NOT_TESTED, check
-from hardware.commissioning.bench_check import Bench as Tried
+from hardware.commissioning.bench_check import NOT_TESTED, Bench, check
 from hardware.commissioning.checks import Turn, is_interrupted
 from hardware.commissioning.stages import BENCH, CheckFinding, Stage
 from hardware.control.canopen_arm import CanopenArm
@@ -30,46 +29,41 @@ from tests.oracles.descriptions import described
 from tests.oracles.profiles import sarcos
 from tests.oracles.virtual_rig import ARM, COUNTS_PER_REV, TrivialPlant, axes, parse
 
-WATCH_S = 1.5
+HEARTBEAT_TIMEOUT_S = 1.5
 STEP, SPEED = math.radians(1.0), math.radians(5.0)
+STILL_ENABLED = "a drive is still enabled 0.5 s after STOP"
 _channels = itertools.count()
 
 
-class Bystander:
-    """Answers yes to what does not begin with a word that is refused."""
+class User:
+    """Answers yes, except to questions with one of the refused phrases."""
 
     def __init__(self, *refused: str) -> None:
-        self.refused, self.asked = refused, list[str]()
+        self.refused, self.questions = refused, list[str]()
 
     def __call__(self, question: str) -> bool:
-        self.asked.append(question)
-        return not any(word in question for word in self.refused)
+        self.questions.append(question)
+        return not any(phrase in question for phrase in self.refused)
 
 
-class Bench:
-    """Joints that move by themselves, as on a bench, behind our own drives."""
+class VirtualBench:
+    """Our own drives, each joint of which moves by itself."""
 
-    def __init__(self, stack: ExitStack, *, watches: bool = True) -> None:
+    def __init__(self, stack: ExitStack, *, heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S):
         self.settings = BusSettings(channel=f"bench-{next(_channels)}")
         self.plant = TrivialPlant([axis.scale.counts_per_rad for axis in axes()])
         bus = stack.enter_context(can.Bus(self.settings.channel, interface="virtual"))
-        self.controller = stack.enter_context(
-            VirtualController(
-                bus,
-                self.plant,
-                axes=axes(),
-                arm=ARM,
-                validate=parse,
-                heartbeat_timeout_s=WATCH_S if watches else 1e3,
-            )
+        controller = VirtualController(
+            bus,
+            self.plant,
+            axes=axes(),
+            arm=ARM,
+            validate=parse,
+            heartbeat_timeout_s=heartbeat_timeout_s,
         )
-        if not watches:  # and says that it does
-            for drive in self.controller.drives:
-                drive.serve(HEARTBEAT_CONSUMER, 1, lambda: OPERATOR_NODE << 16 | int(1e3 * WATCH_S))
+        self.controller = stack.enter_context(controller)
 
-    def arm(
-        self, pace: Pace = Pace.FAST_FORWARD, opener: Callable[[BusSettings], can.BusABC] = open_bus
-    ) -> CanopenArm:
+    def arm(self, pace: Pace = Pace.FAST_FORWARD, **options: Any) -> CanopenArm:
         rvdt = RvdtDescription(bits=12, full_scale_rad=math.radians(144.0))
         encoder = EncoderDescription(counts_per_rev=COUNTS_PER_REV)
         description = described(
@@ -78,11 +72,13 @@ class Bench:
             max_speed_rad_per_s=math.radians(180.0),
             max_torque_nm=100.0,
         )
-        return patient(description, self.settings, sarcos(), pace=pace, opener=opener)
+        return patient_arm(description, self.settings, sarcos(), pace=pace, **options)
 
 
-def patient(
-    *args: Any, opener: Callable[[BusSettings], can.BusABC] = open_bus, **options: Any
+def patient_arm(
+    *args: Any,
+    pace: Pace = Pace.FAST_FORWARD,
+    opener: Callable[[BusSettings], can.BusABC] = open_bus,
 ) -> CanopenArm:
     timing = Timing(
         listen_s=0.15,
@@ -90,35 +86,33 @@ def patient(
         heartbeat_timeout_s=5.0,
         lost_after_s=5.0,
     )
-    options = {"pace": Pace.FAST_FORWARD} | options
-    return CanopenArm(*args, timing=timing, openers=BusOpeners(main=opener), **options)
+    return CanopenArm(*args, pace=pace, timing=timing, openers=BusOpeners(main=opener))
 
 
 @pytest.fixture
 def bench():
     with ExitStack() as stack:
-        yield Bench(stack)
+        yield VirtualBench(stack)
 
 
-def tried(arm: CanopenArm, who: Bystander, last: Stage = Stage.SILENCE) -> list[CheckFinding]:
-    bench = Tried(
-        arm=arm,
-        description=arm.on_bus.description,
-        ask=who,
-        step_rad=STEP,
-        speed_rad_per_s=SPEED,
-        interrupt=lambda: os.kill(os.getpid(), signal.SIGINT),
-        bounds=replace(BENCH, samples=10),
+def findings_of(
+    arm: CanopenArm, user: User, last: Stage = Stage.SILENCE, **options: Any
+) -> list[CheckFinding]:
+    settings = {
+        "description": arm.on_bus.description,
+        "interrupt": lambda: os.kill(os.getpid(), signal.SIGINT),
+        "bounds": replace(BENCH, samples=10),
+    }
+    bench = Bench(
+        arm=arm, ask=user, step_rad=STEP, speed_rad_per_s=SPEED, **{**settings, **options}
     )
-    try:
+    with closing(arm):
         return list(check(bench, last=last))
-    finally:
-        arm.close()
 
 
-def others_than(joint: int) -> list[str]:
-    """Questions to turn another one."""
-    return [f"Joint {j} will turn" for j in range(1, 8) if j != joint]
+def turning_only(joint: int) -> User:
+    """Refuses to have any other joint turned."""
+    return User(*(f"Joint {j} will turn" for j in range(1, 8) if j != joint))
 
 
 def failed(findings: list[CheckFinding]) -> list[tuple[str, int | None]]:
@@ -126,170 +120,140 @@ def failed(findings: list[CheckFinding]) -> list[tuple[str, int | None]]:
 
 
 @pytest.mark.campaign
-def test_a_sound_arm_passes_every_stage_and_is_asked_before_each_motion(bench):
-    # An encoder, an RVDT; nobody wants the others moved.
-    tried_joints, others = [1, 6], [2, 3, 4, 5, 7]
-    who = Bystander(*(f"Joint {j} will" for j in others))
+def test_sound_arm_passes_every_stage_with_consent_per_motion(bench):
+    # An encoder and an RVDT; the other joints are declined.
+    turned, declined = [1, 6], [2, 3, 4, 5, 7]
+    user = User(*(f"Joint {j} will" for j in declined))
     home = bench.plant.angles_rad[0]
-    findings = tried(bench.arm(), who)
+    findings = findings_of(bench.arm(), user)
     assert failed(findings) == []
     assert [f.stage for f in findings] == sorted((f.stage for f in findings), key=list(Stage).index)
     assert {f.stage for f in findings} == set(Stage)
     for name in ("alone", "halts", "Ctrl-C", "STOP on the way", "frees", "free stays free"):
-        assert [f.joint for f in findings if f.name == name] == tried_joints, name
-    assert [f.joint for f in findings if f.name == "agreed"] == others * 2
+        assert [f.joint for f in findings if f.name == name] == turned, name
+    assert [f.joint for f in findings if f.name == "agreed"] == declined * 2
     assert [f.name for f in findings if f.passed is None and f.name != "agreed"] == list(NOT_TESTED)
-    # The way in which there is more room, by the encoder to the count; and home again.
-    there, _ = [f.text for f in findings if f.name == "moves" and f.joint == 1]
-    assert there == "commanded to turn by -1.000 deg, it reads -1.000 deg"
+    # Towards the farther limit, to the count of the encoder; and back.
+    first_move, _ = [f.text for f in findings if f.name == "moves" and f.joint == 1]
+    assert first_move == "commanded to turn by -1.000 deg, it reads -1.000 deg"
     assert bench.plant.angles_rad[0] == pytest.approx(home, abs=1e-3)
-    assert len([q for q in who.asked if "will turn by" in q]) == 7
-    assert len([q for q in who.asked if "will be set to free mode" in q]) == 7
-    assert "fall silent for 3.0 s" in who.asked[-1]
-    (alone,) = [f for f in findings if f.name == "stops alone"]
-    assert alone.text == ("no drive stayed enabled; faults: operator's heartbeat lost (8130h)")
+    assert len([q for q in user.questions if "will turn by" in q]) == 7
+    assert len([q for q in user.questions if "will be set to free mode" in q]) == 7
+    assert "fall silent for 3.0 s" in user.questions[-1]
+    (stops,) = [f for f in findings if f.name == "stops alone"]
+    assert stops.text == ("no drive stayed enabled; faults: operator's heartbeat lost (8130h)")
 
 
-def test_looking_asks_nothing_and_enables_nothing(bench):
-    who = Bystander()
-    findings = tried(bench.arm(), who, Stage.LOOK)
+def test_look_stage_needs_no_consent_and_enables_nothing(bench):
+    user = User()
+    findings = findings_of(bench.arm(), user, Stage.LOOK)
     assert failed(findings) == []
-    assert who.asked == []
+    assert user.questions == []
     assert all(command.mode is None for command in bench.plant.commands)
 
 
-def test_where_stop_was_not_tried_nothing_is_enabled_at_all(bench):
-    """No to enabling, and yes to what comes after it: a closed arm, silence."""
-    who = Bystander("Enable them?", "Turn it?", "Free it?", "Release it?")
-    findings = tried(bench.arm(), who)
+def test_declined_stop_test_enables_no_drive(bench):
+    """No to enabling, and yes to the later questions: a closed arm, silence."""
+    user = User("Enable them?", "Turn it?", "Free it?", "Release it?")
+    findings = findings_of(bench.arm(), user)
     assert failed(findings) == []
     assert findings[-1].passed is None
     assert "no later check is run" in findings[-1].text
-    assert len(who.asked) == 1
+    assert len(user.questions) == 1
     assert {f.stage for f in findings} == {Stage.LOOK, Stage.HOLD}
     assert all(command.mode is None for command in bench.plant.commands)
 
 
-def test_a_joint_that_nobody_wants_turned_stays(bench):
+def test_declined_joint_is_not_moved(bench):
     before = bench.plant.angles_rad[2]
-    findings = tried(bench.arm(), Bystander(*others_than(5)), Stage.MOVE)
+    findings = findings_of(bench.arm(), turning_only(5), Stage.MOVE)
+    assert failed(findings) == []
     assert [f.text for f in findings if f.joint == 3 and f.stage is Stage.MOVE] == [
         "not tried: declined"
     ]
     assert bench.plant.angles_rad[2] == pytest.approx(before, abs=1e-3)
 
 
-def test_a_joint_that_turns_the_wrong_way_ends_the_check(bench):
-    findings = tried(bench.arm(), Bystander("Did joint 2", *others_than(2)))
+def test_wrong_direction_ends_check(bench):
+    user = turning_only(2)
+    user.refused += ("Did joint 2",)
+    findings = findings_of(bench.arm(), user)
     assert failed(findings) == [("direction", 2)]
     assert {f.stage for f in findings} == {Stage.LOOK, Stage.HOLD, Stage.MOVE}
 
 
-def test_a_joint_that_does_not_turn_is_named(bench):
+def test_stuck_joint_is_reported(bench):
     bench.plant.stuck.add(4)
-    findings = tried(bench.arm(), Bystander(*others_than(4)), Stage.MOVE)
-    told = failed(findings)
-    assert told[0] in (("moves", 4), ("no error", None)), "it is told, or its drive trips"
+    findings = findings_of(bench.arm(), turning_only(4), Stage.MOVE)
+    # Its drive may trip first.
+    assert failed(findings)[0] in (("moves", 4), ("no error", None))
 
 
-def test_a_drive_that_does_not_watch_for_the_operator_is_named_before_it_is_enabled(
-    settings, foreign
-):
-    who = Bystander()
-    findings = tried(patient(ACME, settings, drafted(settings)), who)
+def test_drive_without_heartbeat_guard_is_not_enabled(settings, foreign):
+    user = User()
+    findings = findings_of(patient_arm(ACME, settings, drafted(settings)), user)
     assert failed(findings) == [("guard", j) for j in range(1, JOINTS + 1)]
-    assert who.asked == []
+    assert user.questions == []
     assert {axis.status for axis in foreign.axes} == {0x40}
-    # What it says of stops and modes, this drive does not say at all.
+    # These drives lack the objects for modes and quick stop.
     assert [f.passed for f in findings if f.name in ("modes", "quick stop")] == [None] * 8
 
 
-def test_an_arm_that_cannot_be_reached_is_one_finding(bench):
-    arm = CanopenArm(
-        ACME,
-        bench.settings,
-        replace(sarcos(), joints=sarcos().joints[:JOINTS]),
-        pace=Pace.FAST_FORWARD,
-    )
-    findings = tried(arm, Bystander())
+def test_failed_connection_is_one_finding(bench):
+    profile = replace(sarcos(), joints=sarcos().joints[:JOINTS])
+    findings = findings_of(patient_arm(ACME, bench.settings, profile), User())
     assert failed(findings) == [("no error", None)]
     assert "The arm on the bus is not the one in the arm file" in findings[0].text
 
 
-class Deaf(CanopenArm):
-    """An arm whose STOP does not arrive."""
-
-    def stop(self) -> None:
-        """Hear nothing."""
-
-
-def test_where_stop_does_not_stop_nothing_is_tried_any_more(bench):
-    arm = bench.arm()
-    arm.__class__ = Deaf
-    who = Bystander()
-    findings = tried(arm, who)
+def test_ineffective_stop_ends_check(bench):
+    arm, user = bench.arm(), User()
+    arm.stop = lambda: None
+    findings = findings_of(arm, user)
     assert failed(findings) == [("STOP", None)]
-    assert findings[-1].text == "a drive is still enabled 0.5 s after STOP"
-    assert not [q for q in who.asked if "will turn by" in q]
+    assert findings[-1].text == STILL_ENABLED
+    assert not [q for q in user.questions if "will turn by" in q]
 
 
-class Lingering(CanopenArm):
-    """An arm whose joint 2 has not heard the second STOP."""
+def test_drive_enabled_after_stop_during_move_fails(bench):
+    class SecondStopIgnored(CanopenArm):
+        """An arm whose joint 2 stays enabled after the second STOP."""
 
-    presses = 0
+        presses = 0
 
-    def stop(self) -> None:
-        """Count."""
-        self.presses += 1
-        super().stop()
+        def stop(self) -> None:
+            self.presses += 1
+            super().stop()
 
-    def snapshot(self) -> ArmSnapshot:
-        """Say that joint 2 goes on."""
-        found = super().snapshot()
-        if self.presses < 2 or not found.stopped:
-            return found
-        joints = list(found.joints)
-        joints[1] = replace(joints[1], drive=DriveState.OPERATION_ENABLED)
-        return replace(found, joints=tuple(joints))
+        def snapshot(self) -> ArmSnapshot:
+            snapshot = super().snapshot()
+            if self.presses < 2 or not snapshot.stopped:
+                return snapshot
+            joints = list(snapshot.joints)
+            joints[1] = replace(joints[1], drive=DriveState.OPERATION_ENABLED)
+            return replace(snapshot, joints=tuple(joints))
 
-
-def test_a_drive_that_is_still_enabled_after_a_stop_on_the_way_fails(bench):
     arm = bench.arm()
-    arm.__class__ = Lingering
-    findings = tried(arm, Bystander(*others_than(1)), Stage.MOVE)
+    arm.__class__ = SecondStopIgnored
+    findings = findings_of(arm, turning_only(1), Stage.MOVE)
     assert failed(findings) == [("STOP on the way", 1)]
-    assert findings[-1].text == "a drive is still enabled 0.5 s after STOP"
+    assert findings[-1].text == STILL_ENABLED
 
 
-class Interrupted(CanopenArm):
-    """An arm at which somebody presses Ctrl-C as soon as it is to move."""
-
-    def move(self, *_: object, **__: object) -> MoveResult:
-        """Be interrupted."""
+def test_ctrl_c_of_the_user_is_raised(bench):
+    def press_ctrl_c(*_: object, **__: object) -> MoveResult:
         raise KeyboardInterrupt
 
-
-def test_a_ctrl_c_of_somebody_else_is_not_the_one_that_is_tried(bench):
-    arm = bench.arm()
-    with closing(arm):
+    with closing(bench.arm()) as arm:
         arm.connect()
-        arm.__class__ = Interrupted
+        arm.move = press_ctrl_c
         turn = Turn(arm=arm, joint=1, target_rad=0.1, speed_rad_per_s=SPEED, bounds=BENCH)
         with pytest.raises(KeyboardInterrupt):
             list(is_interrupted(turn, lambda: None))
 
 
-class Alone(CanopenArm):
-    """An arm whose second program is this one."""
-
-    other: CanopenArm
-
-    def another(self) -> CanopenArm:
-        return self.other
-
-
 class WithoutOperators(VirtualBus):
-    """A handle that hears no operator."""
+    """A handle that receives no operator's heartbeat."""
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         message = super().recv(timeout)
@@ -300,15 +264,14 @@ class WithoutOperators(VirtualBus):
 
 
 @pytest.mark.parametrize("same_bus", [False, True])
-def test_a_second_program_that_is_let_in_is_told(bench, same_bus):
-    """On the same bus it is refused after it has reset the nodes, once it hears who commands them: let in as well."""
+def test_second_operator_that_connects_is_reported(bench, same_bus):
+    """On the same bus it has reset the nodes before it is refused by their holder: a finding as well."""
     arm = bench.arm()
-    with ExitStack() as elsewhere:
-        arm.__class__ = Alone
-        arm.other = (bench if same_bus else Bench(elsewhere)).arm(
-            opener=lambda s: WithoutOperators(s.channel)
-        )
-        findings = tried(arm, Bystander(), Stage.LOOK)
+    with ExitStack() as stack:
+        other_bench = bench if same_bus else VirtualBench(stack)
+        other = other_bench.arm(opener=lambda s: WithoutOperators(s.channel))
+        arm.another = lambda: other
+        findings = findings_of(arm, User(), Stage.LOOK)
     assert failed(findings) == [("one operator", None)]
     assert "was let in" in findings[-1].text
 
@@ -317,33 +280,31 @@ def test_a_second_program_that_is_let_in_is_told(bench, same_bus):
 @pytest.mark.parametrize(
     "pace", [pytest.param(Pace.REAL_TIME, marks=pytest.mark.real_time), Pace.FAST_FORWARD]
 )
-def test_drives_that_ignore_that_the_operator_is_gone_are_found_enabled(pace):
-    """They say in 1016h that they watch. The reset of a new connection stops them: that is not alone."""
+def test_drives_that_ignore_operator_loss_are_reported(pace):
+    """Their 1016h states a time-out. The reset by the next connection, which stops them, does not count."""
     with ExitStack() as stack:
-        bench = Bench(stack, watches=False)
-        findings = tried(bench.arm(pace), Bystander("Joint", "closed"))
-        drives = {drive.drive.state for drive in bench.controller.drives}
+        bench = VirtualBench(stack, heartbeat_timeout_s=1e3)
+        entry = OPERATOR_NODE << 16 | int(1e3 * HEARTBEAT_TIMEOUT_S)
+        for drive in bench.controller.drives:
+            drive.serve(HEARTBEAT_CONSUMER, 1, lambda: entry)
+        findings = findings_of(bench.arm(pace), User("Joint", "closed"))
+        states = {drive.drive.state for drive in bench.controller.drives}
     assert failed(findings) == [("stops alone", None)]
     assert findings[-1].text == (
         "joint 1, 2, 3, 4, 5, 6, 7 was still enabled 3.0 s after this program fell silent"
     )
-    assert DriveState.OPERATION_ENABLED not in drives
+    assert DriveState.OPERATION_ENABLED not in states
 
 
-def test_a_target_that_is_not_refused_ends_the_check_and_the_move(bench):
+def test_accepted_out_of_range_target_ends_check(bench):
     """The arm's own limits are wider than those of the arm file."""
     arm = bench.arm()
-    narrow = tuple(replace(j, upper_rad=0.5) for j in arm.on_bus.description.joints)
-    before = bench.plant.angles_rad[0]
-    made = Tried(
-        arm=arm,
-        description=replace(arm.on_bus.description, joints=narrow),
-        ask=Bystander(),
-        step_rad=STEP,
-        speed_rad_per_s=SPEED,
+    description = arm.on_bus.description
+    narrow = replace(
+        description, joints=tuple(replace(j, upper_rad=0.5) for j in description.joints)
     )
-    found = list(check(made, last=Stage.MOVE))
-    arm.close()
-    assert failed(found) == [("range", 1)]
-    assert found[-1].text == "a target of +30.648 deg was not refused"
+    before = bench.plant.angles_rad[0]
+    findings = findings_of(arm, User(), Stage.MOVE, description=narrow)
+    assert failed(findings) == [("range", 1)]
+    assert findings[-1].text == "a target of +30.648 deg was not refused"
     assert bench.plant.angles_rad[0] == pytest.approx(before, abs=STEP)

@@ -1,4 +1,4 @@
-"""Sentences for frames, in the numbers of the standards."""
+"""Descriptions of frames, which are given by the numbers of CiA 301 and 402."""
 
 import struct
 
@@ -6,23 +6,23 @@ from hardware.commissioning.bus_monitor import BusMonitor
 from tests.oracles.profiles import sarcos
 
 
-def said(monitor: BusMonitor, identifier: int, data: bytes, now_s: float = 0.0) -> list[str]:
+def events(monitor: BusMonitor, identifier: int, data: bytes, now_s: float = 0.0) -> list[str]:
     return list(monitor.take_in(identifier, data, now_s))
 
 
-def test_a_node_boots_works_falls_silent_and_is_back():
+def test_node_boot_silence_and_return_are_reported():
     monitor = BusMonitor(sarcos())
-    assert said(monitor, 0x703, b"\x00", 0.0) == ["joint 3: has booted"]
-    assert said(monitor, 0x703, b"\x7f", 0.1) == ["joint 3: pre-operational"]
-    assert said(monitor, 0x703, b"\x05", 0.2) == ["joint 3: operational"]
-    assert said(monitor, 0x703, b"\x05", 0.3) == []
+    assert events(monitor, 0x703, b"\x00", 0.0) == ["joint 3: has booted"]
+    assert events(monitor, 0x703, b"\x7f", 0.1) == ["joint 3: pre-operational"]
+    assert events(monitor, 0x703, b"\x05", 0.2) == ["joint 3: operational"]
+    assert events(monitor, 0x703, b"\x05", 0.3) == []
     assert list(monitor.time_passes(1.0)) == []
     assert list(monitor.time_passes(2.0)) == ["joint 3: no heartbeat for 1.7 s"]
     assert list(monitor.time_passes(3.0)) == []
-    assert said(monitor, 0x703, b"\x05", 3.1) == ["joint 3: its heartbeat is back"]
+    assert events(monitor, 0x703, b"\x05", 3.1) == ["joint 3: its heartbeat is back"]
 
 
-def test_emergencies_commands_and_writes_are_named(approve):
+def test_emergencies_commands_and_writes_are_described(approve):
     monitor = BusMonitor(sarcos())
     for identifier, data in (
         (0x084, struct.pack("<HB5x", 0x8311, 0x21)),
@@ -33,45 +33,40 @@ def test_emergencies_commands_and_writes_are_named(approve):
         (0x610, bytes.fromhex("2100200064000000")),
         (0x590, bytes.fromhex("8000200021000008")),
     ):
-        (sentence,) = said(monitor, identifier, data)
+        (sentence,) = events(monitor, identifier, data)
         approve(sentence)
-    assert said(monitor, 0x205, struct.pack("<Hib", 0x02, 7, 10)) == []
+    assert events(monitor, 0x205, struct.pack("<Hib", 0x02, 7, 10)) == []
 
 
-def test_a_block_download_is_one_write():
-    """Its segment 33 looks like the request of another write (CiA 301: segments begin with their number)."""
+def test_block_download_is_reported_as_one_write():
+    """Segment 33 looks like the request of another write, as segments begin with their number (CiA 301)."""
     monitor = BusMonitor(sarcos())
     written = ["node 16: 2000h sub 0 was written"]
-    assert said(monitor, 0x610, bytes.fromhex("c2002000e7000000")) == written
+    assert events(monitor, 0x610, bytes.fromhex("c2002000e7000000")) == written
     for number in (*range(1, 33), 0x80 | 33):
-        assert said(monitor, 0x610, bytes([number, *b"segment"])) == []
-    assert said(monitor, 0x610, bytes.fromhex("c100000000000000")) == []
-    for ending in (
+        assert events(monitor, 0x610, bytes([number, *b"segment"])) == []
+    assert events(monitor, 0x610, bytes.fromhex("c100000000000000")) == []
+    for identifier, ending in (
         (0x610, "8000200000000405"),
         (0x590, "8000200021000008"),
         (0x590, "6000200000000000"),
     ):
-        assert said(monitor, 0x610, bytes.fromhex("c2002000e7000000")) == written
-        said(monitor, ending[0], bytes.fromhex(ending[1]))
-        assert said(monitor, 0x610, bytes.fromhex("2100200064000000")) == written
+        assert events(monitor, 0x610, bytes.fromhex("c2002000e7000000")) == written
+        events(monitor, identifier, bytes.fromhex(ending))
+        assert events(monitor, 0x610, bytes.fromhex("2100200064000000")) == written
 
 
-def test_drives_and_positions_are_summed_up():
+def test_summary_has_drive_states_positions_and_counts_of_all_frames():
     monitor = BusMonitor(sarcos())
-    said(monitor, 0x080, b"")
-    assert said(monitor, 0x181, struct.pack("<Hih", 0x0227, -5, 0)) == [
+    events(monitor, 0x080, b"")
+    assert events(monitor, 0x181, struct.pack("<Hih", 0x0227, -5, 0)) == [
         "joint 1: drive operation enabled"
     ]
-    assert said(monitor, 0x181, struct.pack("<Hih", 0x0227, -6, 0)) == []
-    said(monitor, 0x77F, b"\x05")
-    found = monitor.summary()
-    assert (found["frames"], found["syncs"]) == (4, 1)
-    assert found["joints"] == {"1": {"drive": "operation enabled", "position_counts": -6}}
-    assert found["nodes"] == {"127": "operational"}
-
-
-def test_frames_of_others_are_counted_and_nothing_else():
-    monitor = BusMonitor(sarcos())
-    for identifier, data in ((0x7EE, b"babble"), (0x181, b"short"), (0x201, b""), (0x580, b"")):
-        assert said(monitor, identifier, data) == []
-    assert monitor.summary()["frames"] == 4
+    assert events(monitor, 0x181, struct.pack("<Hih", 0x0227, -6, 0)) == []
+    events(monitor, 0x77F, b"\x05")
+    for identifier, data in ((0x7EE, b"foreign"), (0x181, b"short"), (0x201, b""), (0x580, b"")):
+        assert events(monitor, identifier, data) == []
+    summary = monitor.summary()
+    assert (summary["frames"], summary["syncs"]) == (8, 1)
+    assert summary["joints"] == {"1": {"drive": "operation enabled", "position_counts": -6}}
+    assert summary["nodes"] == {"127": "operational"}

@@ -1,4 +1,4 @@
-"""What single clauses of a bench check say of what they found, without a bus."""
+"""Single clauses of the bench check, without a bus."""
 
 from types import SimpleNamespace
 
@@ -16,7 +16,7 @@ from hardware.commissioning.stages import BENCH
     ("guard_s", "passed"),
     [(None, False), (0.5, True), (2.0, True), (2.1, None), (10.0, None), (10.1, False)],
 )
-def test_what_a_run_puts_up_with_does_not_fail_and_is_said(guard_s, passed, approve):
+def test_heartbeat_timeout_bounds_of_guard_clause(guard_s, passed, approve):
     drive = DriveFacts(
         joint=1, unsupported_modes=(), quick_stop_option=6, operator_timeout_s=guard_s
     )
@@ -25,59 +25,32 @@ def test_what_a_run_puts_up_with_does_not_fail_and_is_said(guard_s, passed, appr
     approve(guard.text)
 
 
-class Credulous:
-    """Keeps whatever it is sent."""
-
-    def __init__(self, document: bytes) -> None:
-        self.document, self.uploads = document, 0
-
-    def active_parameters(self) -> bytes:
-        """What it has."""
-        return self.document
-
-    def upload_parameters(self, document: bytes) -> None:
-        """Take it."""
-        self.document = document
-        self.uploads += 1
-
-
 @pytest.mark.parametrize(("before", "uploads"), [(b"good", 2), (b"", 1)])
-def test_only_what_was_uploaded_again_is_said_to_be(before, approve, uploads):
-    arm = Credulous(before)
-    refused, kept = keeps_its_document(arm)  # type: ignore[arg-type]
-    assert (refused.passed, kept.passed) == (False, False)
-    approve(kept.text)
-    assert arm.uploads == uploads
-
-
-class Limp:
-    """Enables its drives in modes of its own, and does not sink meanwhile."""
-
-    def __init__(self, *modes: JointMode | None) -> None:
-        self.modes = modes
-
-    def capture(self, _: int) -> SimpleNamespace:
-        """Stand still."""
-        return SimpleNamespace(mean_rad=np.zeros(len(self.modes)))
-
-    def take_control(self) -> None:
-        """Enable."""
-
-    def snapshot(self) -> SimpleNamespace:
-        """Say that every drive is enabled, and in which mode."""
-        enabled = DriveState.OPERATION_ENABLED
-        joints = [
-            SimpleNamespace(joint=j, drive=enabled, mode=mode)
-            for j, mode in enumerate(self.modes, 1)
-        ]
-        return SimpleNamespace(joints=joints)
+def test_stored_invalid_document_is_reported_with_restoration(before, approve, uploads):
+    documents = [before]
+    controller = SimpleNamespace(
+        active_parameters=lambda: documents[-1], upload_parameters=documents.append
+    )
+    refused, restored = keeps_its_document(controller)  # type: ignore[arg-type]
+    assert (refused.passed, restored.passed) == (False, False)
+    approve(restored.text)
+    assert len(documents[1:]) == uploads
 
 
 @pytest.mark.parametrize("mode", [JointMode.POSITION, JointMode.FREE, None])
-def test_a_drive_that_is_enabled_but_not_in_position_mode_fails(mode, approve):
-    arm = Limp(JointMode.POSITION, mode)
-    found = list(is_enabled_unmoved(arm, BENCH))  # type: ignore[arg-type]
-    failed = [clause for clause in found if not clause.passed]
+def test_enabled_drive_outside_position_mode_fails(mode, approve):
+    enabled = DriveState.OPERATION_ENABLED
+    joints = [
+        SimpleNamespace(joint=j, drive=enabled, mode=joint_mode)
+        for j, joint_mode in enumerate((JointMode.POSITION, mode), 1)
+    ]
+    arm = SimpleNamespace(
+        capture=lambda _: SimpleNamespace(mean_rad=np.zeros(2)),
+        take_control=lambda: None,
+        snapshot=lambda: SimpleNamespace(joints=joints),
+    )
+    clauses = list(is_enabled_unmoved(arm, BENCH))  # type: ignore[arg-type]
+    failed = [clause for clause in clauses if not clause.passed]
     assert len(failed) == (mode is not JointMode.POSITION)
     for clause in failed:
         approve(clause.text)

@@ -1,8 +1,7 @@
-"""Who is on a bus: asked of nobody where somebody works on it, and nothing is told to move."""
+"""The probe lists the nodes of a bus; it only reads, and sends nothing on a bus in use."""
 
 import struct
 
-import can
 import pytest
 
 from hardware.buses.python_can import BusSettings
@@ -13,85 +12,77 @@ from tests.oracles.profiles import sarcos
 
 @pytest.fixture
 def bus():
-    fake = FakeArmBus()
-    yield fake
-    # Reads only: no NMT, no SYNC, no command.
-    assert {identifier & ~0x7F for identifier, _ in fake.sent} <= {0x600}
-    assert {data[0] for _, data in fake.sent} <= {0x40, 0x60, 0x70, 0x80}
+    bus = FakeArmBus()
+    yield bus
+    # SDO reads only: no NMT, no SYNC, no command.
+    assert {identifier & ~0x7F for identifier, _ in bus.sent} <= {0x600}
+    assert {data[0] for _, data in bus.sent} <= {0x40, 0x60, 0x70, 0x80}
 
 
-def look(bus: FakeArmBus) -> Probe:
+def probe_of(bus: FakeArmBus) -> Probe:
     settings = BusSettings(channel="fake")
     return probe(settings, sarcos(), opener=lambda _: bus, listen_s=0.3, answers_s=0.1)
 
 
-def test_every_node_is_found_with_its_name_and_where_it_stands(bus):
-    found = look(bus)
-    assert found.busy == ""
-    assert [node.node for node in found.nodes] == [1, 2, 3, 4, 5, 6, 7, 16]
-    assert [node.drive for node in found.nodes] == [True] * 7 + [False]
-    assert [node.position_counts for node in found.nodes] == [
-        1000, 2000, 3000, 4000, 5000, 6000, 100, None,
-    ]  # fmt: skip
-    assert [node.serial_number for node in found.nodes] == [*range(7001, 7008), 7016]
-    assert [node.problems for node in found.nodes] == [()] * 8
+def test_probe_lists_every_node_with_type_and_position(bus):
+    result = probe_of(bus)
+    assert result.busy == ""
+    assert [node.node for node in result.nodes] == [1, 2, 3, 4, 5, 6, 7, 16]
+    assert [node.drive for node in result.nodes] == [True] * 7 + [False]
+    assert [node.position_counts for node in result.nodes] == [*range(1000, 6001, 1000), 100, None]
+    assert [node.serial_number for node in result.nodes] == [*range(7001, 7008), 7016]
+    assert [node.problems for node in result.nodes] == [()] * 8
 
 
 @pytest.mark.parametrize(
-    ("what", "value", "words"),
+    ("attribute", "value", "words"),
     [
         ("objects", {(3, 0x1A00, 2): struct.pack("<L", 0x606C0020)}, ("1A00h", "606Ch(32)")),
-        ("twins", {3}, ("two devices answer as node 3",)),
-        ("mute", {3}, ("no heartbeat was heard in 0.3 s",)),
+        ("duplicate_nodes", {3}, ("two devices answer as node 3",)),
+        ("without_heartbeat", {3}, ("no heartbeat was heard in 0.3 s",)),
     ],
-    ids=["another map", "two of one number", "no heartbeat"],
+    ids=["mapping", "duplicate node", "no heartbeat"],
 )
-def test_what_is_wrong_with_a_node_is_named_and_no_other(bus, what, value, words):
-    setattr(bus, what, value)
-    found = {node.node: node.problems for node in look(bus).nodes}
-    (problem,) = found.pop(3)
+def test_probe_reports_problem_of_one_node(bus, attribute, value, words):
+    setattr(bus, attribute, value)
+    problems = {node.node: node.problems for node in probe_of(bus).nodes}
+    (problem,) = problems.pop(3)
     assert all(part in problem for part in ("node 3", *words))
-    assert set(found.values()) == {()}
+    assert set(problems.values()) == {()}
 
 
-def test_what_watches_the_operators_heartbeat_is_looked_at(bus):
-    """Wrong, it would be refused at connect; where a drive does not say, that is noted and nothing more."""
+def test_probe_checks_heartbeat_consumers(bus):
+    """A wrong entry, which connecting refuses, is a problem; a missing one is a note."""
     for node in (1, 2):
         bus.objects[node, 0x1016, 0] = b"\x01"
         bus.objects[node, 0x1016, 1] = struct.pack("<L", 127 << 16 | 500 * (2 - node))
-    found = {node.node: node for node in look(bus).nodes}
-    assert (found[1].problems, found[1].notes) == ((), ())
+    nodes = {node.node: node for node in probe_of(bus).nodes}
+    assert (nodes[1].problems, nodes[1].notes) == ((), ())
     assert (
         "node 2, 1016h: expected a time-out of at most 10000 ms for the heartbeat of node 127"
-        in found[2].problems[0]
+        in nodes[2].problems[0]
     )
-    assert found[3].problems == ()
-    assert found[3].notes[0].startswith("node 3 has no 1016h")
-    assert found[16].notes == ()
+    assert nodes[3].problems == ()
+    assert nodes[3].notes[0].startswith("node 3 has no 1016h")
+    assert nodes[16].notes == ()
 
 
-def test_where_an_operator_is_at_work_nobody_is_asked(bus):
+def test_probe_of_bus_with_operator_sends_nothing(bus):
     bus.other_operator = True
-    found = look(bus)
+    result = probe_of(bus)
     assert (
         "another program uses this bus: the heartbeat of an operator, node 127 (COB-ID 77Fh)"
-        in (found.busy)
+        in result.busy
     )
-    assert found.nodes == ()
-    assert 127 in found.heard
-    assert bus.sent == []
-
-
-def test_where_somebody_sends_sync_nobody_is_asked(bus):
-    bus.say(0x080, b"")
-    found = look(bus)
-    assert "SYNC" in found.busy
+    assert result.nodes == ()
+    assert 127 in result.heard
     assert bus.sent == []
 
 
 @pytest.mark.parametrize(
     ("identifier", "data", "words"),
     [
+        (0x080, "", "a SYNC (COB-ID 080h)"),
         (0x000, "0100", "the NMT command 'start' to all nodes (COB-ID 000h)"),
         (0x000, "8203", "the NMT command 'reset communication' to node 3 (COB-ID 000h)"),
         (0x000, "", "an NMT command (COB-ID 000h)"),
@@ -104,46 +95,41 @@ def test_where_somebody_sends_sync_nobody_is_asked(bus):
         (0x30C, "00", "a command to node 12, RPDO2 (COB-ID 30Ch)"),
     ],
 )
-def test_whatever_only_a_master_sends_is_named_and_nobody_is_asked(bus, identifier, data, words):
+def test_probe_of_bus_with_other_master_sends_nothing(bus, identifier, data, words):
     for _ in range(2):
-        bus.say(identifier, bytes.fromhex(data))
-    found = look(bus)
-    assert found.busy == f"another program uses this bus: {words}, 2 times"
+        bus.inject(identifier, bytes.fromhex(data))
+    assert probe_of(bus).busy == f"another program uses this bus: {words}, 2 times"
     assert bus.sent == []
 
 
 @pytest.mark.parametrize("identifier", [0x081, 0x100, 0x185, 0x283, 0x586, 0x703, 0x7E4])
-def test_what_nodes_say_by_themselves_makes_no_bus_busy(bus, identifier):
-    bus.say(identifier, bytes(8))
-    found = look(bus)
-    assert (found.busy, found.meanwhile) == ("", "")
-    assert found.nodes
+def test_node_initiated_frames_do_not_make_bus_busy(bus, identifier):
+    bus.inject(identifier, bytes(8))
+    result = probe_of(bus)
+    assert (result.busy, result.meanwhile) == ("", "")
+    assert result.nodes
 
 
-def test_who_comes_while_the_nodes_are_asked_is_named(bus):
-    send = bus.send
+def test_master_starting_during_probe_is_reported(bus):
+    def interfere(identifier: int, _data: bytes) -> None:
+        if identifier == 0x601:
+            bus.inject(0x608, bytes.fromhex("4064600000000000"))
 
-    def and_another(message: can.Message, timeout: float | None = None) -> None:
-        send(message, timeout)
-        if message.arbitration_id == 0x601:
-            bus.say(0x608, bytes.fromhex("4064600000000000"))
-
-    bus.send = and_another  # type: ignore[method-assign]
-    found = look(bus)
-    assert len(found.nodes) == 8
+    bus.on_send = interfere
+    result = probe_of(bus)
+    assert len(result.nodes) == 8
     assert (
         "started to use this bus during the probe: a read of 6064h of node 8 (COB-ID 608h)"
-        in found.meanwhile
+        in result.meanwhile
     )
 
 
-def test_many_kinds_of_frames_are_told_in_a_sentence(bus):
+def test_busy_message_is_limited_to_six_frame_kinds(bus):
     for node in range(1, 10):
-        bus.say(0x600 + node, bytes.fromhex("4064600000000000"))
-    found = look(bus)
-    assert found.busy.endswith("of node 6 (COB-ID 606h); and 3 more")
+        bus.inject(0x600 + node, bytes.fromhex("4064600000000000"))
+    assert probe_of(bus).busy.endswith("of node 6 (COB-ID 606h); and 3 more")
 
 
-def test_an_empty_bus_is_empty(bus):
-    bus.dead = {*range(1, 8), 16}
-    assert look(bus) == Probe(busy="", heard=(), nodes=())
+def test_probe_of_empty_bus_lists_no_nodes(bus):
+    bus.offline = {*range(1, 8), 16}
+    assert probe_of(bus) == Probe(busy="", heard=(), nodes=())

@@ -1,4 +1,4 @@
-"""An arm that is set up otherwise is refused by name, then driven with the profile that a probe drafts."""
+"""An arm with another set-up is refused, then moved with the profile drafted from a probe."""
 
 import math
 from dataclasses import replace
@@ -8,33 +8,33 @@ import pytest
 from hardware.arm import DriveState, JointMode
 from hardware.commissioning.profile_draft import DraftRefused
 from hardware.errors import CommandRefused, MappingMismatch, UploadRefused, WrongArm
-from tests.hardware.on_foreign_arm import JOINTS, PER_RAD, drafted, on
+from tests.hardware.on_foreign_arm import JOINTS, PER_RAD, drafted, running_foreign_arm
 from tests.oracles.profiles import sarcos
 
 POSITION, FREE = JointMode.POSITION, JointMode.FREE
+NODES = range(1, JOINTS + 1)
 
 
 @pytest.fixture
 def elsewhere(settings):
-    yield from on(settings, 11, 12, 23, 34)
+    yield from running_foreign_arm(settings, 11, 12, 23, 34)
 
 
-def test_it_is_refused_by_name_and_nothing_is_told_to_move(connect, foreign):
+def test_foreign_arm_with_wrong_profile_is_refused(connect, foreign):
     with pytest.raises(MappingMismatch) as refused:
         connect(sarcos(JOINTS))
-    told = refused.value.differences
-    for node in range(1, JOINTS + 1):
-        assert (
-            f"node {node}, 1A00h: expected TPDO1 = 6041h(16) + 6064h(32) + 6077h(16), found no such object"
-            in told
-        )
-        assert f"node {node}, 1400h sub 1: expected 20{node}h, found no such object" in told
-    assert "node 16: no answer" in told
+    tpdo1 = "6041h(16) + 6064h(32) + 6077h(16)"
+    for difference in (
+        *(f"node {n}, 1A00h: expected TPDO1 = {tpdo1}, found no such object" for n in NODES),
+        *(f"node {n}, 1400h sub 1: expected 20{n}h, found no such object" for n in NODES),
+        "node 16: no answer",
+    ):
+        assert difference in refused.value.differences
     assert "sarcal probe --draft" in str(refused.value)
     assert all(axis.word == 0 for axis in foreign.axes)
 
 
-def test_a_probe_drafts_what_is_there(settings, elsewhere):
+def test_draft_describes_pdos_of_foreign_arm(settings, elsewhere):
     profile = drafted(settings)
     assert profile.drives == (11, 12, 23, 34)
     assert profile.supervisor is None
@@ -47,7 +47,7 @@ def test_a_probe_drafts_what_is_there(settings, elsewhere):
     assert all(axis.word == 0 for axis in elsewhere.axes), "a probe commands nothing"
 
 
-def test_it_is_driven_with_the_drafted_profile(connect, settings, elsewhere):
+def test_foreign_arm_moves_with_drafted_profile(connect, settings, elsewhere):
     arm = connect(drafted(settings))
     assert arm.snapshot().positions_rad == pytest.approx(
         [1000 * (k + 1) / PER_RAD for k in range(JOINTS)]
@@ -61,7 +61,7 @@ def test_it_is_driven_with_the_drafted_profile(connect, settings, elsewhere):
     assert reading.mean_rad == pytest.approx(
         [1000 / PER_RAD, 0.5, 3000 / PER_RAD, -0.25], abs=1 / PER_RAD
     )
-    arm.set_modes([POSITION] * JOINTS)  # drives whose bit 12 is set in free mode as well
+    arm.set_modes([POSITION] * JOINTS)  # these drives set bit 12 in free mode as well
     assert [axis.mode for axis in elsewhere.axes] == [8] * JOINTS
     assert arm.active_parameters() == b""
     with pytest.raises(UploadRefused, match="no supervisor"):
@@ -72,11 +72,11 @@ def test_it_is_driven_with_the_drafted_profile(connect, settings, elsewhere):
     assert {axis.status for axis in elsewhere.axes} == {0x07}
 
 
-def test_a_drive_that_counts_backwards_from_elsewhere(connect, settings, foreign):
+def test_profile_direction_zero_and_resolution_apply(connect, settings, foreign):
     profile = drafted(settings)
-    own = replace(profile.joints[1], direction=-1, zero_counts=2500, counts_per_rev=72_000.0)
-    profile = replace(profile, joints=(profile.joints[0], own, *profile.joints[2:]))
-    arm = connect(profile)
+    first, second, *others = profile.joints
+    second = replace(second, direction=-1, zero_counts=2500, counts_per_rev=72_000.0)
+    arm = connect(replace(profile, joints=(first, second, *others)))
     per_rad = 72_000 / math.tau
     assert arm.snapshot().positions_rad[1] == pytest.approx((2500 - 2000) / per_rad)
     arm.take_control()
@@ -89,26 +89,24 @@ def test_a_drive_that_counts_backwards_from_elsewhere(connect, settings, foreign
         arm.move({2: 1.6}, speed_rad_per_s=0.9)
 
 
-def test_what_the_profile_has_compared_must_be_there(connect, settings, foreign):
+def test_missing_compared_object_raises_wrong_arm(connect, settings, foreign):
     profile = replace(drafted(settings), compared=frozenset({0x60C2, 0x2100}))
     with pytest.raises(WrongArm, match="joint 1 has no object 2100h"):
         connect(profile)
 
 
-def test_a_drive_that_cannot_be_driven_is_named_with_its_reason(settings, foreign):
+def test_draft_refusal_gives_reason_per_drive(settings, foreign):
     foreign.nodes[2].set_data(0x1803, 2, b"\xff")
     foreign.nodes[3].set_data(0x1601, 0, b"\x01")
-    with pytest.raises(DraftRefused) as none:
+    with pytest.raises(DraftRefused) as refused:
         drafted(settings)
-    assert none.value.reasons == (
+    assert refused.value.reasons == (
         "node 3: no usable TPDO carries 6041h (TPDO4 is of transmission type 255, not 1 (on every SYNC))",
         "node 4: no usable RPDO carries 6040h",
     )
 
 
-def test_drives_that_cannot_be_driven_as_they_are_are_drafted_to_be_set_up(
-    connect, settings, foreign
-):
+def test_configure_drafts_pdo_maps_for_unusable_drives(connect, settings, foreign):
     for node in foreign.nodes:
         node.set_data(0x1803, 2, b"\xff")
         node.set_data(0x1402, 1, (0x80000402).to_bytes(4, "little"))
@@ -117,7 +115,7 @@ def test_drives_that_cannot_be_driven_as_they_are_are_drafted_to_be_set_up(
     profile = drafted(settings, configure=True)
     assert not any(node.written for node in foreign.nodes), "a probe writes nothing"
     second = profile.joints[1]
-    # Objects as wide as these drives have them; what does not fit into 8 bytes goes into the next.
+    # Widths are those of these drives' objects; entries beyond 8 bytes go into the next PDO.
     assert [(p.number, p.cob_id, p.entries) for p in (*second.commands, *second.answers)] == [
         (2, 0x202, ((0x6040, 0, 16), (0x607A, 0, 32), (0x6060, 0, 16))),
         (3, 0x182, ((0x6041, 0, 16), (0x6064, 0, 32))),
@@ -130,29 +128,28 @@ def test_drives_that_cannot_be_driven_as_they_are_are_drafted_to_be_set_up(
 
 
 @pytest.mark.parametrize("index", [0x6040, 0x6041, 0x6077])
-def test_drives_without_room_or_an_object_that_is_needed_are_named(settings, foreign, index):
+def test_draft_refuses_drive_lacking_pdo_or_object(settings, foreign, index):
     del foreign.nodes[1].object_dictionary[0x1803]
     del foreign.nodes[2].object_dictionary[index]
-    with pytest.raises(DraftRefused) as none:
+    with pytest.raises(DraftRefused) as refused:
         drafted(settings, configure=True)
-    assert none.value.reasons == (
+    assert refused.value.reasons == (
         "node 2: 2 TPDOs are needed, but it has 1",
         f"node 3: {index:04X}h cannot be read",
     )
 
 
 @pytest.mark.campaign
-def test_a_drive_that_was_not_looked_at_to_the_end_is_named_with_the_reason(settings, foreign):
-    """Its number is one that the profile compared with knows as well: that it differs there is not why."""
+def test_draft_refuses_drive_that_stopped_answering(settings, foreign):
+    """The profile that is compared with has this node number too; the difference from it is not the reason."""
     server = foreign.nodes[1].sdo
 
-    def answer_to_1018h_and_no_further(cob_id: int, data: bytearray, stamp: float) -> None:
+    def answer_up_to_1018h(cob_id: int, data: bytearray, stamp: float) -> None:
         if data[1:3] in (b"\x00\x10", b"\x08\x10", b"\x18\x10"):
             server.on_request(cob_id, data, stamp)
 
     foreign.network.unsubscribe(0x602)
-    foreign.network.subscribe(0x602, answer_to_1018h_and_no_further)
-    with pytest.raises(DraftRefused) as silent:
+    foreign.network.subscribe(0x602, answer_up_to_1018h)
+    with pytest.raises(DraftRefused, match=r"^Node 2 does not answer when asked for") as refused:
         drafted(settings, configure=True)
-    (reason,) = silent.value.reasons
-    assert reason.startswith("Node 2 does not answer when asked for")
+    assert len(refused.value.reasons) == 1

@@ -1,5 +1,3 @@
-"""The steps of a reset."""
-
 from types import SimpleNamespace
 
 import pytest
@@ -9,15 +7,15 @@ from hardware.control.stop_line import StopLatch
 from hardware.errors import Stopped
 
 
-def test_a_stop_between_reset_and_its_turn_stays():
-    """STOP strikes after RESET was asked for and before the loop comes to it."""
+def test_stop_pressed_after_reset_request_stays_latched():
     latch, cleared = StopLatch(), list[None]()
     latch.press()
-    asked = latch.last_press
+    press_to_reset = latch.last_press
     latch.press()
     loop = SimpleNamespace(latch=latch, commands=())
+    steps = motion_steps.reset(loop, lambda: cleared.append(None), press=press_to_reset)  # type: ignore[arg-type]
     with pytest.raises(Stopped, match="again"):
-        next(motion_steps.reset(loop, lambda: cleared.append(None), press=asked))  # type: ignore[arg-type]
+        next(steps)
     assert latch.latched
     assert cleared == []
     assert loop.commands == ()

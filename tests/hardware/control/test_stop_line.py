@@ -1,9 +1,8 @@
-"""STOP's latch and frames: every drive gets its quick stop, whatever happens to the others'."""
+"""STOP's latch and frames: every drive gets its quick stop, even if frames to others fail."""
 
 import errno
 import itertools
 import struct
-from collections.abc import Mapping
 
 import can
 import pytest
@@ -16,13 +15,15 @@ from tests.oracles.profiles import sarcos
 
 COUNTS = (11, -22, 33)
 ALL = [0x201, 0x202, 0x203]
+CLOSED = ValueError("file descriptor cannot be a negative integer (-1)")
+FAILURES = [CLOSED, OSError("network is down"), can.CanOperationError("full"), TypeError("closed")]
 
 
 class FakeBus(can.BusABC):
-    """Takes every frame but those it has an exception for."""
+    """Takes every frame but those with an exception in `failing`."""
 
-    def __init__(self, failing: Mapping[int, Exception] | None = None) -> None:
-        self.failing = failing or {}
+    def __init__(self) -> None:
+        self.failing: dict[int, Exception] = {}
         self.sent: list[tuple[int, bytes]] = []
         super().__init__(channel="fake")
 
@@ -32,13 +33,13 @@ class FakeBus(can.BusABC):
             raise self.failing[msg.arbitration_id]
         self.sent.append((msg.arbitration_id, bytes(msg.data)))
 
-
-CLOSED = ValueError("file descriptor cannot be a negative integer (-1)")
-FAILURES = [CLOSED, OSError("network is down"), can.CanOperationError("full"), TypeError("closed")]
+    @property
+    def setpoints(self) -> list[tuple[int, ...]]:
+        return [struct.unpack("<Hib", data) for _, data in self.sent]
 
 
 @pytest.fixture
-def own():
+def main():
     return FakeBus()
 
 
@@ -47,80 +48,76 @@ def spare():
     return FakeBus()
 
 
-def line(own: FakeBus, spare: FakeBus) -> StopLine:
-    return StopLine(own, SharedBus(spare), frames_of(sarcos(3)))
+def line(main: FakeBus, spare: FakeBus) -> StopLine:
+    return StopLine(main, SharedBus(spare), frames_of(sarcos(3)))
 
 
-def test_every_drive_gets_quick_stop_with_the_target_and_mode_it_had(own, spare):
-    given = tuple(Setpoint(0x0F, target, mode) for target, mode in ((1, 8), (2, 10), (3, 8)))
-    line(own, spare).send(given, COUNTS)
-    frames = [(i, struct.unpack("<Hib", data)) for i, data in own.sent]
-    assert frames == [(0x201, (2, 1, 8)), (0x202, (2, 2, 10)), (0x203, (2, 3, 8))]
+def test_quick_stop_keeps_target_and_mode(main, spare):
+    setpoints = tuple(Setpoint(0x0F, target, mode) for target, mode in ((1, 8), (2, 10), (3, 8)))
+    line(main, spare).send(setpoints, COUNTS)
+    assert [identifier for identifier, _ in main.sent] == ALL
+    assert main.setpoints == [(2, 1, 8), (2, 2, 10), (2, 3, 8)]
     assert spare.sent == []
 
 
-def test_a_full_queue_does_not_keep_stop_from_a_drive():
-    """Both handles stand before the same queue."""
-    space = can.CanOperationError("Failed to transmit", errno.ENOBUFS)
+def test_full_transmit_queue_does_not_lose_stop_frames():
+    """Both handles share the kernel's queue."""
+    full = can.CanOperationError("Failed to transmit", errno.ENOBUFS)
+    attempts = itertools.count(1)
 
     class Full(FakeBus):
-        offered = 0
-
         def send(self, msg: can.Message, timeout: float | None = None) -> None:
-            Full.offered += 1
-            if Full.offered % 7:
-                raise space
+            if next(attempts) % 7:
+                raise full
             super().send(msg, timeout)
 
-    own, spare = Full(), Full()
-    line(own, spare).send(None, COUNTS)
-    assert sorted(identifier for identifier, _ in own.sent + spare.sent) == ALL
+    main, spare = Full(), Full()
+    line(main, spare).send(None, COUNTS)
+    assert sorted(identifier for identifier, _ in main.sent + spare.sent) == ALL
 
 
-def test_before_the_first_command_the_target_is_where_each_joint_is(own, spare):
-    line(own, spare).send(None, COUNTS)
-    assert [struct.unpack("<Hib", data) for _, data in own.sent] == [(2, c, 8) for c in COUNTS]
+def test_stop_before_first_command_targets_current_position(main, spare):
+    line(main, spare).send(None, COUNTS)
+    assert main.setpoints == [(2, counts, 8) for counts in COUNTS]
 
 
 @pytest.mark.parametrize("failure", FAILURES, ids=lambda failure: type(failure).__name__)
-def test_a_frame_that_one_handle_does_not_take_goes_to_the_other(own, spare, failure):
-    own.failing = {0x202: failure}
-    line(own, spare).send(None, COUNTS)
-    assert [i for i, _ in own.sent] == [0x201, 0x203]
+def test_refused_stop_frame_is_sent_by_second_handle(main, spare, failure):
+    main.failing = {0x202: failure}
+    line(main, spare).send(None, COUNTS)
+    assert [i for i, _ in main.sent] == [0x201, 0x203]
     assert [i for i, _ in spare.sent] == [0x202]
 
 
 @pytest.mark.parametrize("failure", FAILURES, ids=lambda failure: type(failure).__name__)
 @pytest.mark.parametrize("joint", [1, 2, 3])
-def test_a_frame_that_nobody_takes_keeps_no_other_from_going_out(own, spare, joint, failure):
-    own.failing = dict.fromkeys(ALL, CLOSED)
+def test_undeliverable_stop_frame_does_not_block_others(main, spare, joint, failure):
+    main.failing = dict.fromkeys(ALL, CLOSED)
     spare.failing = {0x200 + joint: failure}
     with pytest.raises(
         BusError, match=r"could not be sent: .*[^.]\. Use the emergency stop"
-    ) as said:
-        line(own, spare).send(None, COUNTS)
-    assert str(failure) in str(said.value)
+    ) as error:
+        line(main, spare).send(None, COUNTS)
+    assert str(failure) in str(error.value)
     assert [i for i, _ in spare.sent] == [i for i in ALL if i != 0x200 + joint]
 
 
-def test_a_latch_is_lifted_only_for_the_latest_press():
+def test_latch_is_released_only_for_latest_press():
     latch = StopLatch()
     assert not latch.latched
     assert latch.release(latch.last_press)
-    seen = []
+    presses = []
     for _ in range(3):
         latch.press()
-        seen.append(latch.last_press)
+        presses.append(latch.last_press)
         assert latch.latched
-    for earlier in (None, *seen[:-1]):
+    for earlier in (None, *presses[:-1]):
         assert not latch.release(earlier)
         assert latch.latched
-    assert latch.release(seen[-1])
-    for again in (seen[-1], None, seen[0]):
+    for press in (presses[-1], presses[-1], None, presses[0]):
+        assert latch.release(press)
         assert not latch.latched
-        assert latch.release(again)
-    assert not latch.latched
-    for press in seen:
+    for press in presses:
         latch.press()
-        assert not latch.release(press), "what was released before lifts nothing new"
-    assert all(a is not b for a, b in itertools.combinations(seen, 2))
+        assert not latch.release(press), "an earlier press releases no later one"
+    assert all(a is not b for a, b in itertools.combinations(presses, 2))

@@ -1,4 +1,4 @@
-"""The straight move: bounds, exact ends, braking anywhere; differences taken outside the subject."""
+"""The straight move, by differences of its targets: bounds, ends, braking."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ angles = st.floats(-3.0, 3.0, allow_nan=False)
     st.integers(-1, 400),
 )
 @settings(max_examples=150, deadline=None, database=None)
-def test_bounds_hold_on_every_step(ends, speed, brake_at):
+def test_speed_acceleration_and_jerk_stay_within_bounds(ends, speed, brake_at):
     start, end = [a for a, _ in ends], [b for _, b in ends]
     targets = _run(start, end, speed, brake_at)
     steps = np.diff(targets, axis=0) / PERIOD_S
@@ -49,58 +49,51 @@ def test_bounds_hold_on_every_step(ends, speed, brake_at):
 
 @given(st.lists(st.tuples(angles, angles), min_size=1, max_size=7))
 @settings(max_examples=50, deadline=None, database=None)
-def test_it_is_straight_and_ends_exactly(ends):
+def test_path_is_straight_and_ends_at_target(ends):
     start, end = np.array([a for a, _ in ends]), np.array([b for _, b in ends])
     targets = _run(start.tolist(), end.tolist(), 0.5)
     assert np.abs(targets[-1] - end).max() <= 4e-16 * 3.0
-    way = end - start
-    if np.abs(way).max() > 1e-3:
-        share = (targets - start) @ way / (way @ way)
-        assert np.abs(targets - (start + share[:, None] * way)).max() < 1e-12
-        assert np.all(np.diff(share) >= -1e-15)
+    displacement = end - start
+    if np.abs(displacement).max() > 1e-3:
+        fraction = (targets - start) @ displacement / (displacement @ displacement)
+        assert np.abs(targets - (start + fraction[:, None] * displacement)).max() < 1e-12
+        assert np.all(np.diff(fraction) >= -1e-15)
 
 
-def test_the_time_taken_is_that_of_the_trapezoid_and_the_smoothing():
+def test_duration_equals_trapezoid_plus_smoothing():
     targets = _run([0.0, 0.0], [1.0, -0.5], 0.5)
     # 0.5 s up, 0.5 s down cover 0.25 rad; 0.75 rad at 0.5 rad/s take 1.5 s; the mean adds 9 periods.
     assert len(targets) - 1 == pytest.approx(2.5 / PERIOD_S + SMOOTHING - 1, abs=1)
 
 
 def test_braking_stops_within_the_braking_distance():
-    whole = _run([0.0], [2.0], 0.5)
-    braked = _run([0.0], [2.0], 0.5, brake_at=120)
-    np.testing.assert_array_equal(braked[:121], whole[:121])
-    speed_then = 0.5
-    lag = speed_then * PERIOD_S * (SMOOTHING - 1) / 2
-    expected = whole[120, 0] + lag + speed_then**2 / (2 * 1.0)
+    speed = 0.5
+    free = _run([0.0], [2.0], speed)
+    braked = _run([0.0], [2.0], speed, brake_at=120)
+    np.testing.assert_array_equal(braked[:121], free[:121])
+    lag = speed * PERIOD_S * (SMOOTHING - 1) / 2
+    expected = free[120, 0] + lag + speed**2 / (2 * 1.0)
     assert braked[-1, 0] == pytest.approx(expected, abs=0.002)
-    assert len(braked) - 121 <= speed_then / 1.0 / PERIOD_S + SMOOTHING + 1
+    assert len(braked) - 121 <= speed / 1.0 / PERIOD_S + SMOOTHING + 1
 
 
-def test_braking_before_the_start_does_not_move():
+def test_moves_without_distance_or_speed():
     assert np.ptp(_run([0.3], [2.0], 0.5, brake_at=0)) == 0.0
-
-
-def test_nothing_to_do_is_finished_at_once():
     assert len(_run([1.0, 2.0], [1.0, 2.0], 0.5)) == 1
-
-
-def test_bounds_must_be_positive():
     with pytest.raises(ValueError, match="positive"):
         _run([0.0], [1.0], 0.0)
 
 
 @pytest.mark.parametrize("speed", [0.05, 0.35, 1.0])
-def test_a_braked_move_comes_to_rest_as_far_ahead_as_foretold(speed):
+def test_braking_distance_matches_prediction(speed):
     move = StraightMove(np.zeros(1), np.array([4.0]), speed_rad_per_s=speed)
-    here = before = 0.0
-    while here < 1.5:
-        before, here = here, float(move.next()[0])
-    now = (here - before) / 0.01
-    for _ in range(2):  # seen, and answered two periods later
-        here_late = float(move.next()[0])
+    position = previous = 0.0
+    while position < 1.5:
+        previous, position = position, float(move.next()[0])
+    current_speed = (position - previous) / PERIOD_S
+    move.next()  # braking begins two periods after the position was read
+    final = float(move.next()[0])
     move.brake()
     while not move.finished:
-        here_late = float(move.next()[0])
-    ahead = now * coming_to_rest_s(speed)
-    assert here_late - here == pytest.approx(ahead, rel=0.02)
+        final = float(move.next()[0])
+    assert final - position == pytest.approx(current_speed * coming_to_rest_s(speed), rel=0.02)

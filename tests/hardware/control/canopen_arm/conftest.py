@@ -1,4 +1,4 @@
-"""The arm on its fake bus, connected, and driven."""
+"""An arm on its fake bus: connected, or with two joints driven."""
 
 from contextlib import ExitStack
 from typing import Any
@@ -8,7 +8,7 @@ import pytest
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import drive, hasty, make
+from tests.hardware.on_fake_bus import drive, make, short_timing
 
 
 @pytest.fixture
@@ -18,15 +18,15 @@ def bus():
 
 @pytest.fixture
 def connected(bus):
-    """Connect an arm of these options, on the fixture's bus or another; it is closed in the end."""
+    """Connect an arm with these options, on the fixture's bus or another; it is closed after the test."""
     with ExitStack() as stack:
 
         def connect(on: FakeArmBus = bus, **options: Any) -> CanopenArm:
-            made = make(on, **options)
-            made.connect()
-            stack.callback(made.close)
-            stack.callback(setattr, on, "broken", None)
-            return made
+            arm = make(on, **options)
+            arm.connect()
+            stack.callback(arm.close)
+            stack.callback(setattr, on, "io_error", None)
+            return arm
 
         yield connect
 
@@ -43,5 +43,5 @@ def driven(arm):
 
 @pytest.fixture
 def live(connected):
-    """A driven arm ten times as fast as one is: nothing is asked of it, and SYNCs go on."""
-    return drive(connected(pace=Pace.REAL_TIME, timing=hasty(speed=10.0)))
+    """A driven arm at ten times real time, which sends SYNCs while idle."""
+    return drive(connected(pace=Pace.REAL_TIME, timing=short_timing(speed=10.0)))

@@ -1,4 +1,4 @@
-"""Connecting to an arm on a fake bus: who is there is who was meant, and nothing is left running."""
+"""Connecting to an arm on a fake bus: identity, other masters, missing nodes."""
 
 import threading
 from dataclasses import replace
@@ -10,14 +10,18 @@ from hardware.arm import DriveState
 from hardware.arm_description import EncoderDescription
 from hardware.errors import BusError, ControlDenied, NodeMissing, OtherMaster, WrongArm
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import PER_RAD, describe, hasty, make
+from tests.hardware.on_fake_bus import PER_RAD, describe, make, short_timing
+
+NODES = [*range(1, 8), 16]
 
 
-def test_connecting_identifies_every_node(arm, bus):
+def test_connect_resets_starts_and_identifies_nodes_of_the_arm(arm, bus):
+    nmt = [data for identifier, data in bus.sent if identifier == 0x000]
+    assert nmt == [bytes([command, node]) for command in (0x82, 0x01) for node in NODES]
     arm.close()
     identity = arm.connect()
     assert (identity.model, identity.serial_number) == ("fake", "FAKE-1")
-    assert [node.node for node in identity.nodes] == [1, 2, 3, 4, 5, 6, 7, 16]
+    assert [node.node for node in identity.nodes] == NODES
     assert identity.nodes[-1].role == "supervisor"
     assert identity.nodes[2].serial_number == 7003
     snapshot = arm.snapshot()
@@ -25,10 +29,10 @@ def test_connecting_identifies_every_node(arm, bus):
     assert snapshot.joints[0].position_rad == pytest.approx(1000 / PER_RAD)
     assert snapshot.joints[0].drive is DriveState.SWITCH_ON_DISABLED
     assert snapshot.token == 0
-    assert set(snapshot.heartbeat_age_s) == {1, 2, 3, 4, 5, 6, 7, 16}
+    assert set(snapshot.heartbeat_age_s) == {*NODES}
 
 
-def test_nothing_is_sent_before_the_others_were_listened_to(bus):
+def test_operator_heartbeat_prevents_any_transmission(bus):
     bus.other_operator = True
     with pytest.raises(ControlDenied) as denied:
         make(bus).connect()
@@ -36,68 +40,62 @@ def test_nothing_is_sent_before_the_others_were_listened_to(bus):
     assert bus.sent == []
 
 
-COMMANDS_JOINT_1 = bytes.fromhex("0f000500000008")
+COMMAND_TO_JOINT_1 = 0x201, bytes.fromhex("0f000500000008")
+RESET_COMMUNICATION = 0x000, b"\x82\x00"
 
 
 @pytest.mark.parametrize(
     ("frames", "words"),
     [
-        (((0x080, b""), (0x201, COMMANDS_JOINT_1)), r"a SYNC \(COB-ID 080h\)"),
+        (((0x080, b""), COMMAND_TO_JOINT_1), r"a SYNC \(COB-ID 080h\)"),
         (((0x080, b"\x07"),), r"a SYNC \(COB-ID 080h\)"),
-        (((0x201, COMMANDS_JOINT_1),), r"a command to joint 1 \(COB-ID 201h\)"),
+        ((COMMAND_TO_JOINT_1,), r"a command to joint 1 \(COB-ID 201h\)"),
         (
-            ((0x000, b"\x82\x00"),),
+            (RESET_COMMUNICATION,),
             r"the NMT command 'reset communication' to all nodes \(COB-ID 000h\)",
         ),
     ],
 )
-def test_nothing_is_sent_where_another_master_works(bus, frames, words):
+def test_traffic_of_another_master_prevents_any_transmission(bus, frames, words):
     bus.other_master = frames
     with pytest.raises(OtherMaster, match=f"uses this bus: it sent {words}.* End that program"):
-        make(bus, timing=hasty(listen_s=0.3)).connect()
+        make(bus, timing=short_timing(listen_s=0.3)).connect()
     assert bus.sent == []
 
 
-def test_what_a_master_said_before_anybody_listened_bars_nobody(connected, bus):
-    """Our own predecessor may have been killed a moment ago, and an adapter have kept its last frames."""
-    for frame in ((0x080, b""), (0x201, COMMANDS_JOINT_1), (0x000, b"\x82\x00")):
-        bus.say(*frame)
+def test_frames_received_before_listening_are_ignored(connected, bus):
+    """An adapter may hold the last frames of a predecessor that was killed."""
+    for frame in ((0x080, b""), COMMAND_TO_JOINT_1, RESET_COMMUNICATION):
+        bus.inject(*frame)
     connected()
 
 
-def test_a_master_that_comes_while_connecting_is_named():
-    class Contested(FakeArmBus):
-        def _handle(self, identifier: int, data: bytes) -> None:
-            super()._handle(identifier, data)
-            if (identifier, data) == (0x000, b"\x82\x07"):
-                self._queue.append((0x000, b"\x80\x00"))
+def test_nmt_command_while_connecting_raises_other_master(bus):
+    def interfere(identifier: int, data: bytes) -> None:
+        if (identifier, data) == (0x000, b"\x82\x07"):
+            bus.inject(0x000, b"\x80\x00")
 
+    bus.on_send = interfere
     with pytest.raises(
         OtherMaster,
         match=r"commands this arm: it sent the NMT command 'enter pre-operational' to all nodes \(COB-ID 000h\)",
     ):
-        make(Contested()).connect()
+        make(bus).connect()
 
 
-def test_other_devices_on_the_bus_are_not_reset_and_not_started(arm, bus):
-    nodes = [*range(1, 8), 16]
-    told = [data for identifier, data in bus.sent if identifier == 0x000]
-    assert told == [bytes([command, node]) for command in (0x82, 0x01) for node in nodes]
-
-
-def test_missing_nodes_are_named_and_nothing_runs_after_that(bus):
-    bus.dead = {3, 16}
+def test_missing_nodes_fail_connecting_and_leave_no_thread(bus):
+    bus.offline = {3, 16}
     before = threading.active_count()
     with pytest.raises(NodeMissing) as missing:
         make(bus).connect()
     assert missing.value.nodes == (3, 16)
-    assert bus.sent.count((0x000, b"\x82\x03")) == 1, "who is not heard is not told again"
+    assert bus.sent.count((0x000, b"\x82\x03")) == 1, "a silent node is not reset again"
     assert threading.active_count() == before
 
 
-def test_a_bus_that_breaks_while_the_nodes_boot_is_said_and_nobody_waits_for_them():
+def test_bus_failure_during_boot_ends_connecting():
     class Breaking(FakeArmBus):
-        """Cannot be read any more once the first node was reset."""
+        """Cannot be read after the reset of the first node."""
 
         def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
             if (0x000, b"\x82\x01") in self.sent:
@@ -108,7 +106,7 @@ def test_a_bus_that_breaks_while_the_nodes_boot_is_said_and_nobody_waits_for_the
         make(Breaking()).connect()
 
 
-def test_another_arm_is_named_with_everything_that_differs(bus):
+def test_wrong_arm_lists_every_difference(bus):
     bus.model, bus.full_scale = "other", 110_000_000
     description = describe()
     joints = list(description.joints)
@@ -116,12 +114,12 @@ def test_another_arm_is_named_with_everything_that_differs(bus):
     joints[3] = replace(joints[3], sensor=EncoderDescription(counts_per_rev=1000))
     with pytest.raises(WrongArm) as wrong:
         make(bus, description=replace(description, joints=tuple(joints))).connect()
-    text = str(wrong.value)
+    message = str(wrong.value)
     for part in (
         "'other'",
         "joint 2 has the range",
         "joint 4 has an encoder",
         "joint 7 has an RVDT of 110.000000 deg",
     ):
-        assert part in text
-    assert "joint 1 " not in text
+        assert part in message
+    assert "joint 1 " not in message

@@ -1,8 +1,8 @@
-"""An arm that somebody works with who is not heard just now is not reset under his hands."""
+"""An arm in use by another program, which sends nothing just now, is not reset by connecting."""
 
 import struct
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any
 
 import pytest
 
@@ -12,17 +12,16 @@ from hardware.monitors.joint_monitor import JointMonitor, alarms
 from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Pace
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import capture_for_ever, hasty, make
+from tests.hardware.on_fake_bus import capture_for_ever, make, short_timing
 from tests.oracles.profiles import sarcos
 
 ENABLED, QUICK_STOP, TRIPPED = 0x27, 0x07, 0x08
 SDO_TIMEOUT_S = 0.5
-E = TypeVar("E", bound=BaseException)
 STATUSWORD, TOKEN = b"\x41\x60\x00", b"\x10\x20\x00"
 
 
-class Asked(FakeArmBus):
-    """Something happens as an object is read for the n-th time."""
+class ReadingBus(FakeArmBus):
+    """Calls `on_read` at every SDO read, and loses the n-th response of the objects in `lost`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -34,102 +33,102 @@ class Asked(FakeArmBus):
         if 0x600 < identifier < 0x680 and data[0] == 0x40:
             self.reads.append(data[1:4])
             self.on_read(self.reads)
-            asked = identifier - 0x600, data[1:4]
-            if asked in self.lost:
-                self.lost[asked] -= 1
-                if self.lost[asked] == 0:
-                    return  # nobody heard the answer
+            place = identifier - 0x600, data[1:4]
+            if place in self.lost:
+                self.lost[place] -= 1
+                if self.lost[place] == 0:
+                    return
         super()._handle(identifier, data)
 
     @property
     def resets(self) -> int:
         return sum(frame[0] == 0x000 for frame in self.sent)
 
+    def when_read_more_often(self, times: int, what: bytes, act: Callable[[], None]) -> None:
+        self.on_read = lambda reads: act() if reads.count(what) > times else None
+
+    def set_heartbeat_consumer(self, node: int, time_ms: int) -> None:
+        self.objects[node, 0x1016, 0] = b"\x01"
+        self.objects[node, 0x1016, 1] = struct.pack("<L", 127 << 16 | time_ms)
+
 
 @pytest.fixture
 def bus():
-    return Asked()
+    return ReadingBus()
 
 
-def real(bus: FakeArmBus) -> CanopenArm:
-    timing = hasty(speed=10.0, operator_timeout_s=0.2, sdo_timeout_s=SDO_TIMEOUT_S)
+def real_time_arm(bus: FakeArmBus) -> CanopenArm:
+    timing = short_timing(speed=10.0, operator_timeout_s=0.2, sdo_timeout_s=SDO_TIMEOUT_S)
     return make(bus, pace=Pace.REAL_TIME, timing=timing)
 
 
 @pytest.fixture
 def arm(bus):
-    made = real(bus)
-    yield made
-    made.close()
+    arm = real_time_arm(bus)
+    yield arm
+    arm.close()
 
 
-def refused(bus: Asked, error: type[E], match: str | None = None) -> E:
-    """With what a connection ends that has reset nothing."""
-    with pytest.raises(error, match=match) as told:
-        real(bus).connect()
+def refused(bus: ReadingBus, error: type[Exception], match: str | None = None) -> Any:
+    """Return the error of a connection that resets nothing."""
+    with pytest.raises(error, match=match) as refusal:
+        real_time_arm(bus).connect()
     assert bus.resets == 0
-    return told.value
-
-
-def after(bus: Asked, looks: int, what: bytes, happens: Callable[[], None]) -> None:
-    """Let something happen once an object was looked at more often than so."""
-    bus.on_read = lambda reads: happens() if reads.count(what) > looks else None
+    return refusal.value
 
 
 @pytest.mark.parametrize("state", [ENABLED, QUICK_STOP])
-def test_an_operator_who_was_late_is_heard_before_his_arm_is_reset(bus, state):
+def test_late_operator_heartbeat_prevents_reset(bus, state):
     bus.drives[2].status = state
-    after(bus, 7, STATUSWORD, lambda: setattr(bus, "other_operator", True))
+    bus.when_read_more_often(7, STATUSWORD, lambda: setattr(bus, "other_operator", True))
     assert refused(bus, ControlDenied).holder == 127
 
 
-def test_a_command_that_comes_late_is_named_before_anything_is_reset(bus):
-    bus.drives[2].status = ENABLED
-    after(bus, 7, STATUSWORD, lambda: setattr(bus, "other_master", ((0x202, bytes(7)),)))
+@pytest.mark.parametrize("during_first_read", [False, True])
+def test_command_of_other_master_prevents_reset(bus, during_first_read):
+    if during_first_read:
+        bus.on_read = lambda reads: bus.inject(0x202, bytes(7)) if len(reads) == 1 else None
+    else:
+        bus.drives[2].status = ENABLED
+        frames = ((0x202, bytes(7)),)
+        bus.when_read_more_often(7, STATUSWORD, lambda: setattr(bus, "other_master", frames))
     refused(bus, OtherMaster, r"Another program .* a command to joint 2 \(COB-ID 202h\)")
 
 
-def test_drives_that_let_go_since_their_operator_was_killed_are_connected_to(arm, bus):
+def test_drives_tripped_after_operator_loss_accept_connection(arm, bus):
     for drive in bus.drives.values():
         drive.status = ENABLED
     bus.token = 127
 
-    def miss_the_operator() -> None:
+    def lose_operator() -> None:
         bus.token = 0
         for drive in bus.drives.values():
             drive.status = TRIPPED
 
-    after(bus, 3 * 7, STATUSWORD, miss_the_operator)
+    bus.when_read_more_often(3 * 7, STATUSWORD, lose_operator)
     arm.connect()
     assert bus.reads.count(TOKEN) > 3
 
 
-def test_drives_that_stay_enabled_are_named_with_what_to_do_and_not_reset(bus):
+def test_enabled_drives_raise_arm_in_use_with_remedy(bus):
     bus.drives[2].status, bus.drives[5].status = ENABLED, QUICK_STOP
-    said = str(refused(bus, ArmInUse))
-    assert (
-        "joint 2 (node 2) is in state operation enabled, joint 5 (node 5) is in state quick stop active"
-        in said
-    )
-    for way in ("sarcal monitor", "sarcal reset", "Nothing was reset"):
-        assert way in said
+    message = str(refused(bus, ArmInUse))
+    for part in (
+        "joint 2 (node 2) is in state operation enabled, joint 5 (node 5) is in state quick stop active",
+        "sarcal monitor",
+        "sarcal reset",
+        "Nothing was reset",
+    ):
+        assert part in message
 
 
-def test_nobody_is_waited_for_shorter_than_the_drives_wait_themselves(bus):
-    for sub, value in ((0, b"\x01"), (1, struct.pack("<L", 127 << 16 | 400))):
-        bus.objects[2, 0x1016, sub] = value
+def test_listening_time_covers_drive_heartbeat_timeout(bus):
+    bus.set_heartbeat_consumer(2, 400)
     bus.drives[2].status = ENABLED
     assert refused(bus, ArmInUse).listened_s == pytest.approx(0.6)
 
 
-def test_drives_are_taken_over_on_request(arm, bus):
-    bus.drives[2].status = ENABLED
-    arm.take_over()
-    arm.connect()
-    assert bus.resets > 0
-
-
-def test_what_this_program_left_stopped_itself_it_connects_to_again(arm, bus):
+def test_own_stopped_drives_accept_reconnection(arm, bus):
     arm.connect()
     arm.take_control()
     arm.stop()
@@ -139,17 +138,17 @@ def test_what_this_program_left_stopped_itself_it_connects_to_again(arm, bus):
         arm.connect()
         arm.close()
     before = bus.reads.count(STATUSWORD)
-    # Another program does not know whose they are: it listens, and goes on, as nobody is at work.
-    again = real(bus)
-    again.connect()
+    # Another program cannot know whose they are: it listens, and connects as nobody is active.
+    other = real_time_arm(bus)
+    other.connect()
     assert bus.reads.count(STATUSWORD) == before + 7 * (1 + 10)
-    again.close()
+    other.close()
 
 
-def test_what_somebody_else_enabled_is_not_taken_for_left_behind(arm, bus):
+def test_drives_enabled_by_another_program_are_in_use(arm, bus):
     arm.connect()
     bus.drives[2].status = ENABLED
-    bus.say(0x202, bytes.fromhex("0f000500000008"))
+    bus.inject(0x202, bytes.fromhex("0f000500000008"))
     with pytest.raises(OtherMaster, match="Another program commands this arm"):
         capture_for_ever(arm)
     arm.close()
@@ -159,51 +158,56 @@ def test_what_somebody_else_enabled_is_not_taken_for_left_behind(arm, bus):
     assert bus.resets == resets
 
 
-def test_drives_are_taken_over_by_the_connection_it_was_asked_for_only(arm, bus):
+def test_take_over_resets_enabled_drives_once(arm, bus):
+    bus.drives[2].status = ENABLED
     arm.take_over()
-    bus.dead = {3}
+    arm.connect()
+    assert bus.resets > 0
+    arm.close()
+    arm.take_over()
+    bus.offline = {3}
     with pytest.raises(NodeMissing):
         arm.connect()
-    bus.dead, resets = set(), bus.resets
-    bus.drives[2].status = ENABLED  # by whomever, meanwhile
+    bus.offline, resets = set(), bus.resets
+    bus.drives[2].status = ENABLED
     with pytest.raises(ArmInUse):
         arm.connect()
     assert bus.resets == resets
 
 
-def test_drives_that_were_stopped_are_somebodys_while_he_holds_the_token(bus):
+def test_stopped_drives_with_token_held_are_in_use(bus):
     bus.drives[5].status, bus.token = QUICK_STOP, 127
     refused(bus, ArmInUse, r"joint 5 \(node 5\) is in state quick stop active")
 
 
-@pytest.mark.parametrize("look", [1, 3])
-def test_a_drive_whose_answer_is_lost_is_what_it_was(bus, look):
+@pytest.mark.parametrize("read", [1, 3])
+def test_lost_statusword_response_keeps_last_state(bus, read):
     bus.drives[2].status = ENABLED
-    bus.lost[2, STATUSWORD] = look
+    bus.lost[2, STATUSWORD] = read
     refused(bus, ArmInUse, r"joint 2 \(node 2\) is in state operation enabled")
     assert bus.lost[2, STATUSWORD] <= 0
 
 
-@pytest.mark.parametrize("look", [1, 3])
-def test_a_token_is_held_though_the_answer_is_lost(bus, look):
+@pytest.mark.parametrize("read", [1, 3])
+def test_lost_token_response_keeps_holder(bus, read):
     bus.token = 99
-    bus.lost[16, TOKEN] = look
-    after(bus, 5, TOKEN, lambda: setattr(bus, "other_master", ((0x700 + 99, b"\x05"),)))
+    bus.lost[16, TOKEN] = read
+    heartbeat = ((0x700 + 99, b"\x05"),)
+    bus.when_read_more_often(5, TOKEN, lambda: setattr(bus, "other_master", heartbeat))
     assert refused(bus, ControlDenied).holder == 99
 
 
-def test_a_token_is_waited_for_as_long_as_the_supervisor_waits(arm, bus):
-    """Its holder was killed: this program's heartbeat has the same node, and must not keep his token alive."""
-    for sub, value in ((0, b"\x01"), (1, struct.pack("<L", 127 << 16 | 400))):
-        bus.objects[16, 0x1016, sub] = value
+def test_listening_time_covers_supervisor_heartbeat_timeout(arm, bus):
+    """The holder was killed; this program's heartbeat has the same node, and must not keep the token alive."""
+    bus.set_heartbeat_consumer(16, 400)
     bus.token = 127
-    # Of 30 looks; of drives that do not say there are 10.
-    after(bus, 20, TOKEN, lambda: setattr(bus, "token", 0))
+    # 30 reads in 0.6 s; without 1016h there are 10.
+    bus.when_read_more_often(20, TOKEN, lambda: setattr(bus, "token", 0))
     arm.connect()
     assert arm.snapshot().token == 0
 
 
-def test_a_predecessors_token_is_not_this_programs(arm, bus):
+def test_token_of_predecessor_grants_no_control(arm, bus):
     bus.token = 127
     arm.connect()
     assert arm.snapshot().token == 127
@@ -214,30 +218,25 @@ def test_a_predecessors_token_is_not_this_programs(arm, bus):
     assert not [data for i, data in bus.sent[since:] if 0x200 < i < 0x280 or i == 0x610]
 
 
-def test_what_somebody_commands_while_the_drives_are_asked_is_not_forgotten(bus):
-    bus.on_read = lambda reads: bus.say(0x202, bytes(7)) if len(reads) == 1 else None
-    refused(bus, OtherMaster, r"Another program .* a command to joint 2 \(COB-ID 202h\)")
-
-
-def test_a_token_whose_holder_is_heard_is_his(bus):
+def test_token_with_live_holder_denies_control(bus):
     bus.token = 99
     bus.other_master = ((0x700 + 99, b"\x05"),)
     assert refused(bus, ControlDenied).holder == 99
 
 
-def test_an_arm_at_rest_is_asked_once(arm, bus):
+def test_disabled_arm_is_read_once_before_reset(arm, bus):
     arm.connect()
     before = [data[1:4] for identifier, data in bus.sent[: 7 + 1] if 0x600 < identifier < 0x680]
     assert sorted(before) == sorted([STATUSWORD] * 7 + [TOKEN])
 
 
-def test_who_stopped_the_nodes_comes_before_that_they_have_stopped():
+def test_other_master_alarm_precedes_stopped_node_alarm():
     nodes = NodeMonitor(sarcos())
     nodes.note(0x703, b"\x05", 0.0, 0)
     nodes.note_command(0x000, b"\x80\x00")
     nodes.note(0x703, b"\x7f", 0.1, 1)
-    (found, *_) = alarms(
+    (first, *_) = alarms(
         nodes, JointMonitor(), stop_latched=False, now_s=0.1, heartbeat_timeout_s=1.0
     )
-    assert isinstance(found, OtherMaster)
-    assert "the NMT command 'enter pre-operational' to all nodes (COB-ID 000h)" in str(found)
+    assert isinstance(first, OtherMaster)
+    assert "the NMT command 'enter pre-operational' to all nodes (COB-ID 000h)" in str(first)

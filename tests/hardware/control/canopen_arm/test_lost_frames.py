@@ -1,4 +1,4 @@
-"""Connecting over a bus that loses frames: no node that is there is called absent, and nobody waits for all of them."""
+"""Connecting over a bus that loses frames: present nodes are found, and a poor bus is reported early."""
 
 import itertools
 import re
@@ -10,56 +10,54 @@ import pytest
 from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import BusError, FramesLost
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import hasty, make
+from tests.hardware.on_fake_bus import make, short_timing
 
-HASTY = hasty(sdo_timeout_s=0.05)
+TIMING = short_timing(sdo_timeout_s=0.05)
 
 
-def one_in(share: int) -> Callable[[int, bytes], bool]:
-    """Lose so many SDO frames, aborts not counted: they are not answered."""
-    frames = itertools.count(1)
+def one_in(count: int) -> Callable[[int, bytes], bool]:
+    """Lose every n-th SDO frame; aborts, which are not answered, do not count."""
+    numbers = itertools.count(1)
 
-    def loses(identifier: int, data: bytes) -> bool:
-        asked = 0x580 < identifier < 0x680 and data[0] != 0x80
-        return asked and next(frames) % share == 0
+    def drops(identifier: int, data: bytes) -> bool:
+        return 0x580 < identifier < 0x680 and data[0] != 0x80 and next(numbers) % count == 0
 
-    return loses
+    return drops
 
 
 def first(identifier: int, *frames: bytes) -> Callable[[int, bytes], bool]:
     """Lose the first of each of these frames."""
-    left = Counter((identifier, data) for data in frames)
+    remaining = Counter((identifier, data) for data in frames)
 
-    def loses(*frame: object) -> bool:
-        lost = left[frame] > 0
-        left[frame] -= 1
+    def drops(*frame: object) -> bool:
+        lost = remaining[frame] > 0
+        remaining[frame] -= 1
         return lost
 
-    return loses
+    return drops
 
 
 def requests(bus: FakeArmBus) -> int:
     return sum(0x600 < i < 0x680 and data[0] != 0x80 for i, data in bus.sent)
 
 
-def test_a_bus_that_loses_every_tenth_frame_is_named_long_before_all_was_asked(bus):
-    bus.loses = one_in(10)
+def test_ten_percent_frame_loss_raises_frames_lost_early(bus):
+    bus.drops = one_in(10)
     with pytest.raises(FramesLost, match=r"of the requests \d of \d+ to node 1") as lost:
-        make(bus, timing=HASTY).connect()
-    left = sum(unanswered for unanswered, _ in lost.value.requests.values())
-    asked = sum(asked for _, asked in lost.value.requests.values())
-    assert left == 8
-    assert asked <= requests(bus) < 60, "of more than 500"
+        make(bus, timing=TIMING).connect()
+    unanswered, sent = map(sum, zip(*lost.value.requests.values(), strict=True))
+    assert unanswered == 8
+    assert sent <= requests(bus) < 60, "of more than 500"
 
 
-def test_a_bus_that_loses_one_frame_in_a_hundred_will_do(connected, bus):
-    bus.loses = one_in(100)
-    connected(timing=HASTY)
+def test_one_percent_frame_loss_is_tolerated(connected, bus):
+    bus.drops = one_in(100)
+    connected(timing=TIMING)
     assert requests(bus) > 500
 
 
-def test_what_was_asked_once_only_says_nothing_of_the_bus():
-    """Drives in the NMT state STOPPED answer nothing, and are asked whether they are in use before their reset."""
+def test_single_attempts_do_not_count_as_frame_loss():
+    """Drives in the NMT state STOPPED do not answer the state check that precedes their reset."""
     lost = [True] * 16 + [False] * 8 + [True]
 
     def send(identifier: int, data: bytes) -> None:
@@ -75,24 +73,24 @@ def test_what_was_asked_once_only_says_nothing_of_the_bus():
     assert not lost
 
 
-def test_a_node_that_answers_nothing_any_more_is_no_bus_that_loses_frames(bus):
-    bus.loses = lambda identifier, data: (identifier, data[1:3]) == (0x604, b"\x14\x10")
+def test_single_unanswered_object_is_no_frame_loss(bus):
+    bus.drops = lambda identifier, data: (identifier, data[1:3]) == (0x604, b"\x14\x10")
     with pytest.raises(BusError, match="Node 4 does not answer when asked for 1014h") as silent:
-        make(bus, timing=HASTY).connect()
+        make(bus, timing=TIMING).connect()
     assert not isinstance(silent.value, FramesLost)
     assert re.search(r"It has answered \d+ of \d+ requests", str(silent.value))
 
 
 @pytest.mark.parametrize(
-    "lost",
+    "drops",
     [
         pytest.param(first(0x000, b"\x82\x04", b"\x82\x10"), id="reset"),
         pytest.param(first(0x704, b"\x00"), id="boot-up"),
         pytest.param(first(0x000, b"\x01\x04", b"\x01\x10"), id="start"),
     ],
 )
-def test_a_node_that_is_heard_is_told_once_more(connected, bus, lost):
-    bus.loses = lost
+def test_lost_nmt_command_is_repeated(connected, bus, drops):
+    bus.drops = drops
     arm = connected()
     arm.take_control()
-    assert arm.capture(2).samples == 2, "and what booted twice is no node that restarted"
+    assert arm.capture(2).samples == 2, "a second boot-up is no restart here"

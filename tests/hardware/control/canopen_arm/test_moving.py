@@ -1,4 +1,4 @@
-"""Moves on a fake bus: in small steps, ended by a watch, by Ctrl-C, by a trip, and the others hold."""
+"""Moves on a fake bus, ended by their targets, a watch, Ctrl-C, a trip or an external stop."""
 
 import itertools
 import math
@@ -15,22 +15,22 @@ import pytest
 from hardware.arm import ArmSnapshot
 from hardware.errors import CommandRefused, DriveFault, OtherMaster, Stopped
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import PER_RAD, drive, frames
+from tests.hardware.on_fake_bus import PER_RAD, drive
 
 
-def test_a_move_reaches_its_targets_in_small_steps(driven, bus):
+def test_move_reaches_targets_in_small_steps(driven, bus):
     result = driven.move({2: 0.2, 5: -0.1}, speed_rad_per_s=0.5)
     assert result.reached
     assert result.reason == ""
     assert bus.drives[2].counts == round(0.2 * PER_RAD)
     assert bus.drives[5].counts == round(-0.1 * PER_RAD)
     assert result.positions_rad[1] == pytest.approx(0.2, abs=1 / PER_RAD)
-    targets = [target for _, target, _ in bus.drives[2].heard]
+    targets = [target for _, target, _ in bus.drives[2].received]
     assert max(abs(b - a) for a, b in itertools.pairwise(targets)) <= 0.5 * 0.01 * PER_RAD + 1
     assert not driven.snapshot().moving
 
 
-def test_the_same_moves_take_the_same_syncs_every_time(connected):
+def test_repeated_session_takes_equal_sync_count(connected):
     buses = FakeArmBus(), FakeArmBus()
     for fake in buses:
         arm = drive(connected(fake))
@@ -45,35 +45,39 @@ def test_the_same_moves_take_the_same_syncs_every_time(connected):
     ("targets", "speed"),
     [({2: 3.0}, 0.5), ({2: math.nan}, 0.5), ({2: 0.1}, 5.0), ({2: 0.1}, 0.0), ({3: 0.1}, 0.5)],
 )
-def test_a_move_out_of_bounds_never_starts(driven, bus, targets, speed, approve):
-    before = len(frames(bus, 0x200))
+def test_invalid_move_is_refused_before_any_command(driven, bus, targets, speed, approve):
+    before = len(bus.commands)
     with pytest.raises(CommandRefused) as refused:
         driven.move(targets, speed_rad_per_s=speed)
     approve(str(refused.value))
-    assert len(frames(bus, 0x200)) == before
+    assert len(bus.commands) == before
 
 
-def test_a_watch_ends_the_move_with_its_words_and_deceleration(driven, bus):
-    seen: list[ArmSnapshot] = []
+def brake_at_0_2_rad(snapshot: ArmSnapshot) -> str | None:
+    return "far enough" if snapshot.joints[1].position_rad > 0.2 else None
+
+
+def test_watch_ends_move_with_reason_and_deceleration(driven, bus):
+    snapshots: list[ArmSnapshot] = []
 
     def watch(snapshot: ArmSnapshot) -> str | None:
-        seen.append(snapshot)
-        return "far enough" if snapshot.joints[1].position_rad > 0.2 else None
+        snapshots.append(snapshot)
+        return brake_at_0_2_rad(snapshot)
 
     result = driven.move({2: 1.0}, speed_rad_per_s=0.5, watch=watch)
     assert (result.reached, result.reason) == (False, "far enough")
     assert 0.2 < result.positions_rad[1] < 0.5
-    assert seen[-1].moving
-    assert seen[-1].joints[1].speed_rad_per_s == pytest.approx(0.5, rel=0.05)
-    targets = np.array([target for _, target, _ in bus.drives[2].heard]) / PER_RAD
+    assert snapshots[-1].moving
+    assert snapshots[-1].joints[1].speed_rad_per_s == pytest.approx(0.5, rel=0.05)
+    targets = np.array([target for _, target, _ in bus.drives[2].received]) / PER_RAD
     last_steps = np.diff(targets)[-4:] / 0.01
     assert np.all(np.abs(last_steps) < 0.2), "it stopped without slowing down"
     assert bus.drives[2].counts == bus.drives[2].target
 
 
-def test_an_exception_of_the_watch_arrives_when_the_arm_is_at_rest(driven, bus):
+def test_watch_exception_is_raised_after_braking(driven, bus):
     def watch(snapshot: ArmSnapshot) -> str | None:
-        if snapshot.joints[1].position_rad > 0.2:
+        if brake_at_0_2_rad(snapshot):
             raise RuntimeError("broken watch")
         return None
 
@@ -82,77 +86,64 @@ def test_an_exception_of_the_watch_arrives_when_the_arm_is_at_rest(driven, bus):
     assert driven.move({2: 0.0}, speed_rad_per_s=0.5).reached
 
 
-def test_ctrl_c_in_a_move_leaves_the_arm_at_rest(driven, bus):
-    seen = threading.Event()
+def test_ctrl_c_brings_move_to_rest(driven, bus):
+    handled = threading.Event()
 
-    def press_in_the_middle(_sync: int) -> None:
-        if bus.drives[2].target > 0.3 * PER_RAD and not seen.is_set():
+    def press_ctrl_c(_sync: int) -> None:
+        if bus.drives[2].target > 0.3 * PER_RAD and not handled.is_set():
             os.kill(os.getpid(), signal.SIGINT)
-            seen.wait(10)  # the simulated move would else be over before Ctrl-C is seen
+            handled.wait(10)  # the simulated move would otherwise end before the signal is handled
 
-    def note(number: int, frame: FrameType | None) -> None:
-        seen.set()
+    def handle(number: int, frame: FrameType | None) -> None:
+        handled.set()
         signal.default_int_handler(number, frame)
 
-    bus.on_sync = press_in_the_middle
-    before = signal.signal(signal.SIGINT, note)
+    bus.on_sync = press_ctrl_c
+    before = signal.signal(signal.SIGINT, handle)
     try:
         with pytest.raises(KeyboardInterrupt):
             driven.move({2: 1.5}, speed_rad_per_s=0.5)
     finally:
         signal.signal(signal.SIGINT, before)
-    rest = bus.drives[2].target
-    assert 0.3 * PER_RAD < rest < 1.5 * PER_RAD - 1
+    final_target = bus.drives[2].target
+    assert 0.3 * PER_RAD < final_target < 1.5 * PER_RAD - 1
     assert not driven.snapshot().moving
     driven.capture(20)
-    assert bus.drives[2].target == rest
+    assert bus.drives[2].target == final_target
 
 
-def test_a_tripped_drive_ends_the_move_and_all_others_hold(driven, bus):
-    start = bus.syncs
-    bus.on_sync = lambda sync: bus.trip(5, 0x8311) if sync == start + 40 else None
-    with pytest.raises(DriveFault) as fault:
-        driven.move({2: 1.0}, speed_rad_per_s=0.5)
-    assert (fault.value.joint, fault.value.code) == (5, 0x8311)
-    assert fault.value.args[0].startswith("joint 5 tripped: excess torque")
-    assert {drive.mode for joint, drive in bus.drives.items() if joint != 5} == {8}
+def while_braking(bus: FakeArmBus, act: Callable[[], None]) -> None:
+    """Let something happen 10 SYNCs after joint 2 passed 0.2 rad, where the watch begins to brake."""
+    passed: list[int] = []
+
+    def on_sync(sync: int) -> None:
+        if not passed and bus.drives[2].counts > 0.2 * PER_RAD:
+            passed.append(sync)
+        if passed and sync == passed[0] + 10:
+            act()
+
+    bus.on_sync = on_sync
+
+
+@pytest.mark.parametrize("watch", [None, brake_at_0_2_rad])
+@pytest.mark.parametrize("joint", [2, 5])
+def test_tripped_drive_ends_move_and_others_hold(driven, bus, joint, watch):
+    while_braking(bus, lambda: bus.trip(joint, 0x8311))
+    with pytest.raises(DriveFault, match=f"^joint {joint} tripped: excess torque") as fault:
+        driven.move({2: 1.0}, speed_rad_per_s=0.5, watch=watch)
+    assert (fault.value.joint, fault.value.code) == (joint, 0x8311)
+    assert {drive.mode for j, drive in bus.drives.items() if j != joint} == {8}
     assert [f.code for f in driven.snapshot().faults] == [0x8311]
     with pytest.raises(DriveFault):
         driven.capture(3)
 
 
-def brake_at(angle_rad: float) -> Callable[[ArmSnapshot], str | None]:
-    return lambda now: "far enough" if now.joints[1].position_rad > angle_rad else None
-
-
-def after_braking_began(bus: FakeArmBus, syncs: int, act: Callable[[], None]) -> None:
-    """Let something happen some SYNCs after joint 2 passed 0.2 rad, where it is told to brake."""
-    passed: list[int] = []
-
-    def look(sync: int) -> None:
-        if not passed and bus.drives[2].counts > 0.2 * PER_RAD:
-            passed.append(sync)
-        if passed and sync == passed[0] + syncs:
-            act()
-
-    bus.on_sync = look
-
-
-@pytest.mark.parametrize("joint", [2, 5])
-def test_a_drive_that_trips_while_braking_is_named_and_all_others_hold(driven, bus, joint):
-    after_braking_began(bus, 10, lambda: bus.trip(joint, 0x8311))
-    with pytest.raises(DriveFault) as fault:
-        driven.move({2: 1.0}, speed_rad_per_s=0.5, watch=brake_at(0.2))
-    assert (fault.value.joint, fault.value.code) == (joint, 0x8311)
-    assert {drive.mode for j, drive in bus.drives.items() if j != joint} == {8}
-
-
-def test_a_trip_that_another_programs_command_brought_about_is_not_taken_for_the_cause(driven, bus):
-    """As where it resets a drive: the others overload each other. They hold all the same."""
+def test_other_master_takes_precedence_over_resulting_trip(driven, bus):
+    """A drive that another program resets makes the others overload each other; the rest hold."""
 
     def interfere(sync: int) -> None:
         if sync == start + 40:
-            bus.say(0x000, b"\x81\x03")
+            bus.inject(0x000, b"\x81\x03")
         if sync == start + 48:
             bus.trip(5, 0x8311)
 
@@ -164,10 +155,10 @@ def test_a_trip_that_another_programs_command_brought_about_is_not_taken_for_the
     assert {drive.mode for joint, drive in bus.drives.items() if joint != 5} == {8}
 
 
-def test_an_external_stop_while_braking_is_a_stop_at_once(driven, bus):
-    external = struct.pack("<HB5x", 0x5441, 0x81)
-    after_braking_began(bus, 10, lambda: bus.say(0x90, external))
+def test_external_stop_while_braking_stops_at_once(driven, bus):
+    external_stop = struct.pack("<HB5x", 0x5441, 0x81)
+    while_braking(bus, lambda: bus.inject(0x90, external_stop))
     with pytest.raises(Stopped, match="external stop"):
-        driven.move({2: 1.0}, speed_rad_per_s=0.5, watch=brake_at(0.2))
-    targets = [target for _, target, _ in bus.drives[2].heard]
-    assert targets[-1] - targets[-2] > 0.1 * 0.01 * PER_RAD, "it was braked to rest first"
+        driven.move({2: 1.0}, speed_rad_per_s=0.5, watch=brake_at_0_2_rad)
+    targets = [target for _, target, _ in bus.drives[2].received]
+    assert targets[-1] - targets[-2] > 0.1 * 0.01 * PER_RAD, "still moving when stopped"

@@ -1,4 +1,4 @@
-"""What the arm records of its bus: everything, in order, under a name of its own."""
+"""Recordings of the arm's bus traffic."""
 
 import can
 import pytest
@@ -7,59 +7,58 @@ from hardware.errors import BusError
 from tests.hardware.fake_arm import JOINTS
 
 
-def test_the_recording_has_stop_and_every_frame_before_its_answer(connected, bus, tmp_path):
+def test_recording_holds_every_frame_in_order(connected, bus, tmp_path):
     arm = connected(record_to=tmp_path / "bus.blf")
     arm.take_control()
     arm.stop()
     arm.close()
     assert arm.recording_failure is None
     frames = list(can.LogReader(tmp_path / "bus.blf"))
-    both_ways = [(frame.arbitration_id, frame.is_rx) for frame in frames]
-    assert both_ways.count((0x080, False)) == bus.syncs
-    # Nobody waits for the answer to the last SYNC before the bus is closed.
-    assert bus.syncs - both_ways.count((0x183, True)) in (0, 1)
+    directions = [(frame.arbitration_id, frame.is_rx) for frame in frames]
+    assert directions.count((0x080, False)) == bus.syncs
+    # The bus may be closed before the answer to the last SYNC.
+    assert bus.syncs - directions.count((0x183, True)) in (0, 1)
     stops = [f for f in frames if 0x200 < f.arbitration_id <= 0x207 and f.data[:2] == b"\x02\x00"]
     assert {f.arbitration_id for f in stops} == {0x201 + k for k in range(JOINTS)}
     assert not any(f.is_rx for f in stops)
-    in_time = sorted(frames, key=lambda f: f.timestamp)
-    asked = 0
-    for frame in in_time:
-        asked += frame.arbitration_id == 0x604
+    open_requests = 0
+    for frame in sorted(frames, key=lambda f: f.timestamp):
+        open_requests += frame.arbitration_id == 0x604
         if frame.arbitration_id == 0x584:
-            assert asked > 0
-            asked -= 1
+            assert open_requests > 0
+            open_requests -= 1
 
 
 @pytest.mark.parametrize("suffix", [".blf", ".asc", ".log"])
-def test_a_channel_of_any_name_is_recorded(connected, bus, tmp_path, suffix):
-    """python-can takes digits at the end of a channel's name for a number, and packs it into two bytes."""
-    received = bus._recv_internal
+def test_channel_name_ending_in_digits_is_recorded(connected, bus, tmp_path, suffix):
+    """python-can packs the number at the end of a channel's name into two bytes."""
+    receive = bus._recv_internal
 
-    def named(timeout: float | None) -> tuple[can.Message | None, bool]:
-        message, filtered = received(timeout)
+    def receive_on_channel(timeout: float | None) -> tuple[can.Message | None, bool]:
+        message, filtered = receive(timeout)
         if message is not None:
             message.channel = "bench-4294967296"
         return message, filtered
 
-    bus._recv_internal = named  # type: ignore[method-assign]
+    bus._recv_internal = receive_on_channel  # type: ignore[method-assign]
     arm = connected(record_to=tmp_path / f"bus{suffix}")
     arm.close()
     assert arm.recording_failure is None
-    with can.LogReader(tmp_path / f"bus{suffix}") as recorded:
-        assert sum(frame.arbitration_id == 0x701 for frame in recorded) >= 1
+    with can.LogReader(tmp_path / f"bus{suffix}") as recording:
+        assert any(frame.arbitration_id == 0x701 for frame in recording)
 
 
-def test_connecting_again_leaves_the_recording_before_alone(connected, tmp_path):
+def test_reconnecting_starts_a_second_recording(connected, tmp_path):
     arm = connected(record_to=tmp_path / "bus.blf")
     arm.close()
     first = (tmp_path / "bus.blf").read_bytes()
     arm.connect()
     arm.close()
     assert (tmp_path / "bus.blf").read_bytes() == first
-    with can.LogReader(tmp_path / "bus-2.blf") as again:
-        assert sum(frame.arbitration_id == 0x701 for frame in again) >= 1
+    with can.LogReader(tmp_path / "bus-2.blf") as second:
+        assert any(frame.arbitration_id == 0x701 for frame in second)
 
 
-def test_a_recording_that_cannot_start_is_said(connected, tmp_path):
+def test_unwritable_recording_raises_bus_error(connected, tmp_path):
     with pytest.raises(BusError, match="cannot be recorded"):
         connected(record_to=tmp_path / "missing" / "bus.blf")

@@ -1,4 +1,4 @@
-"""STOP on a fake bus has the last word, waits for nothing, and stays until it is reset."""
+"""STOP on a fake bus: it overrides every command, waits for nothing, and stays latched until reset."""
 
 import struct
 import threading
@@ -10,50 +10,42 @@ import pytest
 from hardware.buses.python_can import BusSettings
 from hardware.errors import BusError, CommandRefused, Stopped
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import (
-    PER_RAD,
-    TWO_DRIVEN,
-    capture_for_ever,
-    frames,
-    hasty,
-    make,
-    wait_for,
-)
+from tests.hardware.on_fake_bus import PER_RAD, capture_for_ever, drive, make, short_timing
 
 
 def test_stop_reaches_all_drives_and_latches(driven, bus):
     driven.stop()
     assert bus.statuses == {0x07}
     assert driven.snapshot().stopped
-    for refused in (
+    for command in (
         lambda: driven.move({2: 0.1}, speed_rad_per_s=0.1),
         driven.take_control,
         driven.hold,
     ):
         with pytest.raises(Stopped):
-            refused()
+            command()
     assert bus.statuses == {0x07}
 
 
-def test_a_command_under_way_when_stop_comes_is_followed_by_quick_stop(driven, bus):
-    """STOP strikes from another thread between the loop's look at the latch and its frame, and waits for no lock."""
+def test_stop_during_transmission_overrides_late_setpoint(driven, bus):
+    """STOP comes from another thread after the loop has read the latch and before it sends; it waits for no lock."""
     presses: list[threading.Thread] = []
 
-    def strike(identifier: int, _data: bytes) -> None:
+    def press_stop(identifier: int, _data: bytes) -> None:
         if identifier == 0x202 and bus.drives[2].target > 0.1 * PER_RAD and not presses:
             presses.append(threading.Thread(target=driven.stop))
             presses[0].start()
             presses[0].join(10.0)
             assert not presses[0].is_alive()
 
-    bus.on_send = strike
+    bus.on_send = press_stop
     with pytest.raises(Stopped):
         driven.move({2: 1.0}, speed_rad_per_s=0.5)
-    assert {bus.words(j)[-1] for j in bus.drives} == {0x0002}
+    assert {bus.controlwords(j)[-1] for j in bus.drives} == {0x0002}
     assert bus.statuses == {0x07}
-    words = bus.words(2)
+    words = bus.controlwords(2)
     late = len(words) - 1 - words[::-1].index(0x000F)
-    assert words[late - 1] == 0x0002, "the late frame of this test did not come late"
+    assert words[late - 1] == 0x0002, "the set-point was not late"
     assert set(words[late + 1 :]) == {0x0002}
 
 
@@ -67,32 +59,32 @@ STAGES = {
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_stop_while_connecting_is_latched_and_sent_and_ends_it(stage):
-    """By the time a STOP is pressed the bus may be open, and a drive may be moving for whoever was before us."""
+def test_stop_while_connecting_is_sent_and_latched(stage):
+    """The bus may be open already, and a drive may be moving for the program before."""
 
-    class Pressed(FakeArmBus):
+    class PressingBus(FakeArmBus):
         pressed = False
 
-        def press(self, now: bool) -> None:
-            if now and not self.pressed:
+        def press_if(self, due: bool) -> None:
+            if due and not self.pressed:
                 self.pressed = True
                 arm.stop()
 
         def _handle(self, identifier: int, data: bytes) -> None:
             super()._handle(identifier, data)
-            self.press(STAGES[stage](identifier, data))
+            self.press_if(STAGES[stage](identifier, data))
 
         def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-            self.press(stage == "listening")
+            self.press_if(stage == "listening")
             return super()._recv_internal(timeout)
 
-    bus = Pressed()
-    arm = make(bus, timing=hasty(listen_s=2.0 if stage == "listening" else 0.02))
-    begun = time.monotonic()
+    bus = PressingBus()
+    arm = make(bus, timing=short_timing(listen_s=2.0 if stage == "listening" else 0.02))
+    begun_s = time.monotonic()
     with pytest.raises(Stopped, match="STOP was pressed while connecting"):
         arm.connect()
-    assert stage != "listening" or time.monotonic() - begun < 1.9
-    assert [data[:2] for _, data in frames(bus, 0x200)] == [b"\x02\x00"] * JOINTS
+    assert stage != "listening" or time.monotonic() - begun_s < 1.9
+    assert [data[:2] for data in bus.commands] == [b"\x02\x00"] * JOINTS
     with pytest.raises(BusError, match="not connected"):
         arm.stop()
     arm.connect()
@@ -102,18 +94,18 @@ def test_stop_while_connecting_is_latched_and_sent_and_ends_it(stage):
     arm.close()
 
 
-def test_stop_before_the_bus_is_open_is_latched_and_ends_connecting(bus):
-    def opened(_: BusSettings) -> can.BusABC:
+def test_stop_before_bus_opens_ends_connecting(bus):
+    def open_after_stop(_: BusSettings) -> can.BusABC:
         arm.stop()
         return bus
 
-    arm = make(bus, opener=opened)
+    arm = make(bus, opener=open_after_stop)
     with pytest.raises(Stopped, match="STOP was pressed while connecting"):
         arm.connect()
     assert bus.sent == []
 
 
-def test_one_reset_lifts_all_stops_before_it_and_moves_nothing(driven, bus):
+def test_reset_clears_all_earlier_stops_without_motion(driven, bus):
     for _ in range(3):
         driven.stop()
     bus.trip(3, 0x7305)
@@ -131,8 +123,8 @@ def test_one_reset_lifts_all_stops_before_it_and_moves_nothing(driven, bus):
     assert [drive.counts for drive in bus.drives.values()] == positions
 
 
-def test_an_emergency_that_is_read_after_reset_is_over_when_the_drive_says_so(driven, bus):
-    """On a busy machine it may still wait to be looked at when RESET has its turn."""
+def test_emergency_received_during_reset_is_cleared(driven, bus):
+    """On a busy machine it may still be in the queue when the reset is executed."""
     driven.stop()
     first = bus.syncs + 1
     bus.on_sync = lambda sync: bus.trip(3, 0x7305) if sync == first else None
@@ -142,21 +134,17 @@ def test_an_emergency_that_is_read_after_reset_is_over_when_the_drive_says_so(dr
     driven.take_control()
 
 
-def test_an_external_stop_is_a_stop(driven, bus):
-    bus.say(0x90, struct.pack("<HB5x", 0x5441, 0x81))
+def test_external_stop_lasts_until_reset(driven, bus):
+    bus.inject(0x90, struct.pack("<HB5x", 0x5441, 0x81))
     with pytest.raises(Stopped, match="external stop"):
         capture_for_ever(driven)
-
-
-def test_reset_forgets_an_emergency_that_nobody_says_is_over(driven, bus):
-    bus.say(0x90, struct.pack("<HB5x", 0x5441, 0x81))
-    wait_for(lambda: bool(driven.snapshot().faults))
+    assert driven.snapshot().faults
     driven.reset_stop()
     assert driven.snapshot().faults == ()
     driven.take_control()
 
 
-def test_a_stop_while_being_reset_stays(driven, bus):
+def test_stop_during_reset_stays_latched(driven, bus):
     driven.stop()
     start = bus.syncs
     bus.on_sync = lambda sync: driven.stop() if sync == start + 2 else None
@@ -165,21 +153,20 @@ def test_a_stop_while_being_reset_stays(driven, bus):
     assert driven.snapshot().stopped
 
 
-def test_a_stop_outlives_the_connection(driven, bus):
+def test_stop_survives_reconnection(driven, bus):
     driven.stop()
     driven.close()
     driven.connect()
     assert driven.snapshot().stopped
-    for refused in (driven.take_control, lambda: driven.move({2: 0.1}, speed_rad_per_s=0.1)):
+    for command in (driven.take_control, lambda: driven.move({2: 0.1}, speed_rad_per_s=0.1)):
         with pytest.raises(Stopped):
-            refused()
+            command()
     driven.reset_stop()
     assert not driven.snapshot().stopped
-    driven.take_control()
-    driven.set_modes(TWO_DRIVEN)
+    drive(driven)
     assert driven.move({2: 0.1}, speed_rad_per_s=0.1).reached
 
 
-def test_a_connected_arm_is_not_connected_again(arm):
+def test_second_connect_raises_value_error(arm):
     with pytest.raises(ValueError, match="already"):
         arm.connect()

@@ -1,8 +1,10 @@
-"""Parameters on a fake bus: staged, read back, committed, or refused in words."""
+"""Parameter upload on a fake bus: staged, verified, committed, repeated after losses, or refused."""
 
 import hashlib
 import struct
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import pytest
 from canopen.sdo.exceptions import SdoCommunicationError
@@ -18,43 +20,33 @@ from hardware.errors import (
 )
 from hardware.timing import Pace
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import hasty, make, wait_for
+from tests.hardware.on_fake_bus import drive, short_timing, wait_for
 
 FREE_TOKEN = struct.pack("<BHBL", 0x80, 0x2002, 0, 0x08000021)
+OLD_DOCUMENT = b"the one before"
 DOCUMENT = ("schema: sarcal/parameters/1\n" + "x: 1.0\n" * 600).encode()
 SHA256 = hashlib.sha256(DOCUMENT).hexdigest()
+STAGE = b"\x2f\x02\x20\x00\x01"
+COMMIT = b"\x2f\x02\x20\x00\x02"
+COMMITTED = b"\x60\x02\x20\x00"
+MANY = 100
 
 
-class Clock:
-    """Shows a time at which this computer was busy for so long."""
-
-    late_s = 0.0
-
-    def __call__(self) -> float:
-        return time.monotonic() + self.late_s
-
-
-@pytest.fixture
-def clock():
-    return Clock()
+TIMING = short_timing(speed=10.0, heartbeat_timeout_s=0.35, sdo_timeout_s=0.1)
 
 
 @pytest.fixture
-def pace():
-    return Pace.FAST_FORWARD
+def bus(bus):
+    bus.document = OLD_DOCUMENT
+    return bus
 
 
 @pytest.fixture
-def arm(bus, clock, pace):
-    """Of an operator's program that waits no longer than a fake arm needs."""
-    timing = hasty(speed=10.0, heartbeat_timeout_s=0.35, sdo_timeout_s=0.1)
-    made = make(bus, pace=pace, timing=timing, clock=clock)
-    made.connect()
-    yield made
-    made.close()
+def arm(connected):
+    return connected(timing=TIMING)
 
 
-def test_an_upload_is_staged_read_back_and_committed(driven, bus):
+def test_upload_is_staged_verified_and_committed(driven, bus):
     receipt = driven.upload_parameters(DOCUMENT)
     assert bus.document == DOCUMENT
     assert receipt.sha256 == SHA256
@@ -63,188 +55,171 @@ def test_an_upload_is_staged_read_back_and_committed(driven, bus):
     assert driven.active_parameters() == DOCUMENT
 
 
-def test_an_upload_enables_no_drive(arm, bus):
+def test_upload_leaves_drives_disabled(arm, bus):
     arm.upload_parameters(DOCUMENT)
     assert bus.document == DOCUMENT
     assert {j.drive for j in arm.snapshot().joints} == {DriveState.SWITCH_ON_DISABLED}
 
 
 @pytest.mark.parametrize("document", [b"", b"abc", b"abcd", b"abcdefg", bytes(range(256))])
-def test_any_length_survives(driven, bus, document):
+def test_documents_of_any_length_round_trip(driven, bus, document):
+    bus.document = b""
     if document:
         driven.upload_parameters(document)
     assert driven.active_parameters() == document
 
 
-def test_a_refusal_carries_the_controllers_words(driven, bus):
-    bus.document, bus.refusal = b"the one before", "serial SDA-0007 is another arm"
+def test_upload_refusal_gives_the_controllers_reason(driven, bus):
+    bus.refusal = "serial SDA-0007 is another arm"
     with pytest.raises(UploadRefused, match="serial SDA-0007 is another arm"):
         driven.upload_parameters(DOCUMENT)
-    assert driven.active_parameters() == b"the one before"
+    assert driven.active_parameters() == OLD_DOCUMENT
 
 
-def test_a_document_that_comes_back_different_is_dropped(driven, bus):
-    bus.document, bus.corrupts = b"the one before", True
+def test_corrupted_document_is_not_committed(driven, bus):
+    bus.corrupts = True
     with pytest.raises(UploadRefused, match=f"byte {len(DOCUMENT) - 1} differs"):
         driven.upload_parameters(DOCUMENT)
-    assert driven.active_parameters() == b"the one before"
+    assert driven.active_parameters() == OLD_DOCUMENT
 
 
-class Loses:
-    """SDO frames that do not arrive: those that begin so, the first `times` of them."""
+@dataclass
+class FrameLoss:
+    """Loses the first `times` SDO frames with this beginning, after `skip` that arrive, and acts at each."""
 
-    def __init__(self, identifier: int, begin: bytes, times: int = 1, skip: int = 0) -> None:
-        self.identifier, self.begin, self.left, self.skip = identifier, begin, times, skip
+    identifier: int
+    begin: bytes
+    times: int = 1
+    skip: int = 0
+    act: Callable[[int], None] = lambda _lost: None
+    lost: int = 0
 
     def __call__(self, identifier: int, data: bytes) -> bool:
-        if identifier != self.identifier or not data.startswith(self.begin) or self.left == 0:
+        matches = identifier == self.identifier and data.startswith(self.begin)
+        if not matches or self.lost == self.times:
             return False
         if self.skip:
             self.skip -= 1
             return False
-        self.left -= 1
+        self.lost += 1
+        self.act(self.lost)
         return True
 
 
-STAGE = b"\x2f\x02\x20\x00\x01"
-COMMIT = b"\x2f\x02\x20\x00\x02"
-COMMITTED = b"\x60\x02\x20\x00"
-
-
-def test_a_supervisor_that_falls_silent_at_the_commit_leaves_it_unknown(driven, bus):
-    def loses(identifier: int, data: bytes) -> bool:
-        return identifier == 0x590 and bus.document == DOCUMENT
-
-    bus.document, bus.loses = b"the one before", loses
+def test_silence_after_commit_raises_upload_unknown(driven, bus):
+    bus.drops = lambda identifier, _: identifier == 0x590 and bus.document == DOCUMENT
     with pytest.raises(UploadUnknown, match=r"not known.*does not answer"):
         driven.upload_parameters(DOCUMENT)
-    bus.loses = lambda _identifier, _data: False
+    bus.drops = lambda _identifier, _data: False
     assert driven.active_parameters() == DOCUMENT
 
 
-def test_a_commit_that_was_done_at_last_is_no_refusal_though_control_was_lost_since(driven, bus):
-    """Its answer was lost, and it was repeated: what 2003h says counts, and not why the repetition is refused."""
-    asked = 0
+def test_repeated_commit_after_lost_control_is_accepted(driven, bus):
+    """The response to the commit was lost, and its repetition is refused: 2003h decides."""
 
-    def loses(identifier: int, data: bytes) -> bool:
-        nonlocal asked
-        if identifier != 0x610 or not data.startswith(COMMIT):
-            return False
-        asked += 1
-        if asked == 2:
-            assert bus.written is not None
+    def commit_and_refuse_repetition(commits: int) -> None:
+        if commits == 2:
             bus.document, bus.written, bus.staged = bus.written, None, False
-            bus.say(0x590, FREE_TOKEN)
-        return True
+            bus.inject(0x590, FREE_TOKEN)
 
-    bus.document, bus.loses = b"the one before", loses
+    bus.drops = FrameLoss(0x610, COMMIT, times=MANY, act=commit_and_refuse_repetition)
     assert driven.upload_parameters(DOCUMENT).sha256 == SHA256
 
 
-@pytest.mark.parametrize("times", [1, 100])
-def test_a_document_dropped_before_its_commit_came_is_uploaded_again_and_known_to_be_dropped(
-    driven, bus, times
-):
-    """As a supervisor does whose operator is missed for a moment."""
-    dropped = 0
+@pytest.mark.parametrize("times", [1, MANY])
+def test_document_dropped_before_commit_is_uploaded_again(driven, bus, times):
+    """A supervisor drops it if it misses its operator's heartbeat for a moment."""
 
-    def loses(identifier: int, data: bytes) -> bool:
-        nonlocal dropped
-        if identifier == 0x610 and data.startswith(COMMIT) and dropped < times:
-            bus.written, bus.staged, dropped = None, False, dropped + 1
-            return True
-        return False
+    def drop_document(_lost: int) -> None:
+        bus.written, bus.staged = None, False
 
-    bus.document, bus.loses = b"the one before", loses
+    bus.drops = FrameLoss(0x610, COMMIT, times=times, act=drop_document)
     if times == 1:
         driven.upload_parameters(DOCUMENT)
         assert bus.document == DOCUMENT
         return
     with pytest.raises(BusError):
         driven.upload_parameters(DOCUMENT)
-    assert dropped == MAX_UPLOADS
-    assert bus.document == b"the one before"
+    assert bus.drops.lost == MAX_UPLOADS
+    assert bus.document == OLD_DOCUMENT
 
 
 @pytest.mark.parametrize(
-    "loses",
+    "loss",
     [
-        pytest.param(Loses(0x610, b"\x10", skip=3), id="a segment"),
-        pytest.param(Loses(0x590, b"\x30", skip=3), id="its answer"),
-        pytest.param(Loses(0x590, COMMITTED), id="the check"),
-        pytest.param(Loses(0x590, COMMITTED, times=MAX_UPLOADS - 1), id="the check, many times"),
-        # Whether it was carried out or not, 2003h says.
-        pytest.param(Loses(0x610, COMMIT), id="the commit"),
-        pytest.param(Loses(0x590, COMMITTED, skip=1), id="the commit's answer"),
+        pytest.param(FrameLoss(0x610, b"\x10", skip=3), id="segment"),
+        pytest.param(FrameLoss(0x590, b"\x30", skip=3), id="segment response"),
+        pytest.param(FrameLoss(0x590, COMMITTED), id="stage response"),
+        pytest.param(FrameLoss(0x590, COMMITTED, times=MAX_UPLOADS - 1), id="stage responses"),
+        # 2003h tells whether the commit was executed.
+        pytest.param(FrameLoss(0x610, COMMIT), id="commit"),
+        pytest.param(FrameLoss(0x590, COMMITTED, skip=1), id="commit response"),
     ],
 )
-def test_a_lost_frame_has_it_written_checked_or_looked_for_again(driven, bus, loses):
-    bus.document, bus.loses = b"the one before", loses
+def test_lost_frame_is_retried(driven, bus, loss):
+    bus.drops = loss
     receipt = driven.upload_parameters(DOCUMENT)
     assert (receipt.length, receipt.sha256) == (len(DOCUMENT), SHA256)
-    assert loses.left == 0
+    assert loss.lost == loss.times
     assert bus.document == DOCUMENT
 
 
-def test_frames_lost_each_time_are_a_silence_and_no_refusal(driven, bus):
-    """The node refuses the segment that closes a transfer which it has given up: not the reason."""
-    bus.document, bus.loses = b"the one before", Loses(0x610, b"\x10", times=MAX_UPLOADS, skip=3)
+def test_repeatedly_lost_segments_report_no_answer(driven, bus):
+    """The node aborts the segment that ends a transfer it has given up; that abort is not the cause."""
+    bus.drops = FrameLoss(0x610, b"\x10", times=MAX_UPLOADS, skip=3)
     with pytest.raises(BusError, match="Node 16 does not answer when asked for 2000h"):
         driven.upload_parameters(DOCUMENT)
-    assert driven.active_parameters() == b"the one before"
+    assert driven.active_parameters() == OLD_DOCUMENT
 
 
-class Lapses:
-    """A supervisor that gives control up at the first command, or each time, and forgets what was written."""
+def control_lapse(bus: FakeArmBus, times: int = 1) -> FrameLoss:
+    """Let the supervisor release control and drop the document when it is to check it."""
 
-    def __init__(self, bus: FakeArmBus, *, always: bool = False) -> None:
-        self.bus, self.always, self.times = bus, always, 0
+    def release_control(_lost: int) -> None:
+        bus.token, bus.written = 0, None
+        bus.inject(0x590, FREE_TOKEN)
 
-    def __call__(self, identifier: int, data: bytes) -> bool:
-        if identifier != 0x610 or not data.startswith(STAGE) or (self.times and not self.always):
-            return False
-        self.times += 1
-        self.bus.token, self.bus.written = 0, None
-        self.bus.say(0x590, FREE_TOKEN)
-        return True
+    return FrameLoss(0x610, STAGE, times=times, act=release_control)
 
 
 @pytest.fixture
-def late(driven, clock):
-    """An arm whose operator's program was late for a moment."""
-    clock.late_s = 0.74
-    wait_for(lambda: driven.snapshot().lateness.times > 0)
-    return driven
+def late(connected):
+    """An arm whose host computer was suspended for a moment."""
+    late_s = 0.0
+    arm = drive(
+        connected(pace=Pace.REAL_TIME, timing=TIMING, clock=lambda: time.monotonic() + late_s)
+    )
+    late_s = 0.74
+    wait_for(lambda: arm.snapshot().lateness.times > 0)
+    return arm
 
 
-@pytest.mark.parametrize("pace", [Pace.REAL_TIME])
-def test_control_that_lapsed_by_our_own_lateness_is_taken_again(late, bus):
-    bus.document, bus.loses = b"the one before", Lapses(bus)
+def test_control_lost_by_host_latency_is_taken_again(late, bus):
+    bus.drops = control_lapse(bus)
     late.upload_parameters(DOCUMENT)
     assert bus.document == DOCUMENT
     assert bus.token == 127
 
 
-def test_control_that_lapsed_while_nobody_here_was_late_is_not_taken_again(driven, bus):
-    bus.document, bus.loses = b"the one before", Lapses(bus)
+def test_control_lost_without_host_latency_is_denied(driven, bus):
+    bus.drops = control_lapse(bus)
     with pytest.raises(ControlDenied) as denied:
         driven.upload_parameters(DOCUMENT)
     assert denied.value.holder == 0
     assert bus.token == 0
-    assert bus.document == b"the one before"
+    assert bus.document == OLD_DOCUMENT
 
 
-@pytest.mark.parametrize("pace", [Pace.REAL_TIME])
-def test_what_comes_of_our_own_lateness_is_not_put_down_to_the_cable(late, bus):
-    bus.document, bus.loses = b"the one before", Lapses(bus, always=True)
+def test_control_lost_repeatedly_raises_host_latency_exceeded(late, bus):
+    bus.drops = control_lapse(bus, times=MANY)
     with pytest.raises(HostLatencyExceeded) as exceeded:
         late.upload_parameters(DOCUMENT)
     assert exceeded.value.longest_s == pytest.approx(0.7, abs=0.1)
-    assert bus.loses.times == MAX_UPLOADS
-    assert bus.document == b"the one before"
+    assert bus.drops.lost == MAX_UPLOADS
+    assert bus.document == OLD_DOCUMENT
 
 
-def test_a_refusal_after_a_silence_is_a_refusal(driven, bus):
+def test_refusal_after_sdo_timeout_raises_upload_refused(driven, bus):
     bus.refusal = "another arm"
     try:
         raise SdoCommunicationError("No SDO response received")
@@ -254,18 +229,18 @@ def test_a_refusal_after_a_silence_is_a_refusal(driven, bus):
 
 
 @pytest.mark.parametrize("frame", [2, 3, 9])
-def test_ctrl_c_in_an_upload_is_an_interrupt_and_the_next_one_works(driven, bus, frame):
-    sent = []
+def test_upload_after_ctrl_c_succeeds(driven, bus, frame):
+    sent = 0
 
-    def interrupt(identifier: int, data: bytes) -> None:
-        if identifier == 0x610:
-            sent.append(data)
-            if len(sent) == frame:
-                raise KeyboardInterrupt
+    def press_ctrl_c(identifier: int, _data: bytes) -> None:
+        nonlocal sent
+        sent += identifier == 0x610
+        if identifier == 0x610 and sent == frame:
+            raise KeyboardInterrupt
 
-    bus.on_send = interrupt
+    bus.on_send = press_ctrl_c
     with pytest.raises(KeyboardInterrupt):
         driven.upload_parameters(DOCUMENT)
-    assert bus.document == b""
+    assert bus.document == OLD_DOCUMENT
     assert driven.upload_parameters(DOCUMENT).length == len(DOCUMENT)
     assert driven.active_parameters() == DOCUMENT

@@ -1,4 +1,4 @@
-"""Sessions on live fake arms, for tests of both faces."""
+"""Sessions on live fake arms, for tests of both user interfaces."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,7 +14,7 @@ from tests.oracles.live_arm import LiveArm
 
 
 def quick_procedure(poses: int = 6) -> Procedure:
-    """The packaged hinge procedure with few poses and a limit that few poses meet."""
+    """The packaged hinge procedure with few poses, and an acceptance limit for them."""
     procedure = load_procedure("hinge")
     return replace(
         procedure,
@@ -24,7 +24,7 @@ def quick_procedure(poses: int = 6) -> Procedure:
 
 
 class FakeSource(Sessions):
-    """Sessions on live fake arms, in folders session-1, session-2, ... `arm` is the present one."""
+    """Sessions on live fake arms, in folders session-1, session-2, ...; `arm` is the current one."""
 
     def __init__(self, root: Path, *, poses: int = 6, simulated: bool = True) -> None:
         super().__init__("hinge", Choices(), root=root, join=self._joined)
@@ -37,7 +37,7 @@ class FakeSource(Sessions):
 
     @property
     def runner(self) -> Runner | None:
-        """The runner that is open."""
+        """The open runner."""
         return self._runner
 
     @contextmanager
@@ -49,5 +49,5 @@ class FakeSource(Sessions):
         if procedure.name == self.procedure.name:
             procedure = self.procedure
         self.arm = LiveArm(procedure, pace_s=self.pace_s, serial=self.serial)
-        found = replace(opening, folder=folder, procedure=procedure)
-        yield Rig(arm=self.arm, opening=found, simulated=self.simulated)
+        test_opening = replace(opening, folder=folder, procedure=procedure)
+        yield Rig(arm=self.arm, opening=test_opening, simulated=self.simulated)

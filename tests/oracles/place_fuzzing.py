@@ -49,7 +49,7 @@ class _Appended(GrowingFile):
             file.write(self._row)
 
 
-def _odd_place(rng: Random, folder: Path, own: Path) -> Path:
+def _odd_place(rng: Random, folder: Path, file: Path) -> Path:
     """A path that is no writable file, often a pipe without a peer."""
     devices = ("/proc/x", "/proc/self/mem", "/dev/null", "/dev/zero", "/dev/full")
     match rng.randrange(6):
@@ -61,7 +61,7 @@ def _odd_place(rng: Random, folder: Path, own: Path) -> Path:
         case 2:
             return folder
         case 3:
-            return own / "below" / "it"
+            return file / "below" / "it"
         case 4:
             return Path(rng.choice(devices))
         case _:

@@ -145,7 +145,7 @@ class Load:
 def _give_scale(
     unscaled: Load, T: np.ndarray, angles: np.ndarray, required: np.ndarray
 ) -> np.ndarray:
-    """Diagonal S (6, 6) with which compliances S C S give `wanted` (rad, m), rms a component."""
+    """Diagonal S (6, 6) with which compliances S C S deflect by `required` (rad, m), rms of a component."""
     wrenches = unscaled.wrenches(T, angles)
     scale = np.where(required > 0.0, 1.0, 0.0)
     for _ in range(60):

@@ -1,7 +1,4 @@
-"""One calibration told in pictures: the session's snapshot after each step, always the same.
-
-For tests of what a screen shows and which keys it takes, without an arm that moves meanwhile.
-"""
+"""Reproducible snapshots of one calibration session, after each of its steps."""
 
 import time
 from collections.abc import Mapping
@@ -47,13 +44,12 @@ FOLDER = Path("sessions/20260131-120000-hinge")
 
 
 class StillArm(LiveArm):
-    """The same arm, but nothing goes on by itself."""
+    """An arm without a SYNC thread; its snapshots are always fresh."""
 
     def _tick(self) -> None:
-        """Not here."""
+        """Do nothing."""
 
     def snapshot(self) -> ArmSnapshot:
-        """Fresh at any time."""
         self._stamp = time.monotonic()
         return super().snapshot()
 
@@ -61,7 +57,7 @@ class StillArm(LiveArm):
 @cache
 @recorded
 def story() -> Mapping[str, SessionSnapshot]:
-    """Snapshots by the name of what was done last."""
+    """Snapshots by the last step."""
     pictures: dict[str, SessionSnapshot] = {}
     procedure = load_procedure("hinge")
     procedure = replace(procedure, capture=replace(procedure.capture, poses=POSES))
@@ -77,42 +73,42 @@ def story() -> Mapping[str, SessionSnapshot]:
             clock=clock,
         )
 
-        def tell(name: str) -> None:
+        def record(name: str) -> None:
             pictures[name] = _still(runner.snapshot())
 
         try:
-            tell("start")
+            record("start")
             runner.operations.connect()
-            tell("connected")
+            record("connected")
             ticked = frozenset(range(len(procedure.fixture.checklist)))
             runner.publish(lambda s: replace(s, ticked=ticked))
-            tell("ticked")
+            record("ticked")
             runner.operations.set_modes((1, 5))
-            tell("modes")
+            record("modes")
             for _ in range(3):
                 runner.operations.go(session.state.next_waypoint)
                 runner.operations.capture(session.state.next_waypoint)
             runner.operations.note(2, "cable touched?")
-            tell("capturing")
+            record("capturing")
             runner.operations.automatic()
             runner.operations.exclude(3)
             runner.operations.automatic()
-            tell("captured")
+            record("captured")
             runner.operations.results.calibrate("implicit", ())
-            tell("solved")
+            record("solved")
             runner.operations.results.write()
-            tell("written")
+            record("written")
             runner.operations.results.verify(3)
-            tell("verified")
+            record("verified")
             runner.operations.results.upload()
-            tell("uploaded")
+            record("uploaded")
         finally:
-            runner.close("told")
+            runner.close("done")
     return pictures
 
 
 def _still(s: SessionSnapshot) -> SessionSnapshot:
-    """Take out what depends on the clock and the machine."""
+    """Replace values that depend on the clock and the machine."""
     arm = s.arm
     if arm is not None:
         arm = replace(
@@ -143,9 +139,6 @@ def _still(s: SessionSnapshot) -> SessionSnapshot:
         stale_joints=(),
         motion=None if arm is None else RESTING,
     )
-
-
-# -- what can happen in between --------------------------------------------------------------------
 
 
 def stale(s: SessionSnapshot, joint: int = 5, age_s: float = 0.24) -> SessionSnapshot:
@@ -185,13 +178,13 @@ def stopped(s: SessionSnapshot) -> SessionSnapshot:
 
 
 def diverged(s: SessionSnapshot, joint: int = 5) -> SessionSnapshot:
-    """The arm was stopped by itself, and nothing else was done since."""
-    found = stopped(s)
-    assert found.arm is not None
-    why = str(DriveDiverged(joint, 1294, 700))
-    s = replace(found, stop=None, arm=replace(found.arm, stopped_for=why))
+    """The arm stopped because a joint differs from its target."""
+    stopped_snapshot = stopped(s)
+    assert stopped_snapshot.arm is not None
+    reason = str(DriveDiverged(joint, 1294, 700))
+    s = replace(stopped_snapshot, stop=None, arm=replace(stopped_snapshot.arm, stopped_for=reason))
     return add_message(
-        s, Level.ALARM, stopped_words(why), time="12:07:41", resolving_tasks=ARM_RECOVERY
+        s, Level.ALARM, stopped_words(reason), time="12:07:41", resolving_tasks=ARM_RECOVERY
     )
 
 
@@ -206,7 +199,7 @@ def tripped(s: SessionSnapshot, joint: int = 4) -> SessionSnapshot:
 
 
 def busy(s: SessionSnapshot, kind: TaskKind, *, moves: bool) -> SessionSnapshot:
-    """The worker is at something."""
+    """The worker runs a task."""
     return replace(s, task=RunningTask(kind=kind, text=kind.value, moves=moves, started_s=NOW_S))
 
 

@@ -205,7 +205,7 @@ class Target:
 
     def meddle(self, rng: Random) -> None:
         """Apply one fuzzed input while the operator performs a task; raises the resulting error."""
-        threading.excepthook = lambda seen: self._fallen.append(seen.exc_value or RuntimeError())
+        threading.excepthook = lambda args: self._fallen.append(args.exc_value or RuntimeError())
         connecting = rng.random() < 0.02
         if connecting:
             self.close()

@@ -33,7 +33,7 @@ def tag_and_group(channel: str) -> tuple[bytes, str]:
     return tag, f"239.255.{tag[0]}.{tag[1]}"
 
 
-def foreign(tag: bytes, count: int, seed: int) -> list[bytes]:
+def foreign_datagrams(tag: bytes, count: int, seed: int) -> list[bytes]:
     """Datagrams of other nodes: PDOs, heartbeats, 29-bit frames."""
     rng = random.Random(seed)  # noqa: S311 - to be repeated, not to be secret
     datagrams = []
@@ -52,14 +52,14 @@ def foreign(tag: bytes, count: int, seed: int) -> list[bytes]:
     return datagrams
 
 
-def flood(channel: str, rate: float, seed: int, done: Event, sent: Any) -> None:
+def send_foreign_frames(channel: str, rate: float, seed: int, done: Event, sent: Any) -> None:
     """Send `rate` frames a second on average until `done`; `sent` counts them."""
     tag, group = tag_and_group(channel)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
         sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
         sender.bind(("127.0.0.1", 0))
-        frames, start_s, count = foreign(tag, 4096, seed), time.monotonic(), 0
+        frames, start_s, count = foreign_datagrams(tag, 4096, seed), time.monotonic(), 0
         while not done.is_set():
             due = int((time.monotonic() - start_s) * rate)
             # A backlog is sent at the rate of a 1 Mbit/s bus of short frames at most.
@@ -82,7 +82,7 @@ class Rhythm:
         return [b - a for a, b in zip(self.at_s, self.at_s[1:], strict=False)]
 
 
-def _arms_frames_only() -> bytes:
+def _arm_frames_filter() -> bytes:
     """Classic BPF that passes the arm's identifiers, 22 bytes after the start of the UDP header."""
     load, equal, at_least, more, return_bytes = 0x20, 0x15, 0x35, 0x25, 0x06
     program = [
@@ -97,10 +97,10 @@ def _arms_frames_only() -> bytes:
     return b"".join(struct.pack("HBBI", *instruction) for instruction in program)
 
 
-def watch(channel: str, ready: Event, done: Event, pipe: Any) -> None:
+def record_syncs(channel: str, ready: Event, done: Event, pipe: Any) -> None:
     """Record SYNCs and answers until `done`; send a `Rhythm` through the pipe."""
     tag, group = tag_and_group(channel)
-    program = _arms_frames_only()
+    program = _arm_frames_filter()
     listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     at_s: list[float] = []
     answers: list[int] = []
@@ -157,7 +157,7 @@ def backlog_bytes(channel: str) -> int:
     return max((int(row[4].split(":")[1], 16) for row in rows if row[1] == address), default=0)
 
 
-def spin(done: Event) -> None:
+def compute(done: Event) -> None:
     """Keep a processor busy."""
     x = 1
     while not done.is_set():
@@ -165,7 +165,7 @@ def spin(done: Event) -> None:
             x = x * 1103515245 + 12345 & 0xFFFFFFFF
 
 
-class Watched:
+class BusLoad:
     """Frames sent by other nodes so far; the rhythm after the end of `busy_bus`."""
 
     def __init__(self, sent: Any) -> None:
@@ -178,28 +178,32 @@ class Watched:
 
 
 @contextmanager
-def busy_bus(channel: str, *, rate: float, busy: int = 0, seed: int = 0) -> Iterator[Watched]:
+def busy_bus(channel: str, *, rate: float, busy: int = 0, seed: int = 0) -> Iterator[BusLoad]:
     """Send `rate` foreign frames a second on a channel, beside `busy` processes that only compute."""
     done, watch_done, ready = SPAWN.Event(), SPAWN.Event(), SPAWN.Event()
     sent = SPAWN.Value("q", 0, lock=False)
     receiver, sender = SPAWN.Pipe(duplex=False)
-    watcher = SPAWN.Process(target=watch, args=(channel, ready, watch_done, sender), daemon=True)
-    others = [SPAWN.Process(target=spin, args=(done,), daemon=True) for _ in range(busy)]
+    recorder = SPAWN.Process(
+        target=record_syncs, args=(channel, ready, watch_done, sender), daemon=True
+    )
+    others = [SPAWN.Process(target=compute, args=(done,), daemon=True) for _ in range(busy)]
     if rate:
         others.append(
-            SPAWN.Process(target=flood, args=(channel, rate, seed, done, sent), daemon=True)
+            SPAWN.Process(
+                target=send_foreign_frames, args=(channel, rate, seed, done, sent), daemon=True
+            )
         )
-    watched = Watched(sent)
-    for process in (watcher, *others):
+    load = BusLoad(sent)
+    for process in (recorder, *others):
         process.start()
     try:
         if not ready.wait(300):
             raise TimeoutError("the watcher of the bus did not begin")
-        yield watched
+        yield load
     finally:
         watch_done.set()
         if receiver.poll(60):
-            watched.rhythm = receiver.recv()
+            load.rhythm = receiver.recv()
         done.set()
-        for process in (watcher, *others):
+        for process in (recorder, *others):
             process.join(30)

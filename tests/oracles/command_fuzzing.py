@@ -39,7 +39,7 @@ ARGUMENTS: Mapping[str, tuple[str, ...]] = {
 }  # fmt: skip
 
 
-def run_nearly(rng: Random, folder: Path) -> None:
+def fuzz_command(rng: Random, folder: Path) -> None:
     """Run a random command line: it ends with a documented exit code and prints no escape sequence."""
     command = rng.choice(tuple(ARGUMENTS))
     arguments = ARGUMENTS[command]

@@ -29,7 +29,7 @@ from tests.oracles.journals import events, mutated, mutated_journal, written
 from tests.oracles.odd_input import Refused, bytes_changed, in_yaml, refuse
 from tests.oracles.parameter_documents import make_document
 
-FULL = (
+ALL_COLUMNS = (
     b"placement,pose,theta1_deg,theta2_deg,theta3_deg,theta4_deg,theta5_deg,theta6_deg,theta7_deg,"
     b"sd1_deg,sd2_deg,sd3_deg,sd4_deg,sd5_deg,sd6_deg,sd7_deg,samples,utc,note,"
     b"x_m,y_m,z_m,rx_deg,ry_deg,rz_deg\n"
@@ -52,7 +52,7 @@ def _journal_contents(rng: Random, folder: Path) -> None:
 
 
 def _journal_bytes(rng: Random, folder: Path) -> None:
-    (folder / JOURNAL_NAME).write_bytes(bytes_changed(_short_journal(), rng))
+    (folder / JOURNAL_NAME).write_bytes(bytes_changed(_journal_without_sources(), rng))
     try:
         repaired = repair_journal(folder)
         session = read_session(folder)
@@ -67,7 +67,7 @@ def _journal_bytes(rng: Random, folder: Path) -> None:
 
 
 @cache
-def _short_journal() -> bytes:
+def _journal_without_sources() -> bytes:
     return written([(name, data) for name, data in events() if name != "opened"])
 
 
@@ -97,7 +97,7 @@ def _profile(rng: Random, _: Path) -> None:
 
 
 def _poses(rng: Random, _: Path) -> None:
-    data = bytes_changed(rng.choice((DATA.read_bytes(), FULL)), rng)
+    data = bytes_changed(rng.choice((DATA.read_bytes(), ALL_COLUMNS)), rng)
     parse_poses(data, "poses.csv", joint_count=rng.choice((7, None)))
 
 

@@ -38,7 +38,7 @@ CLOSES = 3e-4
 """Largest closure error of a right pose, rad and m: encoders of 400,000 counts round to 8e-6 rad each."""
 
 PATIENCE_S = 1.5
-LIVES_ON_SYNCS = 150
+OBSERVED_SYNCS = 150
 """Duration of the observation after the error message: 1.5 s of the arm's time."""
 T = TypeVar("T")
 DriveStates = tuple[tuple[DriveState, JointMode | None], ...]
@@ -86,7 +86,7 @@ def loop_error(q_rad: np.ndarray) -> float:
     return float(np.abs(hinge @ arm - np.eye(4)).max())
 
 
-def in_the_loop(controller: VirtualController, reader: Callable[[], T]) -> T:
+def call_in_loop(controller: VirtualController, reader: Callable[[], T]) -> T:
     """Return the result of a function that runs in the controller's thread."""
     results: queue.SimpleQueue[T] = queue.SimpleQueue()
     controller.resume_loop()
@@ -98,19 +98,19 @@ def drives_of(controller: VirtualController) -> DriveStates:
     return tuple((node.drive.state, node.drive.command().mode) for node in controller.drives)
 
 
-def lives_on(controller: VirtualController) -> tuple[DriveStates, float]:
+def observe_drives(controller: VirtualController) -> tuple[DriveStates, float]:
     """The drives' states, and the largest motion (deg) of a true angle without further commands."""
 
     def observe() -> tuple[DriveStates, float]:
         plant = controller.plant
         assert isinstance(plant, Plant)
         states, start, largest = drives_of(controller), plant.true_angles_rad, 0.0
-        for _ in range(LIVES_ON_SYNCS):
+        for _ in range(OBSERVED_SYNCS):
             controller.group.step()
             largest = max(largest, float(np.abs(plant.true_angles_rad - start).max()))
         return states, float(np.rad2deg(largest))
 
-    return in_the_loop(controller, observe)
+    return call_in_loop(controller, observe)
 
 
 def wait_for_drives(
@@ -119,7 +119,7 @@ def wait_for_drives(
     """Wait until the drives' states meet a condition, or until a timeout, and return them."""
     until_s = time.monotonic() + patience_s
     while True:
-        states = in_the_loop(controller, lambda: drives_of(controller))
+        states = call_in_loop(controller, lambda: drives_of(controller))
         if condition(states) or time.monotonic() > until_s:
             return states
         threading.Event().wait(0.01)
@@ -178,7 +178,7 @@ def session_with(
             if session.identity is not None and arm.snapshot().stopped:
                 # The message may precede the frames of the stop.
                 wait_for_drives(controller, stopped, patience_s=PATIENCE_S)
-            states, moved_deg = lives_on(controller)
+            states, moved_deg = observe_drives(controller)
         finally:
             controller.resume_loop()
             session.close("done")

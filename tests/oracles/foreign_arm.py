@@ -84,7 +84,7 @@ class Axis:
     mode: int = 0
     target: int = 0
 
-    def obey(self, word: int, target: int) -> None:
+    def step(self, word: int, target: int) -> None:
         if word & 0x80 and not self.word & 0x80 and self.status == 0x08:
             self.status = 0x40
         elif not word & 0x80:
@@ -124,7 +124,7 @@ class Drive(canopen.LocalNode):
             self.written.append((index, subindex, int.from_bytes(data, "little")))
         super().set_data(index, subindex, data, check_writable)
 
-    def forget(self) -> None:
+    def restore(self) -> None:
         """Restore the values at power-on."""
         for (index, subindex), data in self._before.items():
             super().set_data(index, subindex, data)
@@ -193,7 +193,7 @@ class ForeignArm:
         for node in self.nodes:
             if number in (0, node.id):
                 node.nmt.stop_heartbeat()
-                node.forget()
+                node.restore()
                 node.nmt.send_command(129)
                 node.nmt.send_command(128)
 
@@ -204,10 +204,10 @@ class ForeignArm:
         for node, axis in zip(self.nodes, self.axes, strict=True):
             if data[1] in (0, node.id):
                 if data[0] == 1:
-                    self._take_up(node, axis)
+                    self._apply_pdos(node, axis)
                 node.nmt.send_command(data[0])
 
-    def _take_up(self, node: Drive, axis: Axis) -> None:
+    def _apply_pdos(self, node: Drive, axis: Axis) -> None:
         """Apply the current PDO records."""
         for pdo in node.rpdo.values():
             if pdo.cob_id is not None:
@@ -217,15 +217,15 @@ class ForeignArm:
         node.rpdo.read()
         node.tpdo.read()
         for pdo in node.rpdo.values():
-            pdo.add_callback(self._told(axis))
+            pdo.add_callback(self._receiver(axis))
 
-    def _told(self, axis: Axis) -> Callable[[canopen.pdo.PdoMap], None]:
+    def _receiver(self, axis: Axis) -> Callable[[canopen.pdo.PdoMap], None]:
         def receive(pdo: canopen.pdo.PdoMap) -> None:
             values = {variable.index: variable.raw for variable in pdo}
             assert values.get(0x6071, 0) == 0
             axis.mode = values.get(0x6060, axis.mode)
             if 0x6040 in values:
-                axis.obey(values[0x6040], values.get(0x607A, axis.target))
+                axis.step(values[0x6040], values.get(0x607A, axis.target))
 
         return receive
 

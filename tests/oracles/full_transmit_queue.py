@@ -32,7 +32,7 @@ BURST, FRAMES_PER_S = 2000, 4000.0
 LINE = len("t201700112233445566\r")
 
 
-class Line:
+class SerialLine:
     """The far end of the serial line: an adapter that receives frames while `reads` is set."""
 
     def __init__(self) -> None:
@@ -61,7 +61,7 @@ class Line:
 
 def main() -> None:
     """Bring the device up with a queue of ten frames, and send more than that."""
-    line = Line()
+    line = SerialLine()
     for command in ("set can0 type can bitrate 1000000", "set can0 txqueuelen 10", "set can0 up"):
         subprocess.run(["ip", "link", *command.split()], check=True)
     bus = open_bus(BusSettings(interface="socketcan", channel="can0"))

@@ -8,20 +8,20 @@ from pathlib import Path
 from random import Random
 
 from operator_app.exit_codes import EXPECTED_ERRORS
-from tests.oracles.command_fuzzing import run_nearly
+from tests.oracles.command_fuzzing import fuzz_command
 from tests.oracles.document_fuzzing import DOCUMENTS
 from tests.oracles.odd_input import Refused
-from tests.oracles.place_fuzzing import ask_instrument, keep_slots
-from tests.oracles.wire_fuzzing import Target
+from tests.oracles.place_fuzzing import fuzz_instrument, fuzz_parameter_slots
+from tests.oracles.wire_fuzzing import FuzzedOperator
 
-_target = Target()
-over = _target.close
+_operator = FuzzedOperator()
+over = _operator.close
 PARSERS: Mapping[str, Callable[[Random, Path], None]] = {
     **DOCUMENTS,
-    "arguments": run_nearly,
-    "instrument": ask_instrument,
-    "parameter slots": keep_slots,
-    "the wire": lambda rng, _: _target.meddle(rng),
+    "arguments": fuzz_command,
+    "instrument": fuzz_instrument,
+    "parameter slots": fuzz_parameter_slots,
+    "the wire": lambda rng, _: _operator.fuzz(rng),
 }
 
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
-SAYS_NOTHING = {
+IGNORED_KEYWORDS = {
     "title", "description", "default", "discriminator", "$defs", "$schema", "additionalProperties",
 }  # fmt: skip
 TYPES = {"object": dict, "array": list, "string": str, "boolean": bool, "null": type(None)}
@@ -65,7 +65,7 @@ def complaints(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> Iter
         elif keyword == "allOf":
             for option in expected:
                 yield from complaints(value, option, root)
-        elif keyword not in SAYS_NOTHING | {"properties", "items", "prefixItems"}:
+        elif keyword not in IGNORED_KEYWORDS | {"properties", "items", "prefixItems"}:
             raise NotImplementedError(f"keyword {keyword}")
     for item, own in parts(value, schema):
         yield from complaints(item, own, root)

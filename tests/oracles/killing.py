@@ -123,7 +123,7 @@ class Program:
         self.process.wait()
 
 
-class Chain:
+class KillSequence:
     """Repeats kills until there are `kills`, then completes the last session."""
 
     def __init__(self, folder: Path, seed: int, kills: int, *, embedded: bool) -> None:
@@ -329,4 +329,4 @@ class Chain:
 
 def chain(folder: str, seed: int, kills: int, *, embedded: bool) -> Deaths:
     """Run one chain of kills; for a pool of processes."""
-    return Chain(Path(folder), seed, kills, embedded=embedded).run()
+    return KillSequence(Path(folder), seed, kills, embedded=embedded).run()

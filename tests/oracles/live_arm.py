@@ -80,7 +80,7 @@ class LiveArm(PlantArm):
         if self._silent_since is not None:
             raise BusError("no answer from the drives")
 
-    def _tick(self) -> None:
+    def _run_syncs(self) -> None:
         while not self._end.wait(PERIOD_S):
             if self._silent_since is None and self.lock.acquire(blocking=False):
                 try:
@@ -123,7 +123,7 @@ class LiveArm(PlantArm):
             raise error
         if self._ticker is None:
             self._end.clear()
-            self._ticker = threading.Thread(target=self._tick, name="live-arm", daemon=True)
+            self._ticker = threading.Thread(target=self._run_syncs, name="live-arm", daemon=True)
             self._ticker.start()
         drive = "sarcal virtual joint drive"
         joints = [node(j, 100 + j, drive) for j in range(1, self.model.joint_count + 1)]

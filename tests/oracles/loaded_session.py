@@ -24,7 +24,7 @@ PROCEDURE = ROOT / "operator_app" / "data" / "procedures" / "hinge.yaml"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Came:
+class LoadedSession:
     """Outcome of a session.
 
     Exit code and output of the operator; number of accepted poses, numbers of wrong ones; longest receive queue (the
@@ -73,7 +73,7 @@ def session_under_load(
     rate: float,
     busy: int = 0,
     patience_s: float = 1200.0,
-) -> Came:
+) -> LoadedSession:
     """Run a session while other nodes send `rate` frames a second and `busy` processes compute."""
     text = PROCEDURE.read_text(encoding="utf-8")
     for old, new in (("poses: 40", f"poses: {poses}"), ("pose: 32", f"pose: {samples}")):
@@ -85,12 +85,12 @@ def session_under_load(
     with (
         controller(folder, *bus) as (_, first_line),
         machine_pauses() as pauses,
-        busy_bus(channel, rate=rate, busy=busy) as watched,
+        busy_bus(channel, rate=rate, busy=busy) as load,
         (folder / "said.txt").open("wb") as output,
     ):
         if channel not in first_line:
             raise RuntimeError("the controller did not begin")
-        start_s, foreign = time.monotonic(), watched.sent
+        start_s, foreign = time.monotonic(), load.sent
         operator = subprocess.Popen(
             [*SARCAL, "run", str(folder / "load.yaml"), *bus],
             cwd=folder, env=environment(), stdout=output, stderr=subprocess.STDOUT,
@@ -102,8 +102,8 @@ def session_under_load(
                 operator.wait(0.1)
             if time.monotonic() - start_s > patience_s:
                 operator.kill()
-        took_s, foreign = time.monotonic() - start_s, watched.sent - foreign
-    if watched.rhythm is None:
+        took_s, foreign = time.monotonic() - start_s, load.sent - foreign
+    if load.rhythm is None:
         raise RuntimeError("the watcher of the bus did not report")
     events = [
         event
@@ -111,7 +111,7 @@ def session_under_load(
         for event in read_journal(journal.parent).events
     ]
     poses_captured = [event.data for event in events if event.name == "pose"]
-    return Came(
+    return LoadedSession(
         code=operator.returncode,
         said=(folder / "said.txt").read_text("utf-8", "replace"),
         poses=len(poses_captured),
@@ -121,7 +121,7 @@ def session_under_load(
         backlog_bytes=backlog,
         foreign=foreign,
         took_s=took_s,
-        rhythm=watched.rhythm,
+        rhythm=load.rhythm,
         pauses=pauses,
         events=tuple((e.name, datetime.fromisoformat(e.utc).timestamp()) for e in events),
     )

@@ -74,7 +74,7 @@ class PlantArm:
     def _positions(self) -> np.ndarray:
         return np.array(self._reading.position_counts) * self._resolution
 
-    def _read(self, q_rad: np.ndarray) -> np.ndarray:
+    def _with_errors(self, q_rad: np.ndarray) -> np.ndarray:
         readings = q_rad + self.off_rad
         for joint, reads in self.reads_rad.items():
             readings[joint - 1] = reads
@@ -88,7 +88,7 @@ class PlantArm:
         return ArmIdentity(model=self.model.name, serial_number=self._serial, nodes=nodes)
 
     def snapshot(self) -> ArmSnapshot:
-        readings = self._read(self._positions())
+        readings = self._with_errors(self._positions())
         joints = tuple(
             JointState(
                 joint=j + 1,
@@ -159,7 +159,7 @@ class PlantArm:
         first = self._syncs + 1
         counts = np.array([self._step().position_counts for _ in range(samples)], dtype=float)
         mean = counts.mean(axis=0)
-        readings = self._read(mean * self._resolution)
+        readings = self._with_errors(mean * self._resolution)
         offset_counts = np.divide(
             readings - mean * self._resolution,
             self._resolution,

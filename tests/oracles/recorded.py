@@ -53,24 +53,24 @@ def recorded_folder(make: Callable[[Path], object]) -> Path:
             folder.mkdir()
             make(folder)
             done.touch()
-            _forget_others(home)
+            _remove_old(home)
     return folder
 
 
-def _forget_others(home: Path) -> None:
+def _remove_old(home: Path) -> None:
     for other in home.parent.iterdir():
         if other != home and time.time() - other.stat().st_mtime > KEPT_S:
             shutil.rmtree(other, ignore_errors=True)
 
 
-def _unchanged(mapping: dict[object, object]) -> MappingProxyType[object, object]:
+def _read_only(mapping: dict[object, object]) -> MappingProxyType[object, object]:
     return MappingProxyType(mapping)
 
 
 class _Pickler(pickle.Pickler):
     """Pickles read-only mappings."""
 
-    dispatch_table = copyreg.dispatch_table | {MappingProxyType: lambda m: (_unchanged, (dict(m),))}
+    dispatch_table = copyreg.dispatch_table | {MappingProxyType: lambda m: (_read_only, (dict(m),))}
 
 
 def recorded(make: Callable[P, T]) -> Callable[P, T]:

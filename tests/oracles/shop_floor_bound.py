@@ -36,25 +36,25 @@ DRAWS = 2000
 """Size of the samples of loads and curves: ten for each equation of 40 poses."""
 
 
-def bound(taken: Session, sizes: Sizes) -> np.ndarray:
+def bound(session: Session, sizes: Sizes) -> np.ndarray:
     """Standard deviations (14,) of the best linear estimate from the poses of a session."""
-    return np.sqrt(np.diagonal(covariance(taken, sizes)))
+    return np.sqrt(np.diagonal(covariance(session, sizes)))
 
 
-def covariance(taken: Session, sizes: Sizes) -> np.ndarray:
+def covariance(session: Session, sizes: Sizes) -> np.ndarray:
     """Covariance (14, 14) of the best linear estimate."""
-    hard, V, _ = _equations(taken, sizes)
-    return np.linalg.inv(hard.T @ np.linalg.solve(V, hard))
+    rates, V, _ = _equations(session, sizes)
+    return np.linalg.inv(rates.T @ np.linalg.solve(V, rates))
 
 
-def step_sigma(taken: Session, sizes: Sizes) -> np.ndarray:
+def step_sigma(session: Session, sizes: Sizes) -> np.ndarray:
     """Standard deviation (7, m) of the best estimate of a step (rad) of joint j's reading at pose k.
 
     Joint and pose are known to the estimate; infinite for k = 0, where a step is an offset.
     """
-    hard, V, B = _equations(taken, sizes)
+    rates, V, B = _equations(session, sizes)
     root = np.linalg.cholesky(V)
-    Q = np.linalg.qr(np.linalg.solve(root, hard))[0]
+    Q = np.linalg.qr(np.linalg.solve(root, rates))[0]
     sigma = np.full((B.shape[-1], len(B)), np.inf)
     for j, k in np.ndindex(sigma.shape):
         column = B[:, :, j].copy()
@@ -65,34 +65,36 @@ def step_sigma(taken: Session, sizes: Sizes) -> np.ndarray:
     return sigma
 
 
-def _equations(taken: Session, sizes: Sizes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _equations(session: Session, sizes: Sizes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Jacobian of the closures by parameters (5 m, 14), their covariance, and Jacobian by angles (m, 5, 7).
 
     The poses are closed without deflections, which have no effect on the derivatives.
     """
-    chain = taken.specimen.chain
-    angles, _ = Loop(chain=chain).closed(taken.angles, free=FOLLOW)
+    chain = session.specimen.chain
+    angles, _ = Loop(chain=chain).closed(session.angles, free=FOLLOW)
     truth = Truth(theta_off=np.zeros(8), s=chain.s, a=chain.a, alpha=chain.alpha, home=np.zeros(7))
     by_angle, by_entry = closure_rates(truth, angles, (*PARAMETERS, *LENGTHS, *TWISTS))
     # Five combinations of each closure that do not depend on the hinge angle.
     rows = np.stack([np.linalg.svd(J[:, :1])[0][:, 1:].T for J in by_angle])
     A, B = rows @ by_entry, rows @ by_angle[:, :, 1:]
-    hard, soft = np.split(A, [len(PARAMETERS)], axis=-1)
+    rates, tolerance_rates = np.split(A, [len(PARAMETERS)], axis=-1)
     size = np.repeat([sizes.length_m, sizes.twist_rad], [len(LENGTHS), len(TWISTS)])
     effects = [
-        soft * size,
+        tolerance_rates * size,
         _sensors(B, (angles - chain.theta_off)[:, 1:], sizes),
         _play(B, angles, sizes),
         _loads(rows, B, angles, sizes),
     ]
-    V = _anew(rows, B, sizes, int(taken.samples[0]))
+    V = _independent_covariance(rows, B, sizes, int(session.samples[0]))
     for effect in effects:
         Z = effect.reshape(len(V), -1)
         V = V + Z @ Z.T
-    return hard.reshape(len(V), -1), V, B
+    return rates.reshape(len(V), -1), V, B
 
 
-def _anew(rows: np.ndarray, B: np.ndarray, sizes: Sizes, samples: int) -> np.ndarray:
+def _independent_covariance(
+    rows: np.ndarray, B: np.ndarray, sizes: Sizes, samples: int
+) -> np.ndarray:
     """Covariance (5 m, 5 m) of errors that are independent in each pose: counts, noise, hinge scatter."""
     variance = np.full(7, (2.0 * np.pi / COUNTS_PER_REV) ** 2 / 12.0)
     lsb = FULL_SCALE / 2**BITS

@@ -7,7 +7,7 @@ import numpy as np
 from tests.oracles.shop_floor_chain import Chain, Loop
 from tests.oracles.shop_floor_walk import LOWER_DEG, UPPER_DEG, in_range, nominal_chain
 
-EVERY = tuple(range(8))
+ALL_JOINTS = tuple(range(8))
 STARTS = 4000
 
 
@@ -40,7 +40,7 @@ def flipped_poses(chain: Chain, rng: np.random.Generator, count: int) -> np.ndar
 
 def _closed(chain: Chain, angles: np.ndarray) -> np.ndarray:
     """Angles that closed and whose readings are in range, modulo full turns."""
-    angles, closes = Loop(chain=chain, upside_down=True).closed(angles, free=EVERY, rounds=40)
+    angles, closes = Loop(chain=chain, upside_down=True).closed(angles, free=ALL_JOINTS, rounds=40)
     middle = np.deg2rad(0.5 * (LOWER_DEG + UPPER_DEG)) + chain.theta_off[1:]
     angles[:, 1:] = middle + np.mod(angles[:, 1:] - middle + np.pi, 2.0 * np.pi) - np.pi
     return angles[closes & in_range((angles - chain.theta_off)[:, 1:])]

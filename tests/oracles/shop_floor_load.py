@@ -16,7 +16,7 @@ G_M_PER_S2 = 9.81
 PASSIVE = (2, 3, 4, 6, 7)
 """Joints in free mode while joints 1 and 5 drive."""
 
-RUB = 0.1
+FRICTION = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +39,7 @@ class Masses:
             centre[link] -= share * (link_axis + np.array([chain.a[link], 0.0, 0.0]))
         return cls(mass=mass, centre=centre)
 
-    def misjudged(self, rng: np.random.Generator) -> Masses:
+    def with_errors(self, rng: np.random.Generator) -> Masses:
         """Return these masses with the errors of a gravity compensation."""
         return Masses(
             mass=self.mass * (1.0 + 0.15 * rng.normal(size=LINKS)),
@@ -58,7 +58,7 @@ class Masses:
         return out
 
 
-def hinge_wrench(T: np.ndarray, torque: np.ndarray, *, rub: float = RUB) -> np.ndarray:
+def hinge_wrench(T: np.ndarray, torque: np.ndarray, *, rub: float = FRICTION) -> np.ndarray:
     """Moment over force (m, 6) on the hand, in the hinge frame, that carries `torque` (m, 8).
 
     A hinge carries no moment about its axis. `rub`, friction of the passive joints (N m for each N m and N at the
@@ -104,7 +104,7 @@ class Load:
         down = np.array([-1.0, 0.0, 0.0]) + 0.05 * rng.normal(size=3)
         unscaled = cls(
             masses=masses,
-            believed=masses.misjudged(rng),
+            believed=masses.with_errors(rng),
             down=down / np.linalg.norm(down),
             sag=np.zeros(LINKS),
             ground=_compliance(rng),
@@ -113,7 +113,7 @@ class Load:
         T = frames(chain, workspace)
         torque = np.sqrt(np.mean(unscaled.torque(T) ** 2, axis=0))
         sag = np.zeros(LINKS)
-        scale = _give_scale(unscaled, T, workspace, np.array([give_rad, give_m]))
+        scale = _compliance_scale(unscaled, T, workspace, np.array([give_rad, give_m]))
         # Drawn last, so that all else is independent of it.
         sag[1:] = sag_rad * np.abs(rng.normal(size=LINKS - 1)) / np.maximum(torque[1:], 1e-9)
         return replace(
@@ -142,7 +142,7 @@ class Load:
         return np.stack((on_table @ self.ground.T, on_hand @ self.hand.T))
 
 
-def _give_scale(
+def _compliance_scale(
     unscaled: Load, T: np.ndarray, angles: np.ndarray, required: np.ndarray
 ) -> np.ndarray:
     """Diagonal S (6, 6) with which compliances S C S deflect by `required` (rad, m), rms of a component."""

@@ -21,7 +21,7 @@ from tests.oracles.shop_floor_walk import (
 )
 
 BOX_DEG = ((-16.0, 16.0), (-16.0, 16.0))
-WIDE = 0.4
+REACHABLE_FRACTION = 0.4
 """Fraction of the box that the arm must reach."""
 
 
@@ -45,7 +45,7 @@ def parallel_mount(joint: int, deg: float) -> tuple[Chain, Chart]:
             continue
         mount_chart = chart(chain, home, BOX_DEG)
         reachable = in_range((mount_chart.angles - chain.theta_off)[:, 1:])
-        if reachable.sum() > WIDE * GRID**2:
+        if reachable.sum() > REACHABLE_FRACTION * GRID**2:
             return chain, Chart(
                 place=mount_chart.place[reachable],
                 angles=mount_chart.angles[reachable],

@@ -27,7 +27,7 @@ ENDS = ("theta_off_1", "theta_off_7")
 STATED_M, STATED_RAD = 0.03, np.deg2rad(10.0)
 """Tolerances of the hinge's file, three standard deviations."""
 WILD_M, WILD_RAD, WILD_OFFSET_RAD = 0.04, np.deg2rad(15.0), np.deg2rad(25.0)
-AWAY_RAD, STRAY_RAD = np.deg2rad(20.0), np.deg2rad(60.0)
+MAX_HOME_DISTANCE_RAD, STRAY_RAD = np.deg2rad(20.0), np.deg2rad(60.0)
 """Largest distance of a joint at rest from home, and of the same branch of the loop."""
 
 KINDS = {
@@ -35,7 +35,7 @@ KINDS = {
     "as_reported": Sizes(length_m=1.5e-3, give_m=1e-3, give_rad=2e-3),
     "wild": Sizes(),
 }
-ENOUGH = 200
+MAX_ATTEMPTS = 200
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,8 +50,8 @@ class Remounted:
 def remounted(kind: str, seed: int, *, poses: int, standings: int) -> Remounted:
     """Draw an arm and two placements in which its loop closes."""
     rng = np.random.default_rng([77_004, seed])
-    for attempt in range(ENOUGH):
-        arm_seed, own_chart = ENOUGH * seed + attempt, None
+    for attempt in range(MAX_ATTEMPTS):
+        arm_seed, own_chart = MAX_ATTEMPTS * seed + attempt, None
         specimen = Specimen.drawn(arm_seed, KINDS[kind])
         try:
             if kind == "wild":
@@ -59,8 +59,8 @@ def remounted(kind: str, seed: int, *, poses: int, standings: int) -> Remounted:
             angles, ground, hand = closed_walk(specimen, poses, chart=own_chart)
         except RuntimeError:
             continue
-        chain = _anew(specimen.chain, rng, wild=kind == "wild")
-        standing_angles = _standings(chain, rng, standings)
+        chain = _remount(specimen.chain, rng, wild=kind == "wild")
+        standing_angles = _closed_near_home(chain, rng, standings)
         if standing_angles is not None:
             zeros = np.zeros((standings, 6))
             second = taken(replace(specimen, chain=chain), standing_angles, zeros, zeros, walk=1)
@@ -69,7 +69,7 @@ def remounted(kind: str, seed: int, *, poses: int, standings: int) -> Remounted:
     raise RuntimeError(f"arm {seed} closes nowhere")
 
 
-def _anew(chain: Chain, rng: np.random.Generator, *, wild: bool) -> Chain:
+def _remount(chain: Chain, rng: np.random.Generator, *, wild: bool) -> Chain:
     """The same arm with a new placement of its hinge, relative to the file's."""
     nominal = nominal_chain()
     size_m, size_rad = (WILD_M, WILD_RAD) if wild else (STATED_M, STATED_RAD)
@@ -89,8 +89,8 @@ def _wild(specimen: Specimen, rng: np.random.Generator) -> tuple[Specimen, Chart
     reference = nominal_chart()
     middle = reference.angles[np.argmin(np.linalg.norm(reference.place, axis=-1))]
     home = np.concatenate(([0.0], np.deg2rad(HOME_DEG)))
-    for _ in range(ENOUGH):
-        chain = _anew(specimen.chain, rng, wild=True)
+    for _ in range(MAX_ATTEMPTS):
+        chain = _remount(specimen.chain, rng, wild=True)
         deviation = np.concatenate(([0.0], WILD_OFFSET_RAD * rng.uniform(-1.0, 1.0, 7)))
         pose, closed = Loop(chain=chain).closed((middle + deviation)[None], free=tuple(range(8)))
         theta_off = pose[0] - home
@@ -101,12 +101,12 @@ def _wild(specimen: Specimen, rng: np.random.Generator) -> tuple[Specimen, Chart
     raise RuntimeError("no wild arm closes")
 
 
-def _standings(chain: Chain, rng: np.random.Generator, count: int) -> np.ndarray | None:
+def _closed_near_home(chain: Chain, rng: np.random.Generator, count: int) -> np.ndarray | None:
     """Closed true angles (count, 8) near home, or None if there are too few."""
     home = np.concatenate(([0.0], np.deg2rad(HOME_DEG))) + chain.theta_off
     home[0] = home_hinge_angle(chain, home)
-    guess = np.tile(home, (ENOUGH, 1))
-    guess[:, 1:] += rng.uniform(-AWAY_RAD, AWAY_RAD, (ENOUGH, 7))
+    guess = np.tile(home, (MAX_ATTEMPTS, 1))
+    guess[:, 1:] += rng.uniform(-MAX_HOME_DISTANCE_RAD, MAX_HOME_DISTANCE_RAD, (MAX_ATTEMPTS, 7))
     pose, closed = Loop(chain=chain).closed(guess, free=tuple(range(8)), rounds=20)
     closed &= in_range((pose - chain.theta_off)[:, 1:])
     closed &= np.abs(pose - home)[:, 1:].max(axis=-1) < STRAY_RAD

@@ -55,9 +55,9 @@ class SlcanAdapter:
             buffer += os.read(self._ours, 4096)
             *lines, buffer = buffer.split(b"\r")
             for line in lines:
-                self._obey(line.decode("ascii"))
+                self._execute(line.decode("ascii"))
 
-    def _obey(self, line: str) -> None:
+    def _execute(self, line: str) -> None:
         if line[:1] != "t":
             self.commands.append(line)
             if line[:1] in ("O", "C"):

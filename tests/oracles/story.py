@@ -1,15 +1,16 @@
 """Reproducible snapshots of one calibration session, after each of its steps."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
-from hardware.arm import ArmSnapshot, DriveState
+from hardware.arm import ArmSnapshot, DriveState, JointState
 from hardware.errors import DriveDiverged
 from operator_app.config.procedure_file import load_procedure
 from operator_app.messages.errors import stopped_words
@@ -31,7 +32,7 @@ from tests.oracles.ticking import Ticking
 
 POSES = 16
 NOW_S = 1000.0
-RESTING = Motion(
+MOTION_AT_REST = Motion(
     sync_rate_hz=100.0,
     speed_rad_per_s=np.zeros(7),
     still=True,
@@ -46,7 +47,7 @@ FOLDER = Path("sessions/20260131-120000-hinge")
 class StillArm(LiveArm):
     """An arm without a SYNC thread; its snapshots are always fresh."""
 
-    def _tick(self) -> None:
+    def _run_syncs(self) -> None:
         """Do nothing."""
 
     def snapshot(self) -> ArmSnapshot:
@@ -65,16 +66,11 @@ def story() -> Mapping[str, SessionSnapshot]:
     with TemporaryDirectory() as root:
         arm = StillArm(procedure, "datasheet")
         session = opened(Path(root) / "session", arm, procedure, clock=clock)
-        runner = Runner(
-            session,
-            simulated=True,
-            bus="the virtual bus of this program",
-            monotonic=lambda: NOW_S,
-            clock=clock,
-        )
+        bus = "the virtual bus of this program"
+        runner = Runner(session, simulated=True, bus=bus, monotonic=lambda: NOW_S, clock=clock)
 
         def record(name: str) -> None:
-            pictures[name] = _still(runner.snapshot())
+            pictures[name] = _reproducible(runner.snapshot())
 
         try:
             record("start")
@@ -107,16 +103,15 @@ def story() -> Mapping[str, SessionSnapshot]:
     return pictures
 
 
-def _still(s: SessionSnapshot) -> SessionSnapshot:
+def _reproducible(s: SessionSnapshot) -> SessionSnapshot:
     """Replace values that depend on the clock and the machine."""
-    arm = s.arm
+    arm, written = s.arm, s.written
     if arm is not None:
         arm = replace(
             arm,
             joints=tuple(replace(j, age_s=0.004) for j in arm.joints),
             heartbeat_age_s=dict.fromkeys(arm.heartbeat_age_s, 0.020),
         )
-    written = s.written
     if written is not None:
         written = replace(
             written,
@@ -137,17 +132,23 @@ def _still(s: SessionSnapshot) -> SessionSnapshot:
         data=DataState.NONE if arm is None else DataState.FRESH,
         oldest_s=0.0 if arm is None else 0.004,
         stale_joints=(),
-        motion=None if arm is None else RESTING,
+        motion=None if arm is None else MOTION_AT_REST,
     )
+
+
+def _with_joints(
+    s: SessionSnapshot, change: Callable[[JointState], JointState], **changes: Any
+) -> SessionSnapshot:
+    """The snapshot with changed joints and other changes."""
+    assert s.arm is not None
+    return replace(s, arm=replace(s.arm, joints=tuple(map(change, s.arm.joints))), **changes)
 
 
 def stale(s: SessionSnapshot, joint: int = 5, age_s: float = 0.24) -> SessionSnapshot:
     """One joint's data are old."""
-    assert s.arm is not None
-    joints = tuple(replace(j, age_s=age_s) if j.joint == joint else j for j in s.arm.joints)
-    return replace(
+    return _with_joints(
         s,
-        arm=replace(s.arm, joints=joints),
+        lambda j: replace(j, age_s=age_s) if j.joint == joint else j,
         data=DataState.STALE,
         motion=None,
         oldest_s=age_s,
@@ -157,24 +158,23 @@ def stale(s: SessionSnapshot, joint: int = 5, age_s: float = 0.24) -> SessionSna
 
 def lost(s: SessionSnapshot) -> SessionSnapshot:
     """No data for 1.5 s."""
-    assert s.arm is not None
-    joints = tuple(replace(j, age_s=1.5) for j in s.arm.joints)
-    return replace(
+    return _with_joints(
         s,
-        arm=replace(s.arm, joints=joints),
+        lambda j: replace(j, age_s=1.5),
         data=DataState.LOST,
         motion=None,
         oldest_s=1.5,
-        stale_joints=tuple(j.joint for j in joints),
+        stale_joints=tuple(range(1, 8)),
     )
 
 
 def stopped(s: SessionSnapshot) -> SessionSnapshot:
     """STOP is latched and acknowledged."""
+    report = StopReport(asked_s=NOW_S, acknowledged_after_s=0.012, drives_stopped=7)
+    quick_stop = {"drive": DriveState.QUICK_STOP_ACTIVE, "mode": None}
+    s = _with_joints(s, lambda j: replace(j, **quick_stop), stop=report, task=None)
     assert s.arm is not None
-    joints = tuple(replace(j, drive=DriveState.QUICK_STOP_ACTIVE, mode=None) for j in s.arm.joints)
-    report = StopReport(asked_s=NOW_S, acknowledged_after_s=0.012, drives_stopped=len(joints))
-    return replace(s, arm=replace(s.arm, joints=joints, stopped=True), stop=report, task=None)
+    return replace(s, arm=replace(s.arm, stopped=True))
 
 
 def diverged(s: SessionSnapshot, joint: int = 5) -> SessionSnapshot:
@@ -190,12 +190,8 @@ def diverged(s: SessionSnapshot, joint: int = 5) -> SessionSnapshot:
 
 def tripped(s: SessionSnapshot, joint: int = 4) -> SessionSnapshot:
     """One drive has a fault."""
-    assert s.arm is not None
-    joints = tuple(
-        replace(j, drive=DriveState.FAULT, mode=None) if j.joint == joint else j
-        for j in s.arm.joints
-    )
-    return replace(s, arm=replace(s.arm, joints=joints))
+    fault = {"drive": DriveState.FAULT, "mode": None}
+    return _with_joints(s, lambda j: replace(j, **fault) if j.joint == joint else j)
 
 
 def busy(s: SessionSnapshot, kind: TaskKind, *, moves: bool) -> SessionSnapshot:

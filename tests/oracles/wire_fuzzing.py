@@ -30,7 +30,7 @@ from tests.oracles.fast_arm import fast_arm
 NODES = (*range(1, 8), 16)
 BASES = (0x000, 0x080, 0x180, 0x200, 0x280, 0x580, 0x600, 0x700, 0x7E4)
 SDO_BYTES = bytes.fromhex("0001102040414243474B4F607080A2C1FF")
-RIGHT_COUNTS = 3.0
+MAX_COUNT_ERROR = 3.0
 """Largest difference of a mean reading from the drives' counts."""
 MODES = [JointMode.POSITION if j in (1, 5) else JointMode.FREE for j in range(1, 8)]
 _channels = itertools.count()
@@ -40,11 +40,11 @@ class WrongReadingError(AssertionError):
     """An accepted reading differs from the joints' positions."""
 
 
-class FellOverError(AssertionError):
+class ThreadFailedError(AssertionError):
     """A thread ended with an exception."""
 
 
-class Meddler:
+class FrameMutator:
     """Replaces the operator's bus handle, and applies the actions of `todo` to received frames."""
 
     def __init__(self, bus: can.BusABC) -> None:
@@ -158,7 +158,7 @@ def _frame(identifier: int, data: bytes) -> can.Message:
     return can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
 
 
-class Target:
+class FuzzedOperator:
     """An operator in control of a still arm, replaced after each input that ended it."""
 
     def __init__(self) -> None:
@@ -171,17 +171,17 @@ class Target:
         self.arm = None
         self._stack.close()
 
-    def _open(self, prepare: Callable[[Meddler], None] = lambda _: None) -> CanopenArm:
+    def _open(self, prepare: Callable[[FrameMutator], None] = lambda _: None) -> CanopenArm:
         self.connections += 1
         arm_file = scenario("exact").arm(load_procedure("hinge").arm)
         settings = BusSettings(channel=f"wire-{os.getpid()}-{next(_channels)}")
         self._controller = self._stack.enter_context(
             run_controller(arm_file, Choices(scenario="exact"), settings, heartbeat_timeout_s=30.0)
         )
-        handles: list[Meddler] = []
+        handles: list[FrameMutator] = []
 
         def open_main(bus_settings: BusSettings) -> Any:
-            handle = Meddler(open_bus(bus_settings))
+            handle = FrameMutator(open_bus(bus_settings))
             prepare(handle)
             handles.append(handle)
             return handle
@@ -189,7 +189,7 @@ class Target:
         waits = {"patience_s": 5.0, "lost_after_s": 0.2, "answers_s": 0.05, "sdo_timeout_s": 0.05}
         arm = fast_arm(arm_file, settings, openers=BusOpeners(main=open_main), **waits)
         self._stack.callback(arm.close)
-        self.arm, self.meddler = arm, handles
+        self.arm, self.mutators = arm, handles
         return arm
 
     def ready(self) -> CanopenArm:
@@ -203,7 +203,7 @@ class Target:
         arm.settle(window=5, spread_rad=[1e-4] * 7, timeout_syncs=500)
         return arm
 
-    def meddle(self, rng: Random) -> None:
+    def fuzz(self, rng: Random) -> None:
         """Apply one fuzzed input while the operator performs a task; raises the resulting error."""
         threading.excepthook = lambda args: self._fallen.append(args.exc_value or RuntimeError())
         connecting = rng.random() < 0.02
@@ -212,25 +212,25 @@ class Target:
             # From the first frame on: `connect` opens the handle.
             plan = self._plan(rng)
 
-            def prepare(handle: Meddler) -> None:
+            def prepare(handle: FrameMutator) -> None:
                 handle.todo, handle.rng = plan(handle), rng
 
             arm = self._open(prepare)
         else:
             arm = self.ready()
-            meddler = self.meddler[-1]
-            meddler.rng, meddler.todo = rng, self._plan(rng)(meddler)
+            mutator = self.mutators[-1]
+            mutator.rng, mutator.todo = rng, self._plan(rng)(mutator)
         try:
             self._work(arm, rng, connecting=connecting)
         except HardwareError:
             self._mend(arm)
             raise
         finally:
-            if self.meddler:
-                self.meddler[-1].todo.clear()
+            if self.mutators:
+                self.mutators[-1].todo.clear()
             self._look()
 
-    def _plan(self, rng: Random) -> Callable[[Meddler], deque[Any]]:
+    def _plan(self, rng: Random) -> Callable[[FrameMutator], deque[Any]]:
         names = rng.choice(
             (
                 ("insert", "insert", "burst", "again"),
@@ -240,7 +240,7 @@ class Target:
             )
         )
         actions = [(rng.randrange(20), rng.choice(names)) for _ in range(rng.choice((1, 1, 2, 4)))]
-        return lambda meddler: deque((after, getattr(meddler, name)) for after, name in actions)
+        return lambda mutator: deque((after, getattr(mutator, name)) for after, name in actions)
 
     def _work(self, arm: CanopenArm, rng: Random, *, connecting: bool) -> None:
         if connecting:
@@ -270,7 +270,7 @@ class Target:
         reading = arm.capture(samples)
         # An earlier move may not have settled.
         counts = np.array([before, self._counts()])
-        low, high = counts.min(axis=0) - RIGHT_COUNTS, counts.max(axis=0) + RIGHT_COUNTS
+        low, high = counts.min(axis=0) - MAX_COUNT_ERROR, counts.max(axis=0) + MAX_COUNT_ERROR
         if np.any((reading.mean_counts < low) | (reading.mean_counts > high)):
             raise WrongReadingError(f"{reading.mean_counts} instead of {counts}")
 
@@ -279,7 +279,7 @@ class Target:
 
     def _mend(self, arm: CanopenArm) -> None:
         """Reset the stop and take control, or else reconnect."""
-        self.meddler[-1].todo.clear()
+        self.mutators[-1].todo.clear()
         try:
             arm.reset_stop()
             arm.take_control()
@@ -294,4 +294,4 @@ class Target:
             exceptions, self._fallen = self._fallen, []
             with suppress(HardwareError):
                 self.close()
-            raise FellOverError(f"{failure!r} {exceptions!r}") from (failure or exceptions[0])
+            raise ThreadFailedError(f"{failure!r} {exceptions!r}") from (failure or exceptions[0])

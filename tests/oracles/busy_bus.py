@@ -33,9 +33,9 @@ def tag_and_group(channel: str) -> tuple[bytes, str]:
     return tag, f"239.255.{tag[0]}.{tag[1]}"
 
 
-def foreign_datagrams(tag: bytes, count: int, seed: int) -> list[bytes]:
+def foreign_datagrams(tag: bytes, count: int) -> list[bytes]:
     """Datagrams of other nodes: PDOs, heartbeats, 29-bit frames."""
-    rng = random.Random(seed)  # noqa: S311 - to be repeated, not to be secret
+    rng = random.Random(0)  # noqa: S311 - to be repeated, not to be secret
     datagrams = []
     for _ in range(count):
         flags = 0
@@ -52,14 +52,14 @@ def foreign_datagrams(tag: bytes, count: int, seed: int) -> list[bytes]:
     return datagrams
 
 
-def send_foreign_frames(channel: str, rate: float, seed: int, done: Event, sent: Any) -> None:
+def send_foreign_frames(channel: str, rate: float, done: Event, sent: Any) -> None:
     """Send `rate` frames a second on average until `done`; `sent` counts them."""
     tag, group = tag_and_group(channel)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
         sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
         sender.bind(("127.0.0.1", 0))
-        frames, start_s, count = foreign_datagrams(tag, 4096, seed), time.monotonic(), 0
+        frames, start_s, count = foreign_datagrams(tag, 4096), time.monotonic(), 0
         while not done.is_set():
             due = int((time.monotonic() - start_s) * rate)
             # A backlog is sent at the rate of a 1 Mbit/s bus of short frames at most.
@@ -178,7 +178,7 @@ class BusLoad:
 
 
 @contextmanager
-def busy_bus(channel: str, *, rate: float, busy: int = 0, seed: int = 0) -> Iterator[BusLoad]:
+def busy_bus(channel: str, *, rate: float, busy: int = 0) -> Iterator[BusLoad]:
     """Send `rate` foreign frames a second on a channel, beside `busy` processes that only compute."""
     done, watch_done, ready = SPAWN.Event(), SPAWN.Event(), SPAWN.Event()
     sent = SPAWN.Value("q", 0, lock=False)
@@ -189,9 +189,7 @@ def busy_bus(channel: str, *, rate: float, busy: int = 0, seed: int = 0) -> Iter
     others = [SPAWN.Process(target=compute, args=(done,), daemon=True) for _ in range(busy)]
     if rate:
         others.append(
-            SPAWN.Process(
-                target=send_foreign_frames, args=(channel, rate, seed, done, sent), daemon=True
-            )
+            SPAWN.Process(target=send_foreign_frames, args=(channel, rate, done, sent), daemon=True)
         )
     load = BusLoad(sent)
     for process in (recorder, *others):

@@ -47,6 +47,6 @@ def in_user_mode_linux(*command: str, patience_s: float = 170.0) -> str:
     return _inside("in_user_mode_linux.py", command, patience_s)
 
 
-def in_emulated_linux(*command: str, patience_s: float = 900.0) -> str:
+def in_emulated_linux(*command: str) -> str:
     """Run a command on any processor."""
-    return _inside("in_qemu.py", command, patience_s)
+    return _inside("in_qemu.py", command, 900.0)

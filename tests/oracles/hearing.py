@@ -27,10 +27,8 @@ class Hearing(Listener):
         self._then(len(state.poses))
 
 
-def take_until(
-    session: Session, poses: int, listener: Listener | None = None, *, homing: bool = False
-) -> None:
+def take_until(session: Session, poses: int) -> None:
     """Take poses with joints 1 and 5 as drives; the operator cancels after `poses`."""
     session.cancelled = lambda: len(session.state.poses) == poses
     with pytest.raises(Cancelled):
-        take_poses(session, listener or Listener(), (1, 5), homing=homing)
+        take_poses(session, Listener(), (1, 5))

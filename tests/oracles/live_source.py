@@ -13,12 +13,12 @@ from operator_app.session.workflow.opening import Choices, Opening, Rig
 from tests.oracles.live_arm import LiveArm
 
 
-def quick_procedure(poses: int = 6) -> Procedure:
+def quick_procedure() -> Procedure:
     """The packaged hinge procedure with few poses, and an acceptance limit for them."""
     procedure = load_procedure("hinge")
     return replace(
         procedure,
-        capture=replace(procedure.capture, poses=poses, samples_per_pose=8),
+        capture=replace(procedure.capture, poses=6, samples_per_pose=8),
         acceptance=replace(procedure.acceptance, scaled_condition_number=400.0),
     )
 
@@ -26,10 +26,10 @@ def quick_procedure(poses: int = 6) -> Procedure:
 class FakeSource(Sessions):
     """Sessions on live fake arms, in folders session-1, session-2, ...; `arm` is the current one."""
 
-    def __init__(self, root: Path, *, poses: int = 6, simulated: bool = True) -> None:
+    def __init__(self, root: Path) -> None:
         super().__init__("hinge", Choices(), root=root, join=self._joined)
-        self.root, self.simulated = root, simulated
-        self.procedure = quick_procedure(poses)
+        self.root, self.simulated = root, True
+        self.procedure = quick_procedure()
         self.pace_s = 0.0
         self.serial = "SDA-0001"
         self.arm: LiveArm | None = None

@@ -113,26 +113,24 @@ def closed_poses(
     spread_deg: float = 45.0,
     box_deg: float = 60.0,
     give: np.ndarray | None = None,
-    hinge: bool = True,
 ):
     """Random closed poses around home, with deflections `give` (count, 6): theta_0 and readings (count, L)."""
     links = len(truth.s)
     home = np.concatenate(([0.0], truth.home))
     T = product(home + truth.theta_off, truth.s, truth.a, truth.alpha)
-    home[0] = -np.arctan2(T[1, 0], T[0, 0]) if hinge else 0.0
-    free = np.ones(links) if hinge else np.array([0.0] + [1.0] * (links - 1))
+    home[0] = -np.arctan2(T[1, 0], T[0, 0])
     offsets = np.zeros((count, 6)) if give is None else give
     poses = np.full((count, links), np.nan)
     while np.isnan(poses).any():
         missing = np.repeat(np.flatnonzero(np.isnan(poses[:, 0])), 3)
         deviation_deg = rng.uniform(-spread_deg, spread_deg, (len(missing), links))
-        angles = home + free * np.deg2rad(deviation_deg)
+        angles = home + np.deg2rad(deviation_deg)
         for _ in range(25):
             error = closure(truth, angles) - offsets[missing]
             if np.abs(error).max() < 1e-15:
                 break
             J, _ = closure_rates(truth, angles, ())
-            step = (np.linalg.pinv(J * free) @ error[..., None])[..., 0] * free
+            step = (np.linalg.pinv(J) @ error[..., None])[..., 0]
             longest = np.maximum(np.abs(step).max(-1), 1e-300)
             angles -= step * np.minimum(1.0, 0.3 / longest)[:, None]
         T = product(angles + truth.theta_off, truth.s, truth.a, truth.alpha)

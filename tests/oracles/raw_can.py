@@ -31,13 +31,9 @@ class RawPeer:
         self.log.append(frame)
         return frame
 
-    def wait_for(
-        self, condition: Callable[[int, bytes], bool], *, beating: bool = False
-    ) -> tuple[int, bytes]:
+    def wait_for(self, condition: Callable[[int, bytes], bool]) -> tuple[int, bytes]:
         deadline = time.monotonic() + self.timeout_s
         while time.monotonic() < deadline:
-            if beating:
-                self.beat()
             frame = self.receive(0.05)
             if frame is not None and condition(*frame):
                 return frame

@@ -41,6 +41,9 @@ class RealArm:
         return np.repeat(np.arange(1, len(logs) + 1), [len(q) for q in logs]), np.concatenate(logs)
 
 
+SIGMA_M = 0.3e-3
+"""Standard deviation of the ball's position in the fit."""
+
 ARMS = (
     RealArm(name="panda_1", urdf="", tip_mm=130.0, training=2),
     RealArm(name="panda_6", urdf="", tip_mm=130.0, training=2),
@@ -57,7 +60,6 @@ def tips(rows: np.ndarray, tip: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 def script(
     rows: np.ndarray, tip: np.ndarray, q: np.ndarray, placement: np.ndarray, sd: np.ndarray,
-    sigma_m: float = 0.3e-3,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Fit of rows (n, 5) with priors `sd` and of the tip to one standard deviation of the ball about its sockets."""
     free, start = sd.ravel() > 0.0, np.concatenate((rows.ravel(), tip))
@@ -73,7 +75,7 @@ def script(
         ball = tips(*split(x), q)
         sockets = [ball[placement == k] for k in set(placement)]
         deviation = np.concatenate([socket - socket.mean(0) for socket in sockets])
-        return np.concatenate((deviation.ravel() / sigma_m, (x - start[free]) / size))
+        return np.concatenate((deviation.ravel() / SIGMA_M, (x - start[free]) / size))
 
     x = start[free]
     for _ in range(8):

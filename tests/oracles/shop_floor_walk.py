@@ -91,12 +91,10 @@ def home_hinge_angle(chain: Chain, angles: np.ndarray) -> float:
     return float(-np.arctan2(T[1, 0] - T[0, 1], T[0, 0] + T[1, 1]))
 
 
-def wander(
-    rng: np.random.Generator, count: int, *, box_deg=BOX_DEG, stride: float = 0.25
-) -> np.ndarray:
-    """Positions (count, 2) of a random walk, rad from home; a step is `stride` of the box in each direction."""
+def wander(rng: np.random.Generator, count: int, *, box_deg=BOX_DEG) -> np.ndarray:
+    """Positions (count, 2) of a random walk, rad from home; a step is a quarter of the box (1 sigma)."""
     low, high = np.deg2rad(np.array(box_deg).T)
-    walk = rng.uniform(size=2) + np.cumsum(stride * rng.normal(size=(count, 2)), axis=0)
+    walk = rng.uniform(size=2) + np.cumsum(0.25 * rng.normal(size=(count, 2)), axis=0)
     folded = np.abs(np.mod(walk + 1.0, 2.0) - 1.0)
     return low + folded * (high - low)
 

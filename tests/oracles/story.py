@@ -144,15 +144,15 @@ def _with_joints(
     return replace(s, arm=replace(s.arm, joints=tuple(map(change, s.arm.joints))), **changes)
 
 
-def stale(s: SessionSnapshot, joint: int = 5, age_s: float = 0.24) -> SessionSnapshot:
-    """One joint's data are old."""
+def stale(s: SessionSnapshot) -> SessionSnapshot:
+    """The data of joint 5 are old."""
     return _with_joints(
         s,
-        lambda j: replace(j, age_s=age_s) if j.joint == joint else j,
+        lambda j: replace(j, age_s=0.24) if j.joint == 5 else j,
         data=DataState.STALE,
         motion=None,
-        oldest_s=age_s,
-        stale_joints=(joint,),
+        oldest_s=0.24,
+        stale_joints=(5,),
     )
 
 
@@ -177,21 +177,21 @@ def stopped(s: SessionSnapshot) -> SessionSnapshot:
     return replace(s, arm=replace(s.arm, stopped=True))
 
 
-def diverged(s: SessionSnapshot, joint: int = 5) -> SessionSnapshot:
+def diverged(s: SessionSnapshot) -> SessionSnapshot:
     """The arm stopped because a joint differs from its target."""
     stopped_snapshot = stopped(s)
     assert stopped_snapshot.arm is not None
-    reason = str(DriveDiverged(joint, 1294, 700))
+    reason = str(DriveDiverged(5, 1294, 700))
     s = replace(stopped_snapshot, stop=None, arm=replace(stopped_snapshot.arm, stopped_for=reason))
     return add_message(
         s, Level.ALARM, stopped_words(reason), time="12:07:41", resolving_tasks=ARM_RECOVERY
     )
 
 
-def tripped(s: SessionSnapshot, joint: int = 4) -> SessionSnapshot:
-    """One drive has a fault."""
+def tripped(s: SessionSnapshot) -> SessionSnapshot:
+    """The drive of joint 4 has a fault."""
     fault = {"drive": DriveState.FAULT, "mode": None}
-    return _with_joints(s, lambda j: replace(j, **fault) if j.joint == joint else j)
+    return _with_joints(s, lambda j: replace(j, **fault) if j.joint == 4 else j)
 
 
 def busy(s: SessionSnapshot, kind: TaskKind, *, moves: bool) -> SessionSnapshot:

@@ -61,14 +61,14 @@ def wild_problem(
             return WildProblem(q=q, offsets=offsets)
 
 
-def with_sensors(q: np.ndarray, seed: int, *, curve: float = 0.01) -> np.ndarray:
-    """Readings by five encoders and two RVDTs (noise, and a bow of `curve` of full scale)."""
+def with_sensors(q: np.ndarray, seed: int) -> np.ndarray:
+    """Readings by five encoders and two RVDTs (noise, and a curve of 1 % of full scale)."""
     rng = np.random.default_rng(10_000 + seed)
     readings = q.copy()
     readings[:, :5] = np.round(readings[:, :5] / COUNT_RAD) * COUNT_RAD
     middle = readings[:, 5:].mean(axis=0)
     t = (readings[:, 5:] - middle) / (0.5 * FULL_SCALE_RAD)
-    readings[:, 5:] += curve * FULL_SCALE_RAD * np.sin(np.pi * t)
+    readings[:, 5:] += 0.01 * FULL_SCALE_RAD * np.sin(np.pi * t)
     readings[:, 5:] += 2.0 * LSB_RAD * rng.normal(size=t.shape)
     return readings
 

@@ -9,7 +9,7 @@ import itertools
 import os
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from random import Random
 from typing import Any
@@ -33,6 +33,8 @@ SDO_BYTES = bytes.fromhex("0001102040414243474B4F607080A2C1FF")
 MAX_COUNT_ERROR = 3.0
 """Largest difference of a mean reading from the drives' counts."""
 MODES = [JointMode.POSITION if j in (1, 5) else JointMode.FREE for j in range(1, 8)]
+Plan = Sequence[tuple[int, str]]
+"""Numbers of frames to pass, each with the name of the following action."""
 _channels = itertools.count()
 
 
@@ -52,7 +54,10 @@ class FrameMutator:
         self._waiting: deque[can.Message] = deque()
         self._seen: deque[can.Message] = deque(maxlen=200)
         self.todo: deque[tuple[int, Callable[[can.Message, Random], list[can.Message]]]] = deque()
-        self.rng = Random(0)  # noqa: S311 - to be repeated
+
+    def begin(self, rng: Random, plan: Plan) -> None:
+        self.rng = rng
+        self.todo = deque((after, getattr(self, name)) for after, name in plan)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._bus, name)
@@ -163,16 +168,14 @@ class FuzzedOperator:
 
     def __init__(self) -> None:
         self._stack = ExitStack()
-        self._fallen: list[BaseException] = []
+        self._failures: list[BaseException] = []
         self.arm: CanopenArm | None = None
-        self.connections = 0
 
     def close(self) -> None:
         self.arm = None
         self._stack.close()
 
-    def _open(self, prepare: Callable[[FrameMutator], None] = lambda _: None) -> CanopenArm:
-        self.connections += 1
+    def _open(self, rng: Random, plan: Plan) -> CanopenArm:
         arm_file = scenario("exact").arm(load_procedure("hinge").arm)
         settings = BusSettings(channel=f"wire-{os.getpid()}-{next(_channels)}")
         self._controller = self._stack.enter_context(
@@ -181,10 +184,9 @@ class FuzzedOperator:
         handles: list[FrameMutator] = []
 
         def open_main(bus_settings: BusSettings) -> Any:
-            handle = FrameMutator(open_bus(bus_settings))
-            prepare(handle)
-            handles.append(handle)
-            return handle
+            handles.append(FrameMutator(open_bus(bus_settings)))
+            handles[-1].begin(rng, plan)
+            return handles[-1]
 
         waits = {"patience_s": 5.0, "lost_after_s": 0.2, "answers_s": 0.05, "sdo_timeout_s": 0.05}
         arm = fast_arm(arm_file, settings, openers=BusOpeners(main=open_main), **waits)
@@ -192,11 +194,11 @@ class FuzzedOperator:
         self.arm, self.mutators = arm, handles
         return arm
 
-    def ready(self) -> CanopenArm:
+    def _ready(self, rng: Random) -> CanopenArm:
         """Return an arm in control, connected through an idle man in the middle."""
         if self.arm is not None:
             return self.arm
-        arm = self._open()
+        arm = self._open(rng, ())
         arm.connect()
         arm.take_control()
         arm.set_modes(MODES)
@@ -205,42 +207,33 @@ class FuzzedOperator:
 
     def fuzz(self, rng: Random) -> None:
         """Apply one fuzzed input while the operator performs a task; raises the resulting error."""
-        threading.excepthook = lambda args: self._fallen.append(args.exc_value or RuntimeError())
-        connecting = rng.random() < 0.02
+        threading.excepthook = lambda args: self._failures.append(args.exc_value or RuntimeError())
+        connecting, plan = rng.random() < 0.02, self._plan(rng)
         if connecting:
             self.close()
-            # From the first frame on: `connect` opens the handle.
-            plan = self._plan(rng)
-
-            def prepare(handle: FrameMutator) -> None:
-                handle.todo, handle.rng = plan(handle), rng
-
-            arm = self._open(prepare)
+            arm = self._open(rng, plan)
         else:
-            arm = self.ready()
-            mutator = self.mutators[-1]
-            mutator.rng, mutator.todo = rng, self._plan(rng)(mutator)
+            arm = self._ready(rng)
+            self.mutators[-1].begin(rng, plan)
         try:
             self._work(arm, rng, connecting=connecting)
         except HardwareError:
-            self._mend(arm)
+            self._recover(arm)
             raise
         finally:
             if self.mutators:
                 self.mutators[-1].todo.clear()
-            self._look()
+            self._raise_failures()
 
-    def _plan(self, rng: Random) -> Callable[[FrameMutator], deque[Any]]:
-        names = rng.choice(
-            (
-                ("insert", "insert", "burst", "again"),
-                ("insert", "other_answer"),
-                ("other_answer",),
-                ("drop", "other_length", "twice", "later"),
-            )
+    def _plan(self, rng: Random) -> Plan:
+        kinds = (
+            ("insert", "insert", "burst", "again"),
+            ("insert", "other_answer"),
+            ("other_answer",),
+            ("drop", "other_length", "twice", "later"),
         )
-        actions = [(rng.randrange(20), rng.choice(names)) for _ in range(rng.choice((1, 1, 2, 4)))]
-        return lambda mutator: deque((after, getattr(mutator, name)) for after, name in actions)
+        names = rng.choice(kinds)
+        return [(rng.randrange(20), rng.choice(names)) for _ in range(rng.choice((1, 1, 2, 4)))]
 
     def _work(self, arm: CanopenArm, rng: Random, *, connecting: bool) -> None:
         if connecting:
@@ -277,7 +270,7 @@ class FuzzedOperator:
     def _counts(self) -> list[int]:
         return [node.drive.counts for node in self._controller.drives]
 
-    def _mend(self, arm: CanopenArm) -> None:
+    def _recover(self, arm: CanopenArm) -> None:
         """Reset the stop and take control, or else reconnect."""
         self.mutators[-1].todo.clear()
         try:
@@ -287,11 +280,11 @@ class FuzzedOperator:
         except HardwareError:
             self.close()
 
-    def _look(self) -> None:
-        """Raise exceptions of threads, and reconnect."""
+    def _raise_failures(self) -> None:
+        """Raise exceptions of threads, and disconnect."""
         failure = self._controller.failure
-        if failure is not None or self._fallen:
-            exceptions, self._fallen = self._fallen, []
+        if failure is not None or self._failures:
+            failures, self._failures = self._failures, []
             with suppress(HardwareError):
                 self.close()
-            raise ThreadFailedError(f"{failure!r} {exceptions!r}") from (failure or exceptions[0])
+            raise ThreadFailedError(f"{failure!r} {failures!r}") from (failure or failures[0])

@@ -8,7 +8,7 @@ from random import Random
 
 from operator_app.cli import COMMANDS, main
 from tests.oracles.document_fuzzing import DATA
-from tests.oracles.odd_input import Refused
+from tests.oracles.input_mutations import Refused
 
 ODD_WORDS = (
     "", "-", "--", "-1", "0", "nan", "inf", "1e999", "1e-300", "9" * 40, "\u0663", "\x1b[2J", "a" * 5000,

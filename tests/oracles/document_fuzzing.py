@@ -25,8 +25,8 @@ from operator_app.session.store.folders import read_session
 from operator_app.session.store.journal import JOURNAL_NAME
 from operator_app.session.store.journal_repair import repair_journal
 from operator_app.session.workflow.opening import Choices, resume
+from tests.oracles.input_mutations import Refused, bytes_changed, in_yaml, refuse
 from tests.oracles.journals import events, mutated, mutated_journal, written
-from tests.oracles.odd_input import Refused, bytes_changed, in_yaml, refuse
 from tests.oracles.parameter_documents import make_document
 
 ALL_COLUMNS = (

@@ -8,11 +8,11 @@ from pathlib import Path
 from random import Random
 
 from operator_app.exit_codes import EXPECTED_ERRORS
+from tests.oracles.bus_fuzzing import FuzzedOperator
 from tests.oracles.command_fuzzing import fuzz_command
 from tests.oracles.document_fuzzing import DOCUMENTS
-from tests.oracles.odd_input import Refused
-from tests.oracles.place_fuzzing import fuzz_instrument, fuzz_parameter_slots
-from tests.oracles.wire_fuzzing import FuzzedOperator
+from tests.oracles.input_mutations import Refused
+from tests.oracles.path_fuzzing import fuzz_instrument, fuzz_parameter_slots
 
 _operator = FuzzedOperator()
 over = _operator.close

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from operator_app.session.store.journal import read_journal
-from tests.oracles.busy_bus import Rhythm, backlog_bytes, busy_bus
+from tests.oracles.bus_load import Rhythm, backlog_bytes, loaded_bus
 from tests.oracles.fault_session import CLOSES, loop_error
 from tests.oracles.machine_pauses import Pauses, machine_pauses
 from tests.oracles.own_process import ROOT, SARCAL, controller, environment
@@ -85,11 +85,11 @@ def session_under_load(
     with (
         controller(folder, *bus) as (_, first_line),
         machine_pauses() as pauses,
-        busy_bus(channel, rate=rate, busy=busy) as load,
+        loaded_bus(channel, rate=rate, busy=busy) as load,
         (folder / "said.txt").open("wb") as output,
     ):
         if channel not in first_line:
-            raise RuntimeError("the controller did not begin")
+            raise RuntimeError("the controller did not start")
         start_s, foreign = time.monotonic(), load.sent
         operator = subprocess.Popen(
             [*SARCAL, "run", str(folder / "load.yaml"), *bus],
@@ -104,7 +104,7 @@ def session_under_load(
                 operator.kill()
         took_s, foreign = time.monotonic() - start_s, load.sent - foreign
     if load.rhythm is None:
-        raise RuntimeError("the watcher of the bus did not report")
+        raise RuntimeError("the recorder of the bus did not report")
     events = [
         event
         for journal in (folder / "sessions").glob("*/journal.jsonl")

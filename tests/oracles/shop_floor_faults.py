@@ -16,7 +16,7 @@ from tests.oracles.shop_floor import (
     taken,
 )
 from tests.oracles.shop_floor_chain import Loop
-from tests.oracles.shop_floor_flip import flipped_poses
+from tests.oracles.shop_floor_flipped_poses import flipped_poses
 from tests.oracles.shop_floor_load import Load
 from tests.oracles.shop_floor_misread import (
     Case,

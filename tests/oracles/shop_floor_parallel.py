@@ -37,10 +37,10 @@ def parallel_mount(joint: int, deg: float) -> tuple[Chain, Chart]:
         spread = np.deg2rad(8.0 if joint == 7 else 60.0)
         angles = middle + spread * rng.uniform(-1.0, 1.0, 7) + hand.theta_off[1:]
         if joint == 1:
-            angles = _tilted(hand, angles, np.deg2rad(deg))
+            angles = _tilt_hand(hand, angles, np.deg2rad(deg))
         if angles is None:
             continue
-        chain, home = mounted(hand, angles)
+        chain, home = mount_hinge(hand, angles)
         if not in_range((home - chain.theta_off)[None, 1:])[0]:
             continue
         mount_chart = chart(chain, home, BOX_DEG)
@@ -54,7 +54,7 @@ def parallel_mount(joint: int, deg: float) -> tuple[Chain, Chart]:
     raise RuntimeError(f"no mount {deg} deg from joint {joint} was found")
 
 
-def mounted(hand: Chain, angles: np.ndarray) -> tuple[Chain, np.ndarray]:
+def mount_hinge(hand: Chain, angles: np.ndarray) -> tuple[Chain, np.ndarray]:
     """Put the table's half of the hinge at the hand's half, at true angles (7,): the chain and its angles (8,).
 
     Joint 1 is counted from the new common normal: its offset changes, its reading does not.
@@ -77,7 +77,7 @@ def mounted(hand: Chain, angles: np.ndarray) -> tuple[Chain, np.ndarray]:
     return chain, Loop(chain=chain).closed(home[None], free=FOLLOW)[0][0]
 
 
-def _tilted(hand: Chain, angles: np.ndarray, tilt: float) -> np.ndarray | None:
+def _tilt_hand(hand: Chain, angles: np.ndarray, tilt: float) -> np.ndarray | None:
     """Turn joints 2, 4 and 6 until the hand's axis is `tilt` from that of joint 1."""
     angles = angles.copy()
 

@@ -8,7 +8,7 @@ from random import Random
 from hardware.line_port import CalledLines, GrowingFile, LinePort
 from operator_app.session.workflow.pose_reading import Instrument, port_of
 from operator_app.virtual_arms import slots_in
-from tests.oracles.odd_input import Refused, bytes_changed
+from tests.oracles.input_mutations import Refused, bytes_changed
 
 REPLIES = (
     b'{"pose": "12", "x_m": 0.1, "y_m": 0.2, "z_m": 0.3, "rx_deg": 1, "ry_deg": 2, "rz_deg": 3}',

@@ -166,7 +166,7 @@ def compute(done: Event) -> None:
 
 
 class BusLoad:
-    """Frames sent by other nodes so far; the rhythm after the end of `busy_bus`."""
+    """Frames sent by other nodes so far; the rhythm after the end of `loaded_bus`."""
 
     def __init__(self, sent: Any) -> None:
         self._sent = sent
@@ -178,7 +178,7 @@ class BusLoad:
 
 
 @contextmanager
-def busy_bus(channel: str, *, rate: float, busy: int = 0) -> Iterator[BusLoad]:
+def loaded_bus(channel: str, *, rate: float, busy: int = 0) -> Iterator[BusLoad]:
     """Send `rate` foreign frames a second on a channel, beside `busy` processes that only compute."""
     done, watch_done, ready = SPAWN.Event(), SPAWN.Event(), SPAWN.Event()
     sent = SPAWN.Value("q", 0, lock=False)
@@ -196,7 +196,7 @@ def busy_bus(channel: str, *, rate: float, busy: int = 0) -> Iterator[BusLoad]:
         process.start()
     try:
         if not ready.wait(300):
-            raise TimeoutError("the watcher of the bus did not begin")
+            raise TimeoutError("the recorder of the bus did not start")
         yield load
     finally:
         watch_done.set()

@@ -84,7 +84,7 @@ class Axis:
     mode: int = 0
     target: int = 0
 
-    def step(self, word: int, target: int) -> None:
+    def obey(self, word: int, target: int) -> None:
         if word & 0x80 and not self.word & 0x80 and self.status == 0x08:
             self.status = 0x40
         elif not word & 0x80:
@@ -225,7 +225,7 @@ class ForeignArm:
             assert values.get(0x6071, 0) == 0
             axis.mode = values.get(0x6060, axis.mode)
             if 0x6040 in values:
-                axis.step(values[0x6040], values.get(0x607A, axis.target))
+                axis.obey(values[0x6040], values.get(0x607A, axis.target))
 
         return receive
 

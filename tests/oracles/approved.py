@@ -33,6 +33,4 @@ class Approve:
                 file.truncate()
                 json.dump(approved, file, indent=1, sort_keys=True, ensure_ascii=False)
                 file.write("\n")
-        assert text == approved.get(key), (
-            "differs from the approved text: run pytest --approve, and check the difference"
-        )
+        assert text == approved.get(key), "not as approved: run pytest --approve, and check"

@@ -246,12 +246,8 @@ class ForeignArm:
         for node, axis in zip(self.nodes, self.axes, strict=True):
             if node.nmt.state != "OPERATIONAL":
                 continue
-            values = {
-                0x6077: 0,
-                0x6064: axis.counts,
-                0x6061: axis.mode,
-                0x6041: axis.status | 0x1200,
-            }
+            status = axis.status | 0x1200
+            values = {0x6077: 0, 0x6064: axis.counts, 0x6061: axis.mode, 0x6041: status}
             for pdo in node.tpdo.values():
                 if pdo.enabled and pdo.trans_type == 1:
                     for variable in pdo:

@@ -53,10 +53,10 @@ class Quiet:
 def opened_again(folder: Path, clock: Clock = utc_now, **chosen: object) -> Session:
     """Resume a session."""
     opening = resume(str(folder), Choices(**chosen), root=folder.parent)  # type: ignore[arg-type]
-    return _open_on_plant(opening, clock)
+    return _session(opening, clock)
 
 
-def _open_on_plant(opening: Opening, clock: Clock) -> Session:
+def _session(opening: Opening, clock: Clock) -> Session:
     procedure = effective_procedure(opening)
     rig = Rig(
         arm=PlantArm(procedure, SCENARIO),
@@ -71,9 +71,7 @@ def journalled_sessions(root: Path) -> None:
     clock, folder = Ticking(), root / "run"
     choices = Choices(poses=POSES, scenario=SCENARIO, interface="virtual")
     _by_run(
-        _open_on_plant(
-            replace(begin("hinge", choices, root=root, clock=clock), folder=folder), clock
-        )
+        _session(replace(begin("hinge", choices, root=root, clock=clock), folder=folder), clock)
     )
     lines = (folder / JOURNAL_NAME).read_text().splitlines(keepends=True)
     captured = next(k for k, line in enumerate(lines) if '"solved"' in line)

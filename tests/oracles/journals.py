@@ -95,11 +95,11 @@ def events() -> list[Named]:
 
 
 def written(
-    named_events: Sequence[Named], *, utc: Callable[[int], Any] | None = None, version: bool = True
+    entries: Sequence[Named], *, utc: Callable[[int], Any] | None = None, version: bool = True
 ) -> bytes:
     """A journal of these events with correct checksums."""
     chain, lines = "", []
-    for number, (name, data) in enumerate(named_events, 1):
+    for number, (name, data) in enumerate(entries, 1):
         record: dict[str, Any] = {"schema": "sarcal/journal/1"} if version and number == 1 else {}
         stamp = f"2026-01-31T12:{number // 60:02d}:{number % 60:02d}.000Z"
         record |= {"seq": number, "utc": utc(number) if utc else stamp, "event": name, "data": data}
@@ -137,49 +137,47 @@ def mutated(document: Any, rng: Random) -> Any:
     if not paths:
         return rng.choice(ODD)
     *parents, last = rng.choice(paths)
-    container = document
+    parent = document
     for key in parents:
-        container = container[key]
+        parent = parent[key]
     match rng.randrange(6):
         case 0:
-            del container[last]
-        case 1 if isinstance(container, list):
-            container.insert(last, copy.deepcopy(container[last]))
-        case 2 if isinstance(container, dict):
-            container[rng.choice(("x", "", "sum", last + "_"))] = container.pop(last)
-        case 3 if isinstance(container[last], int | float) and not isinstance(
-            container[last], bool
-        ):
-            container[last] *= rng.choice((-1, 0, 2, 1e9, 1e200, 0.5))
+            del parent[last]
+        case 1 if isinstance(parent, list):
+            parent.insert(last, copy.deepcopy(parent[last]))
+        case 2 if isinstance(parent, dict):
+            parent[rng.choice(("x", "", "sum", last + "_"))] = parent.pop(last)
+        case 3 if isinstance(parent[last], int | float) and not isinstance(parent[last], bool):
+            parent[last] *= rng.choice((-1, 0, 2, 1e9, 1e200, 0.5))
         case _:
-            container[last] = copy.deepcopy(rng.choice(ODD))
+            parent[last] = copy.deepcopy(rng.choice(ODD))
     return document
 
 
 def mutated_journal(rng: Random) -> bytes:
     """A journal with random changes and correct checksums."""
-    named_events = events()
+    entries = events()
     for _ in range(rng.choice((1, 1, 1, 2, 5))):
-        at = rng.randrange(len(named_events))
+        at = rng.randrange(len(entries))
         match rng.randrange(10):
             case 0:
-                del named_events[at]
+                del entries[at]
             case 1:
-                named_events.insert(at, copy.deepcopy(rng.choice(named_events)))
+                entries.insert(at, copy.deepcopy(rng.choice(entries)))
             case 2:
-                named_events[at] = (
-                    rng.choice((named_events[at][0].upper(), "", "later", "\x1b")),
-                    named_events[at][1],
+                entries[at] = (
+                    rng.choice((entries[at][0].upper(), "", "later", "\x1b")),
+                    entries[at][1],
                 )
             case 3:
-                named_events[at] = (rng.choice(named_events)[0], named_events[at][1])
+                entries[at] = (rng.choice(entries)[0], entries[at][1])
             case _:
-                named_events[at] = (named_events[at][0], mutated(named_events[at][1], rng))
-        if not named_events:
-            named_events = events()
-    odd_line = rng.randrange(len(named_events)) + 1 if rng.random() < 0.05 else 0
+                entries[at] = (entries[at][0], mutated(entries[at][1], rng))
+        if not entries:
+            entries = events()
+    odd_line = rng.randrange(len(entries)) + 1 if rng.random() < 0.05 else 0
     stamp = rng.choice(ODD)
     return written(
-        named_events, utc=lambda k: stamp if k == odd_line else "2026-01-31T12:00:00.000Z",
+        entries, utc=lambda k: stamp if k == odd_line else "2026-01-31T12:00:00.000Z",
         version=rng.random() < 0.8,
     )  # fmt: skip

@@ -110,14 +110,13 @@ def session_under_load(
         for journal in (folder / "sessions").glob("*/journal.jsonl")
         for event in read_journal(journal.parent).events
     ]
-    poses_captured = [event.data for event in events if event.name == "pose"]
+    pose_data = [event.data for event in events if event.name == "pose"]
+    errors = {p["number"]: loop_error(np.array(p["mean_rad"])) for p in pose_data}
     return LoadedSession(
         code=operator.returncode,
         said=(folder / "said.txt").read_text("utf-8", "replace"),
-        poses=len(poses_captured),
-        wrong=tuple(
-            p["number"] for p in poses_captured if loop_error(np.array(p["mean_rad"])) > CLOSES
-        ),
+        poses=len(pose_data),
+        wrong=tuple(number for number, error in errors.items() if error > CLOSES),
         backlog_bytes=backlog,
         foreign=foreign,
         took_s=took_s,

@@ -64,23 +64,23 @@ def product(theta, s, a, alpha, beta=0.0):
         ]
         T = T @ np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
         cb, sb = np.cos(beta[..., j]), np.sin(beta[..., j])
-        beta_rotation = [
+        Ry = [
             [cb, zero, sb, zero],
             [zero, one, zero, zero],
             [-sb, zero, cb, zero],
             rows[3],
         ]
-        T = T @ np.stack([np.stack(row, axis=-1) for row in beta_rotation], axis=-2)
+        T = T @ np.stack([np.stack(row, axis=-1) for row in Ry], axis=-2)
     return T
 
 
 def closure(truth: Truth, angles):
     """Antisymmetric part of the rotation, and position, (m, 6), at theta_0 and readings (m, L)."""
     T = product(angles + truth.theta_off, truth.s, truth.a, truth.alpha)
-    rotation = np.stack(
+    turn = np.stack(
         [T[..., 2, 1] - T[..., 1, 2], T[..., 0, 2] - T[..., 2, 0], T[..., 1, 0] - T[..., 0, 1]], -1
     )
-    return np.concatenate((0.5 * rotation, T[..., :3, 3]), axis=-1)
+    return np.concatenate((0.5 * turn, T[..., :3, 3]), axis=-1)
 
 
 def closure_rates(truth: Truth, angles, names):
@@ -123,8 +123,8 @@ def closed_poses(
     poses = np.full((count, links), np.nan)
     while np.isnan(poses).any():
         missing = np.repeat(np.flatnonzero(np.isnan(poses[:, 0])), 3)
-        deviation_deg = rng.uniform(-spread_deg, spread_deg, (len(missing), links))
-        angles = home + np.deg2rad(deviation_deg)
+        turn_deg = rng.uniform(-spread_deg, spread_deg, (len(missing), links))
+        angles = home + np.deg2rad(turn_deg)
         for _ in range(25):
             error = closure(truth, angles) - offsets[missing]
             if np.abs(error).max() < 1e-15:

@@ -106,11 +106,11 @@ class Chain:
                 )
                 lever, direction = T[:3, :3] @ hand.point, T[:3, :3] @ hand.direction
                 error = np.concatenate((T[:3, 3] + lever - ground.point, across @ direction))
-                jacobian = np.vstack(
+                rates = np.vstack(
                     (J[:3] - pin.skew(lever) @ J[3:], -across @ pin.skew(direction) @ J[3:])
                 )
                 rows = slice(None) if hand.direction.any() else slice(3)
-                step = np.linalg.lstsq(jacobian[rows], error[rows], rcond=None)[0]
+                step = np.linalg.lstsq(rates[rows], error[rows], rcond=None)[0]
                 q = q - step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-300))
                 if np.abs(step).max() < 1e-12:
                     break

@@ -149,9 +149,8 @@ class PlantArm:
         for _ in range(timeout_syncs):
             self._step()
             positions.append(self._positions())
-            if len(positions) >= window and np.all(
-                np.ptp(positions[-window:], axis=0) <= spread_rad
-            ):
+            spread = np.ptp(positions[-window:], axis=0)
+            if len(positions) >= window and np.all(spread <= spread_rad):
                 return True
         return False
 

@@ -38,13 +38,17 @@ def _digest() -> str:
     return digest.hexdigest()[:16]
 
 
+def _hash(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:16]
+
+
 def recorded_folder(make: Callable[[Path], object]) -> Path:
     """Return the folder that `make` fills; copy it before a change."""
     source = Path(sys.modules[make.__module__].__file__ or "").read_bytes()
     home = HOME / f"{_digest()}"
     home.mkdir(parents=True, exist_ok=True)
     os.utime(home)
-    name = f"{make.__module__}.{make.__qualname__}-{hashlib.sha256(source).hexdigest()[:16]}"
+    name = f"{make.__module__}.{make.__qualname__}-{_hash(source)}"
     folder, done = home / name, home / f"{name}.done"
     with (home / f"{name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -82,13 +86,8 @@ def recorded(make: Callable[P, T]) -> Callable[P, T]:
             with (folder / "value").open("wb") as file:
                 _Pickler(file).dump(make(*args, **kwargs))
 
-        argument_digest = hashlib.sha256(repr((args, sorted(kwargs.items()))).encode()).hexdigest()[
-            :16
-        ]
-        write.__module__, write.__qualname__ = (
-            make.__module__,
-            f"{make.__qualname__}-{argument_digest}",
-        )
+        arguments = _hash(repr((args, sorted(kwargs.items()))).encode())
+        write.__module__, write.__qualname__ = make.__module__, f"{make.__qualname__}-{arguments}"
         result: T = pickle.loads((recorded_folder(write) / "value").read_bytes())  # noqa: S301 - ours
         return result
 

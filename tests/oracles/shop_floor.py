@@ -240,17 +240,17 @@ def closed_walk(
     chart = nominal_chart() if chart is None else chart
     loop = Loop(chain=specimen.chain)
     rng = stream(specimen.seed, Stream.WALK, walk)
-    drive_positions = wander(rng, 4 * poses, box_deg=box_deg)
-    guess = chart.near(drive_positions)
-    guess[:, list(DRIVES)] = chart.drives + specimen.chain.theta_off[list(DRIVES)] + drive_positions
-    rigid, closed_ok = loop.closed(guess, free=FOLLOW, rounds=20)
-    closed_ok &= np.abs(rigid - guess).max(axis=-1) < STRAY_RAD
-    closed_ok &= in_range((rigid - specimen.chain.theta_off)[:, 1:])
-    if closed_ok.sum() < poses:
+    positions = wander(rng, 4 * poses, box_deg=box_deg)
+    guess = chart.near(positions)
+    guess[:, list(DRIVES)] = chart.drives + specimen.chain.theta_off[list(DRIVES)] + positions
+    rigid, valid = loop.closed(guess, free=FOLLOW, rounds=20)
+    valid &= np.abs(rigid - guess).max(axis=-1) < STRAY_RAD
+    valid &= in_range((rigid - specimen.chain.theta_off)[:, 1:])
+    if valid.sum() < poses:
         raise RuntimeError(
-            f"arm {specimen.seed}: {closed_ok.sum()} of {len(closed_ok)} places can be had"
+            f"arm {specimen.seed}: {valid.sum()} of {len(valid)} positions are valid"
         )
-    rigid = rigid[closed_ok]
+    rigid = rigid[valid]
     # A displacement of 0.2 mm does not change the load that causes it.
     ground, hand = specimen.load.give(frames(specimen.chain, rigid), rigid)
     scatter = stream(specimen.seed, Stream.SCATTER).normal(size=ground.shape)
@@ -263,7 +263,7 @@ def closed_walk(
     angles, closes = loop.closed(rigid, free=FOLLOW, ground=ground, hand=hand)
     rows = np.flatnonzero(closes & (np.abs(angles - rigid).max(axis=-1) < STRAY_RAD))[:poses]
     if len(rows) < poses:
-        raise RuntimeError(f"arm {specimen.seed}: {len(rows)} of {poses} loops close as they give")
+        raise RuntimeError(f"arm {specimen.seed}: {len(rows)} of {poses} loops close")
     return angles[rows], ground[rows], hand[rows]
 
 
@@ -280,15 +280,13 @@ def taken(
     torque = specimen.load.torque(frames(specimen.chain, angles, ground=ground, hand=hand))
     twist = specimen.load.sag * torque
     previous_angles = np.concatenate((angles[:1], angles[:-1]))
-    play_sign = np.where(
-        specimen.play_by_load, np.sign(torque[:, 1:]), np.sign((angles - previous_angles)[:, 1:])
-    )
+    motion = angles - previous_angles
+    play_sign = np.sign(np.where(specimen.play_by_load, torque[:, 1:], motion[:, 1:]))
     at_sensor = (angles - specimen.chain.theta_off - twist)[:, 1:]
     at_sensor = at_sensor - specimen.sizes.backlash_rad * play_sign
     rng = stream(specimen.seed, Stream.NOISE, walk)
-    sensor_readings = [
-        sensor.read(at_sensor[:, j], samples, rng) for j, sensor in enumerate(specimen.sensors)
-    ]
+    sensors = zip(specimen.sensors, at_sensor.T, strict=True)
+    sensor_readings = [sensor.read(angle, samples, rng) for sensor, angle in sensors]
     return Session(
         readings=np.stack([mean for mean, _ in sensor_readings], axis=-1),
         spread=np.stack([spread for _, spread in sensor_readings], axis=-1),
@@ -310,11 +308,8 @@ def _sensors(seed: int, sizes: Sizes) -> tuple[Encoder | Rvdt, ...]:
         sensors.append(Encoder(counts_per_rev=COUNTS_PER_REV, once=once, twice=twice))
     rng = stream(seed, Stream.CURVES)
     for joint in RVDTS:
-        sensors.append(
-            drawn_rvdt(
-                joint, rng, linearity=sizes.linearity, noise_lsb=sizes.noise_lsb, gain=sizes.gain
-            )
-        )
+        errors = {name: getattr(sizes, name) for name in ("linearity", "noise_lsb", "gain")}
+        sensors.append(drawn_rvdt(joint, rng, **errors))
     return tuple(sensors)
 
 

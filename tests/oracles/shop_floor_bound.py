@@ -68,7 +68,7 @@ def step_sigma(session: Session, sizes: Sizes) -> np.ndarray:
 def _equations(session: Session, sizes: Sizes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Jacobian of the closures by parameters (5 m, 14), their covariance, and Jacobian by angles (m, 5, 7).
 
-    The poses are closed without deflections, which have no effect on the derivatives.
+    The poses are closed without deflections, whose effect on the derivatives is negligible.
     """
     chain = session.specimen.chain
     angles, _ = Loop(chain=chain).closed(session.angles, free=FOLLOW)
@@ -156,18 +156,14 @@ def _loads(rows: np.ndarray, B: np.ndarray, angles: np.ndarray, sizes: Sizes) ->
     loads = _every_load()
     torque = _torques(T, loads.masses, loads.down)
     sag = sizes.sag_rad * loads.sag.T * torque
-    ground_rotation = np.zeros((len(angles), 6, 6))
-    ground_rotation[:, :3, :3] = ground_rotation[:, 3:, 3:] = rotation_about_z(angles[:, 0])[
-        :, :3, :3
-    ]
+    rotation = np.zeros((len(angles), 6, 6))
+    rotation[:, :3, :3] = rotation[:, 3:, 3:] = rotation_about_z(angles[:, 0])[:, :3, :3]
     # The wrench is linear in the torque error of the gravity compensation.
     torque_error = torque - _torques(T, loads.believed, loads.down)
-    unit_wrench = np.stack(
-        [hinge_wrench(T, np.tile(u, (len(T), 1))) for u in np.eye(LINKS)], axis=-1
-    )
-    on_hand = unit_wrench @ torque_error
-    on_table = ground_rotation @ np.einsum(
-        "dij,mjd->mid", loads.ground, -np.swapaxes(ground_rotation, -1, -2) @ on_hand
+    unit = np.stack([hinge_wrench(T, np.tile(u, (len(T), 1))) for u in np.eye(LINKS)], axis=-1)
+    on_hand = unit @ torque_error
+    on_table = rotation @ np.einsum(
+        "dij,mjd->mid", loads.ground, -np.swapaxes(rotation, -1, -2) @ on_hand
     )
     deflection = on_table + np.einsum("dij,mjd->mid", loads.hand, on_hand)
     deflection *= np.repeat([sizes.give_rad, sizes.give_m], 3)[:, None]

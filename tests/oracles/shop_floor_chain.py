@@ -96,15 +96,13 @@ def frames(
 
 def rotation_vector(R: np.ndarray) -> np.ndarray:
     """Rotation vectors (..., 3) of rotations (..., 3, 3) below 180 deg."""
-    doubled_axis = np.stack(
+    twice_axis = np.stack(
         [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1
     )
-    sine = 0.5 * np.linalg.norm(doubled_axis, axis=-1)
-    angle = np.arctan2(sine, 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0))
+    sine = 0.5 * np.linalg.norm(twice_axis, axis=-1)
+    angle = np.arctan2(sine, 0.5 * (np.trace(R, axis1=-2, twice_axis=-1) - 1.0))
     return (
-        0.5
-        * doubled_axis
-        * (angle / np.where(sine > 1e-12, sine, 1.0) + (sine <= 1e-12))[..., None]
+        0.5 * twice_axis * (angle / np.where(sine > 1e-12, sine, 1.0) + (sine <= 1e-12))[..., None]
     )
 
 

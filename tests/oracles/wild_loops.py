@@ -50,13 +50,11 @@ def wild_problem(
         if len(theta) < count:
             continue
         offsets = rng.uniform(-np.pi, np.pi, 7)
-        upside_down_theta = rng.uniform(-np.pi, np.pi, (40 * upside_down, 7))
+        flipped = rng.uniform(-np.pi, np.pi, (40 * upside_down, 7))
         if upside_down:
-            upside_down_theta, upright = _closed(
-                upside_down_theta, moving, s, a, alpha, line, point
-            )
-            upside_down_theta = upside_down_theta[~upright][:upside_down]
-        q = np.concatenate((theta[:count], upside_down_theta)) - offsets
+            flipped, upright = _closed(flipped, moving, s, a, alpha, line, point)
+            flipped = flipped[~upright][:upside_down]
+        q = np.concatenate((theta[:count], flipped)) - offsets
         if len(q) == poses:
             return WildProblem(q=q, offsets=offsets)
 

@@ -100,7 +100,7 @@ def rotation_vector(R: np.ndarray) -> np.ndarray:
         [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1
     )
     sine = 0.5 * np.linalg.norm(twice_axis, axis=-1)
-    angle = np.arctan2(sine, 0.5 * (np.trace(R, axis1=-2, twice_axis=-1) - 1.0))
+    angle = np.arctan2(sine, 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0))
     return (
         0.5 * twice_axis * (angle / np.where(sine > 1e-12, sine, 1.0) + (sine <= 1e-12))[..., None]
     )

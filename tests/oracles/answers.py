@@ -1,4 +1,4 @@
-"""What a command answers that is run in this process."""
+"""Commands run in this process, and their output."""
 
 import json
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from operator_app.cli import main
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """What was written to the two streams."""
+    """Standard output and standard error."""
 
     out: str
     err: str
@@ -22,22 +22,22 @@ class Answer:
 
     @property
     def words(self) -> str:
-        """All of it, however its lines are broken."""
+        """Both, with line breaks as spaces."""
         return " ".join((self.out + self.err).split())
 
 
 @pytest.fixture
 def ends_with(capsys):
-    """Run a command, which must end with this exit code: ``ends_with(2, "solve", file).err``."""
+    """Run a command that ends with this exit code: ``ends_with(2, "solve", file).err``."""
 
     def run(code: int, *words: object) -> Answer:
         capsys.readouterr()
         try:
-            ended = main([str(word) for word in words])
+            exit_code = main([str(word) for word in words])
         except SystemExit as usage:
-            ended = usage.code
-        said = capsys.readouterr()
-        assert ended == code, said.err
-        return Answer(out=said.out, err=said.err)
+            exit_code = usage.code
+        output = capsys.readouterr()
+        assert exit_code == code, output.err
+        return Answer(out=output.out, err=output.err)
 
     return run

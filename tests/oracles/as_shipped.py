@@ -1,4 +1,4 @@
-"""The packaged arms in their fixtures, and sessions as their files have them. Judges nothing."""
+"""The packaged arms in their fixtures, and calibrations of simulated sessions with them."""
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.closed_loops import pick_placements
@@ -16,28 +16,28 @@ from tests.oracles.shop_floor import Session
 ARM, HINGE = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
 PANDA, BALL = load_arm("franka_panda"), load_fixture("ball").fixture
 SEED = 3001
-"""Of the session in which nothing is wrong."""
+"""Seed of the sound session."""
 
 
-def poses_of(found: Session) -> PoseSet:
-    """Return what is read of a session's file."""
-    return parse_poses(found.csv().encode(), "poses.csv").poses
+def poses_of(session: Session) -> PoseSet:
+    """The poses of a session, read from its poses file."""
+    return parse_poses(session.csv().encode(), "poses.csv").poses
 
 
-def solved(found: Session, **options: str) -> Solution:
-    """Return the calibration of a session."""
-    return calibrate(ARM, HINGE, poses_of(found), **options)
+def solved(session: Session, **options: str) -> Solution:
+    """The calibration of a session."""
+    return calibrate(ARM, HINGE, poses_of(session), **options)
 
 
-def fit_of(found: Session) -> Calibrated:
-    """Return the fit of a session with the stated errors, before anything is judged."""
-    experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses_of(found))
+def fit_of(session: Session) -> Calibrated:
+    """The fit of a session with the stated errors, without diagnosis."""
+    experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses_of(session))
     model, tolerance = free_within_tolerance(experiment.loop(), ARM)
     errors = error_model(experiment, tolerance=tolerance)
     return estimate_with_errors(model, experiment.poses.q_rad, errors)
 
 
 def panda_poses(*placements: int) -> PoseSet:
-    """Return the real Panda's poses in some sockets; without any, all."""
+    """The real Panda's poses in some placements, by default in all."""
     poses = load_poses(str(FOLDER / "panda_1.csv"), joint_count=7).poses
     return pick_placements(poses, placements) if placements else poses

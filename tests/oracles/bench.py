@@ -1,7 +1,4 @@
-"""One virtual controller on a bus of this process, and session after session on it, as programs of their own.
-
-What is planted is asked of the controller's side; what was found, of the sessions.
-"""
+"""Sessions over the bus of this process with one virtual controller, and the true values of its arm."""
 
 import itertools
 import os
@@ -17,7 +14,7 @@ from fixtures.measured import Measured
 from hardware.buses.python_can import BusSettings
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import attended_openers
-from hardware.virtual.true_loop import BallTruth, OpenTruth
+from hardware.virtual.true_loop import OpenTruth
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import VerificationResult
 from operator_app.effective_procedure import effective_procedure
@@ -29,10 +26,10 @@ from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices, Rig, begin, open_session, resume
 from operator_app.session.workflow.session import Session
 from operator_app.virtual_arms import run_controller, virtual_arm, virtual_instrument
-from solver.chain.parameters import DhEntry
 from solver.loops.closure import ClosureModel
 from solver.loops.open_arm import MeasuredClosure
 from tests.oracles.fast_arm import fast_arm
+from tests.oracles.planted_values import planted_values
 
 PATIENCE_S = 10.0
 _channels = itertools.count()
@@ -63,16 +60,10 @@ class Bench:
             procedure.arm, self.settings, procedure.profile, patience_s=PATIENCE_S, openers=openers
         )
         fixture = procedure.fixture.fixture
-        session = open_session(
-            Rig(
-                arm=arm,
-                opening=opening,
-                simulated=True,
-                instrument=virtual_instrument(self.controller, fixture)
-                if isinstance(fixture, Measured)
-                else None,
-            )
-        )
+        measured = isinstance(fixture, Measured)
+        instrument = virtual_instrument(self.controller, fixture) if measured else None
+        rig = Rig(arm=arm, opening=opening, simulated=True, instrument=instrument)
+        session = open_session(rig)
         try:
             yield session
         finally:
@@ -86,45 +77,33 @@ class Bench:
         with self.session(folder) as session:
             session.connect()
             session.set_modes(drives_of(session))
-            known = session_calibration(session.state, session.procedure).solution
-            found, _ = verify(session, known, poses, Listener())
-            return found
+            solution = session_calibration(session.state, session.procedure).solution
+            result, _ = verify(session, solution, poses, Listener())
+            return result
 
     def planted(self, solution: Solution) -> np.ndarray:
-        """What the parameters of a calibration really are."""
-        procedure = begin(
-            str(self._chosen["procedure"]), _choices(**self._chosen), root=self.root
-        ).procedure
-        truth = virtual_arm(procedure.arm, procedure.fixture, _choices(**self._chosen)).true_loop()
-        stacked = truth.table.stacked()
-        own: dict[str, float] = {}
-        if isinstance(truth, BallTruth):
-            for name, point in (("tip", truth.tip_m), ("ground", truth.ground_m)):
-                own |= {f"{name}_{axis}": float(v) for axis, v in zip("xyz", point, strict=True)}
+        """True values of a calibration's parameters."""
+        choices = _choices(**self._chosen)
+        procedure = begin(str(self._chosen["procedure"]), choices, root=self.root).procedure
+        truth = virtual_arm(procedure.arm, procedure.fixture, choices).true_loop()
+        values = planted_values(truth, si=True)
         if isinstance(truth, OpenTruth):
-            own |= _places(truth, solution.model)
-        values = []
-        for parameter in solution.estimate.parameters:
-            if parameter.name in own:
-                values.append(own[parameter.name])
-            else:
-                entry = DhEntry.parse(parameter.name)
-                values.append(float(stacked[entry.kind, entry.row]))
-        return np.array(values)
+            values |= _places(truth, solution.model)
+        return np.array([values[parameter.name] for parameter in solution.estimate.parameters])
 
 
 def _places(truth: OpenTruth, model: ClosureModel) -> dict[str, float]:
-    """True places of base and target, turns as the solution counts them: from its nominal ones."""
+    """True positions of base and target, and their rotations from the solution's nominal ones."""
     assert isinstance(model, MeasuredClosure)
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     for name, point, true, nominal in (
         ("base", truth.base_m, truth.base_rotation, model.base_rotation),
         ("tip", truth.tip_m, truth.tip_rotation, model.tip_rotation),
     ):
-        turn = Rotation.from_matrix(true @ nominal.T).as_rotvec()
-        for axis, place, part in zip("xyz", point, turn, strict=True):
-            found |= {f"{name}_{axis}": float(place), f"{name}_r{axis}": float(part)}
-    return found
+        rotation = Rotation.from_matrix(true @ nominal.T).as_rotvec()
+        for axis, position, angle in zip("xyz", point, rotation, strict=True):
+            values |= {f"{name}_{axis}": float(position), f"{name}_r{axis}": float(angle)}
+    return values
 
 
 def _choices(procedure: object = None, **chosen: object) -> Choices:
@@ -133,7 +112,7 @@ def _choices(procedure: object = None, **chosen: object) -> Choices:
 
 @contextmanager
 def bench(root: Path, **chosen: object) -> Iterator[Bench]:
-    """A controller for ``procedure``'s arm and fixture; all else as in `Choices`."""
+    """A controller for the arm and fixture of ``procedure``; other options as in `Choices`."""
     settings = BusSettings(channel=f"bench-{os.getpid()}-{next(_channels)}")
     choices = _choices(**chosen)
     procedure = begin(str(chosen["procedure"]), choices, root=root).procedure

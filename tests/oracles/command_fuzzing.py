@@ -1,4 +1,4 @@
-"""Words that are nearly a command, to the one door that commands have."""
+"""Fuzzing of the command line."""
 
 import contextlib
 import io
@@ -8,27 +8,15 @@ from random import Random
 
 from operator_app.cli import COMMANDS, main
 from tests.oracles.document_fuzzing import DATA
-from tests.oracles.odd_input import Refused
+from tests.oracles.input_mutations import Refused
 
 ODD_WORDS = (
     "", "-", "--", "-1", "0", "nan", "inf", "1e999", "1e-300", "9" * 40, "\u0663", "\x1b[2J", "a" * 5000,
     "~nosuchuser/x", "/dev/null", "/dev/full", "/proc/self/mem", ".", "..", "/", "\udcff", "x\x00y", "6,7",
     "1,,2", "latest", "hinge", "sarcos_dextrous", "no.csv", "--json", "-c", "{}", "%s", "virtual", "vcan0",
 )  # fmt: skip
-ENDING = (
-    "solve",
-    "verify",
-    "export",
-    "report",
-    "compare",
-    "session",
-    "reset",
-    "import",
-    "new",
-    "check",
-)
-"""Commands that end by themselves whatever they are given; `ENDLESS` ones are given one word too many."""
 ENDLESS = ("run", "plan", "controller", "monitor", "probe")
+"""Commands that might not end by themselves: they are given an unknown option in addition."""
 TAKES_SESSIONS = ("export", "report", "compare", "run", "session", "import")
 ARGUMENTS: Mapping[str, tuple[str, ...]] = {
     "solve": (str(DATA), "--arm", "--fixture", "--estimator", "paper", "--unsensed", "--global-start",
@@ -38,11 +26,11 @@ ARGUMENTS: Mapping[str, tuple[str, ...]] = {
     "report": ("--output", "--json", "-o"),
     "compare": ("--json", "--remounted"),
     "session": ("list", "show", "repair", "--json"),
+    "reset": ("--json", "-i", "-b", "--scenario"),
     "import": (str(DATA), "--rad", "--deg", "--columns", "1-7", "--arm", "--fixture", "--serial", "--json"),
     "new": ("arm", "fixture", "procedure", "--urdf", "--tip", "--name", "--from", "--kind", "--arm", "--fixture",
             "--hand-point", "--base-point", "--hand-direction", "--tolerance-mm", "ball", "1,2,3", str(DATA)),
     "check": (str(DATA), "--arm", "--fixture", "--procedure", "--json", "README.md"),
-    "reset": ("--json", "-i", "-b", "--scenario"),
     "run": ("--poses", "--tracker", "--resume", "--force", "--plan", "--estimator", "--unsensed", "-i", "-b", "--seed"),
     "plan": ("--poses", "--fixture", "--arm", "--seed", "--joints", "--json"),
     "controller": ("--arm", "--state", "--fault", "--fault-joint", "--fault-sync", "-i", "-c", "--seed"),
@@ -51,15 +39,13 @@ ARGUMENTS: Mapping[str, tuple[str, ...]] = {
 }  # fmt: skip
 
 
-def run_nearly(rng: Random, folder: Path) -> None:
-    """Run one such line: an exit code of the contract, and nothing that a terminal would obey."""
-    command = rng.choice((*ENDING, *ENDLESS))
-    words = [
-        command,
-        *(rng.choice(ARGUMENTS[command] + ODD_WORDS) for _ in range(rng.randrange(6))),
-    ]
+def fuzz_command(rng: Random, folder: Path) -> None:
+    """Run a random command line: it ends with a documented exit code and prints no escape sequence."""
+    command = rng.choice(tuple(ARGUMENTS))
+    arguments = ARGUMENTS[command]
+    words = [command, *(rng.choice(arguments + ODD_WORDS) for _ in range(rng.randrange(6)))]
     if rng.random() < 0.5:
-        words += [rng.choice(ARGUMENTS[command]), rng.choice(ODD_WORDS)]
+        words += [rng.choice(arguments), rng.choice(ODD_WORDS)]
     if command in ENDLESS:
         words.append("--no-such-option")
     if rng.random() < 0.2:
@@ -67,15 +53,15 @@ def run_nearly(rng: Random, folder: Path) -> None:
         words = words if {*words} & {*COMMANDS} else [command, *words]
     elif command in TAKES_SESSIONS:
         words += ["--sessions", str(folder)]
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
         try:
             code = main(words)
-        except SystemExit as ended:
-            code = ended.code
+        except SystemExit as usage_error:
+            code = usage_error.code
     if code not in (0, 2, 3, 4, 5):
         raise AssertionError(f"exit code {code} for {words}")
-    if "\x1b[2J" in said.getvalue():
-        raise AssertionError(f"a terminal would obey what {words} says")
+    if "\x1b[2J" in output.getvalue():
+        raise AssertionError(f"escape sequence in the output of {words}")
     if code != 0:
-        raise Refused(said.getvalue())
+        raise Refused(output.getvalue())

@@ -1,4 +1,4 @@
-"""Arms as their files describe them to the operator's side, in a line."""
+"""Arm descriptions for tests."""
 
 from hardware.arm_description import (
     ArmDescription,
@@ -14,7 +14,7 @@ def described(
     max_speed_rad_per_s: float = 1.0,
     max_torque_nm: float = 50.0,
 ) -> ArmDescription:
-    """Describe an arm by the sensors of its joints, and by how far each may go either way (rad)."""
+    """An arm of joints with these sensors, and ranges of plus and minus an angle (rad)."""
     return ArmDescription(
         model=model,
         joints=tuple(

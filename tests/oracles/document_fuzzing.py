@@ -1,8 +1,8 @@
-"""Documents nobody would write: every file that `sarcal` reads, and the record of a solution in a journal."""
+"""Fuzzing of every file that `sarcal` reads, and of the record of a solution in a journal."""
 
 import json
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from random import Random
 
@@ -25,11 +25,11 @@ from operator_app.session.store.folders import read_session
 from operator_app.session.store.journal import JOURNAL_NAME
 from operator_app.session.store.journal_repair import repair_journal
 from operator_app.session.workflow.opening import Choices, resume
+from tests.oracles.input_mutations import Refused, bytes_changed, in_yaml, refuse
 from tests.oracles.journals import events, mutated, mutated_journal, written
-from tests.oracles.odd_input import Refused, bytes_changed, in_yaml, refuse
 from tests.oracles.parameter_documents import make_document
 
-FULL = (
+ALL_COLUMNS = (
     b"placement,pose,theta1_deg,theta2_deg,theta3_deg,theta4_deg,theta5_deg,theta6_deg,theta7_deg,"
     b"sd1_deg,sd2_deg,sd3_deg,sd4_deg,sd5_deg,sd6_deg,sd7_deg,samples,utc,note,"
     b"x_m,y_m,z_m,rx_deg,ry_deg,rz_deg\n"
@@ -39,25 +39,25 @@ FULL = (
         for k in range(1, 9)
     )
 )
-"""Every column that a poses file may have."""
+"""A poses file with every column."""
 DATA = Path(__file__).parents[1] / "data" / "hinge" / "hinge_quantised.csv"
 
 
 def _journal_contents(rng: Random, folder: Path) -> None:
     (folder / JOURNAL_NAME).write_bytes(mutated_journal(rng))
-    found = read_session(folder)
-    if found.state is not None and rng.random() < 0.1:
+    session = read_session(folder)
+    if session.state is not None and rng.random() < 0.1:
         resume(str(folder), Choices(), root=folder)
-    refuse(found.problem)
+    refuse(session.problem)
 
 
 def _journal_bytes(rng: Random, folder: Path) -> None:
-    (folder / JOURNAL_NAME).write_bytes(bytes_changed(_short_journal(), rng))
+    (folder / JOURNAL_NAME).write_bytes(bytes_changed(_journal_without_sources(), rng))
     try:
         repaired = repair_journal(folder)
-        found = read_session(folder)
-        if found.problem or found.state is None:
-            raise AssertionError(f"repaired and still unreadable: {found.problem}")
+        session = read_session(folder)
+        if session.problem or session.state is None:
+            raise AssertionError(f"unreadable after repair: {session.problem}")
         if repaired.aside is None:
             return
         refuse("repaired")
@@ -67,7 +67,7 @@ def _journal_bytes(rng: Random, folder: Path) -> None:
 
 
 @cache
-def _short_journal() -> bytes:
+def _journal_without_sources() -> bytes:
     return written([(name, data) for name, data in events() if name != "opened"])
 
 
@@ -86,13 +86,9 @@ def _fixture(rng: Random, _: Path) -> None:
     parse_fixture(in_yaml(_packaged("fixture", name).data, rng), "fixture.yaml")
 
 
-def _procedure_of(name: str) -> Callable[[Random, Path], None]:
-    def parse(rng: Random, _: Path) -> None:
-        source = _packaged("procedure", name)
-        changed = Resource(file="p.yaml", folder=None, data=in_yaml(source.data, rng))
-        parse_procedure(changed)
-
-    return parse
+def _procedure(name: str, rng: Random, _: Path) -> None:
+    data = in_yaml(_packaged("procedure", name).data, rng)
+    parse_procedure(Resource(file="p.yaml", folder=None, data=data))
 
 
 def _profile(rng: Random, _: Path) -> None:
@@ -101,8 +97,8 @@ def _profile(rng: Random, _: Path) -> None:
 
 
 def _poses(rng: Random, _: Path) -> None:
-    sound = rng.choice((DATA.read_bytes(), FULL))
-    parse_poses(bytes_changed(sound, rng), "poses.csv", joint_count=rng.choice((7, None)))
+    data = bytes_changed(rng.choice((DATA.read_bytes(), ALL_COLUMNS)), rng)
+    parse_poses(data, "poses.csv", joint_count=rng.choice((7, None)))
 
 
 LOGS = (
@@ -144,15 +140,15 @@ def _solved() -> Mapping[str, object]:
     arm, fixture = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
     poses = load_poses(DATA, joint_count=arm.joint_count).poses
     solution = calibrate(arm, fixture, poses, estimator="paper")
-    found: Mapping[str, object] = json.loads(json.dumps(to_dict(solution)))
-    return found
+    record: Mapping[str, object] = json.loads(json.dumps(to_dict(solution)))
+    return record
 
 
 def _record(rng: Random, _: Path) -> None:
-    changed = mutated(_solved(), rng)
-    if isinstance(changed, dict):
+    record = mutated(_solved(), rng)
+    if isinstance(record, dict):
         try:
-            from_dict(rng.choice((Solution, Solution, Solution, Checks)), changed)
+            from_dict(rng.choice((Solution, Solution, Solution, Checks)), record)
         except RecordError as error:
             raise Refused(str(error)) from error
 
@@ -174,8 +170,8 @@ DOCUMENTS: Mapping[str, Callable[[Random, Path], None]] = {
     "arm": _arm,
     "fixture": _fixture,
     "bus profile": _profile,
-    "procedure": _procedure_of("hinge"),
-    "procedure with a plan": _procedure_of("hinge_planned"),
+    "procedure": partial(_procedure, "hinge"),
+    "procedure with a plan": partial(_procedure, "hinge_planned"),
     "poses": _poses,
     "parameters": _parameters,
     "joint log": _joint_log,

@@ -1,4 +1,4 @@
-"""An arm on a bus with its SYNCs as fast as its nodes answer."""
+"""An arm on a bus in fast-forward: the next SYNC follows the last answer."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ def fast_arm(
     openers: BusOpeners | None = None,
     **waits: Any,
 ) -> CanopenArm:
-    """The arm, not connected: silent, and lost, after `patience_s`; `answers_s` is for each SYNC."""
+    """The arm, not connected; `patience_s` is its timeout, `answers_s` that of the answers to a SYNC."""
     waits = {"heartbeat_timeout_s": patience_s, "lost_after_s": patience_s, **waits}
     if answers_s is not None:
         waits["answer_timeouts_s"] = dict.fromkeys(Pace, answers_s)

@@ -1,7 +1,6 @@
-"""One session on the virtual arm in which one thing goes wrong, and what came of it.
+"""One session on the virtual arm with one injected fault, and its outcome.
 
-The arm is the paper's without any error of its own (scenario ``exact``), so that whether an accepted pose is
-right can be told from the pose alone: the loop of the paper's tables closes at it, or it does not.
+The arm has no errors (scenario ``exact``), so that an accepted pose is right if the loop of the paper's tables closes.
 """
 
 import itertools
@@ -10,7 +9,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -36,23 +35,33 @@ from tests.oracles.opened import opened
 from tests.oracles.short_procedure import short_procedure
 
 CLOSES = 3e-4
-"""Largest element of the loop's error, rad and m: 400,000-count encoders round to 8e-6 rad each."""
+"""Largest closure error of a right pose, rad and m: encoders of 400,000 counts round to 8e-6 rad each."""
 
 PATIENCE_S = 1.5
-LIVES_ON_SYNCS = 150
-"""How long the arm is looked at after the words: 1.5 s of its time."""
+OBSERVED_SYNCS = 150
+"""Duration of the observation after the error message: 1.5 s of the arm's time."""
 T = TypeVar("T")
+DriveStates = tuple[tuple[DriveState, JointMode | None], ...]
+"""State of each drive, and its active mode; without a mode it blocks its valve."""
 _channels = itertools.count()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What the operator was told ("" if nothing), and what the journal accepted.
+    """Outcome of a session.
 
-    `reaction_s` is the CPU time of this process, virtual arm and all, from the fault to the words; 0 without.
-    `moved_deg` is how far any true angle went in the 1.5 s after the words, nobody commanding, and `then` what
-    each drive was at when they were said; `ended` what it does once the session is closed. `told` are sentences
-    that ended nothing.
+    Attributes
+    ----------
+    said, error
+        Message and type of the error that ended it, or "".
+    poses, wrong
+        Accepted poses, and the numbers of wrong ones.
+    moved_deg, then
+        Largest motion of a true angle in the 1.5 s after the message, without commands; the drives at the message.
+    ended
+        Modes of the drives after the session was closed.
+    told
+        Reports that did not end the session.
     """
 
     kind: str
@@ -60,96 +69,86 @@ class Outcome:
     error: str
     poses: tuple[CapturedPose, ...]
     wrong: tuple[int, ...]
-    reaction_s: float
     moved_deg: float
-    then: tuple[tuple[DriveState, JointMode | None], ...]
+    then: DriveStates
     ended: tuple[JointMode | None, ...]
     told: tuple[str, ...]
 
 
 def loop_error(q_rad: np.ndarray) -> float:
-    """By how much the paper's loop fails to close at these readings, the hinge where it fits best."""
+    """Closure error of the paper's loop at these readings, at the best hinge angle."""
     truth = paper_truth()
     theta = np.concatenate([[0.0], q_rad]) + truth.theta_off
     arm = product(theta[1:], truth.s[1:], truth.a[1:], truth.alpha[1:])
-    wanted = np.linalg.inv(arm)  # what A_0 has to be
-    theta_0 = np.arctan2(wanted[1, 0], wanted[0, 0])
+    link_0 = np.linalg.inv(arm)
+    theta_0 = np.arctan2(link_0[1, 0], link_0[0, 0])
     hinge = product(np.array([theta_0]), truth.s[:1], truth.a[:1], truth.alpha[:1])
     return float(np.abs(hinge @ arm - np.eye(4)).max())
 
 
-def in_the_loop(controller: VirtualController, reader: Callable[[], T]) -> T:
-    """Run something where the drives live, and return what it says."""
-    found: queue.SimpleQueue[T] = queue.SimpleQueue()
+def call_in_loop(controller: VirtualController, reader: Callable[[], T]) -> T:
+    """Return the result of a function that runs in the controller's thread."""
+    results: queue.SimpleQueue[T] = queue.SimpleQueue()
     controller.resume_loop()
-    controller.post(lambda: found.put(reader()))
-    return found.get(timeout=10.0)
+    controller.post(lambda: results.put(reader()))
+    return results.get(timeout=10.0)
 
 
-def drives_of(controller: VirtualController) -> tuple[tuple[DriveState, JointMode | None], ...]:
-    """What each drive is at, and what it does about it: None blocks its valve."""
+def drives_of(controller: VirtualController) -> DriveStates:
     return tuple((node.drive.state, node.drive.command().mode) for node in controller.drives)
 
 
-def lives_on(
-    controller: VirtualController,
-) -> tuple[tuple[tuple[DriveState, JointMode | None], ...], float]:
-    """What the drives are at, and how far any true angle (deg) goes while nobody tells them anything."""
+def observe_drives(controller: VirtualController) -> tuple[DriveStates, float]:
+    """The drives' states, and the largest motion (deg) of a true angle without further commands."""
 
-    def live() -> tuple[tuple[tuple[DriveState, JointMode | None], ...], float]:
+    def observe() -> tuple[DriveStates, float]:
         plant = controller.plant
         assert isinstance(plant, Plant)
-        then, begun, farthest = drives_of(controller), plant.true_angles_rad, 0.0
-        for _ in range(LIVES_ON_SYNCS):
+        states, start, largest = drives_of(controller), plant.true_angles_rad, 0.0
+        for _ in range(OBSERVED_SYNCS):
             controller.group.step()
-            farthest = max(farthest, float(np.abs(plant.true_angles_rad - begun).max()))
-        return then, float(np.rad2deg(farthest))
+            largest = max(largest, float(np.abs(plant.true_angles_rad - start).max()))
+        return states, float(np.rad2deg(largest))
 
-    return in_the_loop(controller, live)
+    return call_in_loop(controller, observe)
 
 
-def heed_stop(controller: VirtualController) -> None:
-    """Let the stop that was sent reach the drives: the words may be there before its frames are read."""
-    until_s = time.monotonic() + PATIENCE_S
-    while time.monotonic() < until_s:
-        states = in_the_loop(controller, lambda: {state for state, _ in drives_of(controller)})
-        if DriveState.OPERATION_ENABLED not in states:
-            return
+def wait_for_drives(
+    controller: VirtualController, condition: Callable[[DriveStates], bool], *, patience_s: float
+) -> DriveStates:
+    """Wait until the drives' states meet a condition, or until a timeout, and return them."""
+    until_s = time.monotonic() + patience_s
+    while True:
+        states = call_in_loop(controller, lambda: drives_of(controller))
+        if condition(states) or time.monotonic() > until_s:
+            return states
         threading.Event().wait(0.01)
 
 
-def come_to_hold(controller: VirtualController) -> tuple[JointMode | None, ...]:
-    """What the drives do once the operator is gone, at the latest when its heartbeat is missed."""
-    until_s = time.monotonic() + 3 * PATIENCE_S
-    while True:
-        modes = in_the_loop(controller, lambda: tuple(mode for _, mode in drives_of(controller)))
-        if JointMode.FREE not in modes or time.monotonic() > until_s:
-            return modes
-        threading.Event().wait(0.05)
+def stopped(states: DriveStates) -> bool:
+    return DriveState.OPERATION_ENABLED not in {state for state, _ in states}
+
+
+def holding(states: DriveStates) -> bool:
+    return JointMode.FREE not in {mode for _, mode in states}
 
 
 def session_with(
     kind: str, folder: Path, *, joint: int, at_sync: int, poses: int = 6, clock: Clock = utc_now
 ) -> Outcome:
-    """Take poses while `kind` happens to `joint` at a SYNC (0: before anybody connects).
+    """Take poses with a fault of `joint` at a SYNC (0: before the connection).
 
-    An empty kind is nothing; `clock` is the operator's wall clock.
+    An empty kind is no fault; `clock` is the operator's wall clock.
     """
     script: Sequence[ScriptedFault] = ()
-    begun_s: list[float] = []
-
-    def begin() -> None:
-        begun_s.append(time.process_time())
-
-    reaction_s = moved_deg = 0.0
-    then: tuple[tuple[DriveState, JointMode | None], ...] = ()
+    moved_deg = 0.0
+    states: DriveStates = ()
     if kind and at_sync:
-        fault = scripted(kind, joint=joint, at_sync=at_sync)
-        script = [replace(fault, happen=lambda arm: (begin(), fault.happen(arm))[-1])]
+        script = [scripted(kind, joint=joint, at_sync=at_sync)]
     chosen = Choices(scenario="exact", seed=0)
     procedure = short_procedure(poses)
     settings = BusSettings(channel=f"campaign-{os.getpid()}-{next(_channels)}")
-    said, error, hearing = "", "", Hearing()
+    message, error, listener = "", "", Hearing()
     with run_controller(
         procedure.arm,
         chosen,
@@ -168,33 +167,32 @@ def session_with(
             openers=openers,
         )
         if kind and not at_sync:
-            begin()
             inject(controller, kind, joint)
         session = opened(folder, arm, procedure, clock=clock)
         try:
             connect(session, Listener())
             session.require_fixture()
-            take_poses(session, hearing, (1, 5))
-        except EXPECTED as found:
-            said, error = str(found), type(found).__name__
-            reaction_s = time.process_time() - begun_s[0] if begun_s else 0.0
+            take_poses(session, listener, (1, 5))
+        except EXPECTED as exception:
+            message, error = str(exception), type(exception).__name__
             if session.identity is not None and arm.snapshot().stopped:
-                heed_stop(controller)
-            then, moved_deg = lives_on(controller)
+                # The message may precede the frames of the stop.
+                wait_for_drives(controller, stopped, patience_s=PATIENCE_S)
+            states, moved_deg = observe_drives(controller)
         finally:
             controller.resume_loop()
             session.close("done")
-        ended = come_to_hold(controller)
+        # At the latest after the timeout of the operator's heartbeat.
+        ended = wait_for_drives(controller, holding, patience_s=3 * PATIENCE_S)
     used = session.state.used_poses
     return Outcome(
         kind=kind,
-        said=said,
+        said=message,
         error=error,
         poses=used,
         wrong=tuple(p.number for p in used if loop_error(p.mean_rad) > CLOSES),
-        reaction_s=reaction_s,
         moved_deg=moved_deg,
-        then=then,
-        ended=ended,
-        told=tuple(hearing.said),
+        then=states,
+        ended=tuple(mode for _, mode in ended),
+        told=tuple(listener.said),
     )

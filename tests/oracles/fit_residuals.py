@@ -14,17 +14,10 @@ def fit_residuals(
     drawn: FloatArray | None = None,
     prior_sd: FloatArray | None = None,
 ) -> WhitenedResiduals:
-    """Fit a linear system and return its whitened residuals.
+    """Fit misclosures w (m, r) with Jacobian A (m, r, P) and covariance V (m, r, r).
 
-    Parameters
-    ----------
-    w, A, V
-        Misclosures (m, r), where parameters with a prior are at its mean, Jacobian (m, r, P), and
-        covariance (m, r, r).
-    drawn
-        Columns (m, r, c) of effects that are drawn once, each for a standard deviation of 1.
-    prior_sd
-        Prior standard deviation of each parameter (P,); inf where there is no prior.
+    `drawn` (m, r, c) are columns of random effects with a standard deviation of 1; `prior_sd` (P,) is inf for
+    parameters without a prior, the others are at their prior means.
     """
     m, r, P = A.shape
     whitener = np.linalg.inv(np.linalg.cholesky(V))
@@ -38,17 +31,17 @@ def fit_residuals(
     scale[scale == 0.0] = 1.0
     rows = np.concatenate((X, np.diag(np.sqrt(precision))[precision > 0.0]))
     Q, s, Wt = np.linalg.svd(rows / scale, full_matrices=False)
-    seen = s > 1e-12 * s[0]
-    U = Q[: m * r, seen]
-    to_unknowns = (Wt[seen].T / s[seen]) / scale[:, None]
-    along = U.T @ y
-    left = y - U @ along
+    observable = s > 1e-12 * s[0]
+    U = Q[: m * r, observable]
+    to_unknowns = (Wt[observable].T / s[observable]) / scale[:, None]
+    components = U.T @ y
+    residuals = y - U @ components
     return WhitenedResiduals(
         whitener=whitener,
         U=U.reshape(m, r, -1),
-        white=left.reshape(m, r),
-        chi2=float(y @ left),
-        # w = -A dx: a column's coefficient is minus its parameter.
+        white=residuals.reshape(m, r),
+        chi2=float(y @ residuals),
+        # w = -A dx: a coefficient is minus its parameter.
         to_x=to_unknowns[:P],
         dof=m * r - int(np.count_nonzero(precision == 0.0)),
     )

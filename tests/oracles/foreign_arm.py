@@ -1,8 +1,7 @@
-"""An arm of plain `canopen.LocalNode` drives, set up in a way of their own: nothing of the project's in it.
+"""An arm of plain `canopen.LocalNode` drives with another PDO mapping; shares no code with the project.
 
-Two PDOs each way where ours has one, other numbers and identifiers, another order, wider torque and mode,
-joints on other nodes, one drive that counts backwards, no supervisor, none of our own objects. Written
-from CiA 301 and CiA 402; PDOs are packed and unpacked, and SDO is served, by the `canopen` package.
+Two PDOs each way, other numbers and identifiers, another order, wider torque and mode, other node numbers, one
+reversed drive, no supervisor, no manufacturer objects. From CiA 301 and CiA 402, with the `canopen` package.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -36,10 +35,10 @@ PLAIN = {
     0x607A: (I32, 0),
 }
 PDOS = {
-    # In: position first, then the word; mode and a torque that stays zero in another frame.
+    # Received: target position, controlword; mode and a constant zero torque.
     0x1401: (0x300, 255, (0x607A0020, 0x60400010)),
     0x1402: (0x400, 254, (0x60600010, 0x60710010)),
-    # Out: torque, four bytes wide, before the position; mode and word in another frame.
+    # Transmitted: torque of four bytes, position; mode and statusword.
     0x1802: (0x380, 1, (0x60770020, 0x60640020)),
     0x1803: (0x480, 1, (0x60610010, 0x60410010)),
 }
@@ -51,9 +50,9 @@ def dictionary(node: int, serial: int) -> canopen.ObjectDictionary:
     od.node_id = node
 
     def entry(index: int, sub: int, kind: int, value: int | str) -> ODVariable:
-        made = ODVariable(f"object {index:04X} {sub}", index, sub)
-        made.data_type, made.access_type, made.default = kind, "rw", value
-        return made
+        variable = ODVariable(f"object {index:04X} {sub}", index, sub)
+        variable.data_type, variable.access_type, variable.default = kind, "rw", value
+        return variable
 
     for index, (kind, value) in PLAIN.items():
         od.add_object(entry(index, 0, kind, value))
@@ -76,7 +75,7 @@ def dictionary(node: int, serial: int) -> canopen.ObjectDictionary:
 
 @dataclass
 class Axis:
-    """What one drive does; counts are its own, which may run backwards."""
+    """State machine and position of one drive; its counts may be reversed."""
 
     counts: int
     direction: int = 1
@@ -108,10 +107,7 @@ READ_ONLY, CANNOT_BE_MAPPED, TOO_LONG, NOT_NOW = 0x06010002, 0x06040041, 0x06040
 
 
 class Drive(canopen.LocalNode):
-    """Whose PDOs can be set up by SDO as CiA 301 has it, and are what they were after a reset.
-
-    `fixed` are records that cannot be written.
-    """
+    """A drive with PDO configuration by SDO (CiA 301), lost at a reset; records of `fixed` are read-only."""
 
     def __init__(self, node: int, serial: int) -> None:
         super().__init__(node, dictionary(node, serial))
@@ -128,8 +124,8 @@ class Drive(canopen.LocalNode):
             self.written.append((index, subindex, int.from_bytes(data, "little")))
         super().set_data(index, subindex, data, check_writable)
 
-    def forget(self) -> None:
-        """Have again what it had when it was switched on."""
+    def restore(self) -> None:
+        """Restore the values at power-on."""
         for (index, subindex), data in self._before.items():
             super().set_data(index, subindex, data)
         self._before.clear()
@@ -143,9 +139,9 @@ class Drive(canopen.LocalNode):
         if self.nmt.state not in ("PRE-OPERATIONAL", "INITIALISING"):
             raise SdoAbortedError(NOT_NOW)
         if index & 0xFE00 in (0x1400, 0x1800) and subindex == 1:
-            held = self.held(index, 1)
-            moved = (held ^ value) & ~NOT_VALID
-            if not held & NOT_VALID and not value & NOT_VALID and moved:
+            current = self.held(index, 1)
+            changed = (current ^ value) & ~NOT_VALID
+            if not current & NOT_VALID and not value & NOT_VALID and changed:
                 raise SdoAbortedError(NOT_NOW)
         if index & 0xFE00 in (0x1600, 0x1A00):
             if not self.held(index - 0x200, 1) & NOT_VALID:
@@ -159,18 +155,18 @@ class Drive(canopen.LocalNode):
 
 
 Physics = Callable[[list[Axis]], None]
-"""One control period: moves the axes' counts."""
+"""Updates the axes' counts in a control period."""
 
 
 def servo(axes: list[Axis]) -> None:
-    """Every joint in position mode is where it is told."""
+    """Every joint in position mode is at its target."""
     for axis in axes:
         if axis.status == 0x27 and axis.mode == 8:
             axis.counts = axis.target
 
 
 class ForeignArm:
-    """Drives on a bus; `move_on` is called with every SYNC."""
+    """Drives on a bus; `physics` is called at every SYNC."""
 
     def __init__(
         self, bus: can.BusABC, nodes: Sequence[int], axes: list[Axis], physics: Physics = servo
@@ -181,7 +177,7 @@ class ForeignArm:
         self.network.connect()
         self.nodes = [self.network.create_node(Drive(node, serial=50_000 + node)) for node in nodes]
         for node, axis in zip(self.nodes, axes, strict=True):
-            # `LocalNode` takes a reset for a state to be in: boot in its stead.
+            # `LocalNode` treats a reset as a state: boot instead.
             self.network.unsubscribe(0, node.nmt.on_command)
             node.add_read_callback(self._reader(axis))
         self.network.subscribe(0x000, self._nmt)
@@ -197,7 +193,7 @@ class ForeignArm:
         for node in self.nodes:
             if number in (0, node.id):
                 node.nmt.stop_heartbeat()
-                node.forget()
+                node.restore()
                 node.nmt.send_command(129)
                 node.nmt.send_command(128)
 
@@ -208,11 +204,11 @@ class ForeignArm:
         for node, axis in zip(self.nodes, self.axes, strict=True):
             if data[1] in (0, node.id):
                 if data[0] == 1:
-                    self._take_up(node, axis)
+                    self._apply_pdos(node, axis)
                 node.nmt.send_command(data[0])
 
-    def _take_up(self, node: Drive, axis: Axis) -> None:
-        """Begin to listen and speak as its PDO records are now."""
+    def _apply_pdos(self, node: Drive, axis: Axis) -> None:
+        """Apply the current PDO records."""
         for pdo in node.rpdo.values():
             if pdo.cob_id is not None:
                 with suppress(KeyError, ValueError):
@@ -221,17 +217,17 @@ class ForeignArm:
         node.rpdo.read()
         node.tpdo.read()
         for pdo in node.rpdo.values():
-            pdo.add_callback(self._told(axis))
+            pdo.add_callback(self._receiver(axis))
 
-    def _told(self, axis: Axis) -> Callable[[canopen.pdo.PdoMap], None]:
-        def take(pdo: canopen.pdo.PdoMap) -> None:
-            told = {variable.index: variable.raw for variable in pdo}
-            assert told.get(0x6071, 0) == 0
-            axis.mode = told.get(0x6060, axis.mode)
-            if 0x6040 in told:
-                axis.obey(told[0x6040], told.get(0x607A, axis.target))
+    def _receiver(self, axis: Axis) -> Callable[[canopen.pdo.PdoMap], None]:
+        def receive(pdo: canopen.pdo.PdoMap) -> None:
+            values = {variable.index: variable.raw for variable in pdo}
+            assert values.get(0x6071, 0) == 0
+            axis.mode = values.get(0x6060, axis.mode)
+            if 0x6040 in values:
+                axis.obey(values[0x6040], values.get(0x607A, axis.target))
 
-        return take
+        return receive
 
     def _reader(self, axis: Axis) -> Callable[..., int | None]:
         values: dict[int, Callable[[], int]] = {
@@ -250,11 +246,12 @@ class ForeignArm:
         for node, axis in zip(self.nodes, self.axes, strict=True):
             if node.nmt.state != "OPERATIONAL":
                 continue
-            said = {0x6077: 0, 0x6064: axis.counts, 0x6061: axis.mode, 0x6041: axis.status | 0x1200}
+            status = axis.status | 0x1200
+            values = {0x6077: 0, 0x6064: axis.counts, 0x6061: axis.mode, 0x6041: status}
             for pdo in node.tpdo.values():
                 if pdo.enabled and pdo.trans_type == 1:
                     for variable in pdo:
-                        variable.raw = said.get(variable.index, 0)
+                        variable.raw = values.get(variable.index, 0)
                     pdo.transmit()
 
 

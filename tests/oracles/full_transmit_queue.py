@@ -1,10 +1,9 @@
-"""A SocketCAN device whose transmit queue really is full: the kernel's slcan on a serial line that nobody reads.
+"""A SocketCAN device with a full transmit queue: the kernel's slcan on a serial line without a reader.
 
-Runs as root in User-Mode Linux or an emulated PC, whose vcan0 has no queue; prints what the kernel said, and what
-came of frames.
+Runs as root in User-Mode Linux or an emulated PC (vcan0 has no queue); prints the kernel's error, and the results.
 """
 
-# ruff: noqa: T201 - what it prints is all that leaves the guest
+# ruff: noqa: T201 - the guest's only output
 
 import ctypes
 import fcntl
@@ -33,8 +32,8 @@ BURST, FRAMES_PER_S = 2000, 4000.0
 LINE = len("t201700112233445566\r")
 
 
-class Line:
-    """The far end of the serial line: an adapter that takes frames when it is let."""
+class SerialLine:
+    """The far end of the serial line: an adapter that receives frames while `reads` is set."""
 
     def __init__(self) -> None:
         libc = ctypes.CDLL(None, use_errno=True)
@@ -51,18 +50,18 @@ class Line:
         fcntl.ioctl(near, TIOCSETD, struct.pack("i", N_SLCAN))
 
     def _read(self) -> None:
-        begun = b""
+        incomplete = b""
         while True:
             self.reads.wait()
-            came = os.read(self._far, 8 * LINE)
-            *whole, begun = (begun + came).split(b"\r")
-            self.taken += sum(line.startswith(b"t201") for line in whole)
-            time.sleep(len(came) / LINE / FRAMES_PER_S)
+            data = os.read(self._far, 8 * LINE)
+            *lines, incomplete = (incomplete + data).split(b"\r")
+            self.taken += sum(line.startswith(b"t201") for line in lines)
+            time.sleep(len(data) / LINE / FRAMES_PER_S)
 
 
 def main() -> None:
-    """Bring the device up with a queue of ten frames, and send more than it takes."""
-    line = Line()
+    """Bring the device up with a queue of ten frames, and send more than that."""
+    line = SerialLine()
     for command in ("set can0 type can bitrate 1000000", "set can0 txqueuelen 10", "set can0 up"):
         subprocess.run(["ip", "link", *command.split()], check=True)
     bus = open_bus(BusSettings(interface="socketcan", channel="can0"))

@@ -1,7 +1,6 @@
-"""Inputs that nobody would write, for every parser and for the wire: sound ones changed at random, seed by seed.
+"""Fuzzing of every parser and of the bus: valid inputs with random mutations, by seed.
 
-An outcome is an answer or one of the errors that `sarcal` turns into words and an exit code; whatever
-else comes out is a defect and is left to be raised.
+An input is accepted, or refused with an expected error; any other exception is a defect and is raised.
 """
 
 from collections.abc import Callable, Mapping
@@ -9,35 +8,25 @@ from pathlib import Path
 from random import Random
 
 from operator_app.exit_codes import EXPECTED_ERRORS
-from tests.oracles.command_fuzzing import run_nearly
+from tests.oracles.bus_fuzzing import FuzzedOperator
+from tests.oracles.command_fuzzing import fuzz_command
 from tests.oracles.document_fuzzing import DOCUMENTS
-from tests.oracles.odd_input import Refused
-from tests.oracles.place_fuzzing import ask_instrument, keep_slots
-from tests.oracles.wire_fuzzing import Target
+from tests.oracles.input_mutations import Refused
+from tests.oracles.path_fuzzing import fuzz_instrument, fuzz_parameter_slots
 
-_target = Target()
-
-
-def _wire(rng: Random, _: Path) -> None:
-    _target.meddle(rng)
-
-
-def over() -> None:
-    """Let go of the operator that still runs, if it does."""
-    _target.close()
-
-
+_operator = FuzzedOperator()
+over = _operator.close
 PARSERS: Mapping[str, Callable[[Random, Path], None]] = {
     **DOCUMENTS,
-    "arguments": run_nearly,
-    "instrument": ask_instrument,
-    "parameter slots": keep_slots,
-    "the wire": _wire,
+    "arguments": fuzz_command,
+    "instrument": fuzz_instrument,
+    "parameter slots": fuzz_parameter_slots,
+    "the wire": lambda rng, _: _operator.fuzz(rng),
 }
 
 
 def outcome(kind: str, seed: int, folder: Path) -> str:
-    """What comes of one input: ``accepted`` or ``refused``; a defect is raised."""
+    """Outcome of one input: ``accepted`` or ``refused``."""
     rng = Random(f"{kind} {seed}")  # noqa: S311 - to be repeated, not to be secret
     try:
         PARSERS[kind](rng, folder)

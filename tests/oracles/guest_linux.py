@@ -1,4 +1,4 @@
-"""A kernel's own vcan0: commands under User-Mode Linux, or under an emulated PC. Skips where there is none."""
+"""Commands in a guest Linux with a vcan0: User-Mode Linux, or an emulated PC. Skips if there is none."""
 
 import contextlib
 import os
@@ -11,17 +11,14 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 UNFIT = "ptrace set fp regs failed"
-"""What User-Mode Linux dies of, before it has started anything, where registers are larger than it has room for."""
+"""Error of User-Mode Linux at its start on a processor with registers that it does not support."""
 LACKS = "install Debian package"
-"""What the emulated PC's runner ends in where it finds no kernel or no static busybox."""
+"""Error of the emulated PC without a kernel or a static busybox."""
 
 
 def _inside(runner: str, command: tuple[str, ...], patience_s: float) -> str:
-    """Run a command as root with a vcan0 that is up; return what it printed.
-
-    It runs in the repository, and may write to /run only.
-    """
-    running = subprocess.Popen(
+    """Run a command as root in the repository, with a vcan0 that is up and a writable /run; return its output."""
+    process = subprocess.Popen(
         [
             sys.executable, str(REPOSITORY / "tests" / "tools" / runner), "/usr/bin/env", "-C", str(REPOSITORY),
             "TMPDIR=/run", "HOME=/run", f"PYTHONPATH={REPOSITORY}", *command,
@@ -32,24 +29,24 @@ def _inside(runner: str, command: tuple[str, ...], patience_s: float) -> str:
         start_new_session=True,
     )  # fmt: skip
     try:
-        said, complaint = running.communicate(timeout=patience_s)
+        output, errors = process.communicate(timeout=patience_s)
     finally:
-        # Each process of User-Mode Linux is one of the host's: they outlive their kernel's parent.
+        # The processes of User-Mode Linux are the host's, and outlive their parent.
         with contextlib.suppress(ProcessLookupError):
-            os.killpg(running.pid, signal.SIGKILL)
-    if running.returncode and UNFIT in said:
+            os.killpg(process.pid, signal.SIGKILL)
+    if process.returncode and UNFIT in output:
         pytest.skip(f"User-Mode Linux does not run on this processor: {UNFIT}")
-    if LACKS in complaint:
-        pytest.skip(complaint.strip().splitlines()[-1])
-    assert running.returncode == 0, said[-4000:] + complaint[-1000:]
-    return said
+    if LACKS in errors:
+        pytest.skip(errors.strip().splitlines()[-1])
+    assert process.returncode == 0, output[-4000:] + errors[-1000:]
+    return output
 
 
 def in_user_mode_linux(*command: str, patience_s: float = 170.0) -> str:
-    """Run a command without privileges of the host; skips on a processor that User-Mode Linux cannot run on."""
+    """Run a command without privileges on the host; skips on an unsupported processor."""
     return _inside("in_user_mode_linux.py", command, patience_s)
 
 
-def in_emulated_linux(*command: str, patience_s: float = 900.0) -> str:
+def in_emulated_linux(*command: str) -> str:
     """Run a command on any processor."""
-    return _inside("in_qemu.py", command, patience_s)
+    return _inside("in_qemu.py", command, 900.0)

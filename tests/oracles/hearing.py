@@ -1,4 +1,4 @@
-"""A listener that keeps what it hears, and captures that end after so many poses."""
+"""A listener that records reports, and captures that end after a number of poses."""
 
 from collections.abc import Callable
 
@@ -12,7 +12,7 @@ from operator_app.session.workflow.session import Session
 
 
 class Hearing(Listener):
-    """`said` is what was reported, `heard` how many poses counted; `then` is called with how many there are."""
+    """`said` are the reports, `heard` the numbers of used poses; `then` is called with the number of all poses."""
 
     def __init__(self, then: Callable[[int], object] = id) -> None:
         self.said: list[str] = []
@@ -27,10 +27,8 @@ class Hearing(Listener):
         self._then(len(state.poses))
 
 
-def take_until(
-    session: Session, poses: int, listener: Listener | None = None, *, homing: bool = False
-) -> None:
-    """Take poses with joints 1 and 5 driving; the operator ends it when there are so many."""
+def take_until(session: Session, poses: int) -> None:
+    """Take poses with joints 1 and 5 as drives; the operator cancels after `poses`."""
     session.cancelled = lambda: len(session.state.poses) == poses
     with pytest.raises(Cancelled):
-        take_poses(session, listener or Listener(), (1, 5), homing=homing)
+        take_poses(session, Listener(), (1, 5))

@@ -1,4 +1,4 @@
-"""Identity of values, to the last bit of every number."""
+"""Bit-exact equality of values."""
 
 import dataclasses
 import struct
@@ -8,7 +8,7 @@ import numpy as np
 
 
 def same(one: object, other: object) -> bool:
-    """Whether two values are of one type and equal; asks no class for its own idea of it."""
+    """Whether two values have the same type and equal contents; calls no `__eq__` of a class."""
     if type(one) is not type(other):
         return False
     if isinstance(one, np.ndarray):

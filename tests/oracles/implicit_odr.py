@@ -1,4 +1,4 @@
-"""The implicit fit by ODRPACK: orthogonal distance regression on the oracle's own closure. Tests only."""
+"""The implicit fit by ODRPACK: orthogonal distance regression on the oracle's closure."""
 
 import numpy as np
 import odrpack
@@ -6,11 +6,11 @@ import odrpack
 from tests.oracles.loop_oracle import Truth, _stepped, product
 
 PENALTY_SCALE = 1e9
-"""ODRPACK closes implicit models by a penalty; equations this steep leave 1e-10 of a sigma open."""
+"""ODRPACK closes implicit models by a penalty; this scale leaves an error of 1e-10 sigma."""
 
 
 def hinge_equations(truth: Truth, q: np.ndarray) -> np.ndarray:
-    """Five equations a pose, (m, 5), free of the hinge angle: R13, R23 and p after turning (eq. 13)."""
+    """Five equations a pose, (m, 5), independent of the hinge angle: R13, R23 and p after rotation (eq. 13)."""
     T = product(
         np.concatenate((np.zeros_like(q[..., :1]), q), axis=-1) + truth.theta_off,
         truth.s,
@@ -37,27 +37,27 @@ def fit(
 
     `scale` (P,) is the size of a step in each parameter, for conditioning only.
     """
-    first = start.values(names)
+    start_values = start.values(names)
     h = 1e-40
 
     def truth_at(beta):
-        return start.with_values(names, first + beta * scale)
+        return start.with_values(names, start_values + beta * scale)
 
     def equations(x, beta):
         return PENALTY_SCALE * hinge_equations(truth_at(beta), x.T * sigma).T
 
     def by_parameter(x, beta):
-        here = truth_at(beta)
+        truth = truth_at(beta)
         columns = [
-            hinge_equations(_stepped(here, n, h), x.T * sigma).imag.T * (width / h)
+            hinge_equations(_stepped(truth, n, h), x.T * sigma).imag.T * (width / h)
             for n, width in zip(names, scale, strict=True)
         ]
         return PENALTY_SCALE * np.stack(columns, axis=1)
 
     def by_reading(x, beta):
-        here = truth_at(beta)
+        truth = truth_at(beta)
         columns = [
-            hinge_equations(here, x.T * sigma + 1j * h * row).imag.T * (width / h)
+            hinge_equations(truth, x.T * sigma + 1j * h * row).imag.T * (width / h)
             for row, width in zip(np.eye(len(sigma)), sigma, strict=True)
         ]
         return PENALTY_SCALE * np.stack(columns, axis=1)
@@ -76,4 +76,4 @@ def fit(
         sstol=1e-14,
         maxit=300,
     )
-    return first + result.beta * scale, result.delta.T * sigma
+    return start_values + result.beta * scale, result.delta.T * sigma

@@ -1,7 +1,4 @@
-"""Sessions whose journals hold a calibration: by `run`, by the paper's estimator, by the app, resumed.
-
-Made as the product makes them, on the plant without a bus. The poses are captured once.
-"""
+"""Session folders with a calibration, on the plant without a bus; their poses are captured once."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +19,7 @@ SCENARIO = "datasheet"
 
 
 def first_picture(session: Session) -> SessionSnapshot:
-    """Return what is shown of a session before anything was done in it."""
+    """Snapshot of a session before its first task."""
     return SessionSnapshot(
         now_s=0.0,
         procedure=session.procedure,
@@ -37,7 +34,7 @@ def first_picture(session: Session) -> SessionSnapshot:
 
 
 class Quiet:
-    """A publisher on which nobody ends anything; `shown` is its picture, `said` what was said and how loud."""
+    """A publisher without cancellation; `shown` is its snapshot, `said` its messages with their levels."""
 
     def __init__(self, session: Session) -> None:
         self.shown = first_picture(session)
@@ -54,12 +51,12 @@ class Quiet:
 
 
 def opened_again(folder: Path, clock: Clock = utc_now, **chosen: object) -> Session:
-    """Go on with a session, on the plant without a bus."""
+    """Resume a session."""
     opening = resume(str(folder), Choices(**chosen), root=folder.parent)  # type: ignore[arg-type]
-    return _opened(opening, clock)
+    return _session(opening, clock)
 
 
-def _opened(opening: Opening, clock: Clock) -> Session:
+def _session(opening: Opening, clock: Clock) -> Session:
     procedure = effective_procedure(opening)
     rig = Rig(
         arm=PlantArm(procedure, SCENARIO),
@@ -70,10 +67,12 @@ def _opened(opening: Opening, clock: Clock) -> Session:
 
 
 def journalled_sessions(root: Path) -> None:
-    """Fill `root` with session folders, named by how they were made."""
+    """Create the session folders, named by their origin."""
     clock, folder = Ticking(), root / "run"
     choices = Choices(poses=POSES, scenario=SCENARIO, interface="virtual")
-    _by_run(_opened(replace(begin("hinge", choices, root=root, clock=clock), folder=folder), clock))
+    _by_run(
+        _session(replace(begin("hinge", choices, root=root, clock=clock), folder=folder), clock)
+    )
     lines = (folder / JOURNAL_NAME).read_text().splitlines(keepends=True)
     captured = next(k for k, line in enumerate(lines) if '"solved"' in line)
 

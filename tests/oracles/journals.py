@@ -1,4 +1,4 @@
-"""Journals written without the product's writer, and changed at random with their checksums put right."""
+"""Journals from a second writer, and random mutations of them with correct checksums."""
 
 import copy
 import hashlib
@@ -34,7 +34,7 @@ def sources() -> dict[str, str]:
 
 
 def events() -> list[Named]:
-    """One of every event that a session reads again, in an order that can be."""
+    """One of each event that a resumed session reads, in a possible order."""
     q = [0.1, -0.2, 0.3, 1.4, -0.5, 0.6, 0.7]
     settings = {
         "poses": 3, "plan": None, "estimator": None, "unsensed_joints": None,
@@ -95,16 +95,14 @@ def events() -> list[Named]:
 
 
 def written(
-    found: Sequence[Named], *, utc: Callable[[int], Any] | None = None, version: bool = True
+    entries: Sequence[Named], *, utc: Callable[[int], Any] | None = None, version: bool = True
 ) -> bytes:
-    """A journal of these events, checksums right."""
+    """A journal of these events with correct checksums."""
     chain, lines = "", []
-    for number, (name, data) in enumerate(found, 1):
+    for number, (name, data) in enumerate(entries, 1):
         record: dict[str, Any] = {"schema": "sarcal/journal/1"} if version and number == 1 else {}
         stamp = f"2026-01-31T12:{number // 60:02d}:{number % 60:02d}.000Z"
-        record |= {"seq": number, "utc": stamp, "event": name, "data": data}
-        if utc is not None:
-            record["utc"] = utc(number)
+        record |= {"seq": number, "utc": utc(number) if utc else stamp, "event": name, "data": data}
         body = json.dumps(record, ensure_ascii=True, separators=(",", ":"))
         chain = hashlib.sha256((chain + body).encode()).hexdigest()[:16]
         lines.append(f'{body[:-1]},"sum":"{chain}"}}\n')
@@ -121,62 +119,65 @@ ODD: tuple[Any, ...] = (
 
 
 def places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Where something stands in a document: paths of keys and indices."""
-    found = [path] if path else []
+    """Paths of keys and indices of every item of a document."""
+    paths = [path] if path else []
     if isinstance(value, Mapping):
         for key in value:
-            found += places(value[key], (*path, key))
+            paths += places(value[key], (*path, key))
     elif isinstance(value, list):
         for k, item in enumerate(value):
-            found += places(item, (*path, k))
-    return found
+            paths += places(item, (*path, k))
+    return paths
 
 
 def mutated(document: Any, rng: Random) -> Any:
-    """A document with one thing in it another than it was."""
+    """A document with one random change."""
     document = copy.deepcopy(document)
     paths = places(document)
     if not paths:
         return rng.choice(ODD)
-    *above, last = rng.choice(paths)
-    within = document
-    for key in above:
-        within = within[key]
+    *parents, last = rng.choice(paths)
+    parent = document
+    for key in parents:
+        parent = parent[key]
     match rng.randrange(6):
         case 0:
-            del within[last]
-        case 1 if isinstance(within, list):
-            within.insert(last, copy.deepcopy(within[last]))
-        case 2 if isinstance(within, dict):
-            within[rng.choice(("x", "", "sum", last + "_"))] = within.pop(last)
-        case 3 if isinstance(within[last], int | float) and not isinstance(within[last], bool):
-            within[last] *= rng.choice((-1, 0, 2, 1e9, 1e200, 0.5))
+            del parent[last]
+        case 1 if isinstance(parent, list):
+            parent.insert(last, copy.deepcopy(parent[last]))
+        case 2 if isinstance(parent, dict):
+            parent[rng.choice(("x", "", "sum", last + "_"))] = parent.pop(last)
+        case 3 if isinstance(parent[last], int | float) and not isinstance(parent[last], bool):
+            parent[last] *= rng.choice((-1, 0, 2, 1e9, 1e200, 0.5))
         case _:
-            within[last] = copy.deepcopy(rng.choice(ODD))
+            parent[last] = copy.deepcopy(rng.choice(ODD))
     return document
 
 
 def mutated_journal(rng: Random) -> bytes:
-    """A journal with checksums that are right, and contents that are not."""
-    found = events()
+    """A journal with random changes and correct checksums."""
+    entries = events()
     for _ in range(rng.choice((1, 1, 1, 2, 5))):
-        at = rng.randrange(len(found))
+        at = rng.randrange(len(entries))
         match rng.randrange(10):
             case 0:
-                del found[at]
+                del entries[at]
             case 1:
-                found.insert(at, copy.deepcopy(rng.choice(found)))
+                entries.insert(at, copy.deepcopy(rng.choice(entries)))
             case 2:
-                found[at] = (rng.choice((found[at][0].upper(), "", "later", "\x1b")), found[at][1])
+                entries[at] = (
+                    rng.choice((entries[at][0].upper(), "", "later", "\x1b")),
+                    entries[at][1],
+                )
             case 3:
-                found[at] = (rng.choice(found)[0], found[at][1])
+                entries[at] = (rng.choice(entries)[0], entries[at][1])
             case _:
-                found[at] = (found[at][0], mutated(found[at][1], rng))
-        if not found:
-            found = events()
-    odd = rng.randrange(len(found)) + 1 if rng.random() < 0.05 else 0
+                entries[at] = (entries[at][0], mutated(entries[at][1], rng))
+        if not entries:
+            entries = events()
+    odd_line = rng.randrange(len(entries)) + 1 if rng.random() < 0.05 else 0
     stamp = rng.choice(ODD)
     return written(
-        found, utc=lambda k: stamp if k == odd else "2026-01-31T12:00:00.000Z",
+        entries, utc=lambda k: stamp if k == odd_line else "2026-01-31T12:00:00.000Z",
         version=rng.random() < 0.8,
     )  # fmt: skip

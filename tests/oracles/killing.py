@@ -1,10 +1,9 @@
-"""Programs killed at instants that a seed chooses, one after another, until nothing more is left to kill.
+"""Sessions whose processes are killed at random times and resumed, and invariants of their files.
 
-A chain is one operator's day: `sarcal run`, killed, gone on with by --resume, killed again, to the end; and
-so the next session. On the loopback bus the virtual controller is a program of its own and is killed too; its
-parameters live in a folder. What must hold is looked at from outside, in files: no line of a journal that was
-whole at a death is ever missing or changed, every pose that counts is right by the loop's own closure, the
-parameter slot in force is one whole document, nobody prints a traceback.
+`sarcal run` is killed and resumed until it ends, session after session. On the loopback bus the virtual controller is
+a second process, which is killed too; its parameter slots are in a folder. Invariants, checked from outside: a
+complete journal line is never lost or changed, every accepted pose closes the loop, the active parameter slot is one
+complete document, no process prints a traceback.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ import signal
 import subprocess
 import time
 from collections import Counter
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import Enum
@@ -36,17 +34,17 @@ PHASES = (
     "begin", "opened", "connected", "control", "modes", "pose", "pose", "pose", "reading",
     "solved", "checked", "exported",
 )  # fmt: skip
-"""After which entry of the journal somebody is killed; `begin`: from the start of the program on."""
+"""Journal events after which a process is killed; `begin` is the start of the program."""
 LATEST_S = {"begin": 2.5, "exported": 0.3}
-"""How long after it at most; else `LATER_S`."""
 LATER_S = 1.5
+"""Longest delay of a kill after the event: by event, and of all others."""
 
 CPU_S, MEMORY_MB = 5.0, 500.0
-"""Most of the processor that noticing a dead controller may take, and of memory anybody."""
+"""Limits of the CPU time to detect a dead controller, and of the memory of a process."""
 
 
 class Victim(Enum):
-    """Who is killed; an embedded arm dies with its operator."""
+    """The killed process; an embedded arm is part of the operator's."""
 
     OPERATOR = "operator"
     CONTROLLER = "controller"
@@ -55,10 +53,10 @@ class Victim(Enum):
 
 @dataclass
 class Deaths:
-    """What was seen of some kills.
+    """Statistics of kills.
 
-    `killed`: how many by victim and by the journal's last entry then. `reactions_s`: CPU time of an operator
-    from its controller's death to its own end. `words`: what operators said that ended by themselves.
+    `killed`: counts by victim and last journal event. `torn`: journals with an incomplete last line. `reactions_s`:
+    CPU time of an operator after its controller's death. `words`: last lines of operators that ended by themselves.
     """
 
     killed: Counter[tuple[str, str]] = field(default_factory=Counter)
@@ -75,7 +73,7 @@ class Deaths:
         return sum(self.killed.values())
 
     def add(self, other: Deaths) -> None:
-        """Take in another chain's."""
+        """Add the statistics of another chain."""
         self.killed += other.killed
         self.words += other.words
         self.sessions += other.sessions
@@ -87,11 +85,11 @@ class Deaths:
 
 
 class Program:
-    """One `sarcal`, its output in a file."""
+    """A `sarcal` process with its output in a file."""
 
     def __init__(self, folder: Path, name: str, *arguments: str) -> None:
-        self.output = folder / f"{name}.txt"
-        with self.output.open("wb") as output:
+        self._file = folder / f"{name}.txt"
+        with self._file.open("wb") as output:
             self.process = subprocess.Popen(
                 [*SARCAL, *arguments],
                 cwd=folder,
@@ -103,170 +101,161 @@ class Program:
         self.peak_mb = 0.0
         self.cpu_s = 0.0
 
-    def said(self) -> str:
-        return self.output.read_text("utf-8", "replace")
+    def output(self) -> str:
+        return self._file.read_text("utf-8", "replace")
 
-    def look(self) -> bool:
-        """Whether it still runs; notes what it has taken so far."""
-        with suppress(OSError, ValueError, IndexError):
-            proc = Path(f"/proc/{self.process.pid}")
-            found = re.search(r"VmHWM:\s+(\d+) kB", (proc / "status").read_text())
-            if found:
-                self.peak_mb = max(self.peak_mb, int(found[1]) / 1e3)
-                times = (proc / "stat").read_text().rpartition(")")[2].split()
-                ticks = int(times[11]) + int(times[12])
-                self.cpu_s = ticks / os.sysconf("SC_CLK_TCK")
-        return self.process.poll() is None
-
-    def wait(self, seconds: float) -> bool:
-        """Let it go on for so long; whether it still runs."""
+    def wait(self, seconds: float = 0.0) -> bool:
+        """Wait, update memory and CPU time, and return whether the process still runs."""
         with suppress(subprocess.TimeoutExpired):
             self.process.wait(seconds)
-        return self.look()
+        with suppress(OSError, ValueError, IndexError):
+            proc = Path(f"/proc/{self.process.pid}")
+            peak = re.search(r"VmHWM:\s+(\d+) kB", (proc / "status").read_text())
+            if peak:
+                self.peak_mb = max(self.peak_mb, int(peak[1]) / 1e3)
+                times = (proc / "stat").read_text().rpartition(")")[2].split()
+                self.cpu_s = (int(times[11]) + int(times[12])) / os.sysconf("SC_CLK_TCK")
+        return self.process.poll() is None
 
     def kill(self) -> None:
-        self.look()
+        self.wait()
         self.process.send_signal(signal.SIGKILL)
         self.process.wait()
 
 
-class Chain:
-    """Kills until `kills` are done, then lets the last session come to its end."""
+class KillSequence:
+    """Repeats kills until there are `kills`, then completes the last session."""
 
     def __init__(self, folder: Path, seed: int, kills: int, *, embedded: bool) -> None:
         self.folder, self.kills, self.embedded = folder, kills, embedded
         self.rng = random.Random(f"kills {seed}")  # noqa: S311 - to be repeated
-        self.found = Deaths()
+        self.deaths = Deaths()
         self.channel = f"kills-{os.getpid()}-{seed}"
         self.controller: Program | None = None
         self.session: Path | None = None
-        self.kept = b""
-        self.documents: set[str] = set()
+        self.complete_lines = b""
         self._programs = 0
         self._refused = 0
         folder.mkdir(parents=True, exist_ok=True)
 
-    # ---- one day --------------------------------------------------------------------------------------
-
     def run(self) -> Deaths:
         try:
-            while not self.found.faults:
-                finished = self._life()
-                if finished and self.found.total >= self.kills:
+            while not self.deaths.faults:
+                finished = self._run_operator()
+                if finished and self.deaths.total >= self.kills:
                     break
         finally:
             if self.controller is not None:
                 self.controller.kill()
-                self._look_at(self.controller)
-        return self.found
+                self._check_program(self.controller)
+        return self.deaths
 
-    def _life(self) -> bool:
-        """One operator program, to its end or its death; whether a session came to its end."""
+    def _run_operator(self) -> bool:
+        """Run one operator process until it ends or is killed; whether a session was completed."""
         if not self.embedded and self.controller is None:
-            self.controller = self._begin(
+            self.controller = self._start(
                 "controller", "-i", "loopback", "-c", self.channel, "--scenario", "exact",
                 "--state", "slots",
             )  # fmt: skip
-            while "In another terminal" not in self.controller.said():
+            while "In another terminal" not in self.controller.output():
                 if not self.controller.wait(0.02):
-                    self._fault(f"the controller did not begin: {self.controller.said()}")
+                    self._fault(f"the controller did not start: {self.controller.output()}")
                     return True
         bus = () if self.embedded else ("-i", "loopback", "-c", self.channel)
-        what = ("run", "hinge", "--poses", str(POSES), "--scenario", "exact")
+        command = ("run", "hinge", "--poses", str(POSES), "--scenario", "exact")
         if self.session is not None:
-            what = ("run", "--resume", str(self.session))
-        known = set(self._sessions())
-        operator = self._begin(*what, *bus)
-        if self.found.total >= self.kills:
-            return self._to_its_end(operator, known)
+            command = ("run", "--resume", str(self.session))
+        earlier = self._sessions()
+        operator = self._start(*command, *bus)
+        if self.deaths.total >= self.kills:
+            return self._await_end(operator, earlier)
         victim = Victim.EMBEDDED
         if not self.embedded:
             victim = self.rng.choice((Victim.OPERATOR, Victim.OPERATOR, Victim.CONTROLLER))
         phase = self.rng.choice(PHASES)
-        later_s = self.rng.random() ** 2 * LATEST_S.get(phase, LATER_S)
-        if not self._wait_for(operator, phase, known) or operator.wait(later_s) is False:
-            return self._to_its_end(operator, known)
+        delay_s = self.rng.random() ** 2 * LATEST_S.get(phase, LATER_S)
+        if not self._wait_for(operator, phase, earlier) or not operator.wait(delay_s):
+            return self._await_end(operator, earlier)
         if victim is Victim.CONTROLLER and self.controller is not None:
-            operator.look()
+            operator.wait()
             before_s = operator.cpu_s
             self.controller.kill()
-            self._note(victim)
-            self._look_at(self.controller)
+            self._count_kill(victim)
+            self._check_program(self.controller)
             self.controller = None
-            finished = self._to_its_end(operator, known, alone=True)
-            self.found.reactions_s.append(operator.cpu_s - before_s)
-            if operator.cpu_s - before_s > CPU_S:
-                self._fault(
-                    f"{operator.cpu_s - before_s:.1f} s of CPU after the controller's death"
-                )
+            finished = self._await_end(operator, earlier, controller_dead=True)
+            reaction_s = operator.cpu_s - before_s
+            self.deaths.reactions_s.append(reaction_s)
+            if reaction_s > CPU_S:
+                self._fault(f"{reaction_s:.1f} s of CPU after the controller's death")
             return finished
         operator.kill()
-        self._find(known)
-        self._note(victim)
-        self._look_at(operator)
-        self._look_at_journal()
-        self._look_at_slots()
+        self._find_session(earlier)
+        self._count_kill(victim)
+        self._check_program(operator)
+        self._check_files()
         return False
 
-    def _to_its_end(self, operator: Program, known: set[Path], *, alone: bool = False) -> bool:
-        """Wait until it ends by itself and judge how; `alone`: its controller is dead."""
+    def _await_end(
+        self, operator: Program, earlier: set[Path], *, controller_dead: bool = False
+    ) -> bool:
+        """Wait until the operator ends by itself and check the result; whether a session was completed."""
         deadline = time.monotonic() + PATIENCE_S
         while operator.wait(0.05):
             if time.monotonic() > deadline:
                 operator.kill()
-                self._fault(f"did not end in {PATIENCE_S:g} s: {operator.said()[-600:]}")
+                self._fault(f"did not end in {PATIENCE_S:g} s: {operator.output()[-600:]}")
                 return True
-        self._find(known)
-        self._look_at(operator)
-        self._look_at_journal()
-        self._look_at_slots()
-        code, said = operator.process.returncode, operator.said()
+        self._find_session(earlier)
+        self._check_program(operator)
+        self._check_files()
+        code, output = operator.process.returncode, operator.output()
         if code in (0, 4):
-            self._finish(code)
+            self._check_session(code)
             return True
-        last = said.strip().splitlines()[-1] if said.strip() else ""
-        self.found.words[f"exit {code}: {re.sub(r'[0-9.]+', '#', last)[:150]}"] += 1
-        if code != 3 or (alone and "the arm is held" in said):
-            self._fault(f"exit code {code}: {said[-1500:]}")
-        # What is advised may have to wait for the drives to trip; it may not be refused again and again.
-        self._refused = 0 if alone else self._refused + 1
+        last = output.strip().splitlines()[-1] if output.strip() else ""
+        self.deaths.words[f"exit {code}: {re.sub(r'[0-9.]+', '#', last)[:150]}"] += 1
+        if code != 3 or (controller_dead and "the arm is held" in output):
+            self._fault(f"exit code {code}: {output[-1500:]}")
+        # A resumption may be refused until the drives have tripped, but not repeatedly.
+        self._refused = 0 if controller_dead else self._refused + 1
         if self._refused > 3:
-            self._fault(f"does not go on: {said[-1500:]}")
+            self._fault(f"cannot be resumed: {output[-1500:]}")
         return False
 
-    def _finish(self, code: int) -> None:
-        """Judge a session that came to its end, and forget it."""
-        poses = self._poses()
-        used = [p for n, p in poses.items() if n not in self._excluded()]
-        self.found.sessions += 1
-        self.found.poses += len(used)
+    def _check_session(self, code: int) -> None:
+        """Check a completed session, and forget it."""
+        events = self._events()
+        excluded = {e["data"]["number"] for e in events if e["event"] == "pose_excluded"}
+        poses = {e["data"]["number"]: e["data"] for e in events if e["event"] == "pose"}
+        used = [pose for number, pose in poses.items() if number not in excluded]
+        self.deaths.sessions += 1
+        self.deaths.poses += len(used)
         self._refused = 0
         if len(used) != POSES:
-            self._fault(f"{len(used)} poses in the end, not {POSES}")
+            self._fault(f"{len(used)} poses instead of {POSES}")
         for pose in used:
             error = loop_error(np.array(pose["mean_rad"]))
             if error > CLOSES:
-                self._fault(f"pose {pose['number']} is wrong: the loop is {error:.2g} from closed")
+                self._fault(f"pose {pose['number']} is wrong: closure error {error:.2g}")
         if self.session is not None and code == 0:
             parameters = (self.session / "parameters.yaml").read_bytes()
-            if not self.embedded and self._active() != parameters:
-                self._fault("the slot in force is not what the session uploaded")
-        self.session, self.kept = None, b""
+            if not self.embedded and self._active_document() != parameters:
+                self._fault("the active slot is not the document that the session uploaded")
+        self.session, self.complete_lines = None, b""
 
-    # ---- what there is --------------------------------------------------------------------------------
-
-    def _begin(self, *arguments: str) -> Program:
+    def _start(self, *arguments: str) -> Program:
         self._programs += 1
         return Program(self.folder, f"{arguments[0]}-{self._programs}", *arguments)
 
-    def _sessions(self) -> Iterator[Path]:
-        return (path.parent for path in (self.folder / "sessions").glob("*/journal.jsonl"))
+    def _sessions(self) -> set[Path]:
+        return {path.parent for path in (self.folder / "sessions").glob("*/journal.jsonl")}
 
-    def _find(self, known: set[Path]) -> None:
-        """Find the session that the operator began; one without its first line is none."""
+    def _find_session(self, earlier: set[Path]) -> None:
+        """Find the session that the operator began: a journal with a complete first line."""
         if self.session is None:
-            for path in set(self._sessions()) - known:
-                # A session in which no arm was found goes away again.
+            for path in self._sessions() - earlier:
+                # A session without an arm is removed again.
                 with suppress(FileNotFoundError):
                     if b"\n" in (path / "journal.jsonl").read_bytes():
                         self.session = path
@@ -274,81 +263,70 @@ class Chain:
     def _events(self) -> list[dict[str, Any]]:
         if self.session is None or not (self.session / "journal.jsonl").exists():
             return []
-        whole, _, _ = (self.session / "journal.jsonl").read_bytes().rpartition(b"\n")
-        return [json.loads(line) for line in whole.splitlines()]
+        complete, _, _ = (self.session / "journal.jsonl").read_bytes().rpartition(b"\n")
+        return [json.loads(line) for line in complete.splitlines()]
 
-    def _poses(self) -> dict[int, dict[str, Any]]:
-        return {e["data"]["number"]: e["data"] for e in self._events() if e["event"] == "pose"}
-
-    def _excluded(self) -> set[int]:
-        return {e["data"]["number"] for e in self._events() if e["event"] == "pose_excluded"}
-
-    def _wait_for(self, operator: Program, phase: str, known: set[Path]) -> bool:
-        """Wait until the journal has one more entry of that kind; false if the operator ended before."""
+    def _wait_for(self, operator: Program, phase: str, earlier: set[Path]) -> bool:
+        """Wait for the next journal event of a kind; false if the operator ends before."""
         if phase == "begin":
             return True
-        mark = f'"event":"{phase}"'.encode()
-        before = self.kept.count(mark)
+        event = f'"event":"{phase}"'.encode()
+        before = self.complete_lines.count(event)
         while operator.wait(0.01):
-            self._find(known)
+            self._find_session(earlier)
             if self.session is not None:
                 with suppress(FileNotFoundError):
-                    journal = (self.session / "journal.jsonl").read_bytes()
-                    if journal.count(mark) > before:
+                    if (self.session / "journal.jsonl").read_bytes().count(event) > before:
                         return True
         return False
 
-    def _active(self) -> bytes | None:
-        """Document in force, by the files alone; None if there is none yet."""
+    def _active_document(self) -> bytes | None:
+        """Document of the active slot, from the files alone; None before the first upload."""
         slots = self.folder / "slots"
         if not (slots / "active").exists():
             return None
         stored = (slots / f"slot_{(slots / 'active').read_text().lower()}").read_bytes()
-        head, _, document = stored.partition(b"\n")
-        if head.split()[-1].decode() != hashlib.sha256(document).hexdigest():
-            self._fault("the slot in force is torn")
+        header, _, document = stored.partition(b"\n")
+        if header.split()[-1].decode() != hashlib.sha256(document).hexdigest():
+            self._fault("the active slot has a wrong checksum")
         return document
 
-    # ---- what must hold -------------------------------------------------------------------------------
-
-    def _note(self, victim: Victim) -> None:
+    def _count_kill(self, victim: Victim) -> None:
         events = self._events()
-        self.found.killed[victim.value, events[-1]["event"] if events else "begin"] += 1
+        self.deaths.killed[victim.value, events[-1]["event"] if events else "begin"] += 1
 
-    def _look_at(self, program: Program) -> None:
-        said = program.said()
-        if "Traceback" in said:
-            self._fault(f"traceback: {said[-2500:]}")
-        self.found.peak_mb = max(self.found.peak_mb, program.peak_mb)
+    def _check_program(self, program: Program) -> None:
+        output = program.output()
+        if "Traceback" in output:
+            self._fault(f"traceback: {output[-2500:]}")
+        self.deaths.peak_mb = max(self.deaths.peak_mb, program.peak_mb)
         if program.peak_mb > MEMORY_MB:
             self._fault(f"{program.peak_mb:.0f} MB")
 
-    def _look_at_journal(self) -> None:
-        if self.session is None:
-            return
-        try:
-            raw = (self.session / "journal.jsonl").read_bytes()
-        except FileNotFoundError:
-            if b'"event":"connected"' in self.kept:
-                self._fault("the journal is gone")
-            # A session in which no arm was found goes away again.
-            self.session, self.kept = None, b""
-            return
-        if not raw.startswith(self.kept):
-            self._fault("lines of the journal that were whole are missing or changed")
-        whole = raw[: raw.rfind(b"\n") + 1]
-        self.found.torn += whole != raw
-        self.kept = whole
-
-    def _look_at_slots(self) -> None:
-        document = None if self.embedded else self._active()
+    def _check_files(self) -> None:
+        """Check the journal and the active slot."""
+        if self.session is not None:
+            try:
+                self._check_journal((self.session / "journal.jsonl").read_bytes())
+            except FileNotFoundError:
+                if b'"event":"connected"' in self.complete_lines:
+                    self._fault("the journal is missing")
+                # A session without an arm is removed again.
+                self.session, self.complete_lines = None, b""
+        document = None if self.embedded else self._active_document()
         if document is not None and not document.endswith(b"\n"):
-            self._fault("the document in force is cut off")
+            self._fault("the active document is truncated")
 
-    def _fault(self, what: str) -> None:
-        self.found.faults.append(f"{self.folder.name}, program {self._programs}: {what}")
+    def _check_journal(self, journal: bytes) -> None:
+        if not journal.startswith(self.complete_lines):
+            self._fault("complete lines of the journal are missing or changed")
+        self.complete_lines = journal[: journal.rfind(b"\n") + 1]
+        self.deaths.torn += self.complete_lines != journal
+
+    def _fault(self, text: str) -> None:
+        self.deaths.faults.append(f"{self.folder.name}, program {self._programs}: {text}")
 
 
 def chain(folder: str, seed: int, kills: int, *, embedded: bool) -> Deaths:
-    """Run one; for a pool of processes."""
-    return Chain(Path(folder), seed, kills, embedded=embedded).run()
+    """Run one chain of kills; for a pool of processes."""
+    return KillSequence(Path(folder), seed, kills, embedded=embedded).run()

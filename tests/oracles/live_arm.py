@@ -1,7 +1,6 @@
-"""The plant as an arm that lives: SYNCs go on by themselves, STOP latches, the bus can fall silent.
+"""A fake arm with its own SYNC thread, a latched STOP and a bus that can become silent.
 
-A fake at the lowest seam for tests of what a screen does while an arm moves. In a move, a settling or
-a capture every step is taken at once, or after `pace_s` where a test needs time to interfere.
+Steps of a move, a settling or a capture take no time, or `pace_s`, in which a test can interfere.
 """
 
 import threading
@@ -29,7 +28,11 @@ TOKEN = 127
 
 
 class LiveArm(PlantArm):
-    """See the module. `connect_error` is raised by the next `connect`; `lateness` is the computer's."""
+    """See the module.
+
+    `connect_error` is raised by the next `connect`, `work_error` by every task of a connection; `lateness` is the
+    computer's.
+    """
 
     def __init__(
         self,
@@ -45,7 +48,6 @@ class LiveArm(PlantArm):
         self.lateness = NO_LATENCY
         self.stop_error: HardwareError | None = None
         self.work_error: HardwareError | None = None
-        """Ends every task until the connection is closed."""
         self.stops: list[float] = []
         self.other_operator = False
         self._stop_latch = threading.Event()
@@ -60,8 +62,6 @@ class LiveArm(PlantArm):
         super().__init__(procedure, scenario_name, serial)
         self._modes = [None] * self.model.joint_count
 
-    # -- what goes on by itself --------------------------------------------------------------------
-
     def _step(self):
         with self.lock:
             if self._silent_since is None:
@@ -69,7 +69,7 @@ class LiveArm(PlantArm):
             return super()._step()
 
     def _work_step(self) -> None:
-        """Take one step of a task; STOP ends the task."""
+        """Check for errors and STOP in a step of a task."""
         if self.pace_s:
             self._stop_latch.wait(self.pace_s)
         for error in (self.work_error, self._diverged):
@@ -80,7 +80,7 @@ class LiveArm(PlantArm):
         if self._silent_since is not None:
             raise BusError("no answer from the drives")
 
-    def _tick(self) -> None:
+    def _run_syncs(self) -> None:
         while not self._end.wait(PERIOD_S):
             if self._silent_since is None and self.lock.acquire(blocking=False):
                 try:
@@ -88,38 +88,34 @@ class LiveArm(PlantArm):
                 finally:
                     self.lock.release()
 
-    # -- what a test does to it --------------------------------------------------------------------
-
     def fall_silent(self) -> None:
-        """No answer any more; ages grow."""
+        """Stop answering."""
         self._silent_since = time.monotonic()
 
     def age_by(self, seconds: float) -> None:
-        """Fall silent, and let the last answer be that old already."""
+        """Stop answering, with a last answer of this age."""
         self.fall_silent()
         self._stamp = time.monotonic() - seconds
 
     def speak_again(self) -> None:
-        """Answer again; a controller that restarted has its drives disabled."""
-        self._drives, self._modes = DriveState.SWITCH_ON_DISABLED, [None] * self.model.joint_count
+        """Answer again, with drives disabled as after a restart of the controller."""
+        self._disable_drives()
         self._silent_since = None
 
+    def _disable_drives(self) -> None:
+        self._drives, self._modes = DriveState.SWITCH_ON_DISABLED, [None] * self.model.joint_count
+
     def trip(self, joint: int) -> None:
-        """One drive faults; all are off then."""
-        self._faults = (
-            Fault(
-                node=joint, joint=joint, code=0x8311, text="torque limit", sync_count=self._syncs
-            ),
-        )
+        """Trip all drives by a fault of one."""
+        fault = {"node": joint, "joint": joint, "code": 0x8311, "text": "torque limit"}
+        self._faults = (Fault(**fault, sync_count=self._syncs),)
         self._drives = DriveState.FAULT
 
     def diverge(self, joint: int, counts: int = 1300) -> None:
-        """One joint is not where it was told to be: the arm stops by itself."""
+        """Stop the arm because one joint differs from its target."""
         self._diverged = DriveDiverged(joint, counts, self._syncs)
         self._stop_latch.set()
         self._drives = DriveState.QUICK_STOP_ACTIVE
-
-    # -- the protocol ------------------------------------------------------------------------------
 
     def connect(self) -> ArmIdentity:
         if self.connect_error is not None:
@@ -127,7 +123,7 @@ class LiveArm(PlantArm):
             raise error
         if self._ticker is None:
             self._end.clear()
-            self._ticker = threading.Thread(target=self._tick, name="live-arm", daemon=True)
+            self._ticker = threading.Thread(target=self._run_syncs, name="live-arm", daemon=True)
             self._ticker.start()
         drive = "sarcal virtual joint drive"
         joints = [node(j, 100 + j, drive) for j in range(1, self.model.joint_count + 1)]
@@ -140,18 +136,16 @@ class LiveArm(PlantArm):
 
     def snapshot(self) -> ArmSnapshot:
         with self.lock if not self._moving else nullcontext():
-            found = super().snapshot()
-        # One that speaks has just spoken: that its ticker waits for a processor is not its silence.
+            snapshot = super().snapshot()
+        # Age 0 while it answers: delays of its own thread do not count.
         age = 0.0 if self._silent_since is None else time.monotonic() - self._stamp
-        drive = self._drives
+        enabled = self._drives is DriveState.OPERATION_ENABLED
         joints = tuple(
-            replace(
-                j, age_s=age, drive=drive, mode=m if drive is DriveState.OPERATION_ENABLED else None
-            )
-            for j, m in zip(found.joints, self._modes, strict=True)
+            replace(joint, age_s=age, drive=self._drives, mode=mode if enabled else None)
+            for joint, mode in zip(snapshot.joints, self._modes, strict=True)
         )
         return replace(
-            found,
+            snapshot,
             joints=joints,
             heartbeat_age_s=dict.fromkeys((*range(1, 8), 16), age),
             token=TOKEN,
@@ -214,7 +208,7 @@ class LiveArm(PlantArm):
         self._stop_latch.clear()
         self._diverged = None
         self._faults = ()
-        self._drives, self._modes = DriveState.SWITCH_ON_DISABLED, [None] * self.model.joint_count
+        self._disable_drives()
 
     def upload_parameters(self, document: bytes) -> UploadReceipt:
         receipt = super().upload_parameters(document)
@@ -226,6 +220,5 @@ class LiveArm(PlantArm):
         if self._ticker is not None:
             self._ticker.join()
             self._ticker = None
-        # What is known of a connection goes with it.
         self._diverged = self.work_error = None
         return True

@@ -1,4 +1,4 @@
-"""Sessions on live fake arms, for tests of both faces."""
+"""Sessions on live fake arms, for tests of both user interfaces."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,23 +13,23 @@ from operator_app.session.workflow.opening import Choices, Opening, Rig
 from tests.oracles.live_arm import LiveArm
 
 
-def quick_procedure(poses: int = 6) -> Procedure:
-    """The packaged hinge procedure with few poses and a limit that few poses meet."""
+def quick_procedure() -> Procedure:
+    """The packaged hinge procedure with few poses, and an acceptance limit for them."""
     procedure = load_procedure("hinge")
     return replace(
         procedure,
-        capture=replace(procedure.capture, poses=poses, samples_per_pose=8),
+        capture=replace(procedure.capture, poses=6, samples_per_pose=8),
         acceptance=replace(procedure.acceptance, scaled_condition_number=400.0),
     )
 
 
 class FakeSource(Sessions):
-    """Sessions on live fake arms, in folders session-1, session-2, ... `arm` is the present one."""
+    """Sessions on live fake arms, in folders session-1, session-2, ...; `arm` is the current one."""
 
-    def __init__(self, root: Path, *, poses: int = 6, simulated: bool = True) -> None:
+    def __init__(self, root: Path) -> None:
         super().__init__("hinge", Choices(), root=root, join=self._joined)
-        self.root, self.simulated = root, simulated
-        self.procedure = quick_procedure(poses)
+        self.root, self.simulated = root, True
+        self.procedure = quick_procedure()
         self.pace_s = 0.0
         self.serial = "SDA-0001"
         self.arm: LiveArm | None = None
@@ -37,7 +37,7 @@ class FakeSource(Sessions):
 
     @property
     def runner(self) -> Runner | None:
-        """The runner that is open."""
+        """The open runner."""
         return self._runner
 
     @contextmanager
@@ -49,5 +49,5 @@ class FakeSource(Sessions):
         if procedure.name == self.procedure.name:
             procedure = self.procedure
         self.arm = LiveArm(procedure, pace_s=self.pace_s, serial=self.serial)
-        found = replace(opening, folder=folder, procedure=procedure)
-        yield Rig(arm=self.arm, opening=found, simulated=self.simulated)
+        test_opening = replace(opening, folder=folder, procedure=procedure)
+        yield Rig(arm=self.arm, opening=test_opening, simulated=self.simulated)

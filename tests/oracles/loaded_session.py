@@ -1,7 +1,4 @@
-"""`sarcal run` against `sarcal controller` on a loopback bus that others fill: what came of it, by outsiders.
-
-Three programs besides this one: the operator, the controller, the flood; and the kernel's clock.
-"""
+"""`sarcal run` with `sarcal controller` on a loopback bus under load, observed from outside."""
 
 import re
 import subprocess
@@ -14,26 +11,24 @@ from pathlib import Path
 import numpy as np
 
 from operator_app.session.store.journal import read_journal
-from tests.oracles.busy_bus import Rhythm, backlog_bytes, busy_bus
+from tests.oracles.bus_load import Rhythm, backlog_bytes, loaded_bus
 from tests.oracles.fault_session import CLOSES, loop_error
 from tests.oracles.machine_pauses import Pauses, machine_pauses
 from tests.oracles.own_process import ROOT, SARCAL, controller, environment
 
 DRIVES_TRIP_S = 0.25
-"""Of one processor: with a queue behind it, the drives on another one miss the operator's heartbeat for 0.5 s."""
+"""Pause of one processor after which drives on another one, with its queue, miss the heartbeat for 0.5 s."""
 END_S = 2.0
-"""Between a pause and the last SYNC of a session that it ended: the drives are heard, the arm is held."""
+"""Longest time between a pause and the last SYNC of a session that it ended."""
 PROCEDURE = ROOT / "operator_app" / "data" / "procedures" / "hinge.yaml"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Came:
-    """What came of a session.
+class LoadedSession:
+    """Outcome of a session.
 
-    `code` and `said` of the operator; poses accepted, and the numbers of those that are not right;
-    the longest queue that waited at any of the programs (the kernel keeps 8 MB before it drops a frame); how
-    many frames others sent in how many seconds; when the machine itself stood still; what the journal has,
-    with the second it was written in.
+    Exit code and output of the operator; number of accepted poses, numbers of wrong ones; longest receive queue (the
+    kernel drops frames above 8 MB); foreign frames sent in `took_s`; pauses of the machine; journal events and times.
     """
 
     code: int
@@ -48,15 +43,14 @@ class Came:
     events: tuple[tuple[str, float], ...]
 
     def away_s(self) -> list[float]:
-        """Of each gap between two SYNCs the seconds in which the machine itself stood still; 0 where not known."""
+        """Pauses of the machine (s) in each interval between two SYNCs; 0 if unknown."""
         if not self.pauses.known:
-            # What runs at no higher priority than these programs is kept waiting by them.
             return [0.0] * max(len(self.rhythm.at_s) - 1, 0)
         gaps = zip(self.rhythm.at_s, self.rhythm.gaps_s(), strict=False)
         return [self.pauses.within_s(begin, begin + gap) for begin, gap in gaps]
 
     def ended_by_the_machine(self) -> str:
-        """Why nobody on this machine could have kept the drives waiting less; "" where that is not sure."""
+        """The pause of the machine that tripped the drives, as a message; "" if there was none."""
         if self.code != 3 or not self.pauses.known or not self.rhythm.at_s:
             return ""
         if not re.search(r"joint \d tripped: [^.]*\(8130h\)", " ".join(self.said.split())):
@@ -79,8 +73,8 @@ def session_under_load(
     rate: float,
     busy: int = 0,
     patience_s: float = 1200.0,
-) -> Came:
-    """Run a session of so many poses while others send `rate` frames a second and `busy` processes compute."""
+) -> LoadedSession:
+    """Run a session while other nodes send `rate` frames a second and `busy` processes compute."""
     text = PROCEDURE.read_text(encoding="utf-8")
     for old, new in (("poses: 40", f"poses: {poses}"), ("pose: 32", f"pose: {samples}")):
         if old not in text:
@@ -89,14 +83,14 @@ def session_under_load(
     (folder / "load.yaml").write_text(text, encoding="utf-8")
     bus = ("-i", "loopback", "-c", channel, "--scenario", "exact")
     with (
-        controller(folder, *bus) as (_, told),
+        controller(folder, *bus) as (_, first_line),
         machine_pauses() as pauses,
-        busy_bus(channel, rate=rate, busy=busy) as watched,
+        loaded_bus(channel, rate=rate, busy=busy) as load,
         (folder / "said.txt").open("wb") as output,
     ):
-        if channel not in told:
-            raise RuntimeError("the controller did not begin")
-        begun, foreign = time.monotonic(), watched.sent
+        if channel not in first_line:
+            raise RuntimeError("the controller did not start")
+        start_s, foreign = time.monotonic(), load.sent
         operator = subprocess.Popen(
             [*SARCAL, "run", str(folder / "load.yaml"), *bus],
             cwd=folder, env=environment(), stdout=output, stderr=subprocess.STDOUT,
@@ -106,26 +100,27 @@ def session_under_load(
             backlog = max(backlog, backlog_bytes(channel))
             with suppress(subprocess.TimeoutExpired):
                 operator.wait(0.1)
-            if time.monotonic() - begun > patience_s:
+            if time.monotonic() - start_s > patience_s:
                 operator.kill()
-        took_s, foreign = time.monotonic() - begun, watched.sent - foreign
-    if watched.rhythm is None:
-        raise RuntimeError("the watcher of the bus did not report")
+        took_s, foreign = time.monotonic() - start_s, load.sent - foreign
+    if load.rhythm is None:
+        raise RuntimeError("the recorder of the bus did not report")
     events = [
         event
         for journal in (folder / "sessions").glob("*/journal.jsonl")
         for event in read_journal(journal.parent).events
     ]
-    found = [event.data for event in events if event.name == "pose"]
-    return Came(
+    pose_data = [event.data for event in events if event.name == "pose"]
+    errors = {p["number"]: loop_error(np.array(p["mean_rad"])) for p in pose_data}
+    return LoadedSession(
         code=operator.returncode,
         said=(folder / "said.txt").read_text("utf-8", "replace"),
-        poses=len(found),
-        wrong=tuple(p["number"] for p in found if loop_error(np.array(p["mean_rad"])) > CLOSES),
+        poses=len(pose_data),
+        wrong=tuple(number for number, error in errors.items() if error > CLOSES),
         backlog_bytes=backlog,
         foreign=foreign,
         took_s=took_s,
-        rhythm=watched.rhythm,
+        rhythm=load.rhythm,
         pauses=pauses,
         events=tuple((e.name, datetime.fromisoformat(e.utc).timestamp()) for e in events),
     )

@@ -1,7 +1,6 @@
-"""A second implementation of the closed loop, for tests only. Shares no code with `solver`.
+"""Second implementation of the closed loop: closed poses and the Cramer-Rao bound. Shares no code with `solver`.
 
-Homogeneous matrices multiplied out, derivatives by complex step: slow, plain, and good to the last
-digit. From it come closed poses, simulated readings and the Cramer-Rao bound.
+Products of homogeneous matrices, with derivatives by complex step: slow, and exact to the last digit.
 """
 
 from __future__ import annotations
@@ -50,9 +49,9 @@ def paper_truth() -> Truth:
 
 
 def product(theta, s, a, alpha, beta=0.0):
-    """A_0 A_1 ... A_n of actual joint angles (..., L); real or complex; (..., 4, 4)."""
+    """A_0 A_1 ... A_n (..., 4, 4) of actual joint angles (..., L), real or complex."""
     theta, s, a, alpha, beta = np.broadcast_arrays(theta, s, a, alpha, beta)
-    whole = np.broadcast_to(np.eye(4), (*theta.shape[:-1], 4, 4))
+    T = np.broadcast_to(np.eye(4), (*theta.shape[:-1], 4, 4))
     for j in range(theta.shape[-1]):
         c, sn = np.cos(theta[..., j]), np.sin(theta[..., j])
         ca, sa = np.cos(alpha[..., j]), np.sin(alpha[..., j])
@@ -63,15 +62,20 @@ def product(theta, s, a, alpha, beta=0.0):
             [zero, sa, ca, s[..., j]],
             [zero, zero, zero, one],
         ]
-        whole = whole @ np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+        T = T @ np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
         cb, sb = np.cos(beta[..., j]), np.sin(beta[..., j])
-        twist = [[cb, zero, sb, zero], [zero, one, zero, zero], [-sb, zero, cb, zero], rows[3]]
-        whole = whole @ np.stack([np.stack(row, axis=-1) for row in twist], axis=-2)
-    return whole
+        Ry = [
+            [cb, zero, sb, zero],
+            [zero, one, zero, zero],
+            [-sb, zero, cb, zero],
+            rows[3],
+        ]
+        T = T @ np.stack([np.stack(row, axis=-1) for row in Ry], axis=-2)
+    return T
 
 
 def closure(truth: Truth, angles):
-    """Antisymmetric part of the rotation over the position, (m, 6), at theta_0 and readings (m, L)."""
+    """Antisymmetric part of the rotation, and position, (m, 6), at theta_0 and readings (m, L)."""
     T = product(angles + truth.theta_off, truth.s, truth.a, truth.alpha)
     turn = np.stack(
         [T[..., 2, 1] - T[..., 1, 2], T[..., 0, 2] - T[..., 2, 0], T[..., 1, 0] - T[..., 0, 1]], -1
@@ -109,29 +113,24 @@ def closed_poses(
     spread_deg: float = 45.0,
     box_deg: float = 60.0,
     give: np.ndarray | None = None,
-    hinge: bool = True,
 ):
-    """Random poses around home that close (against `give`, (count, 6), if a fixture gives).
-
-    Returns the angles (count, L): theta_0, then joint angles in sensor coordinates.
-    """
+    """Random closed poses around home, with deflections `give` (count, 6): theta_0 and readings (count, L)."""
     links = len(truth.s)
     home = np.concatenate(([0.0], truth.home))
     T = product(home + truth.theta_off, truth.s, truth.a, truth.alpha)
-    home[0] = -np.arctan2(T[1, 0], T[0, 0]) if hinge else 0.0
-    free = np.ones(links) if hinge else np.array([0.0] + [1.0] * (links - 1))
+    home[0] = -np.arctan2(T[1, 0], T[0, 0])
     offsets = np.zeros((count, 6)) if give is None else give
-    found = np.full((count, links), np.nan)
-    while np.isnan(found).any():
-        missing = np.repeat(np.flatnonzero(np.isnan(found[:, 0])), 3)
-        turn = rng.uniform(-spread_deg, spread_deg, (len(missing), links))
-        angles = home + free * np.deg2rad(turn)
+    poses = np.full((count, links), np.nan)
+    while np.isnan(poses).any():
+        missing = np.repeat(np.flatnonzero(np.isnan(poses[:, 0])), 3)
+        turn_deg = rng.uniform(-spread_deg, spread_deg, (len(missing), links))
+        angles = home + np.deg2rad(turn_deg)
         for _ in range(25):
             error = closure(truth, angles) - offsets[missing]
             if np.abs(error).max() < 1e-15:
                 break
             J, _ = closure_rates(truth, angles, ())
-            step = (np.linalg.pinv(J * free) @ error[..., None])[..., 0] * free
+            step = (np.linalg.pinv(J) @ error[..., None])[..., 0]
             longest = np.maximum(np.abs(step).max(-1), 1e-300)
             angles -= step * np.minimum(1.0, 0.3 / longest)[:, None]
         T = product(angles + truth.theta_off, truth.s, truth.a, truth.alpha)
@@ -140,15 +139,15 @@ def closed_poses(
             & (np.trace(T[..., :3, :3], axis1=-2, axis2=-1) > 2.0)
             & (np.abs(angles - home)[:, 1:].max(-1) < np.deg2rad(box_deg))
         )
-        found[missing[good]] = angles[good]
-    return found
+        poses[missing[good]] = angles[good]
+    return poses
 
 
 def information(truth: Truth, angles, names, variance, *, unsensed=(), give=None, hinge=True):
     """Fisher information (P, P) of `names` from readings with `variance` (n,), rad^2.
 
-    The angles of `unsensed` joints and of the hinge are nuisance; `give` (6,) is the variance of the
-    closure itself. Found from the joint information of parameters and per-pose nuisances.
+    The angles of `unsensed` joints and of the hinge are nuisance parameters of each pose; `give` (6,) is the variance
+    of the closure.
     """
     by_angle, by_name = closure_rates(truth, angles, names)
     total = np.zeros((len(names), len(names)))
@@ -157,7 +156,7 @@ def information(truth: Truth, angles, names, variance, *, unsensed=(), give=None
     for Jt, Jp in zip(by_angle, by_name, strict=True):
         V = (Jt[:, sensed] * np.asarray(variance)[[j - 1 for j in sensed]]) @ Jt[:, sensed].T
         V = V + (0.0 if give is None else np.diag(give))
-        # The nuisance angles are known not at all: project onto what they cannot move.
+        # Project onto the directions that the nuisance angles cannot move.
         U, _, _ = np.linalg.svd(Jt[:, nuisance]) if nuisance else (np.eye(6), None, None)
         E = U[:, len(nuisance) :]
         A = E.T @ Jp

@@ -1,8 +1,7 @@
-"""When the machine itself stood still: a clock on every processor that nothing on it can delay.
+"""Pauses of the machine: times in which a host did not run a virtual machine's processor.
 
-A process for each processor, at a priority above all that is measured, sleeps 5 ms again and again. What it
-wakes late by, a host took from the virtual machine (or its kernel from everybody): no program in it could
-have run there. Knows nothing of what is measured.
+On each processor, a process of the highest priority sleeps 5 ms repeatedly. No program could have run while it woke
+up late.
 """
 
 import math
@@ -21,31 +20,23 @@ PRIORITY, NAP_S, LATE_S = 90, 0.005, 0.005
 
 @dataclass(slots=True, kw_only=True)
 class Pauses:
-    """What `machine_pauses` yields.
-
-    `of`: by processor the pauses (from, to), s of the wall clock, once it is over. `known`: whether the
-    priority was to be had; without it nothing can be said.
-    """
+    """Pauses (from, to) by processor, s of the wall clock; not `known` if the priority was not granted."""
 
     of: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
     known: bool = True
 
     def longest_s(self, begin: float = -math.inf, end: float = math.inf) -> float:
-        """Longest pause (s) of any processor that touches the time between two moments."""
-        return max(
-            (b - a for one in self.of.values() for a, b in one if b >= begin and a <= end),
-            default=0.0,
-        )
+        """Longest pause (s) of any processor that overlaps an interval."""
+        pauses = (pause for processor in self.of.values() for pause in processor)
+        return max((b - a for a, b in pauses if b >= begin and a <= end), default=0.0)
 
     def within_s(self, begin: float, end: float) -> float:
-        """Seconds that one processor, the one that lost most, was away between two moments."""
-        return max(
-            (
-                sum(max(0.0, min(b, end) - max(a, begin)) for a, b in one)
-                for one in self.of.values()
-            ),
-            default=0.0,
-        )
+        """Total pause (s) within an interval, of the processor with the largest."""
+
+        def total_s(pauses: list[tuple[float, float]]) -> float:
+            return sum(max(0.0, min(b, end) - max(a, begin)) for a, b in pauses)
+
+        return max(map(total_s, self.of.values()), default=0.0)
 
 
 def _clock(processor: int, ready: Event, done: Event, pipe: Any) -> None:
@@ -55,7 +46,7 @@ def _clock(processor: int, ready: Event, done: Event, pipe: Any) -> None:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     except OSError:
         known = False
-    found: list[tuple[float, float]] = []
+    pauses: list[tuple[float, float]] = []
     ready.set()
     due = time.monotonic() + NAP_S
     while not done.is_set():
@@ -63,29 +54,29 @@ def _clock(processor: int, ready: Event, done: Event, pipe: Any) -> None:
         late = time.monotonic() - due
         if late > LATE_S:
             now = time.time()
-            found.append((now - late, now))
+            pauses.append((now - late, now))
         due = time.monotonic() + NAP_S
-    pipe.send((processor, known, found))
+    pipe.send((processor, known, pauses))
 
 
 @contextmanager
 def machine_pauses() -> Iterator[Pauses]:
-    """Note when processors stood still, for as long as it is open."""
-    done, seen, running = SPAWN.Event(), Pauses(), []
+    """Record the pauses of every processor."""
+    done, pauses, running = SPAWN.Event(), Pauses(), []
     for processor in sorted(os.sched_getaffinity(0)):
-        ready, (near, far) = SPAWN.Event(), SPAWN.Pipe(duplex=False)
-        process = SPAWN.Process(target=_clock, args=(processor, ready, done, far), daemon=True)
+        ready, (receiver, sender) = SPAWN.Event(), SPAWN.Pipe(duplex=False)
+        process = SPAWN.Process(target=_clock, args=(processor, ready, done, sender), daemon=True)
         process.start()
-        running.append((process, ready, near))
+        running.append((process, ready, receiver))
     try:
         if not all(ready.wait(60) for _, ready, _ in running):
-            raise TimeoutError("the clocks beside it did not begin")
-        yield seen
+            raise TimeoutError("a clock process did not start")
+        yield pauses
     finally:
         done.set()
-        for process, _, near in running:
-            if near.poll(30):
-                processor, known, found = near.recv()
-                seen.of[processor] = found
-                seen.known &= known
+        for process, _, receiver in running:
+            if receiver.poll(30):
+                processor, known, intervals = receiver.recv()
+                pauses.of[processor] = intervals
+                pauses.known &= known
             process.join(30)

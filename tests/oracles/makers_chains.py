@@ -1,7 +1,6 @@
-"""Arms as their makers' public robot descriptions have them, joint by joint; multiplied out. Tests only.
+"""Kinematics of arms from their makers' public robot descriptions, independent of the makers' D-H tables.
 
-A line is where a joint is on the link before, xyz (m) and rpy (deg), and its axis; the last is the flange.
-Second to the D-H tables that the makers publish, from which the packaged files are.
+A row is a joint's position xyz (m) and orientation rpy (deg) on the link before, and its axis; the last is the flange.
 """
 
 import numpy as np
@@ -102,7 +101,7 @@ CHAINS["franka_panda"] = CHAINS["franka_fr3"]
 
 
 def flange(name, q_rad):
-    """Place (4, 4) of the flange on the base link at joint angles (n,)."""
+    """Pose (4, 4) of the flange in the base at joint angles (n,)."""
     T, angles = np.eye(4), iter(q_rad)
     for xyz, rpy, axis in CHAINS[name]:
         step = np.eye(4)

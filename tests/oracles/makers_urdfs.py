@@ -1,4 +1,4 @@
-"""Arms with errors, written as URDFs and simulated in a ball's sockets and on a hinge by pinocchio. Tests only."""
+"""Arms with geometric errors as URDFs, simulated in ball and hinge fixtures by pinocchio."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ TIP = np.array([0.0, 0.0, 0.1])
 
 @dataclass(frozen=True)
 class Steps:
-    """Places (n + 1, 4, 4) of every joint, and of the flange, on the link before, and the joints' axes (n, 3)."""
+    """Poses (n + 1, 4, 4) of every joint and of the flange on the link before; the joints' axes (n, 3)."""
 
     places: np.ndarray
     axes: np.ndarray
@@ -59,22 +59,22 @@ def nominal(name: str) -> Steps:
 
 
 def built(steps: Steps, rng: np.random.Generator, size: float) -> Steps:
-    """The arm as it was built: twists, lengths and zeros off, by `size` times the constants above."""
+    """The chain with random errors of twists, lengths and zeros, `size` times the constants above."""
     places = steps.places.copy()
     for k, axis in enumerate(steps.axes):
-        before = places[k, :3, :3].T @ (steps.axes[k - 1] if k else axis)
-        parallel = k > 0 and np.linalg.norm(np.cross(before, axis)) < 1e-6
+        previous_axis = places[k, :3, :3].T @ (steps.axes[k - 1] if k else axis)
+        parallel = k > 0 and np.linalg.norm(np.cross(previous_axis, axis)) < 1e-6
         across = rng.normal(0.0, PARALLEL_TWIST_RAD if parallel else TWIST_RAD, 3)
         across -= axis * (axis @ across)
-        turn = (size * across if k else 0.0) + axis * rng.normal(0.0, OFFSET_RAD if k else 0.0)
+        rotation = (size * across if k else 0.0) + axis * rng.normal(0.0, OFFSET_RAD if k else 0.0)
         places[k, :3, 3] += rng.normal(0.0, size * LENGTH_M if k else 0.0, 3)
-        places[k, :3, :3] = places[k, :3, :3] @ Rotation.from_rotvec(turn).as_matrix()
+        places[k, :3, :3] = places[k, :3, :3] @ Rotation.from_rotvec(rotation).as_matrix()
     return Steps(places, steps.axes)
 
 
 @dataclass(frozen=True)
 class Held:
-    """A point (m) and a direction (none: zeros) of the hand, or of the ground."""
+    """A point (m) and a direction (zeros: none) of the hand or the ground."""
 
     point: np.ndarray
     direction: np.ndarray
@@ -89,12 +89,12 @@ class Chain:
         self.flange = self.model.getFrameId("flange")
 
     def flange_of(self, q: np.ndarray) -> np.ndarray:
-        """Place (4, 4) of the flange."""
+        """Pose (4, 4) of the flange."""
         pin.framesForwardKinematics(self.model, self.data, q)
         return self.data.oMf[self.flange].homogeneous.copy()
 
     def closed(self, hand: Held, ground: Held, rng, near: np.ndarray, box_rad: float) -> np.ndarray:
-        """Joint angles (n,), within `box_rad` of `near`, at which what the hand has is where the ground has it."""
+        """Joint angles (n,), within `box_rad` of `near`, at which the hand's point and direction are the ground's."""
         low, high = np.maximum(near - box_rad, -RANGE_RAD), np.minimum(near + box_rad, RANGE_RAD)
         across = np.linalg.svd(ground.direction[None])[2][1:]
         for _ in range(2000):
@@ -104,23 +104,23 @@ class Chain:
                 J = pin.computeFrameJacobian(
                     self.model, self.data, q, self.flange, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
                 )
-                arm, along = T[:3, :3] @ hand.point, T[:3, :3] @ hand.direction
-                off = np.concatenate((T[:3, 3] + arm - ground.point, across @ along))
-                slope = np.vstack(
-                    (J[:3] - pin.skew(arm) @ J[3:], -across @ pin.skew(along) @ J[3:])
+                lever, direction = T[:3, :3] @ hand.point, T[:3, :3] @ hand.direction
+                error = np.concatenate((T[:3, 3] + lever - ground.point, across @ direction))
+                rates = np.vstack(
+                    (J[:3] - pin.skew(lever) @ J[3:], -across @ pin.skew(direction) @ J[3:])
                 )
                 rows = slice(None) if hand.direction.any() else slice(3)
-                step = np.linalg.lstsq(slope[rows], off[rows], rcond=None)[0]
+                step = np.linalg.lstsq(rates[rows], error[rows], rcond=None)[0]
                 q = q - step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-300))
                 if np.abs(step).max() < 1e-12:
                     break
-            if np.abs(off[rows]).max() < 1e-10 and np.all((low < q) & (q < high)):
+            if np.abs(error[rows]).max() < 1e-10 and np.all((low < q) & (q < high)):
                 return q
-        raise RuntimeError("nothing closes near there")
+        raise RuntimeError("no closed pose")
 
 
 def read(q: np.ndarray, rng: np.random.Generator, amplitude_rad: float) -> np.ndarray:
-    """Encoders' readings of joint angles: eccentricity of one turn, counts."""
+    """Encoder readings of joint angles, with eccentricity and counts."""
     size = rng.normal(0.0, amplitude_rad, (2, q.shape[1]))
-    off = size[0] * np.sin(q) + size[1] * np.cos(q)
-    return np.round((q + off) / COUNT_RAD) * COUNT_RAD
+    harmonics = size[0] * np.sin(q) + size[1] * np.cos(q)
+    return np.round((q + harmonics) / COUNT_RAD) * COUNT_RAD

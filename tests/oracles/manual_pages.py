@@ -1,4 +1,4 @@
-"""What the manual's pages tell people to type, and a folder in which it can be typed. Runs nothing."""
+"""Commands and code blocks of the manual's pages."""
 
 import re
 from dataclasses import dataclass
@@ -8,21 +8,15 @@ from operator_app.manual.pages import FOLDER
 BLOCK = re.compile(r"((?:<!--[^\n]*-->\n)*)```(\w+)\n(.*?)```", re.DOTALL)
 MARK = re.compile(r"<!-- (run|file): (.*?) -->")
 NOT_OURS = (
-    "python3 -m venv ",
-    ".venv/bin/pip ",
-    "source ",
-    "sudo ip link ",
-    "pip install ",
-    "eval ",
-    "python ",
-    "CAN_INTERFACE=",
-)
-"""What the pages type beside `sarcal`: the system's own commands."""
+    "python3 -m venv ", ".venv/bin/pip ", "source ", "sudo ip link ", "pip install ", "eval ",
+    "python ", "CAN_INTERFACE=",
+)  # fmt: skip
+"""Prefixes of the pages' commands of other programs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Block:
-    """A block of code: its language, and how its page says that it is run."""
+    """A block of code: its language, and the page's comment on how to run it."""
 
     language: str
     text: str
@@ -31,21 +25,19 @@ class Block:
 
     @property
     def commands(self) -> list[str]:
-        """What a person types after a prompt, line by line."""
+        """The commands, line by line."""
         return self.text.replace("\\\n", " ").splitlines() if self.language == "sh" else []
 
 
 def written_topics() -> list[str]:
-    """Topics whose pages are files."""
+    """Topics with a page file."""
     return sorted(f.name[:-3] for f in FOLDER.iterdir() if f.name.endswith(".md"))
 
 
 def blocks(topic: str) -> list[Block]:
-    """The blocks of a page, from top to bottom."""
-    found = []
-    for marks, language, text in BLOCK.findall((FOLDER / f"{topic}.md").read_text()):
-        said = dict(MARK.findall(marks))
-        found.append(
-            Block(language=language, text=text, run=said.get("run", ""), file=said.get("file", ""))
-        )
-    return found
+    """The code blocks of a page."""
+    page_blocks = []
+    for comments, language, text in BLOCK.findall((FOLDER / f"{topic}.md").read_text()):
+        marks = {"run": "", "file": "", **dict(MARK.findall(comments))}
+        page_blocks.append(Block(language=language, text=text, **marks))
+    return page_blocks

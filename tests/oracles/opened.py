@@ -1,4 +1,4 @@
-"""A session on an arm that a test brings, made as the product makes one."""
+"""A session on a test's own arm."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +10,7 @@ from operator_app.session.workflow.opening import Choices, Opening, Rig, open_se
 from operator_app.session.workflow.session import Session
 
 MakeSession = Callable[..., Session]
-"""How a test is given sessions: the fixture `make_session`."""
+"""Type of the fixture `make_session`."""
 
 
 def opened(
@@ -21,7 +21,7 @@ def opened(
     resumed: bool = False,
     clock: Clock = utc_now,
 ) -> Session:
-    """Begin a session in `folder`, or go on with the one in it."""
+    """Begin a session in `folder`, or resume the one in it."""
     opening = Opening(
         folder=folder, resumed=resumed, procedure=procedure, choices=Choices(), sources={}
     )

@@ -1,4 +1,4 @@
-"""The program as a process of its own, run from these sources."""
+"""The program as a separate process, run from these sources."""
 
 import os
 import subprocess
@@ -14,12 +14,12 @@ SARCAL = [sys.executable, "-m", "operator_app.cli"]
 
 
 def environment() -> dict[str, str]:
-    """Return an environment in which another folder's Python finds the program."""
+    """Environment in which the program can be run from any folder."""
     return {**os.environ, "PYTHONPATH": str(ROOT)}
 
 
 def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
-    """Start a command in a folder; what it says is kept in pipes."""
+    """Start a command in a folder, with its output in pipes."""
     return subprocess.Popen(
         [*SARCAL, *arguments],
         cwd=folder,
@@ -31,7 +31,7 @@ def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
 
 
 def finished(process: subprocess.Popen[str], *codes: int, patience_s: float = 240.0) -> Answer:
-    """Wait for a command, which must end with one of these exit codes, and return what it said."""
+    """Wait until a command ends with one of these exit codes, and return its output."""
     try:
         out, err = process.communicate(timeout=patience_s)
     finally:
@@ -43,7 +43,7 @@ def finished(process: subprocess.Popen[str], *codes: int, patience_s: float = 24
 
 @contextmanager
 def controller(folder: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """Run a virtual controller, which is killed in the end: its process and its first line."""
+    """Run a virtual controller, and kill it at the end: its process and its first line."""
     process = start(folder, "controller", *arguments)
     try:
         assert process.stderr is not None
@@ -53,13 +53,13 @@ def controller(folder: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen
         process.communicate()
 
 
-def wait_for_poses(sessions: Path, wanted: int, process: subprocess.Popen[str]) -> Path:
-    """Wait until a journal holds so many poses, and return its folder; an error if the command ends before."""
+def wait_for_poses(sessions: Path, count: int, process: subprocess.Popen[str]) -> Path:
+    """Wait until a journal has `count` poses, and return its folder; fails if the command ends before."""
     while True:
         for journal in sessions.glob("*/journal.jsonl"):
-            if journal.read_bytes().count(b'"event":"pose"') >= wanted:
+            if journal.read_bytes().count(b'"event":"pose"') >= count:
                 return journal.parent
         with suppress(subprocess.TimeoutExpired):
-            # Not in a spin: the program needs the processor to keep its heartbeat.
+            # Sleep, so that the program can send its heartbeat.
             process.wait(0.02)
             raise AssertionError(process.communicate()[1])

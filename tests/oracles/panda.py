@@ -1,4 +1,4 @@
-"""The real arm of tests/data/panda_ball: its nominal table by the maker, converted, and the readings."""
+"""The real Panda of tests/data/panda_ball: the maker's D-H table, converted, and the readings."""
 
 from pathlib import Path
 
@@ -6,16 +6,16 @@ import numpy as np
 
 FOLDER = Path(__file__).resolve().parents[1] / "data" / "panda_ball"
 
-# Maker's table (modified D-H): the link before joint j in row j.
+# The maker's modified D-H table: row j has the link before joint j.
 A_BEFORE_M = [0.0, 0.0, 0.0, 0.0825, -0.0825, 0.0, 0.088]
 ALPHA_BEFORE_DEG = [0.0, -90.0, 90.0, 90.0, -90.0, 90.0, 90.0]
 D_M = [0.333, 0.0, 0.316, 0.0, 0.384, 0.0, 0.107]
 TRAINING = (1, 2)
-"""Placements to fit; 3 to 6 are for testing."""
+"""Placements to fit; 3 to 6 are for verification."""
 
 
 def panda_columns() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """s, a (m) and alpha (rad) of rows 1..7 in the distal convention: row j holds the link after joint j."""
+    """s, a (m) and alpha (rad) of rows 1..7 in the distal convention: row j has the link after joint j."""
     return (
         np.array(D_M),
         np.array([*A_BEFORE_M[1:], 0.0]),
@@ -30,7 +30,7 @@ def panda_readings() -> tuple[np.ndarray, np.ndarray]:
 
 
 def scatter_mm(centres: np.ndarray, placement: np.ndarray) -> float:
-    """Mean distance of the ball's centre (m, 3) from its placement's mean, mm: the README's measure."""
+    """Mean distance (mm) of the ball's centre (m, 3) from the mean of its placement, as in the README."""
     distances = [
         np.linalg.norm(centres[placement == k] - centres[placement == k].mean(axis=0), axis=1)
         for k in np.unique(placement)

@@ -1,4 +1,4 @@
-"""Parameter documents of a hinge calibration: planted values without any estimator, and what the files state."""
+"""Parameter documents of a hinge calibration, without an estimator."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
@@ -29,7 +29,7 @@ VALUES: Mapping[str, float] = {
     "theta_off_5": 27.1, "theta_off_6": 116.3, "theta_off_7": 89.3, "a_0": 0.202, "s_0": 0.014,
     "alpha_0": -38.5, "s_1": 0.273, "a_7": -0.101, "s_7": 0.038, "alpha_7": 99.8,
 }  # fmt: skip
-"""Table 2 of the paper, deg and m: what a calibration identifies."""
+"""Table 2 of the paper, deg and m: the identified parameters."""
 
 CONSTANTS: Mapping[str, float] = {
     "alpha_1": 90.0, "alpha_2": -90.0, "alpha_3": 90.0, "alpha_4": -90.0, "alpha_5": 90.0,
@@ -41,7 +41,6 @@ SIGMA_M = 1e-5
 
 
 def is_angle(name: str) -> bool:
-    """Whether an entry is an angle."""
     return name.startswith(("theta_off_", "alpha_"))
 
 
@@ -57,18 +56,9 @@ def make_document(
 ) -> ParametersDocument:
     """Build a document.
 
-    Parameters
-    ----------
-    changes
-        Added to the values, deg and m.
-    values, nominal
-        Instead of those of `VALUES` and `CONSTANTS`, where given.
-    without
-        Entries that were not calibrated.
-    sigma
-        Standard deviations, in units of `SIGMA_DEG` and `SIGMA_M`.
-    poses
-        Which pose set: one hexadecimal digit.
+    `changes` are added to the values, deg and m; `values` and `nominal` replace those of `VALUES` and `CONSTANTS`;
+    `without` are entries that were not calibrated; `sigma` is in units of `SIGMA_DEG` and `SIGMA_M`; `poses` is one
+    hexadecimal digit for the pose set.
     """
     table = {**CONSTANTS, **(nominal or {}), **VALUES, **(values or {})}
     for name, change in (changes or {}).items():
@@ -120,19 +110,19 @@ def make_document(
 
 
 def document() -> ParametersDocument:
-    """Build the document of the packaged arm and hinge as their files state them."""
-    arm, made = load_arm("sarcos_dextrous"), make_document(chi2_per_dof=None)
+    """The document of the packaged arm and hinge with their nominal values."""
+    arm, base = load_arm("sarcos_dextrous"), make_document(chi2_per_dof=None)
     loop = load_fixture("hinge").fixture.model(arm)
     calibrated = tuple(
         CalibratedEntry.of(entry.name, 0.001 * (k + 1)) for k, entry in enumerate(loop.entries)
     )
     return replace(
-        made,
+        base,
         arm=WhichArm(model=arm.name, serial="SDA-0007"),
         joints=joints_from_table(arm, loop.table, calibrated),
         dh=rows_from_table(loop.table),
         calibrated=calibrated,
-        quality=replace(made.quality, scaled_condition_number=33.1),
+        quality=replace(base.quality, scaled_condition_number=33.1),
         warnings=(DocumentWarning(code="RVDT_LINEARITY", text="joint 6: 2 % of full scale"),),
         estimator="paper",
         pose_set_sha256="0123456789abcdef" * 4,

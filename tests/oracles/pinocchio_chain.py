@@ -1,29 +1,22 @@
-"""A D-H chain as a pinocchio model: every entry of the table is a joint of its own. Tests only."""
+"""A D-H chain as a pinocchio model, with a joint for every entry of the table."""
 
 import numpy as np
 import pinocchio as pin
 
 
 class PinocchioChain:
-    """``Rz(theta) Tz(s) Tx(a) Rx(alpha) Ry(beta)`` per link: joint Jacobians are Jacobians of the table."""
+    """``Rz(theta) Tz(s) Tx(a) Rx(alpha) Ry(beta)`` per link: joint Jacobians are those of the table."""
 
     def __init__(self, links: int) -> None:
         self.links = links
         self.model = pin.Model()
         parent = 0
-        here = pin.SE3.Identity()
+        identity = pin.SE3.Identity()
         for link in range(links):
-            for kind, joint in enumerate(
-                (
-                    pin.JointModelRZ(),
-                    pin.JointModelPZ(),
-                    pin.JointModelPX(),
-                    pin.JointModelRX(),
-                    pin.JointModelRY(),
-                )
-            ):
-                parent = self.model.addJoint(parent, joint, here, f"link_{link}_{kind}")
-        self.end = self.model.addFrame(pin.Frame("end", parent, here, pin.FrameType.OP_FRAME))
+            for kind in ("RZ", "PZ", "PX", "RX", "RY"):
+                joint = getattr(pin, f"JointModel{kind}")()
+                parent = self.model.addJoint(parent, joint, identity, f"link_{link}_{kind}")
+        self.end = self.model.addFrame(pin.Frame("end", parent, identity, pin.FrameType.OP_FRAME))
         self.data = self.model.createData()
 
     def frames(self, theta, s, a, alpha, beta=None):
@@ -37,13 +30,8 @@ class PinocchioChain:
 
     def jacobian(self, theta, s, a, alpha, beta=None):
         """(6, 5, links): rotation over translation of the end point, in the first frame's axes."""
-        J = pin.computeFrameJacobian(
-            self.model,
-            self.data,
-            self.q_of(theta, s, a, alpha, beta),
-            self.end,
-            pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
-        )
+        q, axes = self.q_of(theta, s, a, alpha, beta), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        J = pin.computeFrameJacobian(self.model, self.data, q, self.end, axes)
         return np.concatenate((J[3:], J[:3])).reshape(6, self.links, 5).swapaxes(1, 2)
 
     def q_of(self, theta, s, a, alpha, beta=None):

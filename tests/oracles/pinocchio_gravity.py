@@ -1,4 +1,4 @@
-"""Gravity of a D-H chain whose links have masses, by pinocchio. Tests only."""
+"""Gravity torques of a D-H chain by pinocchio."""
 
 import numpy as np
 import pinocchio as pin
@@ -7,7 +7,7 @@ from tests.oracles.pinocchio_chain import PinocchioChain
 
 
 class PinocchioGravity:
-    """Torque that holds a D-H chain up; a link's mass hangs where its joint turns."""
+    """A D-H chain with a mass on each link, given in the frame after the joint's rotation."""
 
     def __init__(self, mass, centre, gravity) -> None:
         self.chain = PinocchioChain(len(mass))
@@ -19,7 +19,7 @@ class PinocchioGravity:
         self.data = model.createData()
 
     def holding_torque(self, theta, s, a, alpha):
-        """Torque (links,) about every joint of one pose, N m."""
+        """Torque (links,) of every joint in one pose, N m."""
         q = self.chain.q_of(theta, s, a, alpha)
         return pin.computeGeneralizedGravity(self.chain.model, self.data, q)[::5]
 

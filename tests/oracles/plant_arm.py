@@ -1,4 +1,4 @@
-"""A fake arm at the lowest seam: the real plant under the `ArmInterface` protocol, without a bus."""
+"""A fake arm: the virtual plant behind `ArmInterface`, without a bus."""
 
 from collections.abc import Mapping, Sequence
 
@@ -29,7 +29,7 @@ SERIAL = "SDA-0001"
 
 
 def node(number: int, serial: int, device_name: str, *, role: str = "") -> NodeIdentity:
-    """Identity of a node, by default of the drive of the joint with its number."""
+    """Identity of a node, by default of the drive of joint `number`."""
     return NodeIdentity(
         node=number, role=role or f"joint {number}", device_name=device_name, vendor_id=0,
         product_code=1, revision=0x10000, serial_number=serial,
@@ -37,9 +37,9 @@ def node(number: int, serial: int, device_name: str, *, role: str = "") -> NodeI
 
 
 class PlantArm:
-    """An `ArmInterface` whose every SYNC is a plant step. Counts what it was asked.
+    """An `ArmInterface` whose SYNCs are plant steps. Records its moves and how often it was closed.
 
-    Readings are off by `off_rad`; `reads_rad` is what joints read wherever they are.
+    `off_rad` (n,) is added to readings; `reads_rad` replaces readings of joints.
     """
 
     def __init__(self, procedure: Procedure, chosen: Scenario | str, serial: str = SERIAL) -> None:
@@ -47,12 +47,9 @@ class PlantArm:
         chosen = scenario(chosen) if isinstance(chosen, str) else chosen
         self.plant = chosen.build(procedure.arm)
         n = self.model.joint_count
-        self._resolution = np.array(
-            [
-                0.0 if isinstance(j.sensor, NoSensor) else j.sensor.resolution_rad
-                for j in self.model.joints
-            ]
-        )
+        sensors = [joint.sensor for joint in self.model.joints]
+        resolution = [0.0 if isinstance(s, NoSensor) else s.resolution_rad for s in sensors]
+        self._resolution = np.array(resolution)
         self._serial = serial
         self._modes: list[JointMode | None] = [None] * n
         self._targets = np.zeros(n)
@@ -70,22 +67,18 @@ class PlantArm:
         if self.interrupt_at_sync is not None and self._syncs >= self.interrupt_at_sync:
             raise KeyboardInterrupt
         self._syncs += 1
-        self._reading = self.plant.step(
-            [
-                JointCommand(mode=m, target_rad=t)
-                for m, t in zip(self._modes, self._targets, strict=True)
-            ]
-        )
+        commands = zip(self._modes, self._targets, strict=True)
+        self._reading = self.plant.step([JointCommand(mode=m, target_rad=t) for m, t in commands])
         return self._reading
 
     def _positions(self) -> np.ndarray:
         return np.array(self._reading.position_counts) * self._resolution
 
-    def _read(self, q_rad: np.ndarray) -> np.ndarray:
-        found = q_rad + self.off_rad
+    def _with_errors(self, q_rad: np.ndarray) -> np.ndarray:
+        readings = q_rad + self.off_rad
         for joint, reads in self.reads_rad.items():
-            found[joint - 1] = reads
-        return found
+            readings[joint - 1] = reads
+        return readings
 
     def _hold_here(self) -> None:
         self._targets = self._positions()
@@ -95,12 +88,12 @@ class PlantArm:
         return ArmIdentity(model=self.model.name, serial_number=self._serial, nodes=nodes)
 
     def snapshot(self) -> ArmSnapshot:
-        read = self._read(self._positions())
+        readings = self._with_errors(self._positions())
         joints = tuple(
             JointState(
                 joint=j + 1,
                 position_counts=self._reading.position_counts[j],
-                position_rad=float(read[j]),
+                position_rad=float(readings[j]),
                 speed_rad_per_s=self._reading.speed_rad_per_s[j],
                 torque_nm=self._reading.torque_nm[j],
                 drive=DriveState.OPERATION_ENABLED,
@@ -152,11 +145,12 @@ class PlantArm:
         )
 
     def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
-        seen: list[np.ndarray] = []
+        positions: list[np.ndarray] = []
         for _ in range(timeout_syncs):
             self._step()
-            seen.append(self._positions())
-            if len(seen) >= window and np.all(np.ptp(seen[-window:], axis=0) <= spread_rad):
+            positions.append(self._positions())
+            spread = np.ptp(positions[-window:], axis=0)
+            if len(positions) >= window and np.all(spread <= spread_rad):
                 return True
         return False
 
@@ -164,16 +158,16 @@ class PlantArm:
         first = self._syncs + 1
         counts = np.array([self._step().position_counts for _ in range(samples)], dtype=float)
         mean = counts.mean(axis=0)
-        read = self._read(mean * self._resolution)
-        off = np.divide(
-            read - mean * self._resolution,
+        readings = self._with_errors(mean * self._resolution)
+        offset_counts = np.divide(
+            readings - mean * self._resolution,
             self._resolution,
             out=np.zeros_like(mean),
             where=self._resolution > 0.0,
         )
         return Reading(
-            mean_counts=mean + off,
-            mean_rad=read,
+            mean_counts=mean + offset_counts,
+            mean_rad=readings,
             sd_rad=counts.std(axis=0, ddof=1) * self._resolution,
             samples=samples,
             first_sync=first,

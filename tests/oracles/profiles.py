@@ -1,4 +1,4 @@
-"""The packaged bus profile, for an arm of so many joints."""
+"""The packaged bus profile."""
 
 from hardware.canopen.bus_profile import BusProfile
 from operator_app.config.profile_file import load_profile

@@ -1,4 +1,4 @@
-"""A program in a pseudo-terminal of our own, with the time of every byte it writes. Linux only."""
+"""A program in a pseudo-terminal, with time stamps of its output. Linux only."""
 
 import fcntl
 import os
@@ -16,7 +16,7 @@ TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 
 class PtyProgram:
-    """One program; `written` is everything it wrote, `began_s` when it was started (monotonic)."""
+    """One program, started at `began_s` (monotonic)."""
 
     def __init__(self, command: Sequence[str], *, size: tuple[int, int], folder: Path) -> None:
         self._master, slave = pty.openpty()
@@ -51,19 +51,19 @@ class PtyProgram:
                 self._news.notify_all()
 
     def write(self, keys: bytes) -> float:
-        """Press keys; return when (monotonic)."""
+        """Press keys; return the time (monotonic)."""
         now = time.monotonic()
         os.write(self._master, keys)
         return now
 
     def mark(self) -> int:
-        """Return a place in the output to look from."""
+        """Return the current position in the output."""
         with self._news:
             return len(self._chunks)
 
     def seen(self, text: str, since: int, patience_s: float = 60.0) -> float:
-        """Return when `text` was written after the mark `since` (monotonic)."""
-        wanted = text.encode()
+        """Return the time (monotonic) at which `text` was written after the position `since`."""
+        text_bytes = text.encode()
         end = time.monotonic() + patience_s
         at, tail = since, b""
         with self._news:
@@ -72,19 +72,19 @@ class PtyProgram:
                     when, data = self._chunks[at]
                     at += 1
                     tail = (tail + data)[-65536:]
-                    if wanted in tail:
+                    if text_bytes in tail:
                         return when
                 if not self._news.wait(end - time.monotonic()):
                     raise TimeoutError(f"never written: {text}\n{tail[-3000:]!r}")
 
     def press(self, keys: bytes, text: str, patience_s: float = 60.0) -> float:
-        """Press keys and wait for what they lead to; return how long that took, s."""
+        """Press keys and wait for a text; return the delay, s."""
         mark = self.mark()
         pressed = self.write(keys)
         return self.seen(text, mark, patience_s) - pressed
 
     def thread_cpu_s(self) -> float:
-        """CPU time of the main thread, where the screen is painted."""
+        """CPU time of the main thread, which draws the screen."""
         return _cpu_s(Path(f"/proc/{self.process.pid}/task/{self.process.pid}/stat"))
 
     def cpu_s(self) -> float:
@@ -99,18 +99,18 @@ class PtyProgram:
         raise RuntimeError("no VmRSS")
 
     def stop_reading(self) -> None:
-        """Let what it writes pile up, as a terminal does whose connection hangs."""
+        """Stop reading its output, like a terminal with a hanging connection."""
         self._reading = False
 
     def hang_up(self) -> None:
-        """Take the terminal away, as when its window is closed; the signals are the caller's affair."""
+        """Close the terminal like a closed window, without sending signals."""
         self._reading = False
-        self._reader.join()  # a read that waits would keep it open
+        self._reader.join()  # a pending read would keep it open
         os.close(self._master)
         self._master = -1
 
     def close(self) -> None:
-        """End it."""
+        """Terminate the program."""
         if self.process.poll() is None:
             self.process.terminate()
             self.process.wait(20)

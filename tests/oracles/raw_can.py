@@ -1,8 +1,4 @@
-"""A CANopen peer made of python-can frames and the numbers of the standards: shares nothing with us.
-
-No canopen package, no constant of the project: what it believes was written down from CiA 301 and
-CiA 402 separately.
-"""
+"""A CANopen peer of python-can frames and literal numbers from CiA 301 and CiA 402; shares no code with us."""
 
 import struct
 import time
@@ -18,13 +14,11 @@ class RawAbort(Exception):
 
 
 class RawPeer:
-    """Sends and receives on one bus; everything received stays in `log`."""
+    """Sends and receives on one bus; `log` has every received frame."""
 
     def __init__(self, bus: can.BusABC, joints: int = 7, timeout_s: float = 5.0) -> None:
         self.bus, self.joints, self.timeout_s = bus, joints, timeout_s
         self.log: list[tuple[int, bytes]] = []
-
-    # ---- frames ------------------------------------------------------------------------------------
 
     def send(self, identifier: int, data: bytes = b"") -> None:
         self.bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
@@ -37,27 +31,21 @@ class RawPeer:
         self.log.append(frame)
         return frame
 
-    def wait_for(
-        self, wanted: Callable[[int, bytes], bool], *, beating: bool = False
-    ) -> tuple[int, bytes]:
+    def wait_for(self, condition: Callable[[int, bytes], bool]) -> tuple[int, bytes]:
         deadline = time.monotonic() + self.timeout_s
         while time.monotonic() < deadline:
-            if beating:
-                self.beat()
             frame = self.receive(0.05)
-            if frame is not None and wanted(*frame):
+            if frame is not None and condition(*frame):
                 return frame
-        raise TimeoutError(f"did not come; last frames: {self.log[-8:]}")
+        raise TimeoutError(f"no such frame; last frames: {self.log[-8:]}")
 
     def quiet(self) -> None:
-        """Take in what is on its way."""
+        """Receive all pending frames."""
         while self.receive(0.0) is not None:
             pass
 
     def seen(self, identifier: int) -> list[bytes]:
         return [data for number, data in self.log if number == identifier]
-
-    # ---- NMT, heartbeat, SYNC, PDO -------------------------------------------------------------------
 
     def nmt(self, command: int, node: int = 0) -> None:
         self.send(0x000, bytes([command, node]))
@@ -66,7 +54,7 @@ class RawPeer:
         self.send(0x700 + node, b"\x05")
 
     def sync(self) -> list[tuple[int, int, int]]:
-        """One SYNC; statusword, position, torque of every joint, which answer in their order."""
+        """Send a SYNC; return statusword, position, torque of every joint, which answer in order."""
         self.send(0x080)
         answers: list[tuple[int, bytes]] = []
         while len(answers) < self.joints:
@@ -76,8 +64,6 @@ class RawPeer:
 
     def command(self, joint: int, controlword: int, target: int, mode: int) -> None:
         self.send(0x200 + joint, struct.pack("<Hib", controlword, target, mode))
-
-    # ---- SDO ---------------------------------------------------------------------------------------
 
     def _ask(self, node: int, request: bytes) -> bytes:
         self.send(0x600 + node, request)
@@ -129,10 +115,8 @@ class RawPeer:
     def signed(self, node: int, index: int, sub: int = 0) -> int:
         return int.from_bytes(self.read(node, index, sub), "little", signed=True)
 
-    # ---- what an operator does -----------------------------------------------------------------------
-
     def start(self) -> None:
-        """All nodes operational."""
+        """Set all nodes operational."""
         self.nmt(1)
 
     def take_control(self) -> None:
@@ -140,7 +124,7 @@ class RawPeer:
         self.write(16, 0x2010, 0, struct.pack("<I", 127))
 
     def enable(self, modes: list[int]) -> list[tuple[int, int, int]]:
-        """All drives to operation enabled in the given modes, holding where they are."""
+        """Enable all drives in the given modes, at their positions."""
         states = self.sync()
         for word in (0x06, 0x07, 0x0F):
             for joint, mode in enumerate(modes, start=1):

@@ -1,10 +1,11 @@
-"""Public logs of real arms whose hand holds a ball, and what 30 lines of NumPy make of them (tests/data/real_arms)."""
+"""Public logs of real arms with a ball in the hand (tests/data/real_arms), and a plain NumPy fit of them."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from tests.oracles.loop_oracle import product
 from tests.oracles.panda import panda_readings, scatter_mm
 
 FOLDER = Path(__file__).resolve().parents[1] / "data" / "real_arms"
@@ -24,7 +25,7 @@ checklist: ["the ball turns freely in its socket"]
 
 @dataclass(frozen=True, kw_only=True)
 class RealArm:
-    """One set of logs: `urdf` is empty for the packaged arm `franka_panda`, `training` the first sockets."""
+    """One set of logs: `urdf` is empty for the packaged `franka_panda`; `training` is the number of sockets to fit."""
 
     name: str
     urdf: str
@@ -40,6 +41,9 @@ class RealArm:
         return np.repeat(np.arange(1, len(logs) + 1), [len(q) for q in logs]), np.concatenate(logs)
 
 
+SIGMA_M = 0.3e-3
+"""Standard deviation of the ball's position in the fit."""
+
 ARMS = (
     RealArm(name="panda_1", urdf="", tip_mm=130.0, training=2),
     RealArm(name="panda_6", urdf="", tip_mm=130.0, training=2),
@@ -50,38 +54,28 @@ ARMS = (
 
 def tips(rows: np.ndarray, tip: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Ball (m, 3) of D-H rows (n, 5): s, a, alpha, theta_off, beta."""
-    R, p = np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 3))
-    for (s, a, alpha, off, beta), theta in zip(rows, q.T, strict=True):
-        c, d, z, o = np.cos(theta + off), np.sin(theta + off), 0.0 * theta, 1.0 + 0.0 * theta
-        turn = np.stack([np.stack(r, -1) for r in ((c, -d, z), (d, c, z), (z, z, o))], -2)
-        p = p + R @ [0.0, 0.0, s]
-        R = R @ turn
-        p = p + R @ [a, 0.0, 0.0]
-        ca, sa, cb, sb = np.cos(alpha), np.sin(alpha), np.cos(beta), np.sin(beta)
-        R = R @ [[1, 0, 0], [0, ca, -sa], [0, sa, ca]] @ [[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]]
-    return p + R @ tip
+    s, a, alpha, theta_off, beta = rows.T
+    return (product(q + theta_off, s, a, alpha, beta) @ np.append(tip, 1.0))[:, :3]
 
 
 def script(
     rows: np.ndarray, tip: np.ndarray, q: np.ndarray, placement: np.ndarray, sd: np.ndarray,
-    sigma_m: float = 0.3e-3,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Fit all entries (n, 5) within `sd` and one sigma of the ball about its sockets: rows and tip. Nothing else."""
+    """Fit of rows (n, 5) with priors `sd` and of the tip to one standard deviation of the ball about its sockets."""
     free, start = sd.ravel() > 0.0, np.concatenate((rows.ravel(), tip))
     free = np.concatenate((free, np.ones(3, dtype=bool)))
     size = np.concatenate((sd.ravel(), np.full(3, 0.1)))[free]
 
     def split(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        whole = start.copy()
-        whole[free] = x
-        return whole[:-3].reshape(rows.shape), whole[-3:]
+        values = start.copy()
+        values[free] = x
+        return values[:-3].reshape(rows.shape), values[-3:]
 
     def residuals(x: np.ndarray) -> np.ndarray:
         ball = tips(*split(x), q)
-        off = np.concatenate(
-            [b - b.mean(0) for b in (ball[placement == k] for k in set(placement))]
-        )
-        return np.concatenate((off.ravel() / sigma_m, (x - start[free]) / size))
+        sockets = [ball[placement == k] for k in set(placement)]
+        deviation = np.concatenate([socket - socket.mean(0) for socket in sockets])
+        return np.concatenate((deviation.ravel() / SIGMA_M, (x - start[free]) / size))
 
     x = start[free]
     for _ in range(8):

@@ -1,4 +1,4 @@
-"""What `sarcal report` makes of a journal's events, and how a page writes a number."""
+"""The report of a journal's events, and numbers of its pages."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,20 +14,14 @@ HOSTILE = '<script>alert("1")</script></td></table>\u202e & \x07\ud800'
 
 
 def subject_of(events: Sequence[JournalEvent], **options: Any) -> Subject:
-    """As `sarcal report` reads a journal."""
-    state = replay(events)
+    """Subject of the report of a journal, as in `sarcal report`."""
+    state, procedure = replay(events), short_procedure(16, "datasheet")
     try:
-        found = session_calibration(state, short_procedure(16, "datasheet"), **options)
+        calibration = session_calibration(state, procedure, **options)
     except UnidentifiableError as error:
-        return subject_of_session(
-            "session", events, short_procedure(16, "datasheet"), None, unidentifiable=error
-        )
-    return subject_of_session(
-        "session",
-        events,
-        short_procedure(16, "datasheet"),
-        with_checks(found, state, short_procedure(16, "datasheet")),
-    )
+        return subject_of_session("session", events, procedure, None, unidentifiable=error)
+    checked = with_checks(calibration, state, procedure)
+    return subject_of_session("session", events, procedure, checked)
 
 
 def number(words: str) -> float:

@@ -1,4 +1,4 @@
-"""What drives answer to a SYNC, as the monitors are shown it. No test in it."""
+"""Answers of the drives to a SYNC, for tests of the monitors."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ def sample(
     sync: int = 1,
     missing: tuple[int, ...] = (),
 ) -> Sample:
-    """Statuswords and counts of some joints; at 0 unless told otherwise, without torque."""
+    """Statuswords and counts (by default 0) of joints without torque."""
     zeros = (0,) * len(statuses)
     return Sample(
         sync_count=sync,

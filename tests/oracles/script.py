@@ -1,4 +1,4 @@
-"""An operator of plain mode who picks menu items by their words."""
+"""A scripted operator of plain mode, who selects menu items by their labels."""
 
 import threading
 from collections.abc import Callable
@@ -7,12 +7,12 @@ WORK = threading.Event()
 
 
 def look_again(pause_s: float) -> None:
-    """Pause a fiftieth of what was asked: not to look without end, which takes the time of those at work."""
+    """Pause for a fiftieth of the time: polling without a pause would slow down the session's threads."""
     WORK.wait(pause_s / 50.0)
 
 
 class Script:
-    """A terminal with these answers; `said` is what was written to it."""
+    """A terminal with these answers; `said` are the lines written to it."""
 
     def __init__(self, *answers: str | Callable[[], str]) -> None:
         self.answers = iter(answers)

@@ -1,11 +1,10 @@
-"""The shop floor: arms drawn with every error an ordinary shop leaves in them, and pose sets they give.
+"""Simulated arms with every error of an ordinary workshop, and the pose sets that they produce.
 
-The oracle that judges honesty and verdicts. It shares no code with `solver`, `fixtures` or `hardware`,
-and has its own statics, sensors and loop. A seed is an arm: each source has a stream of its own, so
-that switching one off leaves the others as they were. `Sizes` are those that the packaged files state.
+Shares no code with `solver`, `fixtures` or `hardware`. A seed is an arm; each error source has its own random
+stream, so that switching one off leaves the others unchanged. `Sizes` has the sizes of the packaged files.
 
     taken = session(seed, Sizes())              # everything at its stated size
-    taken = session(seed, Sizes.only("twists")) # RVDT curves, noise and counts are always there
+    taken = session(seed, Sizes.only("twists")) # RVDT curves, noise and quantisation are always present
     taken.truth["theta_off_3"], taken.readings, taken.csv()
 """
 
@@ -40,11 +39,11 @@ PARAMETERS = (
     *(f"theta_off_{j}" for j in range(1, 8)),
     *("a_0", "s_0", "alpha_0", "s_1", "a_7", "s_7", "alpha_7"),
 )
-"""What the paper calibrates."""
+"""The parameters that the paper calibrates."""
 
 LENGTHS = (*(f"s_{j}" for j in range(2, 7)), *(f"a_{j}" for j in range(1, 7)))
 TWISTS = tuple(f"alpha_{j}" for j in range(1, 7))
-"""What the arm file holds fixed."""
+"""Fixed parameters of the arm file."""
 
 ENCODERS = (1, 2, 3, 4, 5)
 RVDTS = (6, 7)
@@ -52,7 +51,7 @@ COUNTS_PER_REV = 400_000
 FULL_SCALE = np.deg2rad(120.0)
 BITS = 12
 SCATTER = 0.3
-"""Share of what a hinge gives that is anew in every pose; the rest is smooth with load."""
+"""Non-repeatable fraction of the hinge's deflection; the rest is a smooth function of load."""
 
 SOURCES = {
     "lengths": ("length_m",),
@@ -66,10 +65,10 @@ SOURCES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Sizes:
-    """Standard deviations of what is drawn.
+    """Standard deviations of the error sources.
 
-    `linearity` is the most that an RVDT's curve may take its reading away from its best line, as a share
-    of full scale; a specimen takes half of it to all. `gain` is that of the line's slope.
+    `linearity` limits an RVDT's deviation from its best-fit line, as a fraction of full scale; a specimen has
+    half of it to all. `gain` is the standard deviation of the line's slope.
     """
 
     length_m: float = 0.5e-3
@@ -85,11 +84,10 @@ class Sizes:
 
     @classmethod
     def only(cls, *sources: str, times: float = 1.0) -> Sizes:
-        """Only some of `SOURCES`, at `times` their stated size; sensors as always."""
-        kept = {name for source in sources for name in SOURCES[source]}
-        every = {name for names in SOURCES.values() for name in names}
-        base = cls()
-        return replace(base, **{n: times * getattr(base, n) if n in kept else 0.0 for n in every})
+        """Some of `SOURCES` at `times` their stated size, the others at zero; sensor errors unchanged."""
+        stated = cls()
+        scale = {n: times * (source in sources) for source in SOURCES for n in SOURCES[source]}
+        return replace(stated, **{n: k * getattr(stated, n) for n, k in scale.items()})
 
     @classmethod
     def everything(cls, times: float = 1.0) -> Sizes:
@@ -114,17 +112,16 @@ class Stream(IntEnum):
     FAULTS = 11
 
 
-def stream(seed: int, which: Stream) -> np.random.Generator:
-    """One stream of a seed."""
-    return np.random.default_rng([77_003, seed, int(which)])
+def stream(seed: int, which: Stream, *walk: int) -> np.random.Generator:
+    """One random stream of an arm, or of one walk of it."""
+    return np.random.default_rng([77_003, seed, int(which), *walk])
 
 
 @dataclass(frozen=True, kw_only=True)
 class Specimen:
-    """One arm in one hinge: true chain, loads, sensors 1..7, play of joints 1..7.
+    """One arm in one hinge: true chain, loads, sensors 1..7, backlash of joints 1..7.
 
-    `play_by_load` says of each joint whether its play follows the load's sign or the direction from
-    which it came.
+    `play_by_load` (7,): whether a joint's backlash follows the sign of its load or its direction of approach.
     """
 
     seed: int
@@ -136,7 +133,7 @@ class Specimen:
 
     @classmethod
     def drawn(cls, seed: int, sizes: Sizes) -> Specimen:
-        """Offsets within a few degrees and a hinge within some mm and degrees of the files."""
+        """Draw offsets within a few degrees, and a hinge within some mm and degrees, of the files."""
         chain = nominal_chain()
         offsets = np.deg2rad(2.0) * stream(seed, Stream.OFFSETS).normal(size=7)
         changes = {f"theta_off_{j}": o for j, o in enumerate(offsets, 1)}
@@ -167,10 +164,10 @@ class Specimen:
 
 @dataclass(frozen=True, kw_only=True)
 class Session:
-    """What a session leaves (readings, spreads, samples) and the truth that nobody there knows.
+    """Readings of a session, and the truth behind them.
 
-    `angles` (m, 8) are the true angles, the hinge's first; `truth` holds every D-H entry by name;
-    `minute` (m,) says when each pose was taken.
+    `angles` (m, 8) are true angles, the hinge's first; `ground` and `hand` (m, 6) deflections; `truth` has every
+    D-H entry by name; `minute` (m,) is when each pose was captured.
     """
 
     readings: np.ndarray
@@ -191,25 +188,19 @@ class Session:
         rows = ("readings", "spread", "samples", "angles", "ground", "hand", "minute")
         return replace(self, **{name: getattr(self, name)[keep] for name in rows})
 
-    def csv(self, *, spreads: bool = True) -> str:
-        """Return the poses as a file: placement, pose, angles, spreads, samples (deg), times."""
-        joints = range(1, 8)
-        head = ["placement", "pose", *(f"theta{j}_deg" for j in joints)]
-        head += [*(f"sd{j}_deg" for j in joints), "samples"] if spreads else []
-        head.append("utc")
-        lines = [",".join(head)]
-        for k in range(len(self)):
-            cells = ["1", f"p{k + 1:03d}", *(repr(float(v)) for v in np.rad2deg(self.readings[k]))]
-            if spreads:
-                cells += [repr(float(v)) for v in np.rad2deg(self.spread[k])]
-                cells.append(str(int(self.samples[k])))
-            cells.append((START + timedelta(minutes=int(self.minute[k]))).isoformat())
-            lines.append(",".join(cells))
+    def csv(self) -> str:
+        """Return the poses as a poses file (deg)."""
+        columns = [f"{name}{j}_deg" for name in ("theta", "sd") for j in range(1, 8)]
+        lines = [",".join(["placement", "pose", *columns, "samples", "utc"])]
+        for row, angles_deg in enumerate(np.rad2deg(np.hstack((self.readings, self.spread)))):
+            utc = (START + timedelta(minutes=int(self.minute[row]))).isoformat()
+            cells = (*(repr(float(v)) for v in angles_deg), str(int(self.samples[row])), utc)
+            lines.append(",".join(("1", f"p{row + 1:03d}", *cells)))
         return "\n".join(lines) + "\n"
 
 
 def truth_of(chain: Chain) -> dict[str, float]:
-    """Return every entry of a chain by name, but for theta_off_0."""
+    """Every entry of a chain by name, except theta_off_0."""
     return {
         f"{column}_{row}": float(getattr(chain, column)[row])
         for column in (f.name for f in fields(Chain))
@@ -227,7 +218,7 @@ def session(
     box_deg=BOX_DEG,
     walk: int = 0,
 ) -> Session:
-    """Take a session with the arm of `seed`; `walk` counts sessions of the same arm."""
+    """Simulate a session of the arm of `seed`; `walk` numbers the sessions of one arm."""
     specimen = Specimen.drawn(seed, Sizes() if sizes is None else sizes)
     angles, ground, hand = closed_walk(specimen, poses, box_deg=box_deg, walk=walk)
     return taken(specimen, angles, ground, hand, samples=samples, walk=walk)
@@ -242,36 +233,38 @@ def closed_walk(
     chart: Chart | None = None,
     slipped: tuple[int, np.ndarray, np.ndarray] | None = None,
 ):
-    """True angles (poses, 8) of a random walk and what gave on table and hand, (poses, 6) each.
+    """True angles (poses, 8) of a random walk, and deflections of table and hand, (poses, 6) each.
 
-    `slipped` is a pose's index and how far the halves of the hinge have moved from then on.
+    `slipped`: the first pose after a slip, and the displacements (6,) of the hinge's two halves.
     """
     chart = nominal_chart() if chart is None else chart
     loop = Loop(chain=specimen.chain)
-    rng = np.random.default_rng([*_entropy(specimen.seed, Stream.WALK), walk])
-    places = wander(rng, 4 * poses, box_deg=box_deg)
-    guess = chart.near(places)
-    guess[:, list(DRIVES)] = chart.drives + specimen.chain.theta_off[list(DRIVES)] + places
-    rigid, good = loop.closed(guess, free=FOLLOW, rounds=20)
-    good &= np.abs(rigid - guess).max(axis=-1) < STRAY_RAD
-    good &= in_range((rigid - specimen.chain.theta_off)[:, 1:])
-    if good.sum() < poses:
-        raise RuntimeError(f"arm {specimen.seed}: {good.sum()} of {len(good)} places can be had")
-    rigid = rigid[good]
-    # A displacement of a fifth of a millimetre does not change the load that brings it about.
+    rng = stream(specimen.seed, Stream.WALK, walk)
+    positions = wander(rng, 4 * poses, box_deg=box_deg)
+    guess = chart.near(positions)
+    guess[:, list(DRIVES)] = chart.drives + specimen.chain.theta_off[list(DRIVES)] + positions
+    rigid, valid = loop.closed(guess, free=FOLLOW, rounds=20)
+    valid &= np.abs(rigid - guess).max(axis=-1) < STRAY_RAD
+    valid &= in_range((rigid - specimen.chain.theta_off)[:, 1:])
+    if valid.sum() < poses:
+        raise RuntimeError(
+            f"arm {specimen.seed}: {valid.sum()} of {len(valid)} positions are valid"
+        )
+    rigid = rigid[valid]
+    # A displacement of 0.2 mm does not change the load that causes it.
     ground, hand = specimen.load.give(frames(specimen.chain, rigid), rigid)
     scatter = stream(specimen.seed, Stream.SCATTER).normal(size=ground.shape)
     size = np.repeat([specimen.sizes.give_rad, specimen.sizes.give_m], 3)
     ground = ground + SCATTER * size * scatter
     if slipped is not None:
-        at, on_table, on_hand = slipped
-        ground[at:] += on_table
-        hand[at:] += on_hand
-    angles, closed = loop.closed(rigid, free=FOLLOW, ground=ground, hand=hand)
-    kept = np.flatnonzero(closed & (np.abs(angles - rigid).max(axis=-1) < STRAY_RAD))[:poses]
-    if len(kept) < poses:
-        raise RuntimeError(f"arm {specimen.seed}: {len(kept)} of {poses} loops close as they give")
-    return angles[kept], ground[kept], hand[kept]
+        first_pose, ground_step, hand_step = slipped
+        ground[first_pose:] += ground_step
+        hand[first_pose:] += hand_step
+    angles, closes = loop.closed(rigid, free=FOLLOW, ground=ground, hand=hand)
+    rows = np.flatnonzero(closes & (np.abs(angles - rigid).max(axis=-1) < STRAY_RAD))[:poses]
+    if len(rows) < poses:
+        raise RuntimeError(f"arm {specimen.seed}: {len(rows)} of {poses} loops close")
+    return angles[rows], ground[rows], hand[rows]
 
 
 def taken(
@@ -283,20 +276,20 @@ def taken(
     samples: int = 32,
     walk: int = 0,
 ) -> Session:
-    """Read true angles (m, 8) with the specimen's joints and sensors."""
+    """Simulate readings of true angles (m, 8) by the specimen's joints and sensors."""
     torque = specimen.load.torque(frames(specimen.chain, angles, ground=ground, hand=hand))
     twist = specimen.load.sag * torque
-    before = np.concatenate((angles[:1], angles[:-1]))
-    side = np.where(
-        specimen.play_by_load, np.sign(torque[:, 1:]), np.sign((angles - before)[:, 1:])
-    )
+    previous_angles = np.concatenate((angles[:1], angles[:-1]))
+    motion = angles - previous_angles
+    play_sign = np.sign(np.where(specimen.play_by_load, torque[:, 1:], motion[:, 1:]))
     at_sensor = (angles - specimen.chain.theta_off - twist)[:, 1:]
-    at_sensor = at_sensor - specimen.sizes.backlash_rad * side
-    rng = np.random.default_rng([*_entropy(specimen.seed, Stream.NOISE), walk])
-    read = [sensor.read(at_sensor[:, j], samples, rng) for j, sensor in enumerate(specimen.sensors)]
+    at_sensor = at_sensor - specimen.sizes.backlash_rad * play_sign
+    rng = stream(specimen.seed, Stream.NOISE, walk)
+    sensors = zip(specimen.sensors, at_sensor.T, strict=True)
+    sensor_readings = [sensor.read(angle, samples, rng) for sensor, angle in sensors]
     return Session(
-        readings=np.stack([mean for mean, _ in read], axis=-1),
-        spread=np.stack([spread for _, spread in read], axis=-1),
+        readings=np.stack([mean for mean, _ in sensor_readings], axis=-1),
+        spread=np.stack([spread for _, spread in sensor_readings], axis=-1),
         samples=np.full(len(angles), samples),
         angles=angles,
         ground=ground,
@@ -309,24 +302,21 @@ def taken(
 
 def _sensors(seed: int, sizes: Sizes) -> tuple[Encoder | Rvdt, ...]:
     rng = stream(seed, Stream.ENCODERS)
-    found: list[Encoder | Rvdt] = []
+    sensors: list[Encoder | Rvdt] = []
     for _ in ENCODERS:
         once, twice = (tuple(sizes.encoder_rad * rng.normal(size=2)) for _ in range(2))
-        found.append(Encoder(counts_per_rev=COUNTS_PER_REV, once=once, twice=twice))
+        sensors.append(Encoder(counts_per_rev=COUNTS_PER_REV, once=once, twice=twice))
     rng = stream(seed, Stream.CURVES)
     for joint in RVDTS:
-        found.append(
-            drawn_rvdt(
-                joint, rng, linearity=sizes.linearity, noise_lsb=sizes.noise_lsb, gain=sizes.gain
-            )
-        )
-    return tuple(found)
+        errors = {name: getattr(sizes, name) for name in ("linearity", "noise_lsb", "gain")}
+        sensors.append(drawn_rvdt(joint, rng, **errors))
+    return tuple(sensors)
 
 
 def drawn_rvdt(
     joint: int, rng: np.random.Generator, *, linearity: float, noise_lsb: float, gain: float
 ) -> Rvdt:
-    """Draw an RVDT whose curve stays within `linearity` of full scale of a line with a slope of its own."""
+    """Draw an RVDT whose deviation from a line of random slope is within `linearity` of full scale."""
     shape = drawn_curve(str(rng.choice(CURVES)), rng)
     size = linearity * FULL_SCALE * rng.uniform(0.5, 1.0)
     return Rvdt(
@@ -337,7 +327,3 @@ def drawn_rvdt(
         shape=size * shape,
         gain=gain * rng.normal(),
     )
-
-
-def _entropy(seed: int, which: Stream) -> list[int]:
-    return [77_003, seed, int(which)]

@@ -1,8 +1,7 @@
-"""A D-H loop of its own: forward kinematics, and joint angles that close it. Knows no error source.
+"""Second implementation of the D-H loop: forward kinematics, and joint angles that close it.
 
-Shares no code with `solver`. Link j is ``Rz(theta_j) Tz(s_j) Tx(a_j) Rx(alpha_j)``; the chain runs from
-the hinge frame over link 0 (hinge to base) and links 1..7 back to the hinge frame. Two displacements
-may stand in it: `ground`, of the hinge's half on the table, and `hand`, of its half on the hand.
+Shares no code with `solver`. Link j is ``Rz(theta_j) Tz(s_j) Tx(a_j) Rx(alpha_j)``; the chain runs from the hinge
+frame over link 0 (hinge to base) and links 1..7 back to it. `ground` and `hand` displace the hinge's two halves.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ FLIPPED = np.diag([1.0, -1.0, -1.0])
 
 @dataclass(frozen=True, kw_only=True)
 class Chain:
-    """D-H columns of links 0..7, (8,) each, rad and m. `theta_off` turns readings into angles."""
+    """D-H columns of links 0..7, (8,) each, rad and m; true angle = reading + `theta_off`."""
 
     theta_off: np.ndarray
     s: np.ndarray
@@ -28,12 +27,12 @@ class Chain:
     alpha: np.ndarray
 
     def value(self, name: str) -> float:
-        """Return one entry by its name in the paper's notation: theta_off_4, a_0, ..."""
+        """Return one entry by name: theta_off_4, a_0, ..."""
         column, row = name.rsplit("_", 1)
         return float(getattr(self, column)[int(row)])
 
     def changed(self, **changes: float) -> Chain:
-        """Return the chain with some entries, by name, replaced."""
+        """Return the chain with some entries replaced, by name."""
         columns = {c: np.array(getattr(self, c)) for c in COLUMNS}
         for name, value in changes.items():
             column, row = name.rsplit("_", 1)
@@ -42,7 +41,7 @@ class Chain:
 
 
 def rotation_about_z(angle: np.ndarray) -> np.ndarray:
-    """Homogeneous turns (..., 4, 4) about z."""
+    """Homogeneous rotations (..., 4, 4) about z."""
     out = np.zeros((*np.shape(angle), 4, 4))
     out[..., 0, 0] = out[..., 1, 1] = np.cos(angle)
     out[..., 1, 0] = np.sin(angle)
@@ -58,7 +57,7 @@ def fixed_part(s: float, a: float, alpha: float) -> np.ndarray:
 
 
 def displacement(small: np.ndarray) -> np.ndarray:
-    """Homogeneous (..., 4, 4) of rotation vectors over translations (..., 6)."""
+    """Homogeneous transforms (..., 4, 4) of rotation vectors over translations (..., 6)."""
     turn, shift = small[..., :3], small[..., 3:]
     angle = np.linalg.norm(turn, axis=-1)[..., None, None]
     K = np.zeros((*small.shape[:-1], 3, 3))
@@ -79,51 +78,51 @@ def frames(
     ground: np.ndarray | None = None,
     hand: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Frames (m, 10, 4, 4) of true angles (m, 8), seen in the hinge frame.
+    """Frames (m, 10, 4, 4) at true angles (m, 8), in the hinge frame; displacements are (m, 6).
 
-    Number j is the frame whose z is the axis of joint j (0 is the hinge); 8 is the end of link 7,
-    and 9 is that after the hand's displacement. Displacements are rotation vectors over
-    translations, (m, 6).
+    Frame j has the axis of joint j as its z (0 is the hinge); 8 is the end of link 7, 9 the end displaced by `hand`.
     """
-    here = np.broadcast_to(np.eye(4), (len(angles), 4, 4))
-    found = [here]
+    frame = np.broadcast_to(np.eye(4), (len(angles), 4, 4))
+    all_frames = [frame]
     for j in range(LINKS):
-        here = here @ rotation_about_z(angles[:, j])
+        frame = frame @ rotation_about_z(angles[:, j])
         if j == 0 and ground is not None:
-            here = here @ displacement(ground)
-        here = here @ fixed_part(chain.s[j], chain.a[j], chain.alpha[j])
-        found.append(here)
-    found.append(here if hand is None else here @ displacement(hand))
-    return np.stack(found, axis=1)
+            frame = frame @ displacement(ground)
+        frame = frame @ fixed_part(chain.s[j], chain.a[j], chain.alpha[j])
+        all_frames.append(frame)
+    all_frames.append(frame if hand is None else frame @ displacement(hand))
+    return np.stack(all_frames, axis=1)
 
 
 def rotation_vector(R: np.ndarray) -> np.ndarray:
-    """Rotation vectors (..., 3) of rotations (..., 3, 3) short of a half turn."""
-    twice = np.stack(
+    """Rotation vectors (..., 3) of rotations (..., 3, 3) below 180 deg."""
+    twice_axis = np.stack(
         [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1
     )
-    sine = 0.5 * np.linalg.norm(twice, axis=-1)
+    sine = 0.5 * np.linalg.norm(twice_axis, axis=-1)
     angle = np.arctan2(sine, 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0))
-    return 0.5 * twice * (angle / np.where(sine > 1e-12, sine, 1.0) + (sine <= 1e-12))[..., None]
+    return (
+        0.5 * twice_axis * (angle / np.where(sine > 1e-12, sine, 1.0) + (sine <= 1e-12))[..., None]
+    )
 
 
 def misclosure(T: np.ndarray, hand_up: np.ndarray = UPRIGHT) -> np.ndarray:
-    """Rotation vector over position (m, 6) by which the loops of `frames` fail to close."""
+    """Closure errors of the loops of `frames`: rotation vectors over positions (m, 6)."""
     return np.concatenate((rotation_vector(T[:, 9, :3, :3] @ hand_up.T), T[:, 9, :3, 3]), axis=-1)
 
 
 def screws(T: np.ndarray) -> np.ndarray:
-    """Motion (m, 6, 8) of the end, rotation over translation, by every joint."""
+    """Jacobian (m, 6, 8) of the end by every joint, rotation over translation."""
     z, origin, end = T[:, :LINKS, :3, 2], T[:, :LINKS, :3, 3], T[:, 9, None, :3, 3]
     return np.swapaxes(np.concatenate((z, np.cross(z, end - origin)), axis=-1), -1, -2)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Loop:
-    """How a loop is closed: its chain, what the fixture holds and which way up the hand is.
+    """A closed loop: its chain, the fixture's constraints, the hand's orientation.
 
-    `rows` are the components of the misclosure that are held: all six in a hinge (its own angle is
-    one of the eight), the three of position in a ball joint.
+    `rows` are the constrained components of the misclosure: all six in a hinge (its angle is one of the eight),
+    the three of position in a ball joint.
     """
 
     chain: Chain
@@ -131,15 +130,14 @@ class Loop:
     upside_down: bool = False
 
     def error(self, angles, **displaced) -> np.ndarray:
-        """What is left of the held rows, (m, rows)."""
+        """Misclosure in the constrained components, (m, rows)."""
         T = frames(self.chain, angles, **displaced)
         return misclosure(T, FLIPPED if self.upside_down else UPRIGHT)[:, self.rows]
 
     def closed(self, angles, *, free: tuple[int, ...], rounds: int = 60, **displaced):
-        """Nearest closed angles (m, 8) when only `free` joints (0 is the hinge) may move.
+        """Close poses (m, 8) by moving the `free` joints (0 is the hinge): angles, and which closed to `CLOSED`.
 
-        Returns them and which of the poses closed to `CLOSED`. Newton's method, with steps of at
-        most 0.3 rad.
+        Newton's method, with steps of at most 0.3 rad.
         """
         angles, free = np.array(angles, dtype=float), list(free)
         last = np.inf

@@ -1,8 +1,4 @@
-"""Everything that goes wrong on a shop floor, done to sessions that were sound: one case, one fault.
-
-A case says which causes would be a true statement about it, and of which parameters a truth is left.
-Knows the generator; nothing of who judges. Beside the fault every error is there at its stated size.
-"""
+"""Simulated sessions with one fault each, and the correct diagnoses of it; all other errors at their stated size."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from tests.oracles.shop_floor import (
-    PARAMETERS,
+    LENGTHS,
     Sizes,
     Specimen,
     Stream,
@@ -18,10 +14,9 @@ from tests.oracles.shop_floor import (
     session,
     stream,
     taken,
-    truth_of,
 )
 from tests.oracles.shop_floor_chain import Loop
-from tests.oracles.shop_floor_flip import flipped_poses
+from tests.oracles.shop_floor_flipped_poses import flipped_poses
 from tests.oracles.shop_floor_load import Load
 from tests.oracles.shop_floor_misread import (
     Case,
@@ -39,21 +34,21 @@ from tests.oracles.shop_floor_parallel import parallel_mount
 from tests.oracles.shop_floor_walk import in_range
 
 OWN = tuple(f"theta_off_{j}" for j in range(2, 7))
-"""Offsets that do not depend on where the hinge is."""
+"""Offsets that do not depend on the placement of the hinge."""
 
 
 def sound(seed: int) -> Case:
-    """Nothing is wrong but what the files state."""
+    """Only the stated errors."""
     return Case(taken=session(seed), causes=())
 
 
 def few_poses(seed: int, *, poses: int) -> Case:
-    """So few poses that the errors have no degrees of freedom to show in."""
+    """Too few poses for any degrees of freedom."""
     return Case(taken=session(seed, poses=poses), causes=("TOO_FEW_POSES",))
 
 
 def little_motion(seed: int, *, motion_deg: float) -> Case:
-    """Drives that move by `motion_deg` in all."""
+    """Drives that move within `motion_deg`."""
     rng = stream(seed, Stream.FAULTS)
     middle = rng.uniform((-25.0, -65.0), (43.0, -5.0))
     box = tuple((m - 0.5 * motion_deg, m + 0.5 * motion_deg) for m in middle)
@@ -61,90 +56,75 @@ def little_motion(seed: int, *, motion_deg: float) -> Case:
 
 
 def slipped_hinge(seed: int, *, shift_m: float = 0.0, turn_deg: float = 0.0) -> Case:
-    """One half of the hinge moves on its base in mid-session."""
+    """One half of the hinge slips on its base in mid-session."""
     rng = stream(seed, Stream.FAULTS)
-    way = rng.normal(size=6)
-    turn, shift = (w / np.linalg.norm(w) for w in (way[:3], way[3:]))
-    moved = np.concatenate((np.deg2rad(turn_deg) * turn, shift_m * shift))
-    halves = [moved, np.zeros(6)] if rng.random() < 0.5 else [np.zeros(6), moved]
+    direction = rng.normal(size=6)
+    turn, shift = (w / np.linalg.norm(w) for w in (direction[:3], direction[3:]))
+    step = np.concatenate((np.deg2rad(turn_deg) * turn, shift_m * shift))
+    halves = [step, np.zeros(6)] if rng.random() < 0.5 else [np.zeros(6), step]
     specimen = Specimen.drawn(seed, Sizes())
-    slipped = (int(rng.integers(8, 33)), *halves)
-    walk = closed_walk(specimen, 40, slipped=slipped)
+    walk = closed_walk(specimen, 40, slipped=(int(rng.integers(8, 33)), *halves))
     return Case(taken=taken(specimen, *walk), causes=("SLIP_FIXTURE",), judged=OWN)
 
 
 def flipped(seed: int, *, poses: int) -> Case:
-    """Some poses have the hand upside down on the hinge; of arms that can reach such poses."""
-    rng = stream(seed, Stream.FAULTS)
-    found = session(seed)
-    over = flipped_poses(found.specimen.chain, rng, poses)
-    if len(over) < poses:
+    """The hand is upside down on the hinge in some poses, of an arm that can reach such poses."""
+    rng, sound_session = stream(seed, Stream.FAULTS), session(seed)
+    flipped_angles = flipped_poses(sound_session.specimen.chain, rng, poses)
+    if len(flipped_angles) < poses:
         return flipped(seed + 100_000, poses=poses)
     zero = np.zeros((poses, 6))
-    theirs = taken(found.specimen, over, zero, zero, walk=1)
+    flipped_session = taken(sound_session.specimen, flipped_angles, zero, zero, walk=1)
     order = np.arange(40)
     for k in sorted(rng.choice(40 - poses, poses, replace=False)):
         order = np.insert(order[:-1], k, -1)
-    read, spread, angles = (np.array(getattr(found, n)) for n in ("readings", "spread", "angles"))
-    there = order < 0
-    for mine, its in ((read, theirs.readings), (spread, theirs.spread), (angles, theirs.angles)):
-        mine[~there] = mine[order[~there]]
-        mine[there] = its
-    return Case(
-        taken=replace(found, readings=read, spread=spread, angles=angles), causes=("FLIPPED.*",)
-    )
+    rows = {}
+    for name in ("readings", "spread", "angles"):
+        rows[name] = getattr(sound_session, name)[order]
+        rows[name][order < 0] = getattr(flipped_session, name)
+    return Case(taken=replace(sound_session, **rows), causes=("FLIPPED.*",))
 
 
 def longer_elbow(seed: int, *, mm: float, harmless: bool = False) -> Case:
-    """An upper arm or a forearm that is longer or shorter than the file says.
+    """An upper arm or a forearm that is longer or shorter than in the file.
 
-    A loop has no scale of its own: that one is longer is that the other is shorter, hinge and all, so
-    either is a true statement. Their ratio is stated to 0.5 mm each: 2 mm are 2.8 standard deviations.
+    A loop has no scale: only the ratio of the two lengths can be observed, so either name is a correct diagnosis.
+    Both are stated to 0.5 mm: 2 mm are 2.8 standard deviations.
     """
     rng = stream(seed, Stream.FAULTS)
     entry = str(rng.choice(("s_3", "s_5")))
     specimen = Specimen.drawn(seed, Sizes())
-    by = 1e-3 * mm * rng.choice((-1.0, 1.0))
-    chain = specimen.chain.changed(**{entry: specimen.chain.value(entry) + by})
+    change = 1e-3 * mm * rng.choice((-1.0, 1.0))
+    chain = specimen.chain.changed(**{entry: specimen.chain.value(entry) + change})
     specimen = replace(specimen, chain=chain)
-    return Case(
-        taken=taken(specimen, *closed_walk(specimen, 40)),
-        causes=("LENGTH_s_3", "LENGTH_s_5"),
-        harmless=harmless,
-    )
+    causes = ("LENGTH_s_3", "LENGTH_s_5")
+    walk = closed_walk(specimen, 40)
+    return Case(taken=taken(specimen, *walk), causes=causes, harmless=harmless)
 
 
 def ball_for_hinge(seed: int) -> Case:
-    """The hand stands on a ball: three equations a pose hold, five are believed to."""
+    """The fixture is a ball joint: three equations a pose hold, instead of five."""
     rng = stream(seed, Stream.FAULTS)
-    found = session(seed)
-    chain = found.specimen.chain
-    angles = np.repeat(found.angles, 4, axis=0)
+    sound_session = session(seed)
+    specimen, chain = sound_session.specimen, sound_session.specimen.chain
+    angles = np.repeat(sound_session.angles, 4, axis=0)
     angles[:, 1:] += np.deg2rad(8.0) * rng.normal(size=(len(angles), 7))
     loop = Loop(chain=chain, rows=(3, 4, 5))
-    angles, good = loop.closed(angles, free=tuple(range(1, 8)))
-    good &= in_range((angles - chain.theta_off)[:, 1:])
-    angles = angles[good][:40]
+    angles, closes = loop.closed(angles, free=tuple(range(1, 8)))
+    closes &= in_range((angles - chain.theta_off)[:, 1:])
+    angles = angles[closes][:40]
     zero = np.zeros((len(angles), 6))
-    return Case(taken=taken(found.specimen, angles, zero, zero), causes=("WRONG_FIXTURE.*",))
+    return Case(taken=taken(specimen, angles, zero, zero), causes=("WRONG_FIXTURE.*",))
 
 
 def near_parallel(seed: int, *, joint: int, deg: float) -> Case:
-    """The hinge's axis nearly parallel to that of joint 1 or 7, and the files say so."""
+    """The hinge's axis is nearly parallel to that of joint 1 or 7, as in the files."""
     rng = stream(seed, Stream.FAULTS)
     chain, chart = parallel_mount(joint, deg)
     base = Specimen.drawn(seed, Sizes())
     entries = (
-        "a_0",
-        "s_0",
-        "s_1",
-        "a_7",
-        "s_7",
-        "alpha_0",
-        "alpha_7",
-        "theta_off_1",
-        "theta_off_7",
-    )
+        "a_0", "s_0", "s_1", "a_7", "s_7", "alpha_0", "alpha_7", "theta_off_1", "theta_off_7",
+    )  # fmt: skip
     changes = {n: chain.value(n) for n in entries}
     changes |= {n: base.chain.value(n) for n in OWN}
     load = Load.drawn(
@@ -167,16 +147,15 @@ def near_parallel(seed: int, *, joint: int, deg: float) -> Case:
 
 
 def as_reported(seed: int) -> Case:
-    """The paper's three sources: RVDTs of 1.9 %, lengths off by 1 to 2 mm, a slender hinge."""
+    """The paper's three sources: RVDTs of 1.9 %, lengths off by 1 to 2 mm, a compliant hinge."""
     rng = stream(seed, Stream.FAULTS)
     sizes = replace(Sizes.only(), give_m=1e-3, give_rad=2e-3, linearity=0.019)
     specimen = Specimen.drawn(seed, sizes)
-    held = [n for n in truth_of(specimen.chain) if n not in PARAMETERS and n[0] in "sa"]
-    held = [n for n in held if not n.startswith("alpha") and n != "a_0"]
-    off = {
-        n: specimen.chain.value(n) + rng.uniform(1e-3, 2e-3) * rng.choice((-1.0, 1.0)) for n in held
+    lengths = {
+        n: specimen.chain.value(n) + rng.uniform(1e-3, 2e-3) * rng.choice((-1.0, 1.0))
+        for n in LENGTHS
     }
-    specimen = replace(specimen, chain=specimen.chain.changed(**off))
+    specimen = replace(specimen, chain=specimen.chain.changed(**lengths))
     return Case(
         taken=taken(specimen, *closed_walk(specimen, 40)),
         causes=("LENGTH.*", "GIVE.*", "FIXTURE_GIVES.*", "TOLERANCE.*", "DISCREPANCY.*"),
@@ -224,4 +203,4 @@ CASES: dict[str, Callable[[int], Case]] = {
     "ball for hinge": ball_for_hinge,
     "as_reported": as_reported,
 }
-"""The cases of the verdict, by name."""
+"""Cases by name."""

@@ -1,7 +1,4 @@
-"""What is read wrongly on a shop floor: sensors that slip, stick, bend and end, and files that hold something else.
-
-The joints stand where they stand, and the fixture holds. Knows the generator; nothing of who judges.
-"""
+"""Simulated sessions with wrong readings: faults of sensors, and mistakes in poses files."""
 
 from dataclasses import dataclass, field, replace
 
@@ -36,15 +33,15 @@ class Case:
     Attributes
     ----------
     causes
-        Patterns (regular expressions, whole code) of which any names the fault.
+        Regular expressions of finding codes, any of which is a correct diagnosis.
     judged
-        Parameters that have a truth still.
+        Parameters with a defined true value.
     either
-        Another value that is as true, by name: a joint's offset before and after its counts slipped.
+        Second true values by name: a joint's offset after a step of its counts.
     nominal
-        What the operator wrote into his arm and fixture files instead of what is shipped, by entry.
+        Entries of the operator's arm and fixture files that differ from the packaged ones.
     harmless
-        Whether the fault is within what the files state: to be survived, not found.
+        Whether the fault is within the stated errors, and need not be diagnosed.
     """
 
     taken: Session
@@ -55,8 +52,14 @@ class Case:
     harmless: bool = False
 
 
+def _sound(seed: int) -> tuple[np.random.Generator, Session, np.ndarray]:
+    """Random stream of the faults, a sound session, and a copy of its readings."""
+    sound = session(seed)
+    return stream(seed, Stream.FAULTS), sound, sound.readings.copy()
+
+
 def rippled(seed: int) -> Case:
-    """RVDTs whose curves are sines of one period to two over full scale, within their linearity: sound."""
+    """Sound RVDTs whose deviations are sines of one to two periods over full scale, within their linearity."""
     rng = stream(seed, Stream.FAULTS)
     specimen = Specimen.drawn(seed, Sizes())
     x = np.linspace(-1.0, 1.0, 2001)
@@ -78,133 +81,119 @@ def slipped_joint(
     harmless: bool = False,
     only: tuple[int, ...] = (),
 ) -> Case:
-    """One joint's sensor loses counts in mid-session."""
-    rng = stream(seed, Stream.FAULTS)
+    """One joint's reading has a step in mid-session."""
+    rng, sound, readings = _sound(seed)
     joint = int(rng.choice(only or range(1, 8)))
     size = np.deg2rad(deg) + counts * (LSB if joint in RVDTS else COUNT)
     size *= rng.choice((-1.0, 1.0))
-    found = session(seed)
-    read = found.readings.copy()
-    read[int(rng.integers(8, 33)) :, joint - 1] += size
+    readings[int(rng.integers(8, 33)) :, joint - 1] += size
     name = f"theta_off_{joint}"
     return Case(
-        taken=replace(found, readings=read),
+        taken=replace(sound, readings=readings),
         causes=(f"STEP_JOINT_{joint}",),
-        either={name: found.truth[name] - size},
+        either={name: sound.truth[name] - size},
         harmless=harmless,
     )
 
 
 def frozen(seed: int) -> Case:
-    """One joint's reading stays where it is from the middle of the session on."""
-    rng = stream(seed, Stream.FAULTS)
+    """One joint's reading is constant from the middle of the session on."""
+    rng, sound, readings = _sound(seed)
     joint = int(rng.integers(1, 8))
-    found = session(seed)
-    read, spread = found.readings.copy(), found.spread.copy()
-    read[20:, joint - 1] = read[20, joint - 1]
+    spread = sound.spread.copy()
+    readings[20:, joint - 1] = readings[20, joint - 1]
     spread[20:, joint - 1] = 0.0
     return Case(
-        taken=replace(found, readings=read, spread=spread),
+        taken=replace(sound, readings=readings, spread=spread),
         causes=(f"FROZEN_{joint}", f"FROZEN_JOINT_{joint}"),
     )
 
 
 def odd_poses(seed: int, *, poses: int) -> Case:
-    """In some poses one joint reads half a degree too much or too little."""
-    rng = stream(seed, Stream.FAULTS)
-    found = session(seed)
-    read = found.readings.copy()
+    """A random joint is off by 0.5 deg in some poses."""
+    rng, sound, readings = _sound(seed)
     for k in rng.choice(40, poses, replace=False):
-        read[k, rng.integers(7)] += np.deg2rad(0.5) * rng.choice((-1.0, 1.0))
-    return Case(taken=replace(found, readings=read), causes=("OUTLIER.*",))
+        readings[k, rng.integers(7)] += np.deg2rad(0.5) * rng.choice((-1.0, 1.0))
+    return Case(taken=replace(sound, readings=readings), causes=("OUTLIER.*",))
 
 
 def bent_rvdt(seed: int, *, percent: float) -> Case:
-    """An RVDT that strays by `percent` of full scale from its best line over the motion."""
-    rng = stream(seed, Stream.FAULTS)
+    """An RVDT with a linearity deviation of `percent` of full scale over the motion."""
+    rng, sound, _ = _sound(seed)
     joint = int(rng.choice(RVDTS))
-    sound_one = session(seed)
     bent = drawn_rvdt(joint, rng, linearity=0.02, noise_lsb=2.0, gain=0.0)
-    angle = (sound_one.angles - sound_one.specimen.chain.theta_off)[:, joint]
-    off = bent.deviation(angle)
-    stray = np.abs(off - np.polyval(np.polyfit(angle, off, 1), angle)).max()
-    size = 0.01 * percent * FULL_SCALE / stray
-    bent = replace(bent, shape=size * bent.shape)
-    specimen = _with_sensor(sound_one.specimen, joint, bent)
-    found = taken(specimen, sound_one.angles, sound_one.ground, sound_one.hand)
-    # What strays so far may end at full scale in some poses, and that is true of it as well.
+    angle = (sound.angles - sound.specimen.chain.theta_off)[:, joint]
+    deviation = bent.deviation(angle)
+    peak = np.abs(deviation - np.polyval(np.polyfit(angle, deviation, 1), angle)).max()
+    bent = replace(bent, shape=0.01 * percent * FULL_SCALE / peak * bent.shape)
+    specimen = _with_sensor(sound.specimen, joint, bent)
+    faulty = taken(specimen, sound.angles, sound.ground, sound.hand)
+    # A deviation of this size may saturate in some poses, which is then a correct diagnosis as well.
     middle = np.deg2rad(0.5 * (LOWER_DEG + UPPER_DEG)[joint - 1])
-    at_end = np.abs(found.readings[:, joint - 1] - middle) > 0.5 * FULL_SCALE - 2.0 * LSB
-    pinned = (f"SATURATED_{joint}",) if at_end.any() else ()
-    return Case(taken=found, causes=(f"RVDT_{joint}", *pinned))
+    at_end = np.abs(faulty.readings[:, joint - 1] - middle) > 0.5 * FULL_SCALE - 2.0 * LSB
+    saturated = (f"SATURATED_{joint}",) if at_end.any() else ()
+    return Case(taken=faulty, causes=(f"RVDT_{joint}", *saturated))
 
 
 def stuck_rvdt(seed: int) -> Case:
-    """An RVDT that reads one and the same angle, with its noise."""
-    rng = stream(seed, Stream.FAULTS)
+    """An RVDT that reads a constant angle, with its noise."""
+    rng, sound, readings = _sound(seed)
     joint = int(rng.choice(RVDTS))
-    found = session(seed)
-    read = found.readings.copy()
-    still = read[0, joint - 1] + LSB * 2.0 / np.sqrt(32.0) * rng.normal(size=40)
-    read[:, joint - 1] = still
+    noise = LSB * 2.0 / np.sqrt(32.0) * rng.normal(size=40)
+    readings[:, joint - 1] = readings[0, joint - 1] + noise
     return Case(
-        taken=replace(found, readings=read),
+        taken=replace(sound, readings=readings),
         causes=(f"RVDT_{joint}", f"FROZEN_{joint}", f"FROZEN_JOINT_{joint}"),
     )
 
 
 def saturated_rvdt(seed: int) -> Case:
-    """An RVDT mounted so that a fifth of the poses lie beyond the end of its full scale."""
-    rng = stream(seed, Stream.FAULTS)
+    """An RVDT mounted so that a fifth of the poses are beyond its full scale."""
+    rng, sound, _ = _sound(seed)
     joint = int(rng.choice(RVDTS))
-    found = session(seed)
-    angle = (found.angles - found.specimen.chain.theta_off)[:, joint]
-    if rng.random() < 0.5:
-        shift = np.deg2rad(UPPER_DEG[joint - 1]) - np.quantile(angle, 0.8)
-    else:
-        shift = np.deg2rad(LOWER_DEG[joint - 1]) - np.quantile(angle, 0.2)
+    chain = sound.specimen.chain
+    angle = (sound.angles - chain.theta_off)[:, joint]
+    end_deg, quantile = (UPPER_DEG, 0.8) if rng.random() < 0.5 else (LOWER_DEG, 0.2)
+    shift = np.deg2rad(end_deg[joint - 1]) - np.quantile(angle, quantile)
     name = f"theta_off_{joint}"
-    chain = found.specimen.chain
-    specimen = replace(found.specimen, chain=chain.changed(**{name: chain.value(name) - shift}))
-    again = taken(specimen, found.angles, found.ground, found.hand)
-    return Case(taken=again, causes=(f"RVDT_{joint}", f"RANGE_{joint}", "RANGE", "SATURATED.*"))
+    specimen = replace(sound.specimen, chain=chain.changed(**{name: chain.value(name) - shift}))
+    return Case(
+        taken=taken(specimen, sound.angles, sound.ground, sound.hand),
+        causes=(f"RVDT_{joint}", f"RANGE_{joint}", "RANGE", "SATURATED.*"),
+    )
 
 
 def radians(seed: int) -> Case:
-    """The file holds radians."""
-    found = session(seed)
+    """The poses file is in radians."""
+    sound = session(seed)
     return Case(
-        taken=replace(found, readings=np.deg2rad(found.readings), spread=np.deg2rad(found.spread)),
+        taken=replace(sound, readings=np.deg2rad(sound.readings), spread=np.deg2rad(sound.spread)),
         causes=("RADIANS.*",),
     )
 
 
 def exchanged(seed: int) -> Case:
     """Two neighbouring columns are exchanged."""
-    rng = stream(seed, Stream.FAULTS)
+    rng, sound, _ = _sound(seed)
     j = int(rng.integers(1, 7))
     order = list(range(7))
     order[j - 1], order[j] = order[j], order[j - 1]
-    found = session(seed)
     return Case(
-        taken=replace(found, readings=found.readings[:, order], spread=found.spread[:, order]),
+        taken=replace(sound, readings=sound.readings[:, order], spread=sound.spread[:, order]),
         causes=("EXCHANGED.*", f"RANGE_{j}", f"RANGE_{j + 1}", "RANGE"),
     )
 
 
 def wrong_sign(seed: int) -> Case:
-    """One joint counts the other way round the middle of its range."""
-    rng = stream(seed, Stream.FAULTS)
+    """One joint counts in the opposite direction, about the middle of its range."""
+    rng, sound, readings = _sound(seed)
     joint = int(rng.integers(1, 8))
-    found = session(seed)
-    read = found.readings.copy()
-    middle = np.deg2rad(LOWER_DEG + UPPER_DEG)[joint - 1]
-    read[:, joint - 1] = middle - read[:, joint - 1]
-    name = f"theta_off_{joint}"
+    twice_middle = np.deg2rad(LOWER_DEG + UPPER_DEG)[joint - 1]
+    readings[:, joint - 1] = twice_middle - readings[:, joint - 1]
     return Case(
-        taken=replace(found, readings=read),
+        taken=replace(sound, readings=readings),
         causes=(f"SIGN_{joint}", f"SIGN_JOINT_{joint}"),
-        judged=tuple(n for n in PARAMETERS if n != name),
+        judged=tuple(n for n in PARAMETERS if n != f"theta_off_{joint}"),
     )
 
 
@@ -214,9 +203,9 @@ def _with_sensor(specimen: Specimen, joint: int, sensor: Rvdt) -> Specimen:
     return replace(specimen, sensors=tuple(sensors))
 
 
-def hysteresis(found, joint, deg):
-    """A sensor that reads so much more on the way up, and less on the way down."""
-    read = found.readings.copy()
-    moved = np.diff(np.concatenate((read[:1, joint - 1], read[:, joint - 1])))
-    read[:, joint - 1] += np.deg2rad(deg) * np.where(moved < 0.0, -1.0, 1.0)
-    return replace(found, readings=read)
+def hysteresis(sound: Session, joint: int, deg: float) -> Session:
+    """One joint's reading is off by +deg after an upward move, and -deg after a downward one."""
+    readings = sound.readings.copy()
+    change = np.diff(readings[:, joint - 1], prepend=readings[0, joint - 1])
+    readings[:, joint - 1] += np.deg2rad(deg) * np.where(change < 0.0, -1.0, 1.0)
+    return replace(sound, readings=readings)

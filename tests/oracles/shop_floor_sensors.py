@@ -1,7 +1,7 @@
-"""What a shop-floor joint sensor makes of a true angle. Knows one sensor, no chain.
+"""Simulated joint sensors: means and standard deviations of samples at true angles.
 
-Encoders: error once and twice per turn, counts. RVDTs: a smooth curve of one of several kinds, a gain,
-noise, a converter of so many bits that saturates. Readings are means of samples, with their spread.
+Encoders: errors once and twice per turn, counts. RVDTs: a smooth linearity deviation, a gain, noise, and a
+converter that saturates.
 """
 
 from dataclasses import dataclass
@@ -21,13 +21,8 @@ class Encoder:
 
     def deviation(self, angle: np.ndarray) -> np.ndarray:
         """Systematic error (rad)."""
-        return sum(
-            (
-                c * np.cos(k * angle) + s * np.sin(k * angle)
-                for k, (c, s) in enumerate((self.once, self.twice), 1)
-            ),
-            np.zeros_like(angle),
-        )
+        harmonics = enumerate((self.once, self.twice), 1)
+        return sum(c * np.cos(k * angle) + s * np.sin(k * angle) for k, (c, s) in harmonics)
 
     def read(self, angle: np.ndarray, samples: int, rng: np.random.Generator):
         """Means and standard deviations of `samples` readings of joints that stand still."""
@@ -38,7 +33,7 @@ class Encoder:
 
 @dataclass(frozen=True, kw_only=True)
 class Rvdt:
-    """`shape` (k,) holds deviations (rad) at even places over full scale, less their best line."""
+    """`shape` (k,) are deviations (rad) from the best-fit line, at even steps over full scale."""
 
     bits: int
     full_scale: float
@@ -64,16 +59,16 @@ class Rvdt:
         return self.zero + lsb * counts.mean(axis=0), lsb * spread
 
 
-def drawn_curve(kind: str, rng: np.random.Generator, *, places: int = 2001) -> np.ndarray:
-    """Deviation over full scale, less its best line, with a peak of one."""
-    x = np.linspace(-1.0, 1.0, places)
+def drawn_curve(kind: str, rng: np.random.Generator) -> np.ndarray:
+    """Deviation from the best-fit line over full scale, with a peak of one."""
+    x = np.linspace(-1.0, 1.0, 2001)
     if kind == "bow and S":
         sizes = rng.normal(size=4) * (1.0, 1.0, 0.4, 0.2)
         y = np.polynomial.legendre.legval(x, (0.0, 0.0, *sizes))
     elif kind == "sine":
         y = np.sin(np.pi * rng.uniform(0.6, 1.4) * x + rng.uniform(0.0, 2.0 * np.pi))
     elif kind == "ratio":
-        # Primary and secondaries out of balance: the ratio bends like x / (1 + b x + c x^2).
+        # Unbalanced primary and secondaries: the ratio is x / (1 + b x + c x^2).
         b, c = rng.uniform(-0.5, 0.5), rng.uniform(0.1, 0.5)
         y = rng.choice((-1.0, 1.0)) * x / (1.0 + b * x + c * x**2)
     elif kind == "bump":

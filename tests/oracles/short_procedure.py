@@ -1,4 +1,4 @@
-"""A packaged procedure made short for a test, of the arm that a scenario carries."""
+"""A packaged procedure with few poses, for the arm of a scenario."""
 
 from dataclasses import replace
 
@@ -10,10 +10,10 @@ from operator_app.config.procedure_file import load_procedure
 def short_procedure(
     poses: int, name: str = "exact", *, packaged: str = "hinge", seed: int = 0, samples: int = 8
 ) -> Procedure:
-    """Return the procedure with so many poses, of so many samples each, for the arm of scenario `name`."""
-    found = load_procedure(packaged)
+    """The procedure with `poses` poses of `samples` samples, for the arm of scenario `name`."""
+    procedure = load_procedure(packaged)
     return replace(
-        found,
-        arm=scenario(name, seed).arm(found.arm),
-        capture=replace(found.capture, poses=poses, samples_per_pose=samples),
+        procedure,
+        arm=scenario(name, seed).arm(procedure.arm),
+        capture=replace(procedure.capture, poses=poses, samples_per_pose=samples),
     )

@@ -1,4 +1,4 @@
-"""Simulated readings with every error source the method names. Shares no code with `solver`."""
+"""Simulated readings with every error source of the paper. Shares no code with `solver`."""
 
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
@@ -31,7 +31,7 @@ class Bow:
 
 @dataclass(frozen=True)
 class Simulation:
-    """What to simulate; everything off by default but the sensors' own noise."""
+    """A simulation; by default with sensor noise only."""
 
     poses: int = 60
     wrist_sd: float = RVDT_SD
@@ -53,14 +53,14 @@ class Simulation:
         return self.read(self.closed(rng), rng)
 
     def rereadings(self, seed: int) -> np.ndarray:
-        """Readings (m, 7) of one and the same set of closed poses, with noise of their own."""
+        """Readings (m, 7) of a constant set of closed poses, with independent noise."""
         if self.flexure_m > 0.0 or self.flexure_rad > 0.0:
-            raise ValueError("a fixture that gives moves the poses: use readings()")
+            raise ValueError("a compliant fixture moves the poses: use readings()")
         closed = _same_poses(self.poses, self.spread_deg)
         return self.read(closed, np.random.default_rng([seed, 1]))
 
     def closed(self, rng: np.random.Generator) -> np.ndarray:
-        """True angles (m, 8) on loops that close against what the fixture gives."""
+        """True angles (m, 8) of loops that close against the fixture's deflection."""
         give = None
         if self.flexure_m > 0.0 or self.flexure_rad > 0.0:
             size = np.array([self.flexure_rad] * 3 + [self.flexure_m] * 3)
@@ -80,7 +80,7 @@ class Simulation:
 
 @lru_cache
 def _same_poses(poses: int, spread_deg: float) -> np.ndarray:
-    """Closed poses of the paper's loop, made once: making them is slower than solving."""
+    """Closed poses of the paper's loop, cached: they take longer than a fit."""
     return closed_poses(paper_truth(), np.random.default_rng(99), poses, spread_deg=spread_deg)
 
 
@@ -95,17 +95,17 @@ def wrist_bows(percent: float = 1.0) -> dict[int, Bow]:
 
 @cache
 def as_reported(seed: int) -> tuple[Truth, np.ndarray]:
-    """RVDT curves of 1.9 %, lengths off by 1-2 mm, a fixture that gives: the method's three errors."""
+    """The paper's three errors: RVDT curves of 1.9 %, lengths off by 1-2 mm, a compliant fixture."""
     rng = np.random.default_rng([seed, 3])
     base = paper_truth()
-    off = rng.uniform(1e-3, 2e-3, len(LENGTHS)) * rng.choice([-1.0, 1.0], len(LENGTHS))
+    deviation = rng.uniform(1e-3, 2e-3, len(LENGTHS)) * rng.choice([-1.0, 1.0], len(LENGTHS))
     bows = {}
     for joint in (6, 7):
         shape = rng.choice([-1.0, 1.0], 4) * rng.uniform(0.4, 1.0, 4) * (1.0, 1.0, 0.4, 0.2)
         series = np.concatenate(([0.0, 0.0], shape))
         peak = np.abs(np.polynomial.legendre.legval(np.linspace(-1, 1, 401), series)).max()
         bows[joint] = Bow(tuple(0.019 * shape / peak), float(base.home[joint - 1]))
-    truth = base.with_values(LENGTHS, base.values(LENGTHS) + off)
+    truth = base.with_values(LENGTHS, base.values(LENGTHS) + deviation)
     simulation = Simulation(
         poses=60, wrist_sd=RVDT_SD, flexure_m=1e-3, flexure_rad=2e-3, bows=bows, truth=truth
     )

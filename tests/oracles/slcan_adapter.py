@@ -1,7 +1,7 @@
-"""A CAN adapter on a serial line: speaks Lawicel's ASCII protocol on a pty, with a bus behind it.
+"""A serial CAN adapter: Lawicel's ASCII protocol on a pty, connected to a bus. Shares nothing with python-can's slcan.
 
-Written from the protocol's manual: ``O`` opens, ``C`` closes, ``S6`` sets a bitrate, ``tiiildd..`` is a
-frame each way; every command ends with a carriage return. Shares nothing with python-can's slcan.
+From the protocol's manual: ``O`` opens, ``C`` closes, ``S6`` sets a bitrate, ``tiiildd..`` is a frame in either
+direction; every command ends with a carriage return.
 """
 
 import os
@@ -16,7 +16,7 @@ import can
 
 
 class SlcanAdapter:
-    """`port` is what the adapter's driver opens; `commands` what it was told beside frames."""
+    """`port` is the serial device; `commands` are the received commands other than frames."""
 
     def __init__(self, bus: can.BusABC) -> None:
         self._bus, self._ours = bus, -1
@@ -48,16 +48,16 @@ class SlcanAdapter:
         os.close(self._theirs)
 
     def _from_host(self) -> None:
-        held = b""
+        buffer = b""
         while not self._end.is_set():
             if not select.select([self._ours], [], [], 0.05)[0]:
                 continue
-            held += os.read(self._ours, 4096)
-            *lines, held = held.split(b"\r")
+            buffer += os.read(self._ours, 4096)
+            *lines, buffer = buffer.split(b"\r")
             for line in lines:
-                self._obey(line.decode("ascii"))
+                self._execute(line.decode("ascii"))
 
-    def _obey(self, line: str) -> None:
+    def _execute(self, line: str) -> None:
         if line[:1] != "t":
             self.commands.append(line)
             if line[:1] in ("O", "C"):

@@ -1,4 +1,4 @@
-"""What a solving process may be asked in tests: module-level, because it is named and not sent."""
+"""Jobs of a solver process for tests; module-level, because a job is sent by its name."""
 
 import os
 import signal
@@ -11,54 +11,52 @@ from solver.errors import SolverError, UnidentifiableDirection, UnidentifiableEr
 
 
 def surroundings(path: str) -> dict[str, object]:
-    """What the process has loaded and holds open, and what it is."""
+    """Identity, loaded modules and open files of the process."""
     return {
         "pid": os.getpid(),
         "session": os.getsid(0),
         "modules": sorted(sys.modules),
-        # The list itself is open while it is read.
+        # The directory itself is open while it is listed.
         "open": [str(fd.readlink()) for fd in Path("/proc/self/fd").iterdir() if fd.is_symlink()],
         "given": path,
     }  # fmt: skip
 
 
 def count(to: int, progress: Callable[[int, float], None]) -> int:
-    """Say each number."""
+    """Report each number."""
     for k in range(to):
         progress(k, float(k))
     return to
 
 
 def never(mark: str, progress: Callable[[int, float], None]) -> None:
-    """Say the process once, then do not end."""
+    """Report the process's number once, then do not end."""
     Path(mark).write_text(str(os.getpid()), "utf-8")
     progress(os.getpid(), 0.0)
     threading.Event().wait()
 
 
 def refuse() -> None:
-    """What the poses cannot give."""
     raise SolverError("these poses say nothing")
 
 
 def cannot_tell(name: str) -> None:
-    """What the poses leave open, with its facts."""
+    """Fail with an unidentifiable direction."""
     direction = UnidentifiableDirection(parameters=(name,), weights=(1.0,))
     raise UnidentifiableError((direction,), note="one note")
 
 
 def turn() -> tuple[int, int]:
-    """Return how this process is scheduled, and how nice it is."""
+    """Return the scheduling policy and the nice value of this process."""
     return os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0)
 
 
 def break_down() -> None:
-    """A defect."""
     raise ZeroDivisionError("by zero")
 
 
 def die(how: str) -> None:
-    """End as the operating system ends a process."""
+    """Die by a signal, or exit without cleanup."""
     if how == "killed":
         os.kill(os.getpid(), signal.SIGKILL)
     os._exit(7)

@@ -1,4 +1,4 @@
-"""A runner that shows one picture and writes down what it is asked: for tests of keys and screens."""
+"""A runner with a constant snapshot that records its tasks: for tests of keys and screens."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +13,7 @@ from operator_app.session.ui.snapshot import Change, Level, Message, SessionSnap
 
 
 class StillRunner:
-    """See the module. `asked` lists (kind, text); `stops` and `cancels` count."""
+    """See the module. `asked` are the tasks (kind, text); `stops` and `cancels` are counters."""
 
     def __init__(self, picture: SessionSnapshot) -> None:
         self.picture = picture
@@ -40,8 +40,8 @@ class StillRunner:
 
     def say(self, level: Level, text: str) -> None:
         number = len(self.picture.messages) + 1
-        said = Message(number=number, time="12:00:00", level=level, text=text)
-        self.publish(lambda s: replace(s, messages=(*s.messages, said)))
+        message = Message(number=number, time="12:00:00", level=level, text=text)
+        self.publish(lambda s: replace(s, messages=(*s.messages, message)))
 
     def acknowledge(self, number: int) -> None:
         self.publish(lambda s: without_acknowledged(s, number))
@@ -54,7 +54,7 @@ class StillRunner:
 
 
 class StillSource:
-    """Gives the one runner; `entries` are the sessions there are."""
+    """A source of one runner; `entries` are the existing sessions."""
 
     def __init__(self, picture: SessionSnapshot, entries: tuple[SessionEntry, ...] = ()) -> None:
         self.runner = StillRunner(picture)
@@ -79,9 +79,9 @@ class StillSource:
         return self.entries
 
     def close(self, reason: str) -> None:
-        """Nothing to close."""
+        """Do nothing."""
 
 
 def entry(picture: SessionSnapshot, name: str = "20260131-110000-hinge") -> SessionEntry:
-    """An earlier session in that state."""
+    """An earlier session in the snapshot's state."""
     return SessionEntry(folder=Path("sessions") / name, state=picture.state, torn="", problem="")

@@ -1,18 +1,16 @@
-"""One calibration told in pictures: the session's snapshot after each step, always the same.
-
-For tests of what a screen shows and which keys it takes, without an arm that moves meanwhile.
-"""
+"""Reproducible snapshots of one calibration session, after each of its steps."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
-from hardware.arm import ArmSnapshot, DriveState
+from hardware.arm import ArmSnapshot, DriveState, JointState
 from hardware.errors import DriveDiverged
 from operator_app.config.procedure_file import load_procedure
 from operator_app.messages.errors import stopped_words
@@ -34,7 +32,7 @@ from tests.oracles.ticking import Ticking
 
 POSES = 16
 NOW_S = 1000.0
-RESTING = Motion(
+MOTION_AT_REST = Motion(
     sync_rate_hz=100.0,
     speed_rad_per_s=np.zeros(7),
     still=True,
@@ -47,13 +45,12 @@ FOLDER = Path("sessions/20260131-120000-hinge")
 
 
 class StillArm(LiveArm):
-    """The same arm, but nothing goes on by itself."""
+    """An arm without a SYNC thread; its snapshots are always fresh."""
 
-    def _tick(self) -> None:
-        """Not here."""
+    def _run_syncs(self) -> None:
+        """Do nothing."""
 
     def snapshot(self) -> ArmSnapshot:
-        """Fresh at any time."""
         self._stamp = time.monotonic()
         return super().snapshot()
 
@@ -61,7 +58,7 @@ class StillArm(LiveArm):
 @cache
 @recorded
 def story() -> Mapping[str, SessionSnapshot]:
-    """Snapshots by the name of what was done last."""
+    """Snapshots by the last step."""
     pictures: dict[str, SessionSnapshot] = {}
     procedure = load_procedure("hinge")
     procedure = replace(procedure, capture=replace(procedure.capture, poses=POSES))
@@ -69,58 +66,52 @@ def story() -> Mapping[str, SessionSnapshot]:
     with TemporaryDirectory() as root:
         arm = StillArm(procedure, "datasheet")
         session = opened(Path(root) / "session", arm, procedure, clock=clock)
-        runner = Runner(
-            session,
-            simulated=True,
-            bus="the virtual bus of this program",
-            monotonic=lambda: NOW_S,
-            clock=clock,
-        )
+        bus = "the virtual bus of this program"
+        runner = Runner(session, simulated=True, bus=bus, monotonic=lambda: NOW_S, clock=clock)
 
-        def tell(name: str) -> None:
-            pictures[name] = _still(runner.snapshot())
+        def record(name: str) -> None:
+            pictures[name] = _reproducible(runner.snapshot())
 
         try:
-            tell("start")
+            record("start")
             runner.operations.connect()
-            tell("connected")
+            record("connected")
             ticked = frozenset(range(len(procedure.fixture.checklist)))
             runner.publish(lambda s: replace(s, ticked=ticked))
-            tell("ticked")
+            record("ticked")
             runner.operations.set_modes((1, 5))
-            tell("modes")
+            record("modes")
             for _ in range(3):
                 runner.operations.go(session.state.next_waypoint)
                 runner.operations.capture(session.state.next_waypoint)
             runner.operations.note(2, "cable touched?")
-            tell("capturing")
+            record("capturing")
             runner.operations.automatic()
             runner.operations.exclude(3)
             runner.operations.automatic()
-            tell("captured")
+            record("captured")
             runner.operations.results.calibrate("implicit", ())
-            tell("solved")
+            record("solved")
             runner.operations.results.write()
-            tell("written")
+            record("written")
             runner.operations.results.verify(3)
-            tell("verified")
+            record("verified")
             runner.operations.results.upload()
-            tell("uploaded")
+            record("uploaded")
         finally:
-            runner.close("told")
+            runner.close("done")
     return pictures
 
 
-def _still(s: SessionSnapshot) -> SessionSnapshot:
-    """Take out what depends on the clock and the machine."""
-    arm = s.arm
+def _reproducible(s: SessionSnapshot) -> SessionSnapshot:
+    """Replace values that depend on the clock and the machine."""
+    arm, written = s.arm, s.written
     if arm is not None:
         arm = replace(
             arm,
             joints=tuple(replace(j, age_s=0.004) for j in arm.joints),
             heartbeat_age_s=dict.fromkeys(arm.heartbeat_age_s, 0.020),
         )
-    written = s.written
     if written is not None:
         written = replace(
             written,
@@ -141,72 +132,70 @@ def _still(s: SessionSnapshot) -> SessionSnapshot:
         data=DataState.NONE if arm is None else DataState.FRESH,
         oldest_s=0.0 if arm is None else 0.004,
         stale_joints=(),
-        motion=None if arm is None else RESTING,
+        motion=None if arm is None else MOTION_AT_REST,
     )
 
 
-# -- what can happen in between --------------------------------------------------------------------
-
-
-def stale(s: SessionSnapshot, joint: int = 5, age_s: float = 0.24) -> SessionSnapshot:
-    """One joint's data are old."""
+def _with_joints(
+    s: SessionSnapshot, change: Callable[[JointState], JointState], **changes: Any
+) -> SessionSnapshot:
+    """The snapshot with changed joints and other changes."""
     assert s.arm is not None
-    joints = tuple(replace(j, age_s=age_s) if j.joint == joint else j for j in s.arm.joints)
-    return replace(
+    return replace(s, arm=replace(s.arm, joints=tuple(map(change, s.arm.joints))), **changes)
+
+
+def stale(s: SessionSnapshot) -> SessionSnapshot:
+    """The data of joint 5 are old."""
+    return _with_joints(
         s,
-        arm=replace(s.arm, joints=joints),
+        lambda j: replace(j, age_s=0.24) if j.joint == 5 else j,
         data=DataState.STALE,
         motion=None,
-        oldest_s=age_s,
-        stale_joints=(joint,),
+        oldest_s=0.24,
+        stale_joints=(5,),
     )
 
 
 def lost(s: SessionSnapshot) -> SessionSnapshot:
     """No data for 1.5 s."""
-    assert s.arm is not None
-    joints = tuple(replace(j, age_s=1.5) for j in s.arm.joints)
-    return replace(
+    return _with_joints(
         s,
-        arm=replace(s.arm, joints=joints),
+        lambda j: replace(j, age_s=1.5),
         data=DataState.LOST,
         motion=None,
         oldest_s=1.5,
-        stale_joints=tuple(j.joint for j in joints),
+        stale_joints=tuple(range(1, 8)),
     )
 
 
 def stopped(s: SessionSnapshot) -> SessionSnapshot:
     """STOP is latched and acknowledged."""
+    report = StopReport(asked_s=NOW_S, acknowledged_after_s=0.012, drives_stopped=7)
+    quick_stop = {"drive": DriveState.QUICK_STOP_ACTIVE, "mode": None}
+    s = _with_joints(s, lambda j: replace(j, **quick_stop), stop=report, task=None)
     assert s.arm is not None
-    joints = tuple(replace(j, drive=DriveState.QUICK_STOP_ACTIVE, mode=None) for j in s.arm.joints)
-    report = StopReport(asked_s=NOW_S, acknowledged_after_s=0.012, drives_stopped=len(joints))
-    return replace(s, arm=replace(s.arm, joints=joints, stopped=True), stop=report, task=None)
+    return replace(s, arm=replace(s.arm, stopped=True))
 
 
-def diverged(s: SessionSnapshot, joint: int = 5) -> SessionSnapshot:
-    """The arm was stopped by itself, and nothing else was done since."""
-    found = stopped(s)
-    assert found.arm is not None
-    why = str(DriveDiverged(joint, 1294, 700))
-    s = replace(found, stop=None, arm=replace(found.arm, stopped_for=why))
+def diverged(s: SessionSnapshot) -> SessionSnapshot:
+    """The arm stopped because a joint differs from its target."""
+    stopped_snapshot = stopped(s)
+    assert stopped_snapshot.arm is not None
+    reason = str(DriveDiverged(5, 1294, 700))
+    s = replace(stopped_snapshot, stop=None, arm=replace(stopped_snapshot.arm, stopped_for=reason))
     return add_message(
-        s, Level.ALARM, stopped_words(why), time="12:07:41", resolving_tasks=ARM_RECOVERY
+        s, Level.ALARM, stopped_words(reason), time="12:07:41", resolving_tasks=ARM_RECOVERY
     )
 
 
-def tripped(s: SessionSnapshot, joint: int = 4) -> SessionSnapshot:
-    """One drive has a fault."""
-    assert s.arm is not None
-    joints = tuple(
-        replace(j, drive=DriveState.FAULT, mode=None) if j.joint == joint else j
-        for j in s.arm.joints
-    )
-    return replace(s, arm=replace(s.arm, joints=joints))
+def tripped(s: SessionSnapshot) -> SessionSnapshot:
+    """The drive of joint 4 has a fault."""
+    fault = {"drive": DriveState.FAULT, "mode": None}
+    return _with_joints(s, lambda j: replace(j, **fault) if j.joint == 4 else j)
 
 
 def busy(s: SessionSnapshot, kind: TaskKind, *, moves: bool) -> SessionSnapshot:
-    """The worker is at something."""
+    """The worker runs a task."""
     return replace(s, task=RunningTask(kind=kind, text=kind.value, moves=moves, started_s=NOW_S))
 
 

@@ -1,4 +1,4 @@
-"""A real terminal for tests: tmux on a private socket, a fixed size, polled until it shows something."""
+"""A program in a tmux pane of fixed size, polled for its screen."""
 
 import os
 import signal
@@ -14,19 +14,7 @@ POLL_S = 0.05
 
 
 class Terminal:
-    """One program in one tmux pane.
-
-    Parameters
-    ----------
-    folder
-        Where the socket is and the program runs.
-    command
-        Program and arguments.
-    size
-        Columns and rows.
-    environment
-        Beside that of this process.
-    """
+    """One program in `folder`, in a pane of `size` columns and rows; `environment` extends this process's."""
 
     def __init__(
         self,
@@ -59,16 +47,16 @@ class Terminal:
         return done.stdout
 
     def screen(self, *, with_colours: bool = False) -> str:
-        """What is on it."""
+        """The current screen."""
         return self._tmux("capture-pane", "-p", *(["-e"] if with_colours else []))
 
     def keys(self, *names: str) -> None:
-        """Press keys, by tmux's names."""
+        """Press keys by their tmux names."""
         for name in names:
             self._tmux("send-keys", name)
 
     def until(self, shows: str | Callable[[str], bool]) -> str:
-        """Wait until the screen shows a text or meets a condition; return it."""
+        """Wait until the screen contains a text or meets a condition, and return it."""
         end = time.monotonic() + PATIENCE_S
         while True:
             screen = self.screen()
@@ -79,31 +67,31 @@ class Terminal:
             select(POLL_S)
 
     def pid(self) -> int:
-        """Process of the program in the pane."""
+        """Process number of the program."""
         shell = self._tmux("display-message", "-p", "#{pane_pid}").strip()
         children = Path(f"/proc/{shell}/task/{shell}/children").read_text().split()
         return int(children[0])
 
     def kill(self, number: signal.Signals) -> None:
-        """Send the program a signal."""
+        """Send a signal to the program."""
         os.kill(self.pid(), number)
 
     def exit_code(self) -> int:
-        """Wait until the program has ended."""
+        """Wait for the end of the program, and return its exit code."""
         end = time.monotonic() + PATIENCE_S
         while not (self._done.is_file() and self._done.read_text()):
             if time.monotonic() > end:
-                raise AssertionError(f"the program goes on\n{self.screen()}")
+                raise AssertionError(f"the program still runs\n{self.screen()}")
             select(POLL_S)
         return int(self._done.read_text())
 
     def close(self) -> None:
-        """End tmux, and with it what may still run in it. Safe to call twice."""
+        """End tmux and its program; may be called twice."""
         subprocess.run(
             ["tmux", "-S", self._socket, "kill-server"], check=False, capture_output=True
         )
 
 
 def select(seconds: float) -> None:
-    """Let the program run."""
+    """Sleep."""
     signal.sigtimedwait([], seconds)

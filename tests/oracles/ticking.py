@@ -1,10 +1,10 @@
-"""Time of day for journals, the same in every run."""
+"""Reproducible time of day for journals."""
 
 from datetime import UTC, datetime, timedelta
 
 
 class Ticking:
-    """A clock that advances one second a reading."""
+    """A clock that advances by a second at each reading."""
 
     def __init__(self) -> None:
         self._now = datetime(2026, 1, 31, 12, 0, 0, tzinfo=UTC)

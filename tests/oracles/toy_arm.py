@@ -1,4 +1,4 @@
-"""The package that the manual shows, installed without an installer, and its toy arm as a process of its own."""
+"""The manual's example package, installed without an installer, and its toy arm as a process."""
 
 import subprocess
 import sys
@@ -30,11 +30,10 @@ estimator: implicit
 acceptance: {scaled_condition_number: 1000}
 export: {upload: true}
 """
-"""Few poses, quickly taken."""
 
 
 def package(folder: Path) -> Path:
-    """Write the page's files to `folder`; what `pip install --target` would make of them beside it."""
+    """Write the page's files to `folder`, and return a folder with the installed package."""
     assert main(["help", "outside-arm", "--files", str(folder)]) == 0
     target = folder.with_name(folder.name + "-installed")
     project = tomllib.loads((folder / "pyproject.toml").read_text())
@@ -42,8 +41,8 @@ def package(folder: Path) -> Path:
     info = target / f"{name.replace('-', '_')}-{project['project']['version']}.dist-info"
     info.mkdir(parents=True)
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 0.1.0\n")
-    points = project["project"]["entry-points"]["sarcal.arm"]
-    lines = [f"{key} = {value}" for key, value in points.items()]
+    entry_points = project["project"]["entry-points"]["sarcal.arm"]
+    lines = [f"{key} = {value}" for key, value in entry_points.items()]
     (info / "entry_points.txt").write_text("\n".join(["[sarcal.arm]", *lines, ""]))
     for module in project["tool"]["setuptools"]["py-modules"]:
         (target / f"{module}.py").write_text((folder / f"{module}.py").read_text())
@@ -52,7 +51,7 @@ def package(folder: Path) -> Path:
 
 @dataclass(frozen=True)
 class Toy:
-    """Where it listens, and its keyboard."""
+    """The toy's channel, and its process."""
 
     channel: str
     process: subprocess.Popen[str]
@@ -65,15 +64,15 @@ class Toy:
 
 @contextmanager
 def toy(folder: Path, *options: str) -> Iterator[Toy]:
-    """Run the page's toy, much faster than an arm."""
+    """Run the page's toy at 1000 Hz."""
     words = [sys.executable, str(folder / "toy_arm.py"), "--port", "0", "--rate", "1000", *options]
     with subprocess.Popen(
         words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as process:
         try:
             assert process.stdout is not None
-            said = process.stdout.readline()
-            assert said.startswith("toy arm at "), said
-            yield Toy(channel=said.removeprefix("toy arm at ").strip(), process=process)
+            first_line = process.stdout.readline()
+            assert first_line.startswith("toy arm at "), first_line
+            yield Toy(channel=first_line.removeprefix("toy arm at ").strip(), process=process)
         finally:
             process.kill()

@@ -1,4 +1,4 @@
-"""URDFs of serial chains as text, and where pinocchio has their links. Knows nothing of sarcal."""
+"""URDFs of serial chains as text, and poses of their links by pinocchio."""
 
 from collections.abc import Sequence
 
@@ -24,7 +24,7 @@ def joint(
     velocity: float = 2,
     more: str = "",
 ) -> str:
-    """One joint; without an axis it has no limits either."""
+    """One joint, without limits if it has no axis."""
     turns = (
         f'<axis xyz="{axis}"/><limit lower="{ends[0]!r}" upper="{ends[1]!r}" effort="{effort!r}" '
         f'velocity="{velocity!r}"/>'
@@ -36,7 +36,7 @@ def joint(
 
 
 def robot(*joints: str) -> str:
-    """A robot of these joints, with the links that they name."""
+    """A robot of these joints and their links."""
     links = {word.split('"')[1] for j in joints for word in j.split("link=")[1:]}
     text = "\n".join([*joints, *(f'<link name="{link}"/>' for link in sorted(links))])
     return f'<robot name="arm">{text}</robot>'
@@ -45,9 +45,9 @@ def robot(*joints: str) -> str:
 def places(
     urdf: str | bytes, q_rad: np.ndarray, tip: str, *, base: str = "", joints: Sequence[str] = ()
 ) -> np.ndarray:
-    """Link `tip` in `base` or in the root (m, 4, 4) at angles (m, n) of `joints`, or of all of them."""
+    """Poses (m, 4, 4) of link `tip` in `base` or the root, at angles (m, n) of `joints` or of all joints."""
     model = pin.buildModelFromXML(urdf if isinstance(urdf, str) else urdf.decode())
-    data, found = model.createData(), []
+    data, poses = model.createData(), []
     for angles in q_rad:
         q = pin.neutral(model)
         for name, angle in zip(joints or list(model.names)[1:], angles, strict=True):
@@ -58,5 +58,5 @@ def places(
         at = data.oMf[model.getFrameId(tip, pin.FrameType.BODY)]
         if base:
             at = data.oMf[model.getFrameId(base, pin.FrameType.BODY)].inverse() * at
-        found.append(at.homogeneous)
-    return np.array(found)
+        poses.append(at.homogeneous)
+    return np.array(poses)

@@ -1,10 +1,11 @@
-"""A virtual controller on a bus inside this process, with a plant simple enough to predict."""
+"""A virtual controller on a bus inside this process, with a trivial plant."""
 
 import itertools
 import math
-import threading
+import queue
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import can
@@ -25,7 +26,7 @@ _channels = itertools.count()
 
 
 def joint(*, rvdt: bool = False) -> Joint:
-    """Joint from -60 to 60 deg; the RVDT has 12 bits over 144 deg, 3 sigma inside its ends."""
+    """Joint from -60 to 60 deg; the RVDT has 12 bits over 144 deg."""
     return Joint(
         name="test",
         lower_rad=math.radians(-60.0),
@@ -43,7 +44,7 @@ def axes() -> tuple[AxisSettings, ...]:
 
 
 class TrivialPlant:
-    """Position joints are where they are told, free joints drift; torque and speed can be dictated."""
+    """Position joints are at their targets, free joints drift; torque and speed can be set."""
 
     def __init__(self, scales: Sequence[float]) -> None:
         self.joint_count = len(scales)
@@ -64,18 +65,16 @@ class TrivialPlant:
                 self.angles_rad[k] = command.target_rad
             elif command.mode is JointMode.FREE:
                 self.angles_rad[k] += self.drift_rad[k]
+        angles = zip(self.angles_rad, self.scales, strict=True)
         return PlantReading(
-            position_counts=tuple(
-                round(angle * scale)
-                for angle, scale in zip(self.angles_rad, self.scales, strict=True)
-            ),
+            position_counts=tuple(round(angle * scale) for angle, scale in angles),
             torque_nm=tuple(self.torque_nm),
             speed_rad_per_s=tuple(self.speed_rad_per_s),
         )
 
 
 class FakeClock:
-    """Monotonic time that moves when told to."""
+    """Monotonic time, set by the test."""
 
     def __init__(self) -> None:
         self.time_s = 1000.0
@@ -84,52 +83,42 @@ class FakeClock:
         return self.time_s
 
 
+@dataclass(eq=False)
 class Rig:
     """Controller, plant, clock, and a raw peer on the same bus."""
 
-    def __init__(
-        self,
-        controller: VirtualController,
-        plant: Any,
-        clock: FakeClock,
-        peer: RawPeer,
-        channel: str,
-    ) -> None:
-        self.controller, self.plant, self.clock, self.peer = controller, plant, clock, peer
-        self.channel = channel
+    controller: VirtualController
+    plant: Any
+    clock: FakeClock
+    peer: RawPeer
+    channel: str
 
     def run_in_loop(self, reader: Callable[[], Any] = lambda: None) -> Any:
-        """Run something in the control loop, after everything sent so far; return its result."""
-        done = threading.Event()
-        result: list[Any] = []
-
-        def act() -> None:
-            result.append(reader())
-            done.set()
-
-        # A frame that is answered, so that all earlier frames have been taken in.
+        """Return the result of a function that runs in the control loop, after all frames sent so far."""
+        results: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        # The response comes after all earlier frames.
         self.peer.read(16, 0x1000)
-        self.controller.post(act)
-        if not done.wait(5.0):
-            raise TimeoutError("the control loop does not answer")
-        return result[0]
+        self.controller.post(lambda: results.put(reader()))
+        return results.get(timeout=5.0)
 
     def advance_time(self, seconds: float) -> None:
-        """Let time pass while the controller's loop listens: in steps too short to be its own lateness."""
+        """Advance the clock, in steps that are too short to count as lateness of the control loop."""
         began_s, steps = self.clock.time_s, math.ceil(seconds / 0.09)
         for k in range(1, steps + 1):
             self.clock.time_s = began_s + seconds * k / steps
             self.run_in_loop()
 
     def inject_fault(self, kind: str, joint: int = 1) -> None:
-        """Break something on purpose, and wait until it is so."""
+        """Inject a fault, and wait until the control loop has applied it."""
         inject(self.controller, kind, joint)
         self.run_in_loop()
 
     def clear_disturbance(self, name: str, joint: int) -> None:
-        """Undo what is kept of a joint in the disturbances."""
-        kept = getattr(self.controller.disturbances, name)
-        self.run_in_loop(lambda: kept.pop(joint) if isinstance(kept, dict) else kept.discard(joint))
+        """Remove a joint from one of the disturbances."""
+        entries = getattr(self.controller.disturbances, name)
+        self.run_in_loop(
+            lambda: entries.pop(joint) if isinstance(entries, dict) else entries.discard(joint)
+        )
 
     def set_drive_flag(self, joint: int, name: str, value: bool) -> None:
         """Set a flag of a drive."""
@@ -142,7 +131,7 @@ class Rig:
 
 
 def parse(document: bytes, of: Sequence[AxisSettings] | None = None) -> ValidatedParameters:
-    """A tiny schema: serial number on the first line, one offset in counts a line after it."""
+    """A minimal document: the serial number, then one offset in counts a line."""
     try:
         serial, *offsets = document.decode().split()
         counts = tuple(int(text) for text in offsets)
@@ -158,20 +147,20 @@ def parse(document: bytes, of: Sequence[AxisSettings] | None = None) -> Validate
 
 @contextmanager
 def rig(*, plant: Any = None, **options: Any) -> Iterator[Rig]:
-    """A running rig; `options` go to the controller. `plant` may be any other, with axes to fit."""
+    """A running rig, by default with a `TrivialPlant`; `options` are the controller's."""
     channel = f"rig-{next(_channels)}"
     settings = axes()
     if plant is None:
         plant = TrivialPlant([a.scale.counts_per_rad for a in settings])
     clock = FakeClock()
     with (
-        can.Bus(channel, interface="virtual", receive_own_messages=False) as near,
-        can.Bus(channel, interface="virtual", receive_own_messages=False) as far,
+        can.Bus(channel, interface="virtual", receive_own_messages=False) as operator_bus,
+        can.Bus(channel, interface="virtual", receive_own_messages=False) as controller_bus,
     ):
         controller = VirtualController(
-            far,
+            controller_bus,
             plant,
             **{"axes": settings, "arm": ARM, "validate": parse, "clock": clock, **options},
         )
         with controller:
-            yield Rig(controller, plant, clock, RawPeer(near), channel)
+            yield Rig(controller, plant, clock, RawPeer(operator_bus), channel)

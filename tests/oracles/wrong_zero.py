@@ -1,4 +1,4 @@
-"""The plant with a joint whose counter is off or was reset; counts what enables drives."""
+"""A fake arm with a reset or shifted joint counter; counts how often drives are enabled."""
 
 from dataclasses import replace
 
@@ -31,7 +31,7 @@ class WrongZero(PlantArm):
 
 
 def counted_from(procedure: Procedure, moved_rad: np.ndarray) -> Procedure:
-    """The same arm, its joints counted from `moved_rad` (n,) beyond where they were."""
+    """The same arm with the zeros of its joints shifted by `moved_rad` (n,)."""
     arm = procedure.arm
     joints = tuple(
         replace(j, lower_rad=j.lower_rad - float(by), upper_rad=j.upper_rad - float(by))

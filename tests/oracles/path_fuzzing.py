@@ -1,16 +1,16 @@
-"""Places nobody would name: pipes, folders and devices where an instrument's rows or a controller's slots should be."""
+"""Fuzzing of paths and contents: an instrument's replies and rows, and a controller's parameter slots."""
 
 import os
 import shutil
 from pathlib import Path
 from random import Random
 
-from hardware.line_port import CalledLines, GrowingFile
+from hardware.line_port import CalledLines, GrowingFile, LinePort
 from operator_app.session.workflow.pose_reading import Instrument, port_of
 from operator_app.virtual_arms import slots_in
-from tests.oracles.odd_input import Refused, bytes_changed
+from tests.oracles.input_mutations import Refused, bytes_changed
 
-MEASURED = (
+REPLIES = (
     b'{"pose": "12", "x_m": 0.1, "y_m": 0.2, "z_m": 0.3, "rx_deg": 1, "ry_deg": 2, "rz_deg": 3}',
     b'{"pose": "12", "lost": "behind the elbow"}',
     b'{"x_m": 0.1, "y_m": 0.2, "z_m": 0.3, "qw": 1, "qx": 0, "qy": 0, "qz": 0}',
@@ -18,29 +18,26 @@ MEASURED = (
 HEADING, ROW = b"pose,x_m,y_m,z_m,rx_deg,ry_deg,rz_deg\n", b"12,0.1,0.2,0.3,1,2,3\n"
 
 
-def ask_instrument(rng: Random, folder: Path) -> None:
-    """A line of JSON, or a file that grows: the file itself, its heading or a row may be odd."""
+def fuzz_instrument(rng: Random, folder: Path) -> None:
+    """Read a JSON reply, or a growing file with a fuzzed path, heading or row."""
+    port: LinePort
     if rng.random() < 0.5:
-        said = bytes_changed(rng.choice(MEASURED), rng).decode(errors="replace")
-        instrument = Instrument(
-            CalledLines(lambda _: said, "a tracker"), full_pose=rng.random() < 0.5, patience_s=0.0
-        )
-        instrument.open()
-        instrument.measure("12")
-        return
-    file = folder / "rows.csv"
-    if rng.random() < 0.2:
-        port_of(f"file:{_odd_place(rng, folder, file)}").open()
-        return
-    file.write_bytes(bytes_changed(HEADING, rng) if rng.random() < 0.5 else HEADING)
-    port = _Appended(file, bytes_changed(ROW, rng))
+        reply = bytes_changed(rng.choice(REPLIES), rng).decode(errors="replace")
+        port = CalledLines(lambda _: reply, "a tracker")
+    else:
+        file = folder / "rows.csv"
+        if rng.random() < 0.2:
+            port_of(f"file:{_odd_path(rng, folder, file)}").open()
+            return
+        file.write_bytes(bytes_changed(HEADING, rng) if rng.random() < 0.5 else HEADING)
+        port = _AppendedFile(file, bytes_changed(ROW, rng))
     instrument = Instrument(port, full_pose=rng.random() < 0.5, patience_s=0.0)
     instrument.open()
     instrument.measure("12")
 
 
-class _Appended(GrowingFile):
-    """A file to which a row is added as soon as it is asked for one."""
+class _AppendedFile(GrowingFile):
+    """A file that grows by a row at each request."""
 
     def __init__(self, path: Path, row: bytes) -> None:
         super().__init__(path)
@@ -52,8 +49,9 @@ class _Appended(GrowingFile):
             file.write(self._row)
 
 
-def _odd_place(rng: Random, folder: Path, own: Path) -> Path:
-    """What is no file, or none that this program may write, often a pipe nobody is at the other end of."""
+def _odd_path(rng: Random, folder: Path, file: Path) -> Path:
+    """A path that is no writable file, often a pipe without a peer."""
+    devices = ("/proc/x", "/proc/self/mem", "/dev/null", "/dev/zero", "/dev/full")
     match rng.randrange(6):
         case 0 | 1:
             pipe = folder / "pipe"
@@ -63,28 +61,26 @@ def _odd_place(rng: Random, folder: Path, own: Path) -> Path:
         case 2:
             return folder
         case 3:
-            return own / "below" / "it"
+            return file / "below" / "it"
         case 4:
-            return Path(
-                rng.choice(("/proc/x", "/proc/self/mem", "/dev/null", "/dev/zero", "/dev/full"))
-            )
+            return Path(rng.choice(devices))
         case _:
             return Path(rng.choice(("x\x00y", "a" * 5000, "")))
 
 
-def keep_slots(rng: Random, folder: Path) -> None:
-    """The folder of `controller --state`: another thing in its place, or in the place of what lies in it."""
+def fuzz_parameter_slots(rng: Random, folder: Path) -> None:
+    """Open the folder of `controller --state` with a fuzzed path or fuzzed contents."""
     if rng.random() < 0.3:
-        place = _odd_place(rng, folder, folder / "rows.csv")
-        if place not in (folder, Path()):
-            slots_in(place)
+        path = _odd_path(rng, folder, folder / "rows.csv")
+        if path not in (folder, Path()):
+            slots_in(path)
             return
     state = folder / "state"
     state.mkdir(exist_ok=True)
     try:
-        sound = slots_in(state)
+        store = slots_in(state)
         for document in (b"one", b"two")[: rng.randrange(3)]:
-            sound.commit(document)
+            store.commit(document)
         for name in ("active", "slot_a", "slot_b", "slot_a.new", "active.new"):
             file = state / name
             match rng.randrange(8):

@@ -1,8 +1,7 @@
-"""A loopback bus full of other people's frames, and a clock beside it: the kernel's time stamps of every SYNC.
+"""Load on a loopback bus by other nodes' frames, and kernel time stamps of every SYNC.
 
-Sockets of its own and the datagrams as `hardware.buses.loopback` documents them. The watcher's socket lets only the
-arm's frames through (a filter in the kernel), so that it is never behind; a stamp is taken when a frame is
-sent, not when a busy machine gets round to reading it.
+Datagrams are as documented in `hardware.buses.loopback`. A kernel filter passes only the arm's frames to the
+watcher, which therefore never lags; stamps are taken when a frame is sent.
 """
 
 import contextlib
@@ -34,13 +33,10 @@ def tag_and_group(channel: str) -> tuple[bytes, str]:
     return tag, f"239.255.{tag[0]}.{tag[1]}"
 
 
-# ---- what others send ----------------------------------------------------------------------------------
-
-
-def foreign(tag: bytes, count: int, seed: int) -> list[bytes]:
-    """Datagrams of nodes that are not this arm's: PDOs, heartbeats, 29-bit frames."""
-    rng = random.Random(seed)  # noqa: S311 - to be repeated, not to be secret
-    made = []
+def foreign_datagrams(tag: bytes, count: int) -> list[bytes]:
+    """Datagrams of other nodes: PDOs, heartbeats, 29-bit frames."""
+    rng = random.Random(0)  # noqa: S311 - to be repeated, not to be secret
+    datagrams = []
     for _ in range(count):
         flags = 0
         match rng.randrange(10):
@@ -52,21 +48,21 @@ def foreign(tag: bytes, count: int, seed: int) -> list[bytes]:
                 identifier, data, flags = rng.randrange(1 << 29), rng.randbytes(8), EXTENDED
             case _:
                 identifier, data = rng.randrange(0x288, 0x57F), rng.randbytes(rng.randrange(9))
-        made.append(HEADER.pack(b"CANo", tag, flags, len(data), identifier) + data)
-    return made
+        datagrams.append(HEADER.pack(b"CANo", tag, flags, len(data), identifier) + data)
+    return datagrams
 
 
-def flood(channel: str, rate: float, seed: int, done: Event, sent: Any) -> None:
-    """Send `rate` frames a second on average until told to stop; `sent` counts them."""
+def send_foreign_frames(channel: str, rate: float, done: Event, sent: Any) -> None:
+    """Send `rate` frames a second on average until `done`; `sent` counts them."""
     tag, group = tag_and_group(channel)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
         sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
         sender.bind(("127.0.0.1", 0))
-        frames, begun, count = foreign(tag, 4096, seed), time.monotonic(), 0
+        frames, start_s, count = foreign_datagrams(tag, 4096), time.monotonic(), 0
         while not done.is_set():
-            due = int((time.monotonic() - begun) * rate)
-            # One that was late itself catches up, as fast as a 1 Mbit/s bus of short frames would at most.
+            due = int((time.monotonic() - start_s) * rate)
+            # A backlog is sent at the rate of a 1 Mbit/s bus of short frames at most.
             for _ in range(min(due - count, 64)):
                 sender.sendto(frames[count % len(frames)], (group, PORT))
                 count += 1
@@ -74,16 +70,9 @@ def flood(channel: str, rate: float, seed: int, done: Event, sent: Any) -> None:
             time.sleep(0.001)
 
 
-# ---- the clock beside it -------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rhythm:
-    """SYNCs of a session by the kernel's clock.
-
-    `at_s`: when each went out, s; `answers`: joints that answered before the next; `beats_s`: when the
-    operator's heartbeat was heard.
-    """
+    """SYNCs of a session: times `at_s`, joints that answered before the next; times of the operator's heartbeat."""
 
     at_s: tuple[float, ...]
     answers: tuple[int, ...]
@@ -93,25 +82,25 @@ class Rhythm:
         return [b - a for a, b in zip(self.at_s, self.at_s[1:], strict=False)]
 
 
-def _arms_frames_only() -> bytes:
-    """Classic BPF: the identifier, 22 bytes after the beginning of the UDP header, is one of the arm's."""
-    load, equal, at_least, more, give = 0x20, 0x15, 0x35, 0x25, 0x06
+def _arm_frames_filter() -> bytes:
+    """Classic BPF that passes the arm's identifiers, 22 bytes after the start of the UDP header."""
+    load, equal, at_least, more, return_bytes = 0x20, 0x15, 0x35, 0x25, 0x06
     program = [
         (load, 0, 0, 8 + 14),
         (equal, 4, 0, SYNC),
         (equal, 3, 0, OPERATOR_BEAT),
         (at_least, 0, 1, FIRST_ANSWER),
         (more, 0, 1, LAST_ANSWER),
-        (give, 0, 0, 0),
-        (give, 0, 0, 0xFFFF),
+        (return_bytes, 0, 0, 0),
+        (return_bytes, 0, 0, 0xFFFF),
     ]
     return b"".join(struct.pack("HBBI", *instruction) for instruction in program)
 
 
-def watch(channel: str, ready: Event, done: Event, pipe: Any) -> None:
-    """Note SYNCs and answers until told to stop; send a `Rhythm` through the pipe."""
+def record_syncs(channel: str, ready: Event, done: Event, pipe: Any) -> None:
+    """Record SYNCs and answers until `done`; send a `Rhythm` through the pipe."""
     tag, group = tag_and_group(channel)
-    program = _arms_frames_only()
+    program = _arm_frames_filter()
     listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     at_s: list[float] = []
     answers: list[int] = []
@@ -122,11 +111,11 @@ def watch(channel: str, ready: Event, done: Event, pipe: Any) -> None:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
         listener.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         listener.setsockopt(socket.IPPROTO_IP, IP_MULTICAST_ALL, 0)
-        kept = ctypes.create_string_buffer(program, len(program))
+        filter_program = ctypes.create_string_buffer(program, len(program))
         listener.setsockopt(
             socket.SOL_SOCKET,
             SO_ATTACH_FILTER,
-            struct.pack("HxxxxxxP", len(program) // 8, ctypes.addressof(kept)),
+            struct.pack("HxxxxxxP", len(program) // 8, ctypes.addressof(filter_program)),
         )
         listener.bind((group, PORT))
         listener.setsockopt(
@@ -142,8 +131,8 @@ def watch(channel: str, ready: Event, done: Event, pipe: Any) -> None:
                 continue
             with contextlib.suppress(BlockingIOError):
                 datagram, ancillary, _, _ = listener.recvmsg(256, 128)
-                magic, its, flags, _, identifier = HEADER.unpack_from(datagram)
-                if (magic, its, flags) != (b"CANo", tag, 0):
+                magic, frame_tag, flags, _, identifier = HEADER.unpack_from(datagram)
+                if (magic, frame_tag, flags) != (b"CANo", tag, 0):
                     continue
                 stamp = 0.0
                 for _, kind, value in ancillary:
@@ -161,14 +150,14 @@ def watch(channel: str, ready: Event, done: Event, pipe: Any) -> None:
 
 
 def backlog_bytes(channel: str) -> int:
-    """The longest queue of bytes that wait at a socket of this channel now (/proc/net/udp)."""
+    """Longest receive queue of this channel's sockets (/proc/net/udp)."""
     _, group = tag_and_group(channel)
-    wanted = f"{int.from_bytes(socket.inet_aton(group), 'little'):08X}:{PORT:04X}"
+    address = f"{int.from_bytes(socket.inet_aton(group), 'little'):08X}:{PORT:04X}"
     rows = [line.split() for line in Path("/proc/net/udp").read_text().splitlines()[1:]]
-    return max((int(row[4].split(":")[1], 16) for row in rows if row[1] == wanted), default=0)
+    return max((int(row[4].split(":")[1], 16) for row in rows if row[1] == address), default=0)
 
 
-def spin(done: Event) -> None:
+def compute(done: Event) -> None:
     """Keep a processor busy."""
     x = 1
     while not done.is_set():
@@ -176,8 +165,8 @@ def spin(done: Event) -> None:
             x = x * 1103515245 + 12345 & 0xFFFFFFFF
 
 
-class Watched:
-    """What `busy_bus` yields: the frames sent by others so far, and the rhythm once it is over."""
+class BusLoad:
+    """Frames sent by other nodes so far; the rhythm after the end of `loaded_bus`."""
 
     def __init__(self, sent: Any) -> None:
         self._sent = sent
@@ -189,28 +178,30 @@ class Watched:
 
 
 @contextmanager
-def busy_bus(channel: str, *, rate: float, busy: int = 0, seed: int = 0) -> Iterator[Watched]:
-    """Fill a channel with `rate` foreign frames a second beside `busy` processes that only compute."""
-    done, over, ready = SPAWN.Event(), SPAWN.Event(), SPAWN.Event()
+def loaded_bus(channel: str, *, rate: float, busy: int = 0) -> Iterator[BusLoad]:
+    """Send `rate` foreign frames a second on a channel, beside `busy` processes that only compute."""
+    done, watch_done, ready = SPAWN.Event(), SPAWN.Event(), SPAWN.Event()
     sent = SPAWN.Value("q", 0, lock=False)
-    near, far = SPAWN.Pipe(duplex=False)
-    watcher = SPAWN.Process(target=watch, args=(channel, ready, over, far), daemon=True)
-    others = [SPAWN.Process(target=spin, args=(done,), daemon=True) for _ in range(busy)]
+    receiver, sender = SPAWN.Pipe(duplex=False)
+    recorder = SPAWN.Process(
+        target=record_syncs, args=(channel, ready, watch_done, sender), daemon=True
+    )
+    others = [SPAWN.Process(target=compute, args=(done,), daemon=True) for _ in range(busy)]
     if rate:
         others.append(
-            SPAWN.Process(target=flood, args=(channel, rate, seed, done, sent), daemon=True)
+            SPAWN.Process(target=send_foreign_frames, args=(channel, rate, done, sent), daemon=True)
         )
-    watched = Watched(sent)
-    for process in (watcher, *others):
+    load = BusLoad(sent)
+    for process in (recorder, *others):
         process.start()
     try:
         if not ready.wait(300):
-            raise TimeoutError("the watcher of the bus did not begin")
-        yield watched
+            raise TimeoutError("the recorder of the bus did not start")
+        yield load
     finally:
-        over.set()
-        if near.poll(60):
-            watched.rhythm = near.recv()
+        watch_done.set()
+        if receiver.poll(60):
+            load.rhythm = receiver.recv()
         done.set()
-        for process in (watcher, *others):
+        for process in (recorder, *others):
             process.join(30)

@@ -1,16 +1,15 @@
-"""A connected operator on whose wire somebody meddles: frames more, fewer, other, later, seed by seed.
+"""Bus fuzzing of a connected operator: CAN frames inserted, dropped, changed, repeated and delayed, by seed.
 
-Between the operator and its bus stands a man in the middle who shares nothing with `hardware`: numbers of the
-standards, and frames seen before. The virtual arm behind is the paper's without any error and stands still, so
-that whatever a reading says can be held against what the drives have; a reading that is neither right nor
-refused, an exception that is no `HardwareError`, a thread that fell over: each is a defect and is raised.
+The man in the middle shares nothing with `hardware`: it uses numbers of the standards, and recorded frames. The
+virtual arm has no errors and does not move, so that readings can be compared with the drives' counts. A wrong reading
+that is accepted, an exception other than `HardwareError`, a failed thread: each is a defect and is raised.
 """
 
 import itertools
 import os
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from random import Random
 from typing import Any
@@ -31,29 +30,34 @@ from tests.oracles.fast_arm import fast_arm
 NODES = (*range(1, 8), 16)
 BASES = (0x000, 0x080, 0x180, 0x200, 0x280, 0x580, 0x600, 0x700, 0x7E4)
 SDO_BYTES = bytes.fromhex("0001102040414243474B4F607080A2C1FF")
-RIGHT_COUNTS = 3.0
-"""The arm stands still; encoders of 400,000 counts round."""
+MAX_COUNT_ERROR = 3.0
+"""Largest difference of a mean reading from the drives' counts."""
 MODES = [JointMode.POSITION if j in (1, 5) else JointMode.FREE for j in range(1, 8)]
+Plan = Sequence[tuple[int, str]]
+"""Numbers of frames to pass, each with the name of the following action."""
 _channels = itertools.count()
 
 
 class WrongReadingError(AssertionError):
-    """A reading was accepted that is not where the joints are."""
+    """An accepted reading differs from the joints' positions."""
 
 
-class FellOverError(AssertionError):
-    """A thread ended by something that is no fault of the bus."""
+class ThreadFailedError(AssertionError):
+    """A thread ended with an exception."""
 
 
-class Meddler:
-    """In the place of the operator's bus handle; meddles with what it receives while there is something to do."""
+class FrameMutator:
+    """Replaces the operator's bus handle, and applies the actions of `todo` to received frames."""
 
     def __init__(self, bus: can.BusABC) -> None:
         self._bus = bus
         self._waiting: deque[can.Message] = deque()
         self._seen: deque[can.Message] = deque(maxlen=200)
         self.todo: deque[tuple[int, Callable[[can.Message, Random], list[can.Message]]]] = deque()
-        self.rng = Random(0)  # noqa: S311 - to be repeated
+
+    def begin(self, rng: Random, plan: Plan) -> None:
+        self.rng = rng
+        self.todo = deque((after, getattr(self, name)) for after, name in plan)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._bus, name)
@@ -73,8 +77,6 @@ class Meddler:
             return message
         self._waiting.extend(act(message, self.rng))
         return self._waiting.popleft() if self._waiting else None
-
-    # ---- what can be done -----------------------------------------------------------------------------
 
     def insert(self, message: can.Message, rng: Random) -> list[can.Message]:
         return [message, self.foreign(rng)] if rng.random() < 0.5 else [self.foreign(rng), message]
@@ -100,11 +102,11 @@ class Meddler:
         return [message, rng.choice(self._seen)]
 
     def later(self, message: can.Message, rng: Random) -> list[can.Message]:
-        self.todo.append((rng.choice((0, 1, 7, 14)), lambda now, _: [now, message]))
+        self.todo.append((rng.choice((0, 1, 7, 14)), lambda current, _: [current, message]))
         return []
 
     def other_answer(self, message: can.Message, rng: Random) -> list[can.Message]:
-        """What an SDO server says is changed; of other frames nothing."""
+        """Change the next SDO response."""
         if message.arbitration_id & 0x780 != 0x580:
             self.todo.appendleft((0, self.other_answer))
             return [message]
@@ -122,7 +124,7 @@ class Meddler:
         return [_frame(message.arbitration_id, bytes(data))]
 
     def foreign(self, rng: Random) -> can.Message:
-        """A frame that nobody of this bus has sent."""
+        """A frame that no node of this bus has sent."""
         node = rng.choice((*NODES, 0, 9, 30, 100, 127))
         match rng.randrange(9):
             case 0:
@@ -148,11 +150,11 @@ class Meddler:
             case 6:
                 return _frame(0x580 + node, bytes([rng.choice(SDO_BYTES)]) + rng.randbytes(7))
             case 7 if self._seen:
-                seen = rng.choice(self._seen)
-                data = bytearray(seen.data)
+                earlier_frame = rng.choice(self._seen)
+                data = bytearray(earlier_frame.data)
                 if data and rng.random() < 0.7:
                     data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
-                return _frame(seen.arbitration_id, bytes(data))
+                return _frame(earlier_frame.arbitration_id, bytes(data))
             case _:
                 return _frame(rng.choice(BASES) + node & 0x7FF, rng.randbytes(rng.randrange(9)))
 
@@ -161,89 +163,77 @@ def _frame(identifier: int, data: bytes) -> can.Message:
     return can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
 
 
-class Target:
-    """An operator in control of an arm that stands still, made anew whenever an input has ended it."""
+class FuzzedOperator:
+    """An operator in control of a still arm, replaced after each input that ended it."""
 
     def __init__(self) -> None:
         self._stack = ExitStack()
-        self._fallen: list[BaseException] = []
+        self._failures: list[BaseException] = []
         self.arm: CanopenArm | None = None
-        self.connections = 0
 
     def close(self) -> None:
         self.arm = None
         self._stack.close()
 
-    def _open(self, meddles: Callable[[Meddler], None] = lambda _: None) -> CanopenArm:
-        self.connections += 1
+    def _open(self, rng: Random, plan: Plan) -> CanopenArm:
         arm_file = scenario("exact").arm(load_procedure("hinge").arm)
         settings = BusSettings(channel=f"wire-{os.getpid()}-{next(_channels)}")
         self._controller = self._stack.enter_context(
             run_controller(arm_file, Choices(scenario="exact"), settings, heartbeat_timeout_s=30.0)
         )
-        handles: list[Meddler] = []
+        handles: list[FrameMutator] = []
 
-        def main(wanted: BusSettings) -> Any:
-            handle = Meddler(open_bus(wanted))
-            meddles(handle)
-            handles.append(handle)
-            return handle
+        def open_main(bus_settings: BusSettings) -> Any:
+            handles.append(FrameMutator(open_bus(bus_settings)))
+            handles[-1].begin(rng, plan)
+            return handles[-1]
 
         waits = {"patience_s": 5.0, "lost_after_s": 0.2, "answers_s": 0.05, "sdo_timeout_s": 0.05}
-        arm = fast_arm(arm_file, settings, openers=BusOpeners(main=main), **waits)
+        arm = fast_arm(arm_file, settings, openers=BusOpeners(main=open_main), **waits)
         self._stack.callback(arm.close)
-        self.arm, self.meddler = arm, handles
+        self.arm, self.mutators = arm, handles
         return arm
 
-    def ready(self) -> CanopenArm:
-        """Return an arm in control, connected through a meddler that does nothing yet."""
+    def _ready(self, rng: Random) -> CanopenArm:
+        """Return an arm in control, connected through an idle man in the middle."""
         if self.arm is not None:
             return self.arm
-        arm = self._open()
+        arm = self._open(rng, ())
         arm.connect()
         arm.take_control()
         arm.set_modes(MODES)
         arm.settle(window=5, spread_rad=[1e-4] * 7, timeout_syncs=500)
         return arm
 
-    def meddle(self, rng: Random) -> None:
-        """Do one input's mischief while the operator does something; raises what came of it."""
-        threading.excepthook = lambda seen: self._fallen.append(seen.exc_value or RuntimeError())
-        connecting = rng.random() < 0.02
+    def fuzz(self, rng: Random) -> None:
+        """Apply one fuzzed input while the operator performs a task; raises the resulting error."""
+        threading.excepthook = lambda args: self._failures.append(args.exc_value or RuntimeError())
+        connecting, plan = rng.random() < 0.02, self._plan(rng)
         if connecting:
             self.close()
-            # The mischief is there from the first frame on: the handle is made by `connect`.
-            planned = self._plan(rng)
-
-            def from_first(handle: Meddler) -> None:
-                handle.todo, handle.rng = planned(handle), rng
-
-            arm = self._open(from_first)
+            arm = self._open(rng, plan)
         else:
-            arm = self.ready()
-            meddler = self.meddler[-1]
-            meddler.rng, meddler.todo = rng, self._plan(rng)(meddler)
+            arm = self._ready(rng)
+            self.mutators[-1].begin(rng, plan)
         try:
             self._work(arm, rng, connecting=connecting)
         except HardwareError:
-            self._mend(arm)
+            self._recover(arm)
             raise
         finally:
-            if self.meddler:
-                self.meddler[-1].todo.clear()
-            self._look()
+            if self.mutators:
+                self.mutators[-1].todo.clear()
+            self._raise_failures()
 
-    def _plan(self, rng: Random) -> Callable[[Meddler], deque[Any]]:
-        names = rng.choice(
-            (
-                ("insert", "insert", "burst", "again"),
-                ("insert", "other_answer"),
-                ("other_answer",),
-                ("drop", "other_length", "twice", "later"),
-            )
+    def _plan(self, rng: Random) -> Plan:
+        kinds = (
+            ("insert", "insert", "burst", "again"),
+            ("insert", "other_answer"),
+            ("other_answer",),
+            ("drop", "other_length", "twice", "later"),
         )
-        chosen = [(rng.randrange(20), rng.choice(names)) for _ in range(rng.choice((1, 1, 2, 4)))]
-        return lambda meddler: deque((after, getattr(meddler, name)) for after, name in chosen)
+        names = rng.choice(kinds)
+        return [(rng.randrange(20), rng.choice(names)) for _ in range(rng.choice((1, 1, 2, 4)))]
 
     def _work(self, arm: CanopenArm, rng: Random, *, connecting: bool) -> None:
         if connecting:
@@ -262,8 +252,8 @@ class Target:
                 case 5:
                     arm.set_modes(MODES)
                 case 6:
-                    here = arm.snapshot().positions_rad
-                    arm.move({1: float(here[0]) + 0.001}, speed_rad_per_s=0.1)
+                    position_rad = arm.snapshot().positions_rad
+                    arm.move({1: float(position_rad[0]) + 0.001}, speed_rad_per_s=0.1)
                     arm.settle(window=5, spread_rad=[1e-4] * 7, timeout_syncs=500)
                 case _:
                     arm.upload_parameters(b"schema: sarcal/parameters/2\n" * rng.choice((1, 9, 40)))
@@ -271,18 +261,18 @@ class Target:
     def _read(self, arm: CanopenArm, samples: int) -> None:
         before = self._counts()
         reading = arm.capture(samples)
-        # What was set in motion before may still be coming to rest.
-        both = np.array([before, self._counts()])
-        low, high = both.min(axis=0) - RIGHT_COUNTS, both.max(axis=0) + RIGHT_COUNTS
+        # An earlier move may not have settled.
+        counts = np.array([before, self._counts()])
+        low, high = counts.min(axis=0) - MAX_COUNT_ERROR, counts.max(axis=0) + MAX_COUNT_ERROR
         if np.any((reading.mean_counts < low) | (reading.mean_counts > high)):
-            raise WrongReadingError(f"{reading.mean_counts} is not where the joints are: {both}")
+            raise WrongReadingError(f"{reading.mean_counts} instead of {counts}")
 
     def _counts(self) -> list[int]:
         return [node.drive.counts for node in self._controller.drives]
 
-    def _mend(self, arm: CanopenArm) -> None:
-        """Go on as an operator does: reset, take control; where that is refused, connect anew."""
-        self.meddler[-1].todo.clear()
+    def _recover(self, arm: CanopenArm) -> None:
+        """Reset the stop and take control, or else reconnect."""
+        self.mutators[-1].todo.clear()
         try:
             arm.reset_stop()
             arm.take_control()
@@ -290,11 +280,11 @@ class Target:
         except HardwareError:
             self.close()
 
-    def _look(self) -> None:
-        """Find what fell over; afterwards everything is made anew."""
+    def _raise_failures(self) -> None:
+        """Raise exceptions of threads, and disconnect."""
         failure = self._controller.failure
-        if failure is not None or self._fallen:
-            fallen, self._fallen = self._fallen, []
+        if failure is not None or self._failures:
+            failures, self._failures = self._failures, []
             with suppress(HardwareError):
                 self.close()
-            raise FellOverError(f"{failure!r} {fallen!r}") from (failure or fallen[0])
+            raise ThreadFailedError(f"{failure!r} {failures!r}") from (failure or failures[0])

@@ -1,4 +1,4 @@
-"""A sound input changed at random into one that nobody would write. Knows no parser."""
+"""Random mutations of valid input files."""
 
 import re
 from random import Random
@@ -17,7 +17,7 @@ NUMBER = re.compile(rb"-?\d+(\.\d+)?([eE][-+]?\d+)?")
 
 
 class Refused(Exception):
-    """The input was refused in words."""
+    """The input was refused with a message."""
 
 
 def refuse(problem: str) -> None:
@@ -52,13 +52,13 @@ def bytes_changed(raw: bytes, rng: Random) -> bytes:
             case _:
                 numbers = list(NUMBER.finditer(bytes(data)))
                 if numbers:
-                    found = rng.choice(numbers)
-                    data[found.start() : found.end()] = rng.choice(WORDS)
+                    number = rng.choice(numbers)
+                    data[number.start() : number.end()] = rng.choice(WORDS)
     return bytes(data)
 
 
 def in_yaml(raw: bytes, rng: Random) -> bytes:
-    """Change what a document says, or how it is written."""
+    """Change the values of a YAML document, or its bytes."""
     if rng.random() < 0.5:
         return bytes_changed(raw, rng)
     document = mutated(yaml.safe_load(raw), rng)

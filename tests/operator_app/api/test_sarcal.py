@@ -22,7 +22,7 @@ MODULES = ["sarcal", *(f"sarcal.{m.name}" for m in pkgutil.iter_modules(sarcal._
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_examples_in_docstrings_do_what_they_say(name):
+def test_docstring_examples_run(name):
     failed, tried = doctest.testmod(importlib.import_module(name), report=True)
     assert not failed
     documented = {"sarcal", "sarcal.calibrating", "sarcal.planning", "sarcal.judging",
@@ -30,7 +30,7 @@ def test_examples_in_docstrings_do_what_they_say(name):
     assert tried or name not in documented
 
 
-def test_everything_promised_is_there_and_documented():
+def test_public_names_are_documented():
     for name in sarcal.__all__:
         found = getattr(sarcal, name)
         assert inspect.getdoc(found), name
@@ -42,7 +42,7 @@ def test_everything_promised_is_there_and_documented():
                     assert inspect.getdoc(of), f"{name}.{member}"
 
 
-def test_figures_are_those_of_the_command(result, ends_with):
+def test_result_agrees_with_the_command(result, ends_with):
     said = ends_with(0, "solve", EXACT, "--json").json
     assert result.to_json() == said
     for key, value in result.values.items():
@@ -53,7 +53,7 @@ def test_figures_are_those_of_the_command(result, ends_with):
     assert ends_with(0, "solve", EXACT).out.rstrip("\n") == result.text
 
 
-def test_arrays_in_both_units_a_file_and_a_frame_are_the_same_poses(result):
+def test_arrays_file_and_data_frame_give_the_same_poses(result):
     poses = sarcal.load_poses(EXACT)
     in_deg = sarcal.poses_of(q_deg=poses.q_deg)
     in_rad = sarcal.poses_of(q_rad=poses.q_rad)
@@ -74,7 +74,7 @@ class _Frame(dict[str, list[float]]):
         return list(self)
 
 
-def test_a_data_frame_of_pandas_goes_in_and_a_table_comes_out(result):
+def test_pandas_data_frames_are_accepted_and_returned(result):
     pd = pytest.importorskip("pandas")
     poses = sarcal.load_poses(EXACT)
     frame = pd.DataFrame(poses.q_deg, columns=[f"theta{j}_deg" for j in range(1, 8)])
@@ -82,7 +82,7 @@ def test_a_data_frame_of_pandas_goes_in_and_a_table_comes_out(result):
     assert list(result.table().to_frame().columns) == list(result.table().columns)
 
 
-def test_what_a_notebook_shows_is_short_in_text_and_whole_in_html(result):
+def test_notebook_representations(result):
     for thing in (result, result.arm, result.fixture, result.poses, result.table()):
         assert len(repr(thing)) < 100
         assert "\n" not in repr(thing)
@@ -92,7 +92,7 @@ def test_what_a_notebook_shows_is_short_in_text_and_whole_in_html(result):
         result.table("nonsense")
 
 
-def test_the_hand_is_where_the_loop_closes_seen_from_the_arms_own_base(result):
+def test_tool_line_of_a_hinge_is_the_same_in_all_poses(result):
     """A hinge holds one line of the hand: from wherever the base looks, it stays one and the same line."""
     T = result.fk(result.poses.q_rad)
     # s_1 and theta_off_1 are the ground's: the base is seen lifted and turned, and the line with it.
@@ -104,7 +104,7 @@ def test_the_hand_is_where_the_loop_closes_seen_from_the_arms_own_base(result):
     np.testing.assert_allclose(one, T[0], rtol=0, atol=1e-15)
 
 
-def test_the_sigma_of_the_hand_is_that_of_the_report(result):
+def test_tip_sigma_agrees_with_the_report(result):
     """That of the table which `fk` goes by."""
     sigma_m = result.tip_sigma(result.poses.q_rad)
     document = result.to_json()
@@ -113,7 +113,7 @@ def test_the_sigma_of_the_hand_is_that_of_the_report(result):
     assert result.tip_sigma(result.poses.q_rad[0]).shape == ()
 
 
-def test_a_ball_in_several_sockets_has_one_hand():
+def test_tool_point_of_a_ball_is_in_its_sockets():
     result = sarcal.calibrate(
         arm="franka_panda", fixture="ball", poses=PANDA / "panda_1.csv", drop_unidentifiable=True
     )
@@ -125,7 +125,7 @@ def test_a_ball_in_several_sockets_has_one_hand():
     assert result.tip_sigma(result.poses.q_rad).max() < 0.01
 
 
-def test_a_saved_result_is_a_session_for_every_command(result, tmp_path, ends_with):
+def test_saved_result_is_a_session_for_commands(result, tmp_path, ends_with):
     folder = result.save(tmp_path / "sessions/mine")
     assert {p.name for p in folder.iterdir()} == {
         "journal.jsonl", "parameters.yaml", "poses.csv", "report.html",
@@ -140,7 +140,7 @@ def test_a_saved_result_is_a_session_for_every_command(result, tmp_path, ends_wi
     assert sarcal.compare(result, folder).drifted == ()
 
 
-def test_a_saved_result_comes_back_as_it_was(result, tmp_path):
+def test_saved_result_is_loaded_unchanged(result, tmp_path):
     folder, q_rad = result.save(tmp_path / "mine"), result.poses.q_rad
     again = sarcal.load_result(folder)
     assert again.to_json() == result.to_json()
@@ -158,7 +158,7 @@ def test_a_saved_result_comes_back_as_it_was(result, tmp_path):
         sarcal.load_result(3)
 
 
-def test_a_cell_that_saves_may_be_run_again(result, tmp_path):
+def test_saving_again_replaces_our_files_only(result, tmp_path):
     folder = result.save(tmp_path / "mine")
     assert main(["export", str(folder), "--format", "urdf"]) == 0
     (folder / "my_notes.txt").write_text("mine")
@@ -169,7 +169,7 @@ def test_a_cell_that_saves_may_be_run_again(result, tmp_path):
     }  # fmt: skip
 
 
-def test_other_data_are_replaced_where_that_is_said(result, tmp_path, ends_with):
+def test_other_data_are_replaced_only_with_overwrite(result, tmp_path, ends_with):
     folder = result.save(tmp_path / "mine")
     before = (folder / "journal.jsonl").read_bytes()
     other = sarcal.calibrate(
@@ -184,7 +184,7 @@ def test_other_data_are_replaced_where_that_is_said(result, tmp_path, ends_with)
     )
 
 
-def test_what_was_taken_once_is_not_saved_over(result, tmp_path, monkeypatch):
+def test_captured_or_edited_sessions_are_not_overwritten(result, tmp_path, monkeypatch):
     """A session taken on an arm, one with notes, one in use, and one that cannot be read."""
     from operator_app.session.store.journal import Journal
 
@@ -207,7 +207,7 @@ def test_what_was_taken_once_is_not_saved_over(result, tmp_path, monkeypatch):
         assert Path(folder, "journal.jsonl").read_bytes() == kept
 
 
-def test_poses_that_took_part_verify_nothing(result):
+def test_verification_refuses_calibration_poses(result):
     q_rad, new = result.poses.q_rad, sarcal.load_poses(HINGE / "hinge_quantised.csv").q_rad
     for rows, said in (
         (q_rad[:3], "these are poses"),
@@ -221,7 +221,7 @@ def test_poses_that_took_part_verify_nothing(result):
     assert sarcal.verify(result, sarcal.poses_of(q_rad=new[:4])).holds
 
 
-def test_simulated_truth_is_found_within_its_sigmas():
+def test_calibration_recovers_the_simulated_truth():
     """An arm and a mounting that were drawn are found again: 95 % of z within 3, whichever seed."""
     z = []
     for seed in range(3):
@@ -234,7 +234,7 @@ def test_simulated_truth_is_found_within_its_sigmas():
     np.testing.assert_array_equal(same.poses.q_rad, made.poses.q_rad)
 
 
-def test_wrong_input_says_what_to_do(tmp_path):
+def test_invalid_input_names_the_remedy(tmp_path):
     with pytest.raises(sarcal.ConfigError, match="did you mean"):
         sarcal.load_arm("sarcos")
     with pytest.raises(sarcal.ConfigError, match="the arm has 7 joints"):
@@ -243,7 +243,7 @@ def test_wrong_input_says_what_to_do(tmp_path):
         sarcal.poses_of()
 
 
-def test_intervals_are_those_of_the_json_object(result):
+def test_intervals_agree_with_the_json(result):
     listed = result.to_json()["interval_95"]
     assert set(result.intervals_95) == set(result.values)
     low, high = result.intervals_95["theta_off_3_deg"]
@@ -252,7 +252,7 @@ def test_intervals_are_those_of_the_json_object(result):
     assert result.intervals_95["s_1_mm"] == pytest.approx([1e3 * v for v in listed["s_1"]])
 
 
-def test_an_arms_own_fk_is_where_pinocchio_has_its_flange():
+def test_fk_of_an_arm_agrees_with_pinocchio():
     arm = sarcal.load_arm("franka_panda")
     q = np.random.default_rng(1).uniform(arm.lower_rad, arm.upper_rad, (20, 7))
     offsets, *others = load_arm("franka_panda").table.stacked()

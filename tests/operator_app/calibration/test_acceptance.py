@@ -23,7 +23,7 @@ def fault(name, seed=SEED):
     return CASES[name](seed)
 
 
-def test_a_sound_session_is_accepted_and_every_test_says_how_often_it_would_not_be(sound):
+def test_sound_session_is_accepted_with_stated_false_alarm_rates(sound):
     assert sound.verdict is Verdict.ACCEPTED
     assert sound.causes == ()
     codes = [t.code for t in sound.adjudication.tests]
@@ -34,7 +34,7 @@ def test_a_sound_session_is_accepted_and_every_test_says_how_often_it_would_not_
     assert sound.adjudication.stated_chi2_per_dof is not None
 
 
-def test_what_a_fixtures_file_states_is_known_where_poses_tell_less(sound):
+def test_fixture_tolerances_bound_sigmas_that_poses_leave_wide(sound):
     """The file of a fixture measured to 0.5 mm and 5 deg knows some lengths better than 40 poses do."""
     lengths = ("a_0", "s_0", "s_1", "a_7", "s_7")
     before = sound.estimate.sd_by_name
@@ -59,7 +59,7 @@ def test_what_a_fixtures_file_states_is_known_where_poses_tell_less(sound):
     assert all(f"{n} (" in said for n in wide if before[n] > 0.7e-3)
 
 
-def test_poses_that_can_show_nothing_blame_nothing():
+def test_too_few_poses_blame_no_part():
     found = session(SEED, poses=3)
     readings = found.readings.copy()
     readings[1, 3] += np.deg2rad(3.0)
@@ -68,7 +68,7 @@ def test_poses_that_can_show_nothing_blame_nothing():
     assert (causes[0].code, causes[0].size) == ("TOO_FEW_POSES", 1), "degrees of freedom"
 
 
-def test_the_scatter_of_a_mean_is_held_against_what_is_stated_of_a_mean():
+def test_scatter_of_means_is_compared_with_stated_noise_of_means():
     """Joint 6 scatters ten times as much as 32 readings of 2 LSB leave in their mean."""
     found = session(SEED, poses=40)
     stated = np.sqrt(ARM.joints[5].sensor.variance_of_mean_rad2(32))
@@ -80,7 +80,7 @@ def test_the_scatter_of_a_mean_is_held_against_what_is_stated_of_a_mean():
     assert 6.0 <= said.figures["times"] <= 14.5
 
 
-def test_the_fault_is_the_first_cause_with_its_size_and_a_remedy():
+def test_joint_slip_is_the_first_cause_with_size_and_remedy():
     case = fault("joint slips 1 deg")
     found = solved(case.taken)
     assert found.verdict is not Verdict.ACCEPTED
@@ -92,7 +92,7 @@ def test_the_fault_is_the_first_cause_with_its_size_and_a_remedy():
     assert first.probability > 0.5
 
 
-def test_a_slip_is_found_between_the_poses_where_it_happened():
+def test_fixture_slip_is_located_between_two_poses():
     specimen = Specimen.drawn(SEED, session(SEED).specimen.sizes)
     slip = np.array([0.0, 0.0, 0.0, 2e-3, 2e-3, 1e-3])
     walk = closed_walk(specimen, 40, slipped=(23, slip, np.zeros(6)))
@@ -101,7 +101,7 @@ def test_a_slip_is_found_between_the_poses_where_it_happened():
     assert found.causes[0].poses == ("p023", "p024")
 
 
-def test_a_slip_of_the_hands_half_is_no_length_and_no_outliers():
+def test_slip_of_the_tool_half_is_not_a_length_error_nor_outliers():
     """It has five directions: along the hinge's own axis it used to have none and was called a length."""
     found = solved(fault("hinge slips 5 mm", 3002).taken)
     assert [c.code for c in found.causes] == ["SLIP_FIXTURE"]
@@ -109,7 +109,7 @@ def test_a_slip_of_the_hands_half_is_no_length_and_no_outliers():
     assert found.causes[0].figures["shift_m"] == pytest.approx(5e-3, abs=5e-5)
 
 
-def test_a_length_that_no_test_is_sure_of_is_doubted_in_words_and_refuses_nothing():
+def test_uncertain_length_error_warns_without_blocking():
     """It was ACCEPTED without a word, with an offset 4.2 of its sigmas off."""
     found = solved(fault("elbow 5 mm", 3005).taken)
     assert not any(test.fires for test in found.adjudication.tests)
@@ -118,14 +118,14 @@ def test_a_length_that_no_test_is_sure_of_is_doubted_in_words_and_refuses_nothin
     assert not any(c.certain for c in found.causes)
 
 
-def test_so_few_poses_that_sigmas_do_not_hold_are_refused_and_more_are_warned_of():
+def test_four_poses_are_refused_and_seven_warned_of():
     four, seven = (solved(session(3006, poses=n)) for n in (4, 7))
     assert four.verdict is Verdict.NOT_ACCEPTED
     assert four.causes[0].code == seven.causes[0].code == "TOO_FEW_POSES"
     assert not seven.causes[0].blocking
 
 
-def test_single_readings_at_stated_noise_show_no_step_where_all_else_is_quieter():
+def test_quantised_data_set_has_no_causes():
     """Every other error of this set is far below its statement; its RVDTs' noise is as stated."""
     data = Path(__file__).resolve().parents[2] / "data" / "hinge" / "hinge_quantised.csv"
     poses = parse_poses(data.read_bytes(), data.name).poses
@@ -133,20 +133,20 @@ def test_single_readings_at_stated_noise_show_no_step_where_all_else_is_quieter(
     assert found.causes == ()
 
 
-def test_a_stuck_sensor_is_told_from_a_joint_that_stands_still():
+def test_stuck_sensor_is_distinguished_from_immobile_joint():
     case = fault("RVDT stuck")
     with pytest.raises(UnidentifiableError, match="its sensor is stuck") as error:
         solved(case.taken)
     assert any(re.fullmatch(pattern, error.value.code) for pattern in case.causes)
 
 
-def test_the_paper_is_judged_by_its_distance_from_what_the_noise_says():
+def test_paper_estimate_is_refused_if_its_distance_test_fires():
     found = solved(session(SEED), estimator="paper")
     test = next(t for t in found.adjudication.tests if t.code == "PAPER_DISTANCE")
     assert (found.verdict is Verdict.NOT_ACCEPTED) == test.fires
 
 
-def test_the_order_of_the_poses_is_the_time_that_a_step_is_found_in():
+def test_shuffled_poses_show_no_step():
     """Shuffled, the same readings are no step but odd poses or noise."""
     case = fault("joint slips 1 deg")
     shuffled = case.taken.picked(np.random.default_rng(0).permutation(40))
@@ -154,7 +154,7 @@ def test_the_order_of_the_poses_is_the_time_that_a_step_is_found_in():
     assert not first.code.startswith("STEP")
 
 
-def test_what_does_not_fit_what_is_stated_is_not_accepted_though_its_sigmas_may_hold():
+def test_gross_outlier_is_refused_though_variances_grow():
     """One reading of 13 poses off by 3 degrees: the variances grew until everything fitted."""
     found = session(SEED, poses=13)
     readings = found.readings.copy()
@@ -167,7 +167,7 @@ def test_what_does_not_fit_what_is_stated_is_not_accepted_though_its_sigmas_may_
 
 
 @pytest.mark.parametrize(("joints", "leave"), [((4,), "leave it out"), ((4, 5), "leave them out")])
-def test_of_a_joint_that_stands_still_the_option_that_holds_its_offset_is_named(joints, leave):
+def test_immobile_joints_are_reported_with_the_drop_option(joints, leave):
     """The poses of `sarcal run rigid` again through `sarcal solve`: the elbow stands still."""
     still = tuple(
         UnidentifiableDirection(

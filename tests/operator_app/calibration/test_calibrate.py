@@ -27,7 +27,7 @@ def codes(solution):
     return [n.code for n in solution.warnings]
 
 
-def test_a_disturbed_pose_is_named_and_still_counts(poses):
+def test_outlier_is_named_and_still_used(poses):
     assert calibrate(ARM, HINGE, poses).outliers == ()
     q = np.array(poses.q_rad)
     q[16, 2] += np.deg2rad(0.2)
@@ -38,7 +38,7 @@ def test_a_disturbed_pose_is_named_and_still_counts(poses):
 
 
 @pytest.mark.campaign
-def test_a_pose_with_the_hand_upside_down_is_named_and_never_mixed_in(poses):
+def test_flipped_poses_are_named_and_left_out(poses):
     clean = calibrate(ARM, HINGE, poses, estimator="paper")
     upside_down = clean.estimate.x.copy()
     names = [p.name for p in clean.estimate.parameters]
@@ -61,7 +61,7 @@ def test_a_pose_with_the_hand_upside_down_is_named_and_never_mixed_in(poses):
 
 
 @pytest.mark.parametrize(("degrees", "verdict"), [(5.0, "warned"), (0.5, "refused")])
-def test_near_parallel_axes_warn_and_then_refuse(poses, degrees, verdict):
+def test_nearly_parallel_axes_warn_or_refuse(poses, degrees, verdict):
     tilted = replace(HINGE, alpha_n_rad=np.deg2rad(degrees))
     checks = setup_checks(tilted, ARM, ARM.home_rad)
     (check,) = (c for c in checks if c.code == "AXIS_ANGLE_7")
@@ -93,7 +93,7 @@ def stated_exact():
     return replace(ARM, joints=joints, tolerances=()), replace(HINGE, compliance=Compliance())
 
 
-def test_what_the_files_state_is_corrected_and_in_the_sigmas(poses):
+def test_stated_errors_are_estimated_and_in_the_budget(poses):
     exact = calibrate(*stated_exact(), poses)
     found = calibrate(ARM, HINGE, poses)
     assert exact.tolerated == ()
@@ -113,7 +113,7 @@ def test_what_the_files_state_is_corrected_and_in_the_sigmas(poses):
     assert np.all(repeatability[:14] < sd)
 
 
-def test_a_length_tolerance_replaces_that_of_the_file(poses):
+def test_length_tolerance_option_replaces_that_of_the_arm_file(poses):
     exact_arm, exact_hinge = stated_exact()
     tolerant = calibrate(exact_arm, exact_hinge, poses, length_tolerance_m=1.5e-3)
     assert set(tolerant.tolerated) == LENGTHS
@@ -122,7 +122,7 @@ def test_a_length_tolerance_replaces_that_of_the_file(poses):
         assert error < 4.0 * tolerant.estimate.sd_by_name[name] < 8e-3
 
 
-def test_readings_pasted_again_know_nothing_more(poses):
+def test_duplicated_poses_do_not_narrow_sigmas(poses):
     m = len(poses)
     pasted = PoseSet(
         placement=np.tile(poses.placement, 4),
@@ -137,7 +137,7 @@ def test_readings_pasted_again_know_nothing_more(poses):
     )
 
 
-def test_readings_outside_the_ranges_are_named_with_joint_pose_and_unit(poses):
+def test_out_of_range_readings_name_joint_pose_and_unit(poses):
     narrow = replace(
         ARM,
         joints=tuple(
@@ -154,7 +154,7 @@ def test_readings_outside_the_ranges_are_named_with_joint_pose_and_unit(poses):
         calibrate(ARM, HINGE, replace(poses, q_rad=np.deg2rad(poses.q_rad)), search=True)
 
 
-def test_of_many_poses_that_do_not_fit_five_are_named_and_the_rest_counted():
+def test_text_names_five_of_many_outliers_and_counts_the_rest():
     """A log of thousands of rows was a list of numbers over hundreds of lines; JSON has them all."""
     (notice,) = outliers_still_used(tuple(str(k) for k in range(1, 513)))
     assert "poses 1, 2, 3, 4, 5 and 507 more" in notice.text

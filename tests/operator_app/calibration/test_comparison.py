@@ -25,7 +25,7 @@ def test_a_calibration_has_not_drifted_from_itself():
     assert comparison_text(found).startswith("SAME POSES: nothing follows for the arm.")
 
 
-def test_two_estimates_from_the_same_poses_say_nothing_of_the_arm():
+def test_calibrations_from_the_same_poses_show_no_drift():
     other = replace(make_document({"theta_off_3": 0.02, "s_7": -0.0004}), estimator="paper")
     found = compare(make_document(), other)
     assert found.drifted == ()
@@ -44,7 +44,7 @@ def test_two_estimates_from_the_same_poses_say_nothing_of_the_arm():
     assert compare(make_document(), replace(other, pose_set_sha256="b" * 64)).drifted
 
 
-def test_a_planted_drift_is_found_and_nothing_else():
+def test_planted_drift_is_the_only_significant_one():
     later = make_document({"theta_off_3": 0.02, "s_7": -0.0004}, poses="b")
     found = compare(make_document(), later)
     assert {d.name for d in found.drifted} == {"theta_off_3", "s_7"}
@@ -57,7 +57,7 @@ def test_a_planted_drift_is_found_and_nothing_else():
     assert found.drifted[0].name == "s_7"
 
 
-def test_the_threshold_is_corrected_for_how_many_are_compared():
+def test_threshold_is_corrected_for_the_number_of_parameters():
     from scipy.stats import norm
 
     found = compare(make_document(), make_document(), level=0.05)
@@ -68,7 +68,7 @@ def test_the_threshold_is_corrected_for_how_many_are_compared():
         assert len(compare(make_document(), later, level=0.05).drifted) == drifts
 
 
-def test_false_alarms_come_as_often_as_stated():
+def test_false_alarm_rate_matches_the_level():
     random = np.random.default_rng(5)
     names = sorted(ARM_SIDE | GROUND_SIDE | HAND_SIDE)
     alarms = 0
@@ -104,7 +104,7 @@ def equal_descriptions(values):
 
 
 @pytest.mark.parametrize("description", range(8))
-def test_the_same_loop_written_otherwise_has_not_drifted(description):
+def test_equivalent_parameter_sets_show_no_drift(description):
     values = equal_descriptions(dict(VALUES))[description]
     written = make_document(values=values, poses="b")
     found = compare(make_document(), written)
@@ -126,7 +126,7 @@ def test_descriptions_of_an_unsensed_wrist_are_aligned_too(description):
     assert found.drifted == ()
 
 
-def test_angles_go_the_short_way_round():
+def test_angle_changes_wrap_at_180_degrees():
     one = make_document(values={"theta_off_2": 179.995})
     other = make_document(values={"theta_off_2": -179.995}, poses="b")
     (drift,) = compare(one, other).drifted
@@ -135,13 +135,13 @@ def test_angles_go_the_short_way_round():
     assert math.degrees(back.change) == pytest.approx(-0.01)
 
 
-def test_whose_parameters_they_are():
+def test_parameters_have_their_side():
     found = compare(make_document(), make_document())
     sides = {side: {d.name for d in found.drifts if d.side is side} for side in Side}
     assert sides == {Side.ARM: ARM_SIDE, Side.GROUND: GROUND_SIDE, Side.HAND: HAND_SIDE}
 
 
-def test_a_fixture_mounted_anew_moves_its_own_parameters_only():
+def test_remounted_fixture_compares_arm_parameters_only():
     later = make_document({"a_0": 0.05, "theta_off_7": 12.0, "theta_off_1": -4.0}, poses="b")
     found = compare(make_document(), later)
     assert len(found.drifted) == 3
@@ -152,7 +152,7 @@ def test_a_fixture_mounted_anew_moves_its_own_parameters_only():
     assert {name for name, _ in again.left_out} == GROUND_SIDE | HAND_SIDE
 
 
-def test_another_fixture_leaves_the_arms_own():
+def test_other_fixture_compares_arm_parameters_only():
     later = replace(
         make_document({"theta_off_4": 1.0}, poses="b"),
         fixture=WhichFixture(name="hinge_b", kind="hinge"),
@@ -164,7 +164,7 @@ def test_another_fixture_leaves_the_arms_own():
     assert {why for _, why in found.left_out} == {"another fixture"}
 
 
-def test_residuals_larger_than_the_noise_widen_the_sigmas():
+def test_large_chi2_widens_the_sigmas():
     loud = make_document({"theta_off_3": 0.02}, poses="b", chi2_per_dof=100.0)
     found = compare(make_document(), loud)
     assert found.drifted == ()
@@ -176,7 +176,7 @@ def test_residuals_larger_than_the_noise_widen_the_sigmas():
     assert compare(make_document(), quiet).scale_after == 1.0
 
 
-def test_differences_are_said():
+def test_differences_of_method_are_listed():
     later = make_document(without=("theta_off_6",), nominal={"s_3": 0.356}, poses="b")
     later = replace(later, estimator="paper", utc=later.utc.replace(year=2020))
     found = compare(make_document(), later)
@@ -189,7 +189,7 @@ def test_differences_are_said():
     assert all(len(line) <= 80 for line in text.splitlines())
 
 
-def test_the_arm_is_not_blamed_for_what_was_made_otherwise():
+def test_different_methods_do_not_blame_the_arm():
     moved = {"theta_off_3": 1.0}
     same_way = make_document(moved, poses="b")
     assert "The arm itself changed." in comparison_text(compare(make_document(), same_way))
@@ -203,7 +203,7 @@ def test_the_arm_is_not_blamed_for_what_was_made_otherwise():
         assert "A and B were made in different ways (see below)" in said
 
 
-def test_a_calibration_that_was_not_accepted_is_said_to_be_one():
+def test_forced_calibration_is_reported():
     later = make_document(poses="b")
     text = "not accepted (too few); exported because: a demo"
     later = replace(later, warnings=(DocumentWarning(code="FORCED", text=text),))
@@ -212,7 +212,7 @@ def test_a_calibration_that_was_not_accepted_is_said_to_be_one():
 
 
 @pytest.mark.parametrize("changes", [{"serial": "SDA-0002"}, {"model": "franka_panda"}])
-def test_other_arms_are_not_compared(changes, approve):
+def test_other_arms_are_incomparable(changes, approve):
     document = make_document()
     other = replace(document, arm=replace(document.arm, **changes))
     with pytest.raises(IncomparableError) as refused:
@@ -220,7 +220,7 @@ def test_other_arms_are_not_compared(changes, approve):
     approve(str(refused.value))
 
 
-def test_nothing_in_common_is_not_compared():
+def test_no_common_parameter_is_incomparable():
     names = ARM_SIDE | GROUND_SIDE | HAND_SIDE
     one = make_document(without=tuple(names - {"theta_off_2"}))
     other = make_document(without=tuple(names - {"theta_off_3"}))
@@ -228,13 +228,13 @@ def test_nothing_in_common_is_not_compared():
         compare(one, other)
 
 
-def test_a_level_is_a_probability():
+def test_level_outside_0_to_1_is_refused():
     for level in (0.0, 1.0, math.nan):
         with pytest.raises(ValueError, match="between 0 and 1"):
             compare(make_document(), make_document(), level=level)
 
 
-def test_without_any_sigma_a_real_change_counts_and_rounding_does_not():
+def test_without_sigmas_any_change_beyond_rounding_is_drift():
     one = make_document(sigma=0.0)
     other = make_document({"theta_off_3": 0.001, "theta_off_4": 1e-13}, sigma=0.0, poses="b")
     found = compare(one, other)
@@ -243,7 +243,7 @@ def test_without_any_sigma_a_real_change_counts_and_rounding_does_not():
     assert "no sigma" in comparison_text(found)
 
 
-def test_what_is_only_known_within_a_tolerance_does_not_raise_the_threshold():
+def test_toleranced_parameters_do_not_raise_the_threshold():
     from scipy.stats import norm
 
     def with_lengths(document, changes):

@@ -15,7 +15,7 @@ from tests.oracles.shop_floor import Sizes, session
 EXACT = Path(__file__).parents[2] / "data" / "hinge" / "hinge_exact.csv"
 
 
-def test_parts_are_fitted_with_the_sign_of_gravity_that_the_whole_found():
+def test_parts_use_the_gravity_sign_of_the_full_fit():
     """The arm's file states sag that these readings have not: expected in a part, it would be the error."""
     poses = load_poses(str(EXACT), joint_count=7).poses
     found = check(calibrate(ARM, HINGE, poses), ARM, HINGE, poses)
@@ -24,7 +24,7 @@ def test_parts_are_fitted_with_the_sign_of_gravity_that_the_whole_found():
     assert np.rad2deg(found.jackknife_sd[0]) < 1e-4
 
 
-def test_lengths_have_the_tolerance_that_the_calibration_had():
+def test_parts_use_the_length_tolerance_of_the_calibration():
     """Not that of the arm's file, with which they would be exact here, or free without any prior."""
     exact = replace(ARM, tolerances=tuple(replace(t, length_m=0.0) for t in ARM.tolerances))
     poses, checked = poses_of(session(0, Sizes.everything())), []
@@ -34,7 +34,7 @@ def test_lengths_have_the_tolerance_that_the_calibration_had():
     np.testing.assert_allclose(*checked, rtol=1e-3)
 
 
-def test_the_sign_of_gravity_is_tested_by_the_time_the_fit_converges(monkeypatch):
+def test_gravity_sign_is_tested_before_convergence(monkeypatch):
     """Also where the gain is small before the steps are: sag that these readings have not would bias the fit."""
     monkeypatch.setattr(mixed_fit, "SIGN_TEST_SIGMA", 0.0)
     assert not fit_of(session(0, Sizes.only())).linear.design.expected.any()

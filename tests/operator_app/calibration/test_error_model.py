@@ -33,7 +33,7 @@ def _picked(poses, rows):
     )
 
 
-def test_sides_are_those_of_the_motion_between_poses(poses):
+def test_approach_side_follows_the_motion_between_poses(poses):
     side = approach_of(ARM, poses, everything(poses))
     moved = np.diff(poses.q_rad, axis=0)
     far = np.abs(moved) > np.deg2rad(1.0)
@@ -44,7 +44,7 @@ def test_sides_are_those_of_the_motion_between_poses(poses):
     np.testing.assert_array_equal(side[1:][still], side[:-1][still])
 
 
-def test_the_order_of_the_file_does_not_matter_and_a_left_out_pose_was_there(poses):
+def test_approach_side_ignores_file_order_and_uses_left_out_poses(poses):
     side = approach_of(ARM, poses, everything(poses))
     shuffle = np.random.default_rng(0).permutation(len(poses))
     shuffled = poses.at_poses(shuffle)
@@ -54,13 +54,13 @@ def test_the_order_of_the_file_does_not_matter_and_a_left_out_pose_was_there(pos
 
 
 @pytest.mark.parametrize("spoilt", ["", "yesterday", "2026-05-04T09:00:00"])
-def test_without_times_of_every_pose_nothing_is_known(poses, spoilt):
+def test_approach_side_is_unknown_without_all_times(poses, spoilt):
     assert approach_of(ARM, replace(poses, utc=None), everything(poses)) is None
     utc = (spoilt, *poses.utc[1:])
     assert approach_of(ARM, replace(poses, utc=utc), everything(poses)) is None
 
 
-def test_a_clock_that_stands_still_tells_no_order_and_a_pose_pasted_again_is_no_harm(poses):
+def test_equal_times_give_no_order_and_duplicates_are_allowed(poses):
     m = len(poses)
     assert approach_of(ARM, replace(poses, utc=(poses.utc[0],) * m), everything(poses)) is None
     rows = np.array([*range(m), 5])
@@ -69,13 +69,13 @@ def test_a_clock_that_stands_still_tells_no_order_and_a_pose_pasted_again_is_no_
     np.testing.assert_array_equal(approach_of(ARM, twice, everything(poses)), side)
 
 
-def test_another_placement_starts_anew(poses):
+def test_approach_side_restarts_with_each_placement(poses):
     placed = replace(poses, placement=np.repeat([1, 2], len(poses) // 2))
     side = approach_of(ARM, placed, everything(poses))
     assert not side[len(poses) // 2].any()
 
 
-def test_loads_are_there_where_the_arm_weighs_something(poses):
+def test_loads_need_masses_and_compliance(poses):
     experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses)
     loaded = error_model(experiment)
     assert loaded.loads.deflection.any()
@@ -87,7 +87,7 @@ def test_loads_are_there_where_the_arm_weighs_something(poses):
     assert not error_model(replace(experiment, fixture=rigid)).loads.deflection.any()
 
 
-def test_the_order_of_the_poses_changes_nothing(poses):
+def test_estimate_ignores_the_order_of_poses(poses):
     shuffle = np.random.default_rng(1).permutation(len(poses))
     one, other = (calibrate(ARM, HINGE, p).estimate for p in (poses, poses.at_poses(shuffle)))
     np.testing.assert_allclose(other.x, one.x, rtol=1e-9, atol=1e-12)

@@ -55,7 +55,7 @@ def moved(arm, fixture, drives):
         ("hinge", {1: 25.0, 5: 0.0}),
     ],
 )
-def test_a_drive_that_stood_is_not_said_to_have_turned(kind, drives):
+def test_stationary_drive_is_not_reported_as_turned(kind, drives):
     """Whatever the placement is nominally off by: here 25 mm, as a tape measure leaves it."""
     arm, fixture = set_up(kind)
     before, after = moved(arm, fixture, drives)
@@ -84,7 +84,7 @@ def test_a_drive_that_stood_is_not_said_to_have_turned(kind, drives):
         ("ball", {1: 20.0, 5: -20.0, 6: 25.0, 7: 0.0}, 4),
     ],
 )
-def test_a_joint_that_turned_unread_is_told_with_its_angle(kind, drives, stuck):
+def test_unread_joint_is_reported_with_its_angle(kind, drives, stuck):
     arm, fixture = set_up(kind)
     before, after = moved(arm, fixture, drives)
     true = after[stuck - 1] - before[stuck - 1]
@@ -99,7 +99,7 @@ def test_a_joint_that_turned_unread_is_told_with_its_angle(kind, drives, stuck):
     assert found[1] == pytest.approx(true, rel=0.3), np.rad2deg((found[1], true))
 
 
-def test_a_drive_between_two_explored_poses_of_a_ball_is_not_stuck():
+def test_held_joint_between_ball_poses_is_not_reported_as_turned():
     """Readings of a virtual Panda in a ball: joints 1, 5 and 7 were held while joint 6 went by 12 deg."""
     arm = load_arm("franka_panda")
     ball = Ball(tip_m=(0.06, -0.03, 0.08), ground_m=(0.37053, -0.02121, 0.51028))
@@ -111,7 +111,7 @@ def test_a_drive_between_two_explored_poses_of_a_ball_is_not_stuck():
     assert found is None or abs(found[1]) < np.deg2rad(2.0), found
 
 
-def test_what_to_do_about_a_stuck_sensor_is_not_more_poses():
+def test_remedy_of_a_stuck_sensor_is_not_more_poses():
     said = words(UnidentifiableError((), stuck_joint=3, note="its sensor is stuck"))
     assert "Repair that sensor" in said.remedy
     assert "differ" in words(UnidentifiableError(())).remedy
@@ -127,14 +127,14 @@ def why(found, *blind):
     return str(caught.value)
 
 
-def test_a_sensor_is_named_that_led_to_where_parameters_cannot_be_told_apart():
+def test_hysteresis_is_named_instead_of_unidentifiable_parameters():
     """Said was that s_7 cannot be told from s_0: at the values of the files these poses see every parameter."""
     found = hysteresis(session(41), 6, 4.0)
     assert "the reading of joint 6 does not follow" in why(found, "s_0", "s_7")
 
 
 @pytest.mark.campaign
-def test_loops_that_nothing_closes_are_said_to_be_open_and_no_parameter_to_be_unseen():
+def test_open_loops_are_named_instead_of_unidentifiable_parameters():
     """Readings that scatter by 2 degrees: what an estimate that ended nowhere cannot see says nothing."""
     found = session(8001)
     # The third draw is the one that came out as parameters that cannot be seen.

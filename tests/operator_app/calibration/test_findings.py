@@ -61,7 +61,7 @@ FAULTS = [
 @pytest.mark.parametrize(
     ("seed", "change", "code", "size", "where"), FAULTS, ids=[str(fault[2]) for fault in FAULTS]
 )
-def test_a_fault_of_readings_is_the_first_cause(seed, change, code, size, where):
+def test_reading_fault_is_the_first_cause(seed, change, code, size, where):
     """And no other one: a scale was taken for sag, noise of all joints for a bent RVDT or a ball."""
     found = session(seed)
     read = found.readings.copy()
@@ -79,7 +79,7 @@ def test_a_fault_of_readings_is_the_first_cause(seed, change, code, size, where)
 @pytest.mark.parametrize(
     ("rows", "code"), [(slice(7, 8), "RANGE_RADIANS"), (slice(20, 40), "RADIANS_POSES")]
 )
-def test_rows_in_radians_are_left_out_and_are_no_flipped_poses(rows, code):
+def test_rows_in_radians_are_not_reported_as_flipped(rows, code):
     found = session(21)
     read = found.readings.copy()
     in_radians(read, rows=rows)
@@ -89,7 +89,7 @@ def test_rows_in_radians_are_left_out_and_are_no_flipped_poses(rows, code):
 
 
 @pytest.mark.parametrize("poses", [slice(None), slice(4, 6)])
-def test_an_encoder_that_moved_while_it_was_read_is_named(poses):
+def test_motion_during_sampling_is_named(poses):
     """1 deg in all poses, and in two: ACCEPTED without a word before."""
     found = session(61)
     spread = found.spread.copy()
@@ -101,11 +101,11 @@ def test_an_encoder_that_moved_while_it_was_read_is_named(poses):
     assert "spread by up to 1.000 deg within pose" in said.said
 
 
-def test_a_spread_as_of_its_sensor_is_nothing():
+def test_normal_spread_is_accepted():
     assert outcome(session(61)).verdict == ACCEPTED
 
 
-def test_each_pose_that_was_left_out_says_why():
+def test_left_out_poses_have_their_reason():
     poses = poses_of(session(21))
     q = np.array(poses.q_rad)
     q[3, 1:4] -= 3.0

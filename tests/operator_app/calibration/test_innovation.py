@@ -24,7 +24,7 @@ def experiment(poses):
 
 
 @pytest.mark.parametrize("times", [1.0, 3.0])
-def test_a_sound_reading_is_as_far_off_as_the_poses_are_from_each_other(times):
+def test_sound_reading_has_usual_chi2(times):
     taken = session(3, Sizes.everything(times=times), poses=13)
     found = innovation(experiment(poses(taken, 0, 12)), poses(taken, 12, 13))
     assert found.chi2 < max(25.0, 2.0 * found.usual)
@@ -33,7 +33,7 @@ def test_a_sound_reading_is_as_far_off_as_the_poses_are_from_each_other(times):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("joint", [5, 6, 7])
-def test_a_shift_of_two_degrees_is_named_with_its_size(joint):
+def test_two_degree_shift_is_named_with_its_size(joint):
     taken = session(3, poses=13)
     reading = poses(taken, 12, 13)
     before = poses(taken, 0, 12)
@@ -51,6 +51,6 @@ def test_a_shift_of_two_degrees_is_named_with_its_size(joint):
     assert np.rad2deg(found.shifts[joint].size_rad) == pytest.approx(-2.0, abs=0.3)
 
 
-def test_two_poses_say_nothing():
+def test_two_poses_give_no_innovation():
     taken = session(3, poses=3)
     assert innovation(experiment(poses(taken, 0, 2)), poses(taken, 2, 3)) is None

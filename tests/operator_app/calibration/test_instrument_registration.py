@@ -36,7 +36,7 @@ def along_a_curve(arm, count=30):
     return np.array(found)
 
 
-def test_with_one_orientation_of_the_tool_its_target_stays_near_its_stated_place():
+def test_target_stays_near_its_stated_place_with_one_orientation():
     arm, tracker = load_arm("ur5e"), load_fixture("tracker").fixture
     q = along_a_curve(arm)
     slipped = np.deg2rad([0.0, 0.05, -0.04, 0.06, -0.05, 0.0])

@@ -30,7 +30,7 @@ def slipped(poses, shift_m):
     return taken(specimen, *closed_walk(specimen, poses, walk=1, slipped=slip))
 
 
-def test_verification_holds_a_slip_against_the_calibration_whatever_noise_that_found(sound):
+def test_fixture_slip_fails_verification_whatever_noise_was_estimated(sound):
     fixed = fixed_calibration(sound)
 
     def misfit(poses, fixed=fixed):
@@ -58,14 +58,14 @@ def _judged(retaken, readings):
     return verify_poses(ARM, HINGE, poses, made)
 
 
-def test_what_a_calibration_has_seen_of_sensors_and_sag_is_no_trouble_in_later_poses(retaken):
+def test_later_sound_poses_hold(retaken):
     found = _judged(retaken, retaken[1].readings)
     assert found.holds
     assert (found.shift, found.odd_poses) == (None, ())
 
 
 @pytest.mark.parametrize(("joint", "deg"), [(2, 0.2), (4, -0.1), (6, 0.5), (7, 0.5)])
-def test_a_joint_that_reads_otherwise_in_all_later_poses_is_named_with_its_size(
+def test_common_joint_shift_is_named_with_its_size(
     retaken, joint, deg
 ):
     """Though an RVDT may bend by 2.4 deg: how it bends is known from the calibration."""
@@ -79,7 +79,7 @@ def test_a_joint_that_reads_otherwise_in_all_later_poses_is_named_with_its_size(
     assert found.odd_poses == ()
 
 
-def test_one_pose_that_is_off_makes_a_calibration_not_hold_and_is_named_alone(retaken):
+def test_single_outlier_fails_verification_and_is_named(retaken):
     readings = retaken[1].readings.copy()
     readings[4, 1] += np.deg2rad(0.3)
     found = _judged(retaken, readings)
@@ -87,7 +87,7 @@ def test_one_pose_that_is_off_makes_a_calibration_not_hold_and_is_named_alone(re
     assert (found.shift, found.odd_poses) == (None, (4,))
 
 
-def test_a_single_later_pose_that_deviates_leaves_no_others_to_agree(retaken):
+def test_single_deviating_pose_has_no_others_that_fit(retaken):
     made, _ = retaken
     later = session(SEED, walk=1, poses=1)
     poses = poses_of(replace(later, readings=later.readings + np.deg2rad(3.0) * np.eye(7)[1]))
@@ -96,7 +96,7 @@ def test_a_single_later_pose_that_deviates_leaves_no_others_to_agree(retaken):
     assert not result.others_fit
 
 
-def test_a_fixture_that_stands_elsewhere_is_named_as_such(retaken):
+def test_moved_fixture_is_named(retaken):
     moved = slipped(20, (2e-3, 1e-3, 1e-3))
     found = _judged((retaken[0], moved), moved.readings)
     assert not found.holds
@@ -111,7 +111,7 @@ def two_sockets():
 
 
 @pytest.mark.parametrize("count", [5, 30])
-def test_poses_in_one_further_socket_are_tested_wherever_it_is(two_sockets, count):
+def test_new_socket_is_verified_at_any_place(two_sockets, count):
     """The place of a single further socket was taken from the fixture's file, without any uncertainty."""
     solution, made_from = two_sockets
     new = panda_poses(3).at_poses(np.arange(count))
@@ -127,7 +127,7 @@ def test_poses_in_one_further_socket_are_tested_wherever_it_is(two_sockets, coun
     assert found[0].stated.per_dof == pytest.approx(found[1].stated.per_dof, rel=1e-3)
 
 
-def test_as_many_poses_as_further_sockets_test_nothing(two_sockets):
+def test_one_pose_per_new_socket_is_refused(two_sockets):
     solution, made_from = two_sockets
     for numbers in ((3,), (3, 4)):
         first = [panda_poses(number).at_poses(np.arange(1)) for number in numbers]

@@ -48,7 +48,7 @@ def readings():
 @pytest.mark.parametrize(
     "starts", [(NOMINAL, NOWHERE), (NOWHERE, NOMINAL)], ids=["first", "second"]
 )
-def test_the_start_that_leads_somewhere_counts(readings, starts):
+def test_start_that_converges_is_used(readings, starts):
     """Where the second led nowhere the answer was that these poses do not fit this arm at all."""
     errors = ErrorModel(joint_variance=np.full(readings.shape, np.deg2rad(0.02) ** 2))
     group = np.ones(len(readings), dtype=np.int64)
@@ -67,7 +67,7 @@ def diverged_solution():
 @pytest.mark.parametrize(
     "advice", ["Use implicit", "remount the hinge", "poses that differ more", "To halve it"]
 )
-def test_no_advice_is_drawn_from_a_diverged_solution(diverged_solution, advice):
+def test_diverged_solution_gives_no_advice(diverged_solution, advice):
     assert diverged_solution.adjudication.diverged
     assert diverged_solution.causes[0].code == "RVDT_6"
     assert diverged_solution.causes[0].blocking
@@ -77,7 +77,7 @@ def test_no_advice_is_drawn_from_a_diverged_solution(diverged_solution, advice):
     assert facts_of(diverged_solution).json["halved"] == {}
 
 
-def test_a_hinge_that_stands_elsewhere_and_slips_has_not_made_the_solution_diverge():
+def test_displaced_and_slipping_hinge_is_not_diverged():
     """One cause explains the misfit: the rest of the solution is that of the hinge where its file has it."""
     taken = CASES["hinge slips 5 mm"](3002).taken
     elsewhere = replace(HINGE, s_1_m=HINGE.s_1_m + 0.12)
@@ -89,13 +89,13 @@ def test_a_hinge_that_stands_elsewhere_and_slips_has_not_made_the_solution_diver
     assert apart.max() < 1.0
 
 
-def test_a_sound_solution_has_not_diverged():
+def test_sound_solution_is_not_diverged():
     found = solved(session(7))
     assert not found.adjudication.diverged
     assert "Use implicit" in facts_text(facts_of(found))
 
 
-def test_poses_that_tell_little_are_said_to_once():
+def test_little_motion_is_reported_once():
     found = solved(CASES["motion 5 deg"](3).taken)
     assert Counter(cause.code for cause in found.causes)["LITTLE_MOTION"] == 1
 
@@ -113,7 +113,7 @@ def test_poses_that_tell_little_are_said_to_once():
     ],
     ids=["as stated", "a bent RVDT"],
 )
-def test_what_narrows_a_sigma_is_the_source_that_is_worse_than_stated_or_other_poses(
+def test_remedy_of_a_wide_sigma_is_its_source_or_more_poses(
     name, found, remedy
 ):
     """Of a parameter, were it one that its file states better than any pose can tell."""
@@ -125,7 +125,7 @@ def test_what_narrows_a_sigma_is_the_source_that_is_worse_than_stated_or_other_p
 
 
 @pytest.mark.parametrize("sockets", [(1,), (1, 2)])
-def test_a_socket_that_stands_elsewhere_is_a_note(sockets):
+def test_displaced_socket_is_a_note(sockets):
     """Real poses of a Panda; the packaged ball's socket is a metre from where theirs is."""
     elsewhere = replace(BALL, ground_m=(0.9, 0.0, 0.1))
     solution = calibrate(PANDA, elsewhere, panda_poses(*sockets))
@@ -135,7 +135,7 @@ def test_a_socket_that_stands_elsewhere_is_a_note(sockets):
     assert solution.verdict is Verdict.ACCEPTED
 
 
-def test_a_tool_point_that_is_elsewhere_is_refused():
+def test_displaced_tool_point_is_refused():
     """A ball that is 120 mm from where its file has it is another tool: the file is wrong."""
     x, y, z = BALL.tip_m
     solution = calibrate(PANDA, replace(BALL, tip_m=(x + 0.12, y, z)), panda_poses(1, 2))
@@ -145,7 +145,7 @@ def test_a_tool_point_that_is_elsewhere_is_refused():
 
 
 @pytest.mark.parametrize(("name", "shift_m"), [("s_1", 0.12), ("a_7", -0.1)])
-def test_a_hinge_that_stands_elsewhere_is_a_note(name, shift_m):
+def test_displaced_hinge_is_a_note(name, shift_m):
     """Where axes are nearly parallel, a tilt of a few degrees moves the common normal this far."""
     field = f"{name.replace('7', 'n')}_m"
     elsewhere = replace(HINGE, **{field: getattr(HINGE, field) + shift_m})

@@ -15,7 +15,7 @@ from tests.oracles.as_shipped import ARM, SEED, fit_of
 from tests.oracles.shop_floor import session
 
 
-def test_what_is_named_again_is_said_once_and_goes_on_refusing():
+def test_repeated_finding_is_kept_once_and_stays_blocking():
     first = Finding(kind=FindingKind.ENCODER_CYCLIC_ERROR, joint=1, sensor="ENCODER", size=0.064)
     other = Finding(kind=FindingKind.OUTLIERS, poses=("3",))
     again = replace(first, size=0.058, blocking=True)
@@ -36,7 +36,7 @@ def trial(made):
     return diagnose(made.linear, ARM, taken=made.order)
 
 
-def test_what_has_no_name_is_not_said_to_scatter_more_than_stated_where_it_does_not(trial, made):
+def test_unexplained_pattern_is_reported_without_blocking(trial, made):
     by_chance = replace(trial, tests=(HypothesisTest(code="STEP", statistic=9.0, threshold=8.0),))
     (cause,) = causes_of(by_chance, made.estimate, ("theta_off_2",), LABELS)
     assert cause.code == "UNNAMED"
@@ -46,7 +46,7 @@ def test_what_has_no_name_is_not_said_to_scatter_more_than_stated_where_it_does_
     assert causes_of(trial, made.estimate, ("theta_off_2",), LABELS) == ()
 
 
-def test_a_cause_that_refuses_is_named_however_many_come_before_it(sound, trial):
+def test_blocking_cause_is_named_after_many_slight_ones(sound, trial):
     """Five that move nothing compete in the first round; what is found in the second one moves joint 6 far."""
     some = [c for c in trial.faults.persistent_faults() if c.cause in (Cause.DRIFT, Cause.SCALE)]
     drifts = [c for c in some if c.cause is Cause.DRIFT]
@@ -96,7 +96,7 @@ def test_a_cause_that_refuses_is_named_however_many_come_before_it(sound, trial)
         (Cause.SCALE, "2", "encoder may be off by about", "encoder is off by about", "0.0 %"),
     ],
 )
-def test_what_is_less_likely_than_not_may_be_and_its_size_is_not_nought(
+def test_cause_wording_follows_its_probability(
     sound, trial, kind, subject, may, does, denied
 ):
     chosen = next(

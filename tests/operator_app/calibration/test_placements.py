@@ -51,7 +51,7 @@ def codes(solution):
     return [n.code for n in solution.warnings if n.code == CODE]
 
 
-def test_a_socket_that_is_said_to_be_three_is_noticed_and_refused_for_nothing(two_sockets):
+def test_one_socket_numbered_as_three_is_noticed_and_accepted(two_sockets):
     (said,) = [n for n in two_sockets.warnings if n.code == CODE]
     assert said.joints == (1, 2, 3)
     assert two_sockets.accepted
@@ -65,7 +65,7 @@ def test_a_socket_that_is_said_to_be_three_is_noticed_and_refused_for_nothing(tw
 @pytest.mark.parametrize(
     ("turned_deg", "shifted_m", "warned"), [(0.0, 0.0, True), (0.5, 1e-3, False)]
 )
-def test_a_hinge_is_mounted_anew_from_a_millimetre_on(
+def test_remounting_by_a_millimetre_is_distinguished(
     tmp_path, seed, turned_deg, shifted_m, warned
 ):
     found = mounted(seed, turned_deg=turned_deg, shifted_m=shifted_m, folder=tmp_path)
@@ -73,7 +73,7 @@ def test_a_hinge_is_mounted_anew_from_a_millimetre_on(
     assert found.accepted
 
 
-def test_without_uncertainty_the_smallest_difference_is_one(two_sockets):
+def test_zero_uncertainty_distinguishes_any_difference(two_sockets):
     model, estimate = two_sockets.model, two_sockets.estimate
     exact = np.zeros_like(estimate.covariance)
     assert indistinguishable_placements(model, replace(estimate, covariance=exact)) == ()
@@ -84,7 +84,7 @@ def test_without_uncertainty_the_smallest_difference_is_one(two_sockets):
     assert (found.joints, found.size, found.figures) == ((1, 2), 0.0, {"sigmas": 0.0})
 
 
-def test_one_placement_is_compared_with_none(two_sockets):
+def test_single_placement_gives_no_notice(two_sockets):
     model, _ = two_sockets.model.of(1)
     assert indistinguishable_placements(model, two_sockets.estimate) == ()
 
@@ -101,7 +101,7 @@ def unmeasured():
     return found()
 
 
-def test_the_poses_alone_find_it(unmeasured):
+def test_poses_alone_determine_the_distance(unmeasured):
     (distance,) = unmeasured.distances
     assert distance.between == (3, 4)
     assert distance.measured is None
@@ -109,7 +109,7 @@ def test_the_poses_alone_find_it(unmeasured):
     assert 5e-5 < distance.sigma_m < 5e-4
 
 
-def test_a_measured_one_counts_like_one_observation_more(unmeasured):
+def test_measured_distance_counts_as_one_observation(unmeasured):
     known = KnownDistance(between=(4, 3), value_m=BLOCK_M, sigma_m=1e-4)
     solution = found(known, KnownDistance(between=(1, 2), value_m=0.9, sigma_m=1e-5))
     (alone,), (distance,) = unmeasured.distances, solution.distances
@@ -124,7 +124,7 @@ def test_a_measured_one_counts_like_one_observation_more(unmeasured):
     assert solution.components.budget["distances"].max() > 0.0
 
 
-def test_one_that_the_poses_contradict_is_reported():
+def test_contradicted_distance_warns():
     solution = found(KnownDistance(between=(3, 4), value_m=BLOCK_M + 2e-3, sigma_m=1e-4))
     assert [n.code for n in solution.warnings].count("DISTANCE") == 1
     assert "DISTANCE" in {c.code for c in solution.causes}
@@ -132,7 +132,7 @@ def test_one_that_the_poses_contradict_is_reported():
     assert solution.distances[0].deviation > 4.0
 
 
-def test_a_wrong_distance_is_a_cause_before_a_step_between_the_sockets():
+def test_wrong_distance_comes_before_a_joint_step():
     """Said was that joint 1 jumped by some degrees between the sockets: home it and take all poses again."""
     solution = found(KnownDistance(between=(3, 4), value_m=BLOCK_M + 2e-2, sigma_m=1e-4))
     assert solution.verdict is Verdict.NOT_ACCEPTED

@@ -32,7 +32,7 @@ def of_pairs():
     return tuple(of(*pair) for pair in PAIRS)
 
 
-def test_sockets_that_nobody_measured_are_no_reason_against_it(of_pairs):
+def test_unmeasured_sockets_are_accepted(of_pairs):
     """The fixture's file states where one socket is: the block stood up to 0.9 m from there."""
     for solution in of_pairs:
         assert solution.verdict is Verdict.ACCEPTED
@@ -42,7 +42,7 @@ def test_sockets_that_nobody_measured_are_no_reason_against_it(of_pairs):
         assert "SAME_PLACEMENT" not in {n.code for n in solution.warnings}
 
 
-def test_what_a_ball_cannot_see_is_known_as_well_as_the_arms_file_states(of_pairs):
+def test_offsets_invisible_to_a_ball_keep_the_arm_file_tolerance(of_pairs):
     """Without a word of the operator: the sockets' sigmas then hold that joint 1's zero is not known."""
     assert PANDA.offset_tolerance_rad == pytest.approx(np.deg2rad(1.0))
     for pair, dropped in zip(PAIRS, of_pairs, strict=True):
@@ -71,14 +71,14 @@ def test_what_a_ball_cannot_see_is_known_as_well_as_the_arms_file_states(of_pair
                 assert sigma[name] == pytest.approx(both, rel=0.05)
 
 
-def test_without_such_a_statement_it_is_an_error_that_names_them():
+def test_offsets_invisible_to_a_ball_need_a_tolerance():
     arm = replace(PANDA, offset_tolerance_rad=None)
     with pytest.raises(UnidentifiableError) as error:
         calibrate(arm, BALL, panda_poses(1, 2))
     assert any("theta_off_1" in d.parameters for d in error.value.directions)
 
 
-def test_offsets_of_separate_pairs_agree_within_what_they_claim(of_pairs):
+def test_offsets_of_separate_socket_pairs_agree(of_pairs):
     parameter_shift = []
     for one, two in combinations((s.estimate for s in of_pairs), 2):
         for name in SEEN:
@@ -88,7 +88,7 @@ def test_offsets_of_separate_pairs_agree_within_what_they_claim(of_pairs):
 
 
 @pytest.mark.campaign
-def test_one_arm_serves_all_six_sockets_when_gravity_bends_it():
+def test_six_sockets_are_accepted_with_sag_only():
     """Joint 4 carries 11 N m in the first two and 2 in the next: rigid, it seemed to slip by 0.17 deg."""
     assert of(*range(1, 7)).verdict is Verdict.ACCEPTED
     stiff = tuple(replace(joint, sag_rad=np.deg2rad(0.01)) for joint in PANDA.joints)
@@ -96,7 +96,7 @@ def test_one_arm_serves_all_six_sockets_when_gravity_bends_it():
     assert "STEP_JOINT_4" in {c.code for c in rigid.causes}
 
 
-def test_a_cause_names_the_placement_of_a_pose():
+def test_step_between_placements_names_the_placement():
     """A joint that slipped between two placements is said of placements, not of 'pose 1'."""
     chosen = panda_poses(2, 6)
     q = chosen.q_rad.copy()
@@ -109,7 +109,7 @@ def test_a_cause_names_the_placement_of_a_pose():
 
 
 @pytest.mark.campaign
-def test_a_calibration_is_judged_by_sockets_it_has_never_seen(tmp_path, capsys):
+def test_verification_uses_new_sockets(tmp_path, capsys):
     """Arm and ball as calibrated, each socket found from its own poses; another arm's do not hold."""
     whole = FOLDER / "panda_1.csv"
     head, *rows = whole.read_text().splitlines()
@@ -126,7 +126,7 @@ def test_a_calibration_is_judged_by_sockets_it_has_never_seen(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["test"]["verdict"] == "does not hold"
 
 
-def test_the_papers_estimate_is_judged_by_sockets_it_has_never_seen(capsys):
+def test_paper_estimate_fails_verification_with_new_sockets(capsys):
     """Where those stand no estimate has a column for, and where its own stood has a number beside them."""
     whole = str(FOLDER / "panda_1.csv")
     options = ["--arm", "franka_panda", "--fixture", "ball", "--drop-unidentifiable", "--json"]
@@ -137,7 +137,7 @@ def test_the_papers_estimate_is_judged_by_sockets_it_has_never_seen(capsys):
     assert (test["verdict"], test["poses"]) == ("does not hold", 152)
 
 
-def test_what_the_papers_estimate_claims_is_what_it_is_judged_by():
+def test_paper_estimate_is_verified_by_its_own_covariance():
     own, new = panda_poses(3), panda_poses(1, 6)
     by_paper = calibrate(PANDA, BALL, own, estimator="paper", drop=True)
 

@@ -39,7 +39,7 @@ def curved():
     return calibrate(ARM, HINGE, poses)
 
 
-def test_corrected_readings_are_the_exact_ones(curved):
+def test_corrected_readings_match_the_exact_ones(curved):
     read, exact = load_poses(CURVED).poses, load_poses(EXACT).poses
     tables = reading_tables(curved)
     assert tuple(t.joint for t in tables) == RVDTS
@@ -58,7 +58,7 @@ def test_corrected_readings_are_the_exact_ones(curved):
     np.testing.assert_array_equal(better.q_rad[:, others], read.q_rad[:, others])
 
 
-def test_beyond_the_table_its_end_counts_and_is_counted(curved):
+def test_readings_beyond_the_table_use_its_ends(curved):
     (table, _) = reading_tables(curved)
     low, high = table.reading_rad[[0, -1]]
     asked = np.array([low - 0.2, low, high, high + 0.1])
@@ -68,7 +68,7 @@ def test_beyond_the_table_its_end_counts_and_is_counted(curved):
     assert table.beyond(asked) == 2
 
 
-def test_unsensed_joints_have_the_offsets_that_the_loop_measured():
+def test_offsets_of_unsensed_joints_are_measured_by_the_loop():
     poses = load_poses(DATA / "hinge_quantised.csv").poses
     solution = calibrate(ARM, HINGE, poses, unsensed_joints=RVDTS)
     assert not {"theta_off_6", "theta_off_7"} & {p.name for p in solution.estimate.parameters}
@@ -79,7 +79,7 @@ def test_unsensed_joints_have_the_offsets_that_the_loop_measured():
         assert np.rad2deg(offset) == pytest.approx(VALUES[f"theta_off_{joint}"], abs=0.2)
 
 
-def test_a_table_is_applied_to_readings_from_the_command_line(curved, tmp_path, capsys):
+def test_command_line_applies_the_rvdt_table(curved, tmp_path, capsys):
     file = tmp_path / "p.yaml"
     remedies = tuple(map(rvdt_remedy, reading_tables(curved)))
     save_parameters(file, replace(make_document(), rvdt=remedies))
@@ -107,7 +107,7 @@ def test_a_table_is_applied_to_readings_from_the_command_line(curved, tmp_path, 
     assert "was made from these same poses" in circular["text"]
 
 
-def test_a_file_without_a_table_or_of_another_arm_is_refused(tmp_path, capsys):
+def test_file_without_rvdt_table_or_of_another_arm_is_refused(tmp_path, capsys):
     file = tmp_path / "p.yaml"
     save_parameters(file, make_document())
     assert main(["solve", str(CURVED), "--rvdt-table", str(file)]) == 2
@@ -117,7 +117,7 @@ def test_a_file_without_a_table_or_of_another_arm_is_refused(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("seed", [103, 105])
-def test_a_sine_within_its_linearity_is_accepted(seed):
+def test_rvdt_ripple_within_linearity_is_accepted(seed):
     """NOT ACCEPTED for an RVDT that the same text called within specification."""
     solution = solved(rippled(seed).taken)
     assert all(v.verdict is Soundness.CURVED for v in solution.rvdt)
@@ -125,7 +125,7 @@ def test_a_sine_within_its_linearity_is_accepted(seed):
     assert not [c for c in solution.causes if c.code.startswith("RVDT")]
 
 
-def test_what_is_said_of_a_curve_beyond_its_linearity_is_one_figure():
+def test_cause_and_verdict_of_a_nonlinear_rvdt_have_one_figure():
     """The cause had the amplitude as the readings bend it, its notice what the loop measures: 3.2 and 2.7 %."""
     case = CASES["RVDT 3 %"](3001)
     solution = solved(case.taken)
@@ -135,7 +135,7 @@ def test_what_is_said_of_a_curve_beyond_its_linearity_is_one_figure():
     assert f"({100.0 * verdict.figures.linearity:.1f} % of full scale" in first.text
 
 
-def test_a_figure_beyond_the_linearity_by_chance_is_not_called_within_it():
+def test_insignificant_excess_of_linearity_is_worded_as_such():
     found = next(v for v in solved(rippled(222).taken).rvdt if v.joint == 7)
     assert found.figures.linearity > 0.02
     assert found.verdict is Soundness.CURVED
@@ -144,7 +144,7 @@ def test_a_figure_beyond_the_linearity_by_chance_is_not_called_within_it():
     assert f"(sigma {100.0 * found.figures.linearity_sd:.2f} %, specification 2 %)" in found.text
 
 
-def test_a_joint_that_moved_in_one_pose_is_named_by_the_pose():
+def test_motion_in_one_pose_names_the_pose():
     """An RVDT "out of specification" whose noise "cannot be told", and no pose."""
     found = session(61)
     spread = found.spread.copy()
@@ -157,7 +157,7 @@ def test_a_joint_that_moved_in_one_pose_is_named_by_the_pose():
     assert verdict.noise.lsb == pytest.approx(2.0, rel=0.1)
 
 
-def test_what_keeps_the_iteration_from_settling_is_said_before_that_it_did_not():
+def test_cause_of_non_convergence_comes_first():
     """The text had only "the iteration did not settle": the spread was in the JSON."""
     found = session(61)
     spread = found.spread.copy()

@@ -17,7 +17,7 @@ from tests.oracles.shop_floor_faults import ball_for_hinge
 
 
 @pytest.mark.parametrize(("lsb", "samples"), [(1.0, 32), (8.0, 32), (4.0, 8), (2.0, 8)])
-def test_the_spread_inside_the_poses_tells_the_noise_of_a_single_reading(lsb, samples):
+def test_spread_within_poses_gives_single_reading_noise(lsb, samples):
     taken = session(7003, Sizes(noise_lsb=lsb), samples=samples)
     for verdict in solved(taken).rvdt:
         assert verdict.noise.lsb == pytest.approx(lsb, rel=0.1)
@@ -26,7 +26,7 @@ def test_the_spread_inside_the_poses_tells_the_noise_of_a_single_reading(lsb, sa
         assert (verdict.verdict is Soundness.OUT_OF_SPECIFICATION) == (lsb > 2.5)
 
 
-def test_means_without_their_spread_say_that_they_cannot_tell():
+def test_noise_is_undetermined_without_spread():
     taken = session(7003, Sizes(noise_lsb=1.0), samples=32)
     for verdict in calibrate(ARM, HINGE, replace(poses_of(taken), sd_rad=None)).rvdt:
         assert not verdict.noise.determined
@@ -46,7 +46,7 @@ def hand_seen(taken):
 
 
 @pytest.mark.campaign
-def test_measured_poses_tell_the_noise_and_say_why_they_tell_no_curve():
+def test_measured_endpoints_give_noise_but_no_linearity():
     taken = session(7003, Sizes.only())
     at_base = {"base_m": (0.0,) * 3, "base_turn_rad": (0.0,) * 3}
     seen = replace(measured(ARM), full_pose=False, **at_base)
@@ -62,7 +62,7 @@ def test_measured_poses_tell_the_noise_and_say_why_they_tell_no_curve():
         assert "mrad" not in verdict.text
 
 
-def test_several_placements_tell_the_noise():
+def test_several_placements_give_noise():
     poses = poses_of(session(7003, Sizes.only()))
     found = calibrate(ARM, HINGE, replace(poses, placement=np.arange(len(poses)) % 2 + 1)).rvdt
     for verdict in found:
@@ -88,7 +88,7 @@ def on_a_ball(seed, *, lsb, samples):
 
 
 @pytest.mark.parametrize(("lsb", "samples"), [(1.0, 32), (2.0, 8), (8.0, 32), (2.0, 1), (8.0, 1)])
-def test_poses_on_a_ball_tell_the_noise(lsb, samples):
+def test_ball_poses_give_noise(lsb, samples):
     taken, ball = on_a_ball(7003, lsb=lsb, samples=samples)
     found = calibrate(ARM, ball, poses_of(taken), drop=True).rvdt
     assert [v.joint for v in found] == [6, 7]
@@ -102,7 +102,7 @@ def test_poses_on_a_ball_tell_the_noise(lsb, samples):
 
 
 @pytest.mark.campaign
-def test_one_reading_of_one_lsb_is_found_though_floors_take_part_of_it():
+def test_one_lsb_noise_is_found_from_single_readings():
     """Fixture and joints are quieter than stated: what their floors claim is the sensor's."""
     found = [
         verdict.noise

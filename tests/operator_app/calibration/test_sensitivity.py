@@ -9,7 +9,7 @@ from tests.oracles.as_shipped import ARM, HINGE, fit_of, poses_of
 from tests.oracles.shop_floor import Sizes, session
 
 
-def test_a_fixture_twice_as_stiff_brings_at_least_what_is_said(sound):
+def test_stiffer_fixture_narrows_sigmas_as_predicted(sound):
     said = source_sensitivities(sound)
     assert len(said) == WORST
     give = HINGE.compliance
@@ -29,14 +29,14 @@ def test_a_fixture_twice_as_stiff_brings_at_least_what_is_said(sound):
             assert half.sd_by_name[h.parameter.name] < 1.05 * h.then
 
 
-def test_every_component_is_of_a_source_of_the_budget(sound):
+def test_every_error_component_is_in_the_budget(sound):
     """Or a source that exceeds its specification would not be named as what widens a sigma."""
     found = fit_of(session(3001))
     sources = {c.source for c in found.linear.design.components} - {"discrepancy"}
     assert sources <= set(sound.components.budget)
 
 
-def test_every_source_has_a_remedy_of_its_own():
+def test_every_source_has_its_own_remedy():
     assert len({source_remedy(source) for source in SOURCE_REMEDIES}) == len(SOURCE_REMEDIES)
 
 

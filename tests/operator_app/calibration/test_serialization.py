@@ -41,7 +41,7 @@ def hinge_poses(reference_data):
         {"search": True},
     ],
 )
-def test_a_solution_is_read_back_exactly(hinge_poses, options):
+def test_solution_is_read_back_exactly(hinge_poses, options):
     found = calibrate(ARM, HINGE, hinge_poses, **options)
     again = there_and_back(found)
     assert isinstance(again, Solution)
@@ -49,7 +49,7 @@ def test_a_solution_is_read_back_exactly(hinge_poses, options):
     assert not again.estimate.x.flags.writeable
 
 
-def test_second_opinions_are_read_back_exactly(hinge_poses):
+def test_checks_are_read_back_exactly(hinge_poses):
     found = check(calibrate(ARM, HINGE, hinge_poses), ARM, HINGE, hinge_poses)
     assert found.held_out is not None
     assert same(found, there_and_back(found))
@@ -61,7 +61,7 @@ def test_second_opinions_are_read_back_exactly(hinge_poses):
     assert same(found, from_dict(Checks, record))
 
 
-def test_the_loops_of_several_placements_and_of_measured_poses_are_read_back(hinge_poses):
+def test_closure_models_are_read_back_exactly(hinge_poses):
     three = dataclasses.replace(hinge_poses, placement=np.arange(24) % 3 + 1)
     endpoints = dataclasses.replace(hinge_poses, endpoint=np.tile(np.linspace(0, 1, 6), (24, 1)))
     for model in (
@@ -88,7 +88,7 @@ def test_any_double_is_read_back(value):
     assert same(there_and_back(Figure(value)), Figure(value))
 
 
-def test_a_field_more_or_one_with_a_default_less_does_no_harm():
+def test_unknown_and_missing_default_fields_are_accepted():
     data = to_dict(Figure(1.5, "some"))
     assert from_dict(Figure, {**data, "later": 3}) == Figure(1.5, "some")
     del data["note"]
@@ -98,6 +98,6 @@ def test_a_field_more_or_one_with_a_default_less_does_no_harm():
 @pytest.mark.parametrize(
     "data", [{}, {"version": 0, "value": 1.0}, {"version": 1}, {"version": 1, "value": [1.0]}]
 )
-def test_what_is_no_record_is_refused_as_one(data):
+def test_invalid_record_is_refused(data):
     with pytest.raises(RecordError, match="not a Figure"):
         from_dict(Figure, data)

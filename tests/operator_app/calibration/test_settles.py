@@ -16,7 +16,7 @@ TO_AND_FRO = {
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize(("kind", "seed"), TO_AND_FRO)
-def test_what_went_to_and_fro_settles(kind, seed):
+def test_oscillating_variances_settle(kind, seed):
     found = settlings(seed, kind=kind, counts=(*TO_AND_FRO[kind, seed], 30))
     assert all(s.settled and not s.refused for s in found), found
 

@@ -18,7 +18,7 @@ from tests.oracles.pinocchio_chain import PinocchioChain
 
 
 @pytest.mark.campaign
-def test_it_is_the_scatter_of_hands_drawn_from_the_covariance():
+def test_tool_uncertainty_matches_sampled_tool_positions():
     poses = panda_poses(3)
     solution = calibrate(PANDA, BALL, poses, drop=True)
     estimate, model = solution.estimate, solution.model
@@ -36,7 +36,7 @@ def test_it_is_the_scatter_of_hands_drawn_from_the_covariance():
     assert 0.2 < said["rms"] <= said["worst"] < 10.0
 
 
-def test_what_the_files_alone_state_is_taken_apart_as_by_regression_on_drawn_arms():
+def test_uncertainty_of_unseen_offsets_is_reported_apart():
     """A ball does not see the zeros of the first and the last joint: a degree of these is most of the sigma."""
     solution = calibrate(PANDA, BALL, panda_poses(1, 2))
     found, estimate, model = solution.accuracy, solution.estimate, solution.model
@@ -68,7 +68,7 @@ def simulated(*, poses, seed):
     return calibrate(ARM, HINGE, made.poses), truth
 
 
-def test_before_and_after_are_distances_of_hands_that_pinocchio_places():
+def test_accuracy_before_and_after_matches_pinocchio():
     """Before: offsets planted and found again move the hand as an independent chain says; after: less."""
     solution, truth = simulated(poses=40, seed=5)
     found = solution.accuracy
@@ -102,7 +102,7 @@ def test_before_and_after_are_distances_of_hands_that_pinocchio_places():
 
 
 @pytest.mark.campaign
-def test_the_truth_is_as_far_from_the_calibrated_hand_as_its_sigma_says():
+def test_tool_errors_match_their_sigma():
     """Eight arms, each looked at over its whole range: errors over sigma come to 1, not to 2 or a half."""
     ratios = []
     for seed in range(8):
@@ -121,7 +121,7 @@ def test_the_truth_is_as_far_from_the_calibrated_hand_as_its_sigma_says():
     assert 0.3 < np.mean(ratios) < 1.5
 
 
-def test_of_an_offset_that_is_held_the_accuracy_says_that_it_must_be_right():
+def test_accuracy_is_conditional_on_a_fixed_offset():
     """How far the hand moves with it is what a second calibration says, made with it held elsewhere."""
     made = simulated_poses(ARM, load_fixture("hinge"), poses=30, seed=5)
     truth = {p.name: float(v) for p, v in zip(made.parameters, made.x, strict=True)}

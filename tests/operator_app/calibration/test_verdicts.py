@@ -32,14 +32,14 @@ pytestmark = pytest.mark.campaign
 
 
 @pytest.mark.parametrize("name", SURE)
-def test_fault_is_named_first_and_never_believed(name):
+def test_fault_is_named_first_and_not_accepted_unnamed(name):
     found = one((name, 3100))
     assert found.outcome.verdict != CRASHED, found.outcome.said
     assert not found.believed
     assert found.first, (found.outcome.causes, found.outcome.said)
 
 
-def test_what_is_within_tolerance_is_survived():
+def test_slip_within_tolerance_is_accepted():
     found = one(("joint slips 5 counts", 3100))
     assert found.outcome.accepted, found.outcome.said
     assert not found.wrong

@@ -29,7 +29,7 @@ def again(poses, rows=slice(None)):
     return replace(poses, endpoint=endpoint)
 
 
-def test_a_pose_that_an_instrument_measured_again_is_new_and_judges(measured):
+def test_remeasured_pose_is_new_and_verifies(measured):
     arm, tracker = load_arm("sarcos_dextrous"), load_fixture("tracker").fixture
     made = calibrate(arm, tracker, measured, drop=True)
     found = verify_new_poses(arm, tracker, made, made_from=measured, new=again(measured))
@@ -40,7 +40,7 @@ def test_a_pose_that_an_instrument_measured_again_is_new_and_judges(measured):
     assert not verify_new_poses(arm, tracker, made, made_from=measured, new=moved).holds
 
 
-def test_what_was_measured_once_is_not_new_however_many_decimals_it_is_written_with(measured):
+def test_rounded_endpoints_are_not_new_poses(measured):
     tracker = load_fixture("tracker").fixture
     require_new(again(measured), measured, tracker)
     written = replace(
@@ -57,12 +57,12 @@ def test_what_was_measured_once_is_not_new_however_many_decimals_it_is_written_w
         require_new(replace(measured, endpoint=None), measured, tracker)
 
 
-def test_in_metal_a_pose_is_its_readings_whatever_was_measured_beside_it(measured):
+def test_poses_in_a_hinge_are_compared_by_readings(measured):
     with pytest.raises(NoTestError, match="these are poses"):
         require_new(again(measured), measured, load_fixture("hinge").fixture)
 
 
-def test_full_poses_and_points_are_compared_by_the_points(measured):
+def test_full_poses_and_points_are_compared_by_points(measured):
     turned = np.hstack((measured.endpoint, np.zeros((len(measured), 3))))
     full = replace(measured, endpoint=turned)
     tracker = load_fixture("tracker").fixture
@@ -71,7 +71,7 @@ def test_full_poses_and_points_are_compared_by_the_points(measured):
     require_new(again(measured), full, tracker)
 
 
-def test_poses_written_with_two_decimals_are_not_new_and_those_a_little_elsewhere_are(measured):
+def test_rounded_readings_are_not_new_poses(measured):
     """Own poses, rounded to 0.01 deg, passed as poses that took no part."""
     own = replace(measured, endpoint=None)
     hinge = load_fixture("hinge").fixture

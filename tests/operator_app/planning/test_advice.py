@@ -15,7 +15,7 @@ from solver.closing import close_loops
 from tests.oracles.as_shipped import ARM, HINGE
 
 
-def test_a_good_placement_is_judged_good():
+def test_good_placement_is_feasible():
     report = assess_placement(moved_hinge(ARM, HINGE))
     assert report.feasible
     assert report.mobility == 2
@@ -27,7 +27,7 @@ def test_a_good_placement_is_judged_good():
     assert set(report.sigma) >= {"theta_off_1", "a_0", "alpha_7"}
 
 
-def test_a_refused_check_makes_it_unusable():
+def test_refused_check_makes_a_placement_infeasible():
     report = assess_placement(moved_hinge(ARM, HINGE), poses=5, candidates=150)
     refused = SetupCheck(
         kind=CheckKind.AXIS_ANGLE, joint=7, severity=Severity.REFUSED, text="parallel"
@@ -36,7 +36,7 @@ def test_a_refused_check_makes_it_unusable():
     assert not replace(report, checks=(*report.checks, refused)).feasible
 
 
-def test_where_too_few_poses_can_be_reached_it_says_so():
+def test_placement_with_few_reachable_poses_is_infeasible():
     home = moved_hinge(ARM, HINGE).arm
     narrow = replace(
         home,
@@ -51,7 +51,7 @@ def test_where_too_few_poses_can_be_reached_it_says_so():
 
 
 @pytest.mark.campaign
-def test_search_ranks_by_what_is_asked():
+def test_search_ranks_by_the_requested_parameter():
     found = advise(ARM, HINGE, tries=3, best=6, parameters=("s_1",))
     assert [p.gain for p in found] == sorted(p.gain for p in found)
     here = next(p for p in found if p.text == "as it is")
@@ -64,14 +64,14 @@ def test_search_ranks_by_what_is_asked():
 
 
 @pytest.mark.campaign
-def test_search_is_deterministic_and_knows_its_parameters():
+def test_search_is_deterministic_and_refuses_unknown_parameters():
     first, again = (advise(ARM, HINGE, tries=1, poses=5) for _ in range(2))
     assert [p.text for p in first] == [p.text for p in again]
     with pytest.raises(SessionError, match="a_9"):
         advise(ARM, HINGE, tries=0, poses=5, parameters=("a_9",))
 
 
-def test_the_placement_that_is_printed_closes_where_it_was_planned():
+def test_printed_placement_closes_the_planned_loop():
     """Without the offsets of the first and last joint a fixture file of it was another HINGE."""
     mounted = moved_hinge(ARM, HINGE, tilt_rad=(0.3, -0.2), shift_m=(0.03, 0.02))
     report = assess_placement(mounted, poses=5, candidates=150)

@@ -29,7 +29,7 @@ def trial(drives: tuple[int, ...], *, follows: float = 1.0, stopped: str = "") -
     return DriveTrial(drives=drives, commanded_rad=commanded, moved_rad=moved, stopped=stopped)
 
 
-def test_the_set_that_reaches_most_drives_and_others_fill_its_gaps(prediction):
+def test_drive_set_with_most_reach_is_chosen(prediction):
     choice = choose_drives(prediction)
     assert choice.drives == (1, 5) == choice.sets[0]
     assert 1 < len(choice.sets) <= 3
@@ -38,7 +38,7 @@ def test_the_set_that_reaches_most_drives_and_others_fill_its_gaps(prediction):
     assert choice.ranked[0].drives == choice.drives
 
 
-def test_inexact_sensors_do_not_drive_while_others_can(prediction):
+def test_inexact_and_unsensed_joints_do_not_drive(prediction):
     assert prediction.inexact == {6, 7}
     for drives in choose_drives(prediction).sets:
         assert not set(drives) & {6, 7}
@@ -50,7 +50,7 @@ def test_joints_that_are_not_used_never_drive(prediction):
     assert all(1 not in drives for drives in sets_to_try(prediction, (1,)))
 
 
-def test_a_trial_overrules_the_prediction(prediction):
+def test_failed_drive_trial_overrules_the_prediction(prediction):
     tried = sets_to_try(prediction)
     assert tried[0] == (1, 5)
     trials = [trial(d, stopped="joint 3 needed 90 N m" if d == (1, 5) else "") for d in tried]
@@ -59,13 +59,13 @@ def test_a_trial_overrules_the_prediction(prediction):
     assert any(reason.startswith("on the arm:") for reason in choice.reasons)
 
 
-def test_when_no_tried_set_moves_the_reason_is_said(prediction):
+def test_no_moving_drive_set_is_an_error(prediction):
     trials = [trial(d, follows=0.1) for d in sets_to_try(prediction)]
     with pytest.raises(SessionError, match="only 10% of its commanded angle"):
         choose_drives(prediction, trials=trials)
 
 
-def test_at_a_fold_nothing_is_chosen(prediction):
+def test_no_drive_set_at_a_fold_is_an_error(prediction):
     folded = tuple(
         replace(r, usable=False, reasons=("at a fold", *r.reasons)) for r in prediction.here
     )
@@ -75,7 +75,7 @@ def test_at_a_fold_nothing_is_chosen(prediction):
         choose_drives(replace(prediction, here=folded))
 
 
-def test_a_start_outside_of_the_ranges_names_the_joint():
+def test_start_beyond_a_joint_range_is_an_error():
     own = load_procedure("hinge_planned")
     model = own.fixture.fixture.model(own.arm)
     home = own.arm.home_rad

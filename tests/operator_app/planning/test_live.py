@@ -40,7 +40,7 @@ def driven(truth: Truth, angles: np.ndarray, joint: int, by_deg: float) -> tuple
 @pytest.mark.parametrize(
     ("first_deg", "then_deg", "clear"), [(24.0, -10.0, True), (24.0, 12.0, False)]
 )
-def test_a_way_on_which_free_joints_run_away_is_not_clear(first_deg, then_deg, *, clear):
+def test_path_with_runaway_free_joints_is_not_clear(first_deg, then_deg, *, clear):
     truth, procedure = paper_truth(), load_procedure("hinge")
     loop = procedure.fixture.fixture.model(procedure.arm)
     start = np.concatenate(([0.0], truth.home))

@@ -24,7 +24,7 @@ def box() -> Box:
     )
 
 
-def test_the_waypoints_of_a_session_are_made_once():
+def test_waypoints_are_cached():
     once = waypoints(box(), poses=1000, seed=3)
     assert waypoints(box(), poses=1000, seed=3) is once
     assert waypoints(box(), poses=1000, seed=4) != once
@@ -34,7 +34,7 @@ def test_the_waypoints_of_a_session_are_made_once():
 
 
 @pytest.mark.campaign
-def test_many_poses_are_estimated_now_and_then_and_the_last_always(reference_data):
+def test_many_poses_are_estimated_at_growing_intervals(reference_data):
     arm, fixture = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
     poses = load_poses(reference_data / "hinge" / "hinge_quantised.csv", joint_count=7).poses
     model = fixture.model(arm)

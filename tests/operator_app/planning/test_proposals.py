@@ -56,7 +56,7 @@ def least_motion(q_deg: list[float]) -> float:
     return float(size[-1] * np.linalg.norm(Vt[6:], axis=0)[:7].min())
 
 
-def test_a_urdf_whose_middle_is_stretched_out_gets_a_bent_home(desk, capsys):
+def test_stretched_urdf_gets_a_nonsingular_home(desk, capsys):
     assert "Home        bent" in said(capsys, "new arm --urdf iiwa.urdf --name iiwa14")
     assert least_motion([0.0] * 7) == pytest.approx(0.0, abs=1e-9)
     assert least_motion(home_deg()) > 0.01
@@ -64,7 +64,7 @@ def test_a_urdf_whose_middle_is_stretched_out_gets_a_bent_home(desk, capsys):
 
 
 @pytest.mark.campaign
-def test_a_home_that_closes_with_a_hinge_that_stands_already(desk, capsys):
+def test_proposed_home_closes_with_a_mounted_hinge(desk, capsys):
     said(capsys, "new arm --urdf iiwa.urdf --name iiwa14")
     stretched()
     point, way = pin_of(WHERE_DEG)

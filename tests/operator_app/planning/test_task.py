@@ -38,7 +38,7 @@ def combined(task, x, q: np.ndarray) -> np.ndarray:
     return standard_deviations(known(task, x, q), len(x))
 
 
-def test_no_entry_is_worse_than_of_poses_planned_by_noise_alone(task, x, plan):
+def test_plan_beats_a_plan_by_noise_alone(task, x, plan):
     by_noise = make_plan(by_noise_alone(task), x, ARM.home_rad, POSES)
     ratio = combined(task, x, plan.poses_rad) / combined(task, x, by_noise.poses_rad)
     assert ratio.max() < 1.02
@@ -47,7 +47,7 @@ def test_no_entry_is_worse_than_of_poses_planned_by_noise_alone(task, x, plan):
     assert np.median(by_noise.predicted_sigma / plan.predicted_sigma) < 0.05
 
 
-def test_the_hundredth_pose_of_one_kind_promises_little(task, x, plan):
+def test_repeated_poses_narrow_sigmas_little(task, x, plan):
     def left(task) -> np.ndarray:
         once = known(task, x, plan.poses_rad)
         return standard_deviations(100.0 * once, len(x)) / standard_deviations(once, len(x))
@@ -56,7 +56,7 @@ def test_the_hundredth_pose_of_one_kind_promises_little(task, x, plan):
     assert left(by_noise_alone(task)) == pytest.approx(0.1)
 
 
-def test_captured_poses_that_scatter_more_than_stated_widen_the_forecast(task, x, plan):
+def test_scattered_poses_widen_the_forecast(task, x, plan):
     q = plan.poses_rad
     noisy = q + np.deg2rad(1.0) * np.random.default_rng(1).standard_normal(q.shape)
     # Of poses that fit, about what the plan predicts; its effects are those of all candidates.
@@ -64,7 +64,7 @@ def test_captured_poses_that_scatter_more_than_stated_widen_the_forecast(task, x
     assert np.median(combined(task, x, noisy) / combined(task, x, q)) > 3.0
 
 
-def test_what_the_files_state_of_an_offset_counts(task, x, plan):
+def test_prior_of_an_offset_is_used(task, x, plan):
     """Nobody knows less of an offset after poses than its file says before."""
     stated = replace(task, prior={"theta_off_3": 0.001})
     free, with_prior = combined(task, x, plan.poses_rad), combined(stated, x, plan.poses_rad)
@@ -73,7 +73,7 @@ def test_what_the_files_state_of_an_offset_counts(task, x, plan):
     assert (with_prior <= free + 1e-12).all()
 
 
-def test_a_ball_hides_the_first_and_the_last_offset_and_a_hinge_none():
+def test_ball_plan_omits_first_and_last_offset():
     """As unknowns of a plan they would make every sigma infinite or absurd."""
     ball, hinge = (planning_task(PANDA, fixture, drive_sets=None) for fixture in (BALL, HINGE))
     names = {p.name for p in ball.model.parameters}

@@ -27,7 +27,7 @@ HINGE = Path(__file__).parents[2] / "data/hinge/hinge_quantised.csv"
 
 
 @pytest.mark.parametrize("which", ["hinge", "ball"])
-def test_pinocchio_puts_the_flange_where_we_do(which, request, tmp_path):
+def test_exported_urdf_has_our_flange_in_pinocchio(which, request, tmp_path):
     result: sarcal.Result = request.getfixturevalue(which)
     file = result.export(tmp_path / "arm.urdf")
     arm = result.arm
@@ -39,13 +39,13 @@ def test_pinocchio_puts_the_flange_where_we_do(which, request, tmp_path):
     np.testing.assert_allclose(model.upperPositionLimit, arm.upper_rad, rtol=0, atol=1e-12)
 
 
-def test_pinocchio_puts_the_tip_where_fk_has_it(ball, tmp_path):
+def test_exported_urdf_has_our_tip_in_pinocchio(ball, tmp_path):
     urdf = ball.export(tmp_path / "arm.urdf").read_bytes()
     q = ball.poses.q_rad[:50]
     np.testing.assert_allclose(places(urdf, q, "tip"), ball.fk(q), rtol=0, atol=1e-9)
 
 
-def test_into_ones_own_urdf(hinge, tmp_path):
+def test_export_into_an_own_urdf(hinge, tmp_path):
     arm = load_arm("sarcos_dextrous")
     own, sessions = tmp_path / "own.urdf", ["--sessions", str(tmp_path / "sessions")]
     own.write_bytes(format_urdf(arm, arm.table))
@@ -64,7 +64,7 @@ def test_into_ones_own_urdf(hinge, tmp_path):
     assert main(["export", str(folder), "--into", str(PANDA / "panda_1.csv")]) == 2
 
 
-def test_a_urdf_holds_what_outlives_the_mounting_and_nothing_else(hinge, tmp_path):
+def test_urdf_excludes_parameters_of_the_mounting(hinge, tmp_path):
     text = hinge.export(tmp_path / "arm.urdf").read_text()
     table = parse_urdf(text.encode(), "arm.urdf").table
     nominal = load_arm("sarcos_dextrous").table
@@ -79,7 +79,7 @@ def test_a_urdf_holds_what_outlives_the_mounting_and_nothing_else(hinge, tmp_pat
     assert "theta_off_1, theta_off_7, a_0, s_0, alpha_0, s_1, a_7, s_7, alpha_7" in text
 
 
-def test_new_arm_reads_it_back(hinge, tmp_path):
+def test_new_arm_reads_the_exported_urdf(hinge, tmp_path):
     urdf, made = hinge.export(tmp_path / "arm.urdf"), tmp_path / "mine.yaml"
     assert main(["new", "arm", "--urdf", str(urdf), "--name", "mine", "-o", str(made)]) == 0
     arm = sarcal.load_arm(made)
@@ -111,7 +111,7 @@ def foreign_urdf(seed: int) -> bytes:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_any_serial_chain_reads_as_the_same_arm(seed):
+def test_foreign_urdf_is_read_as_the_same_chain(seed):
     urdf = foreign_urdf(seed)
     chain = parse_urdf(urdf, "foreign")
     table = chain.table
@@ -140,14 +140,14 @@ def test_any_serial_chain_reads_as_the_same_arm(seed):
           '<child link="eye"/></joint>')),
     ],
 )  # fmt: skip
-def test_what_is_no_arm_is_refused_with_a_reason(change, approve):
+def test_invalid_urdf_is_refused_with_a_reason(change, approve):
     text = foreign_urdf(1).decode().replace(*change)
     with pytest.raises(ConfigError) as refused:
         parse_urdf(text.encode(), "foreign.urdf")
     approve(str(refused.value))
 
 
-def test_a_table_survives_to_the_last_digits_but_one():
+def test_dh_table_survives_the_urdf():
     arm, rng = load_arm("franka_panda"), np.random.default_rng(3)
     off = arm.table.stacked()
     off[:4] += rng.normal(size=(4, 7)) * np.array([[0.05], [1e-3], [1e-3], [2e-3]])
@@ -157,7 +157,7 @@ def test_a_table_survives_to_the_last_digits_but_one():
 
 
 @pytest.mark.parametrize("serial", ["SDA\x1b[31m-1", "a\0b", "-->", "a---b", "x-", "\ufffe & <b>"])
-def test_a_serial_of_any_characters_is_well_formed(serial):
+def test_any_serial_number_gives_well_formed_xml(serial):
     arm = load_arm("franka_panda")
     text = format_urdf(replace(arm, name=f"arm {serial}"), arm.table, comment=[f"serial {serial}"])
     read = parse_urdf(text, "x").table  # as any reader of XML would refuse what is not well formed
@@ -165,7 +165,7 @@ def test_a_serial_of_any_characters_is_well_formed(serial):
     assert "\x1b" not in text.decode()
 
 
-def test_csv_json_mat_and_yaml_hold_the_same_numbers(hinge, tmp_path, capsys):
+def test_csv_json_mat_and_yaml_agree(hinge, tmp_path, capsys):
     folder = hinge.save(tmp_path / "s")
     for kind in ("csv", "json", "mat", "urdf", "yaml"):
         assert main(["export", str(folder), "--format", kind]) == 0
@@ -226,7 +226,7 @@ def test_csv_json_mat_and_yaml_hold_the_same_numbers(hinge, tmp_path, capsys):
     assert load_parameters(tmp_path / "as_before.txt").arm.serial
 
 
-def test_what_was_not_accepted_says_so_in_the_file(tmp_path):
+def test_forced_urdf_states_not_accepted(tmp_path):
     text = HINGE.read_text().splitlines()
     few = tmp_path / "few.csv"
     few.write_text("\n".join(text[:5]) + "\n")
@@ -245,7 +245,7 @@ def test_what_was_not_accepted_says_so_in_the_file(tmp_path):
     assert "Used: another test" in (folder / "arm_calibrated.urdf").read_text()
 
 
-def test_a_program_too_has_to_say_why_it_uses_what_was_not_accepted(tmp_path):
+def test_library_export_of_unaccepted_result_needs_force(tmp_path):
     poses = sarcal.load_poses(HINGE).q_rad[:4]
     result = sarcal.calibrate(
         arm="sarcos_dextrous", fixture="hinge", poses=sarcal.poses_of(q_rad=poses)
@@ -271,7 +271,7 @@ def test_a_program_too_has_to_say_why_it_uses_what_was_not_accepted(tmp_path):
     assert why in files["urdf"].read_text()
 
 
-def test_a_makers_urdf_becomes_a_file_with_the_makers_figures(tmp_path):
+def test_arm_file_from_vendor_urdf_has_vendor_figures(tmp_path):
     """A URDF has radians and steps between frames; the arm's data sheet has 120 deg and 420 mm."""
     (tmp_path / "iiwa.urdf").write_text(lbr_iiwa.urdf())
     made = tmp_path / "arm.yaml"

@@ -11,7 +11,7 @@ from operator_app.session.store.journal import read_journal
 from tests.oracles.reported_session import number, subject_of
 
 
-def test_both_estimators_stand_side_by_side(page, subject):
+def test_page_compares_both_estimators(page, subject):
     assert subject.solution is not None
     assert subject.implicit is not None
     paper = subject.solution.paper
@@ -32,7 +32,7 @@ def test_both_estimators_stand_side_by_side(page, subject):
     assert "Use implicit" in page.text
 
 
-def test_a_joint_is_marked_for_what_its_file_does_not_state(page, subject):
+def test_joint_table_compares_with_stated_sigma(page, subject):
     """Every joint of a sound arm was marked: an encoder's counts are the least that it is off by."""
     stated = [
         # 0.01 deg each: once and twice a turn, play, sag; counts are nothing beside them.
@@ -51,13 +51,13 @@ def test_a_joint_is_marked_for_what_its_file_does_not_state(page, subject):
         assert not row[6].startswith("▲")
 
 
-def test_nothing_of_the_page_is_told_twice(page):
+def test_page_repeats_nothing(page):
     assert page.text.count("combined standard uncertainty of all stated sources") == 1
     assert page.text.count("orrections by reading") == 0
     assert page.rows("Corrections of RVDT readings")
 
 
-def test_closure_before_and_after_in_both_readings(page, subject):
+def test_page_has_closure_before_after_and_held_out(page, subject):
     assert subject.solution is not None
     rows = {row[0]: [number(cell) for cell in row[1:]] for row in page.rows("Closure at")}
     before, after = subject.solution.before, subject.solution.estimate.sigmas
@@ -78,7 +78,7 @@ def test_closure_before_and_after_in_both_readings(page, subject):
     assert held_out[2] == pytest.approx(1e3 * outside.orientation_rad.rms, rel=1e-3)
 
 
-def test_of_whose_parameter_it_is_the_page_says(page, subject):
+def test_page_and_json_agree_on_sides(page, subject):
     whose = {row[0]: row[9] for row in page.rows("Identified parameters")}
     assert whose["theta_off_3"] == "arm"
     assert (whose["a_0"], whose["theta_off_1"]) == ("ground", "ground")
@@ -87,7 +87,7 @@ def test_of_whose_parameter_it_is_the_page_says(page, subject):
     assert subject.facts.data["side"] == whose
 
 
-def test_poses_and_joints_are_all_there(page, subject):
+def test_page_lists_all_poses_and_joints(page, subject):
     poses = page.rows("Captured poses")
     assert [row[0] for row in poses] == [str(p.number) for p in subject.poses]
     assert "Excluded by the operator: 4" in page.text
@@ -105,7 +105,7 @@ def test_poses_and_joints_are_all_there(page, subject):
     assert [number(row[7]) for row in joints] == pytest.approx(low.tolist(), abs=0.006)
 
 
-def test_rvdt_verdicts_and_condition_are_told(page, subject):
+def test_page_has_rvdt_verdicts_and_condition(page, subject):
     assert subject.solution is not None
     assert len(subject.solution.rvdt) == 2
     for verdict in subject.solution.rvdt:
@@ -119,7 +119,7 @@ def test_rvdt_verdicts_and_condition_are_told(page, subject):
     assert shown == pytest.approx(list(subject.solution.identifiability.observability), rel=5e-3)
 
 
-def test_the_paper_may_be_the_chosen_one(folder, take_apart):
+def test_page_of_the_paper_estimator(folder, take_apart):
     subject = subject_of(read_journal(folder).events, estimator="paper")
     assert subject.solution is not None
     page = take_apart(report_html(subject).decode())
@@ -134,7 +134,7 @@ def test_the_paper_may_be_the_chosen_one(folder, take_apart):
     assert number(row[7]) - number(row[6]) == pytest.approx(2.0 * half, rel=0.02)
 
 
-def test_joints_left_out_are_said_to_be(folder, take_apart):
+def test_page_names_unsensed_joints(folder, take_apart):
     subject = subject_of(read_journal(folder).events, unsensed_joints=(6, 7))
     page = take_apart(report_html(subject).decode())
     assert page.errors == []
@@ -144,7 +144,7 @@ def test_joints_left_out_are_said_to_be(folder, take_apart):
     assert page.rows("Joints:")[5][1].endswith("(reading not used)")
 
 
-def test_what_cannot_be_identified_is_reported_without_numbers(folder, take_apart):
+def test_page_of_unidentifiable_poses_has_no_numbers(folder, take_apart):
     events = [e for e in read_journal(folder).events if e.name not in ("solved", "checked")]
     for k, event in enumerate(events):
         if event.name == "pose":

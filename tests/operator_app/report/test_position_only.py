@@ -40,7 +40,7 @@ def facts(solution):
     return facts_of(solution)
 
 
-def test_json_has_null_beside_the_position(solution, facts):
+def test_json_has_null_orientation(solution, facts):
     found = facts.json
     paper = solution.paper
     assert paper is not None
@@ -49,7 +49,7 @@ def test_json_has_null_beside_the_position(solution, facts):
         assert part["sigma_pos_mm"]["rms"] > 0.0
 
 
-def test_text_and_screen_say_so(facts):
+def test_text_and_screen_show_no_orientation(facts):
     table = facts.table("closure")
     assert table is not None
     _, body = table_spans(table)
@@ -61,7 +61,7 @@ def test_text_and_screen_say_so(facts):
         assert all(line.count("n/a") == 2 for line in closures)
 
 
-def test_new_poses_are_judged_by_their_positions_alone(result, halves):
+def test_verification_uses_positions_only(result, halves):
     found = sarcal.verify(result, halves[1])
     (row,) = [line for line in str(found).splitlines() if line.lstrip().startswith("calibrated")]
     assert row.split()[-2:] == ["n/a", "n/a"]
@@ -72,7 +72,7 @@ def test_new_poses_are_judged_by_their_positions_alone(result, halves):
     assert data["sigma_ori_mrad"] == data["nominal"]["sigma_ori_mrad"] == NOT_KNOWN
 
 
-def test_the_parameters_file_keeps_it(tmp_path):
+def test_parameters_file_keeps_null_orientation(tmp_path):
     hinge = make_document()
     document = replace(hinge, quality=replace(hinge.quality, sigma_ori_mrad=None))
     save_parameters(tmp_path / "parameters.yaml", document)

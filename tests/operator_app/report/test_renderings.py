@@ -99,7 +99,7 @@ def typeset(title: str) -> str:
     return title.replace("-1 to", "\u22121 to")
 
 
-def test_every_table_has_the_same_numbers_as_text_on_the_page_and_on_the_screen(said):
+def test_tables_agree_in_text_page_and_screen(said):
     assert {t.ident for t in said.facts.tables} >= {
         "parameters", "dh", "hand", "determined", "closure", "noise", "budget", "halving", "tolerated", "tests",
         "observability", "correlations",
@@ -149,7 +149,7 @@ def to_json(key: tuple[str | int, ...], unit: str) -> float:
     return 1e-2 if unit == "%" else 1.0
 
 
-def test_every_number_of_the_tables_is_in_json_to_its_last_digit(said):
+def test_table_numbers_agree_with_json(said):
     compared, seen = 0, set()
     for key, unit, words in figures_of(said):
         value: Any = said.data
@@ -177,7 +177,7 @@ def test_every_number_of_the_tables_is_in_json_to_its_last_digit(said):
     }  # fmt: skip
 
 
-def test_tests_and_correlations_are_lists_in_json_and_tables_elsewhere(said):
+def test_tests_and_correlations_agree_with_json(said):
     tests = said.facts.table("tests")
     assert tests is not None
     for row, found in zip(body_of(said, tests), said.data["tests"], strict=True):
@@ -194,7 +194,7 @@ def test_tests_and_correlations_are_lists_in_json_and_tables_elsewhere(said):
         assert shown == pytest.approx(said.data["correlations"][k][: k + 1], abs=0.00501)
 
 
-def test_the_dh_table_is_in_one_unit_and_agrees_with_the_parameters(said):
+def test_dh_table_agrees_with_the_parameters(said):
     dh = said.facts.table("dh")
     assert dh is not None
     head = [plain(row) for row in table_spans(dh)[0]]
@@ -206,7 +206,7 @@ def test_the_dh_table_is_in_one_unit_and_agrees_with_the_parameters(said):
         assert identified in text[link].split()
 
 
-def test_headlines_are_the_same_in_tiles_lines_and_tables(said):
+def test_headlines_agree_in_tiles_lines_and_tables(said):
     headlines = said.facts.headlines
     line = plain(headline_spans(headlines, 1000))
     assert numbers(line) == numbers(" ".join(f"{h.figure.shown} {h.note}" for h in headlines))
@@ -219,7 +219,7 @@ def test_headlines_are_the_same_in_tiles_lines_and_tables(said):
         assert {h.name: h for h in headlines}[name].figure.shown in numbers(row)
 
 
-def test_a_notice_is_in_every_rendering_once(said):
+def test_notices_are_in_every_rendering_once(said):
     assert said.facts.notices
     assert [(n["code"], n["text"]) for n in said.data["warnings"]] == [
         (n.code, n.sentence) for n in said.facts.notices
@@ -230,7 +230,7 @@ def test_a_notice_is_in_every_rendering_once(said):
         assert once in " ".join(said.page.text.split())
 
 
-def test_run_prints_what_report_reads(journalled, said):
+def test_json_of_run_app_and_resumed_sessions_agree(journalled, said):
     """The JSON of the session that ran, of the one that resumed it, and of the app are one."""
     mine = {k: v for k, v in said.data.items() if k != "session"}
     for made in ("run", "app", "resumed"):
@@ -239,7 +239,7 @@ def test_run_prints_what_report_reads(journalled, said):
         assert other == mine
 
 
-def test_headlines_too_long_for_a_line_lose_their_notes_and_no_figure(said):
+def test_short_headlines_omit_notes_only(said):
     short = plain(headline_spans(said.facts.headlines, 60))
     assert "before" not in short
     for headline in said.facts.headlines:

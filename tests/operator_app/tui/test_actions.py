@@ -31,7 +31,7 @@ WHISTLE = Action(
 )
 
 
-async def test_a_new_entry_is_everywhere_and_works_everywhere(still, source, monkeypatch):
+async def test_new_action_appears_and_works_in_all_interfaces(still, source, monkeypatch):
     monkeypatch.setattr(action_table, "ACTIONS", (*ACTIONS, WHISTLE))
 
     async with still(story()["start"], step=Step.CONNECT) as d:
@@ -54,7 +54,7 @@ async def test_a_new_entry_is_everywhere_and_works_everywhere(still, source, mon
     assert "Not done: there is nobody to hear it." in script.said
 
 
-async def test_the_manual_is_read_on_the_screen_and_in_prompts(still, source):
+async def test_manual_is_shown_on_screen_and_in_prompts(still, source):
     async with still(story()["captured"], step=Step.CAPTURE) as d:
         await d.press("m")
         await d.until(lambda: bool(d.app.screen.query(OptionList)), "the topics")
@@ -75,7 +75,7 @@ async def test_the_manual_is_read_on_the_screen_and_in_prompts(still, source):
     assert "Keys of the terminal app" in script.said
 
 
-def test_every_next_thing_is_an_action_of_its_step_or_of_all():
+def test_next_action_belongs_to_its_step():
     for told in story().values():
         for s in (told, real(told)):
             for step in Step:
@@ -83,11 +83,11 @@ def test_every_next_thing_is_an_action_of_its_step_or_of_all():
                 assert not name or step in by_name(name).steps
 
 
-def test_every_action_of_the_screen_only_has_its_work_there():
+def test_every_screen_action_has_a_handler():
     assert {a.name for a in ACTIONS if isinstance(a, OnScreen)} == set(ON_SCREEN)
 
 
-def test_a_footer_that_is_full_gives_up_the_ways_out_first():
+def test_full_footer_drops_back_and_quit_first():
     here = frozenset({Step.FIXTURE})
     more = tuple(
         OnScreen(name=f"more {k}", keys=(), shown="", label="", help="", steps=here, footer=here)
@@ -100,7 +100,7 @@ def test_a_footer_that_is_full_gives_up_the_ways_out_first():
     assert after == ["stop", "primary", "procedure", "help", "more 0", "more 1"]
 
 
-def test_guards_close_everything_that_works_while_work_is_in_hand():
+def test_guards_block_actions_while_a_task_runs():
     free = {"stop_tested", "resume", "procedure", "confirm", "confirm_all", "suggest", "joints",
             "new_session", "acknowledge", "hold", "history", "manual"}  # fmt: skip
     waits = set()
@@ -117,14 +117,14 @@ def test_guards_close_everything_that_works_while_work_is_in_hand():
     assert {"write", "upload", "report", "verify"} <= waits
 
 
-def test_no_key_means_two_things_at_one_step():
+def test_keys_are_unique_in_each_step():
     for step in Step:
         here = [a for a in ACTIONS if step in a.steps]
         keys = [k for a in here for k in a.keys]
         assert len(keys) == len(set(keys)), step
 
 
-def test_the_footer_has_at_most_six_keys_that_all_work_there_and_stop_is_first():
+def test_footer_keys_work_and_start_with_stop():
     for step in Step:
         shown = footer(step)
         assert len(shown) <= 6
@@ -142,7 +142,7 @@ async def test_help_explains_the_focused_panel(still):
         assert panel.HELP[:40] in " ".join((await d.reading()).split())
 
 
-async def test_an_action_from_the_palette_goes_to_its_step_if_that_is_open(still):
+async def test_palette_action_goes_to_its_open_step(still):
     async with still(story()["captured"], step=Step.CONNECT) as d:
         d.app.interface.do_anywhere(by_name("calibrate"))
         assert d.app.step is Step.CALIBRATE
@@ -152,7 +152,7 @@ async def test_an_action_from_the_palette_goes_to_its_step_if_that_is_open(still
         assert len(d.runner.asked) == 1
 
 
-async def test_a_calibration_of_other_poses_is_said_to_be_one_and_nothing_of_it_is_shown(still):
+async def test_outdated_calibration_is_not_shown(still):
     solved = story()["solved"]
     poses = tuple(replace(p, excluded="bumped") for p in solved.state.poses)
     none_counts = replace(solved, state=replace(solved.state, poses=poses))

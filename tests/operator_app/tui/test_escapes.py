@@ -35,7 +35,7 @@ def hostile(s: SessionSnapshot) -> SessionSnapshot:
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("ascii_only", [False, True], ids=["all characters", "ascii"])
-async def test_no_screen_holds_what_a_terminal_would_obey(still, ascii_only):
+async def test_screens_contain_no_control_characters(still, ascii_only):
     told = story()
     async with still(hostile(told["connected"]), step=Step.CONNECT, ascii_only=ascii_only) as d:
         seen = ""

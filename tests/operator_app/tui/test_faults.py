@@ -28,7 +28,7 @@ from operator_app.tui.dialogs import Confirm
         (ControlDenied(127), "Ask the other operator"),
     ],
 )
-async def test_a_refused_connection_says_what_to_do_and_can_be_tried_again(
+async def test_failed_connection_names_a_remedy_and_can_be_retried(
     drive, source, error, words
 ):
     async with drive() as d:
@@ -45,7 +45,7 @@ async def test_a_refused_connection_says_what_to_do_and_can_be_tried_again(
 
 
 @pytest.mark.campaign
-async def test_a_silent_bus_stops_the_arm_and_the_work_and_says_so(drive, source):
+async def test_silent_bus_stops_arm_and_task(drive, source):
     source.pace_s = 0.002
     async with drive() as d:
         await d.to_step(Step.CAPTURE)
@@ -73,7 +73,7 @@ async def test_a_silent_bus_stops_the_arm_and_the_work_and_says_so(drive, source
         assert [p.number for p in d.s.state.poses] == list(range(1, d.s.required_poses + 1))
 
 
-async def test_an_arm_that_is_gone_can_be_connected_again(drive, source):
+async def test_lost_arm_can_be_reconnected(drive, source):
     async with drive() as d:
         await d.to_step(Step.CAPTURE)
         await d.press("1")
@@ -101,7 +101,7 @@ async def test_an_arm_that_is_gone_can_be_connected_again(drive, source):
         assert not d.s.drives_ready
 
 
-async def test_a_tripped_drive_is_named_and_reset(drive, source):
+async def test_tripped_drive_is_named_and_reset(drive, source):
     async with drive() as d:
         await d.to_step(Step.CAPTURE)
         source.arm.trip(4)
@@ -113,7 +113,7 @@ async def test_a_tripped_drive_is_named_and_reset(drive, source):
         assert "FAULT" not in d.text("#strip")
 
 
-async def test_stop_reaches_the_arm_at_once_while_the_worker_is_busy(drive, source):
+async def test_stop_reaches_the_arm_while_the_worker_is_busy(drive, source):
     source.pace_s = 0.005
     async with drive() as d:
         await d.to_step(Step.CAPTURE)
@@ -136,7 +136,7 @@ async def test_stop_reaches_the_arm_at_once_while_the_worker_is_busy(drive, sour
         assert abs(d.s.arm.positions_rad - before).max() < 0.02
 
 
-async def test_an_arm_that_stops_by_itself_while_nobody_asks_anything_says_why_and_keeps_it(
+async def test_cause_of_an_arm_stop_stays_visible(
     drive, source
 ):
     async with drive() as d:
@@ -164,7 +164,7 @@ async def test_an_arm_that_stops_by_itself_while_nobody_asks_anything_says_why_a
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("size", [(80, 24), (120, 36)], ids=["80x24", "120x36"])
-async def test_of_two_alarms_each_is_shown_in_all_its_words_before_it_is_acknowledged(
+async def test_alarms_are_shown_in_full_one_after_the_other(
     drive, source, size
 ):
     first = stopped_words(str(DriveDiverged(5, 1294, 700)))
@@ -188,7 +188,7 @@ async def test_of_two_alarms_each_is_shown_in_all_its_words_before_it_is_acknowl
 
 
 @pytest.mark.campaign
-async def test_an_alarm_too_long_for_the_screen_is_marked_and_shown_before_it_is_acknowledged(
+async def test_long_alarm_is_shown_in_full_before_acknowledgement(
     drive, source
 ):
     text = " ".join(f"word{k}" for k in range(120)) + ". Do what the last word says"
@@ -203,7 +203,7 @@ async def test_an_alarm_too_long_for_the_screen_is_marked_and_shown_before_it_is
         await d.until(lambda: d.s.alarms == (), "acknowledged")
 
 
-async def test_a_counter_that_began_anew_is_led_to_connecting_again(drive, source):
+async def test_counter_reset_leads_to_reconnection(drive, source):
     """The alarm says so: Enter did the same again, which was refused again."""
     async with drive(size=(80, 24)) as d:
         await d.to_step(Step.MODES)
@@ -226,7 +226,7 @@ async def test_a_counter_that_began_anew_is_led_to_connecting_again(drive, sourc
 
 
 @pytest.mark.campaign
-async def test_poses_that_do_not_belong_to_the_arm_any_more_are_led_to_a_new_session(drive, source):
+async def test_step_change_leads_to_a_new_session(drive, source):
     async with drive() as d:
         await d.to_step(Step.MODES)
         source.arm.off_rad[1] = 1.0
@@ -239,7 +239,7 @@ async def test_poses_that_do_not_belong_to_the_arm_any_more_are_led_to_a_new_ses
         await d.until(lambda: d.app.step is Step.CONNECT, "its first step")
 
 
-async def test_a_stop_that_cannot_be_sent_is_an_alarm_with_the_hardware_stop_in_it(drive, source):
+async def test_unsent_stop_names_the_hardware_stop(drive, source):
     async with drive() as d:
         await d.to_step(Step.CAPTURE)
         source.arm.stop_error = BusError("the handle is closed")
@@ -247,7 +247,7 @@ async def test_a_stop_that_cannot_be_sent_is_an_alarm_with_the_hardware_stop_in_
         await d.until(lambda: "use the hardware stop" in d.text("#banner").lower(), "said")
 
 
-async def test_any_key_ends_a_motion_of_the_live_arm(drive, source):
+async def test_key_ends_a_motion_of_the_live_arm(drive, source):
     source.pace_s = 0.005
     async with drive() as d:
         await d.to_step(Step.CAPTURE)
@@ -262,7 +262,7 @@ async def test_any_key_ends_a_motion_of_the_live_arm(drive, source):
 
 
 @pytest.mark.campaign
-async def test_a_calibration_can_be_cancelled(drive):
+async def test_calibration_can_be_cancelled(drive):
     async with drive() as d:
         await d.to_step(Step.CAPTURE)
         await d.press("a")
@@ -277,7 +277,7 @@ async def test_a_calibration_can_be_cancelled(drive):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-async def test_a_signal_leaves_in_order(drive, source, number):
+async def test_signal_closes_session_and_arm(drive, source, number):
     async with drive() as d:
         await d.to_step(Step.CAPTURE)
         await d.press("c")
@@ -292,7 +292,7 @@ async def test_a_signal_leaves_in_order(drive, source, number):
     assert "pose" in names
 
 
-async def test_a_defect_of_the_worker_ends_the_app_with_the_arm_held(drive, source):
+async def test_worker_exception_ends_the_app_and_closes_the_arm(drive, source):
     with pytest.raises(RuntimeError, match="worker thread failed"):  # noqa: PT012 - raised when the app ends
         async with drive() as d:
             await d.to_step(Step.CAPTURE)

@@ -36,7 +36,7 @@ ASKS = [
 ]
 
 
-async def test_a_key_asks_the_runner(still):
+async def test_key_submits_its_task(still):
     async with still(story()["start"]) as d:
         for step, told, key, kind in ASKS:
             await d.see(story()[told], step)
@@ -44,7 +44,7 @@ async def test_a_key_asks_the_runner(still):
             assert [k for k, _ in d.runner.asked] == [kind], (step, told, key)
 
 
-async def test_a_window_too_small_to_see_what_a_key_does_takes_no_key_but_stop_and_quit(still):
+async def test_too_small_window_accepts_only_stop_and_quit(still):
     """Enter would connect, or tick an item of the check list that is not on the screen."""
     async with still(story()["start"], size=(60, 20)) as d:
         await d.press("enter", "c")
@@ -89,7 +89,7 @@ REFUSALS = [
 ]
 
 
-async def test_a_key_that_cannot_be_followed_says_why(still):
+async def test_refused_key_shows_the_reason(still):
     async with still(story()["start"]) as d:
         for step, told, key, words in REFUSALS:
             await d.see(story()[told], step)
@@ -101,7 +101,7 @@ async def test_a_key_that_cannot_be_followed_says_why(still):
             assert d.app.step is step
 
 
-async def test_stale_data_block_capture_and_are_marked(still):
+async def test_stale_data_are_marked_and_delay_a_capture(still):
     async with still(stale(story()["capturing"]), step=Step.CAPTURE) as d:
         await d.press("c")
         await d.until(lambda: "data of J5 are 240 ms old" in d.hint)
@@ -122,7 +122,7 @@ async def test_data_that_are_late_for_a_moment_cost_no_key(still):
         await d.until(lambda: [k for k, _ in d.runner.asked] == [TaskKind.CAPTURE])
 
 
-async def test_yes_applies_the_modes_and_enter_on_cancel_does_not(still):
+async def test_modes_are_applied_only_after_confirmation(still):
     async with still(story()["ticked"], step=Step.MODES) as d:
         await d.press("a", "enter")
         assert d.runner.asked == []
@@ -134,7 +134,7 @@ async def test_yes_applies_the_modes_and_enter_on_cancel_does_not(still):
         assert len(d.runner.asked) == 2
 
 
-async def test_a_real_arm_moves_automatically_only_after_a_question(still):
+async def test_real_arm_moves_only_after_confirmation(still):
     metal = real(story()["capturing"])
     metal = replace(metal, ticked=story()["capturing"].ticked, stop_tested=True)
     by_hand = replace(metal, identity=replace(metal.identity, by_hand=True))
@@ -157,7 +157,7 @@ async def test_a_real_arm_moves_automatically_only_after_a_question(still):
         assert [k for k, _ in d.runner.asked] == [TaskKind.AUTOMATIC]
 
 
-async def test_upload_wants_the_serial_number_typed(still):
+async def test_upload_needs_the_serial_number(still):
     async with still(story()["written"], step=Step.EXPORT) as d:
         await d.press("u", *"SDA-0009", "enter")
         await d.settle()
@@ -169,7 +169,7 @@ async def test_upload_wants_the_serial_number_typed(still):
         assert [k for k, _ in d.runner.asked] == [TaskKind.UPLOAD]
 
 
-async def test_any_key_ends_a_motion_and_does_nothing_else(still):
+async def test_any_key_only_ends_a_motion(still):
     moving = busy(story()["capturing"], TaskKind.AUTOMATIC, moves=True)
     async with still(moving) as d:
         for key in ("z", "x", "enter", "escape", "down", "7", "q", "a", "tab", "ctrl+p", "é"):
@@ -181,7 +181,7 @@ async def test_any_key_ends_a_motion_and_does_nothing_else(still):
             assert d.app.step is Step.CAPTURE
 
 
-async def test_z_cancels_a_calibration_and_other_keys_go_on(still):
+async def test_only_z_cancels_a_calibration(still):
     solving = busy(story()["captured"], TaskKind.CALIBRATE, moves=False)
     async with still(solving, step=Step.CALIBRATE) as d:
         await d.press("v")
@@ -190,7 +190,7 @@ async def test_z_cancels_a_calibration_and_other_keys_go_on(still):
         assert d.runner.cancels == 1
 
 
-async def test_back_goes_back_and_loses_nothing(still):
+async def test_brackets_walk_through_all_steps(still):
     async with still(story()["solved"], step=Step.EXPORT) as d:
         for step in reversed(list(Step)[:-1]):
             await d.press("left_square_bracket")
@@ -203,7 +203,7 @@ async def test_back_goes_back_and_loses_nothing(still):
         assert d.runner.asked == []
 
 
-async def test_digits_go_to_steps_that_are_open(still):
+async def test_digits_go_to_open_steps(still):
     async with still(story()["solved"]) as d:
         for number in range(1, 8):
             await d.see(story()["solved"], Step.CAPTURE)
@@ -211,7 +211,7 @@ async def test_digits_go_to_steps_that_are_open(still):
             assert d.app.step == number
 
 
-async def test_toggle_marks_and_explains_before_anything_is_applied(still):
+async def test_toggled_modes_show_their_risk_before_applying(still):
     async with still(story()["ticked"], step=Step.MODES) as d:
         before = d.s.wanted_joints
         await d.press("down", "f")
@@ -227,7 +227,7 @@ async def test_toggle_marks_and_explains_before_anything_is_applied(still):
         assert d.runner.asked == []
 
 
-async def test_on_a_real_arm_every_item_is_ticked_by_itself(still):
+async def test_real_arm_ticks_check_list_items_singly(still):
     picture = replace(real(story()["connected"]), stop_tested=True)
     async with still(picture, step=Step.FIXTURE) as d:
         items = len(picture.procedure.fixture.checklist)
@@ -241,7 +241,7 @@ async def test_on_a_real_arm_every_item_is_ticked_by_itself(still):
         assert len(d.runner.picture.ticked) == items - 1
 
 
-async def test_on_a_real_arm_the_stop_test_comes_before_anything_else(still):
+async def test_real_arm_needs_the_stop_test_first(still):
     async with still(real(story()["connected"]), step=Step.CONNECT) as d:
         await d.press("2")
         await d.until(lambda: "hardware stop is not tested" in d.hint)
@@ -253,7 +253,7 @@ async def test_on_a_real_arm_the_stop_test_comes_before_anything_else(still):
         assert "REAL ARM" in d.text("#banner")
 
 
-async def test_estimator_and_unsensed_joints_go_round(still):
+async def test_estimator_and_unsensed_joints_cycle(still):
     async with still(story()["captured"], step=Step.CALIBRATE) as d:
         first = d.runner.picture.estimator
         await d.press("e")
@@ -267,7 +267,7 @@ async def test_estimator_and_unsensed_joints_go_round(still):
         assert seen == [(6,), (7,), (6, 7), ()]
 
 
-async def test_views_turn_over_on_a_small_terminal(still):
+async def test_views_cycle_on_a_small_terminal(still):
     async with still(story()["capturing"], step=Step.CAPTURE, size=(80, 24)) as d:
         shown = []
         for _ in range(4):
@@ -277,7 +277,7 @@ async def test_views_turn_over_on_a_small_terminal(still):
         assert shown[3] == shown[0]
 
 
-async def test_pages_turn_over_in_results(still):
+async def test_result_pages_cycle(still):
     async with still(story()["solved"], step=Step.RESULTS) as d:
         titles = []
         for _ in range(9):
@@ -291,7 +291,7 @@ async def test_pages_turn_over_in_results(still):
         assert len(set(titles)) == 9
 
 
-async def test_marks_move_with_the_arrows(still):
+async def test_arrows_move_the_mark(still):
     async with still(story()["captured"], step=Step.CAPTURE) as d:
         view = d.app.main.view
         newest = view.marked_pose(d.s)
@@ -301,7 +301,7 @@ async def test_marks_move_with_the_arrows(still):
         assert view.marked_pose(d.s) == newest - 1
 
 
-async def test_sessions_can_be_chosen_and_cancel_is_marked_first(still):
+async def test_session_choice_defaults_to_cancel(still):
     earlier = entry(story()["capturing"])
     async with still(story()["uploaded"], step=Step.EXPORT, entries=(earlier,)) as d:
         await d.until(lambda: d.app.screen is not d.app.main, "the offer to resume")
@@ -314,7 +314,7 @@ async def test_sessions_can_be_chosen_and_cancel_is_marked_first(still):
         await d.until(lambda: d.app.source.resumed_names == [earlier.folder.name], "resumed")
 
 
-async def test_another_procedure_can_be_chosen_and_begins_a_session(still):
+async def test_chosen_procedure_starts_a_session(still):
     async with still(story()["connected"], step=Step.FIXTURE) as d:
         before = d.app.source.begun
         await d.press("p")
@@ -327,7 +327,7 @@ async def test_another_procedure_can_be_chosen_and_begins_a_session(still):
         assert d.app.source.procedure_named == "hinge_planned"
 
 
-async def test_a_new_session_begins_at_connect(still):
+async def test_new_session_starts_at_connect(still):
     async with still(story()["uploaded"], step=Step.EXPORT) as d:
         await d.press("N", "y")
         await d.settle()
@@ -335,7 +335,7 @@ async def test_a_new_session_begins_at_connect(still):
         assert d.app.step is Step.CONNECT
 
 
-async def test_themes_go_round(still):
+async def test_themes_cycle(still):
     async with still(story()["capturing"], step=Step.CAPTURE) as d:
         seen = []
         for _ in range(3):
@@ -345,7 +345,7 @@ async def test_themes_go_round(still):
 
 
 @pytest.mark.parametrize("told", ["start", "capturing"])
-async def test_q_leaves_at_once_or_after_a_question(still, told):
+async def test_quit_asks_only_when_connected(still, told):
     async with still(story()[told], step=Step.CONNECT) as d:
         await d.press("q")
         if told != "start":
@@ -354,7 +354,7 @@ async def test_q_leaves_at_once_or_after_a_question(still, told):
         assert d.app.return_value == "left"
 
 
-async def test_a_click_does_what_the_key_does(still):
+async def test_clicks_act_like_keys(still):
     async with still(story()["capturing"], step=Step.CAPTURE) as d:
         await d.pilot.click("#strip", offset=(3, 0))
         assert d.runner.stops == 1
@@ -366,7 +366,7 @@ async def test_a_click_does_what_the_key_does(still):
 
 
 @pytest.mark.parametrize("size", [(120, 36), (80, 24)])
-async def test_what_to_do_between_two_mountings_is_on_the_screen_whole(still, size):
+async def test_remounting_instructions_fit_the_screen(still, size):
     async with still(story()["captured"], step=Step.CAPTURE, size=size) as d:
         await d.press("M")
         assert isinstance(d.app.screen, Confirm)

@@ -12,7 +12,7 @@ LONG = " ".join(f"word{k}" for k in range(90)) + ". Do what the last word says"
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 36)], ids=["80x24", "120x36"])
-async def test_a_long_warning_says_which_key_shows_it_whole(drive, size):
+async def test_long_warning_names_the_key_that_shows_all(drive, size):
     async with drive(size=size) as d:
         d.runner.say(Level.INFO, "said before")
         d.runner.say(Level.WARNING, LONG)
@@ -26,7 +26,7 @@ async def test_a_long_warning_says_which_key_shows_it_whole(drive, size):
         assert max(map(len, (await d.reading()).splitlines())) <= size[0] - 8
 
 
-async def test_a_click_shows_all_that_was_said_and_ends_no_motion(still):
+async def test_click_on_the_log_shows_all_without_ending_motion(still):
     moving = busy(story()["capturing"], TaskKind.AUTOMATIC, moves=True)
     async with still(moving, step=Step.CAPTURE, size=(80, 24)) as d:
         # No key is named that would end the motion.
@@ -37,7 +37,7 @@ async def test_a_click_shows_all_that_was_said_and_ends_no_motion(still):
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 36)], ids=["80x24", "120x36"])
-async def test_a_row_that_the_next_thing_leaves_is_the_logs_and_nothing_else_moves(drive, size):
+async def test_hint_and_log_share_their_rows(drive, size):
     async with drive(size=size) as d:
         await d.to_step(Step.FIXTURE)
         middle = d.app.main.query_one("#middle")
@@ -54,7 +54,7 @@ async def test_a_row_that_the_next_thing_leaves_is_the_logs_and_nothing_else_mov
         assert (two - one, same) == (log - less, height)
 
 
-async def test_a_refusal_of_many_words_is_shown_whole(still):
+async def test_long_refusal_is_shown_in_full(still):
     async with still(story()["connected"], step=Step.FIXTURE, size=(80, 24)) as d:
         refusal = " ".join(f"word{k}" for k in range(38))
         d.app.main.refuse(refusal)

@@ -44,7 +44,7 @@ def installed(tmp_path, monkeypatch):
 
 
 @pytest.mark.campaign
-async def test_an_arm_that_moves_is_calibrated_by_keys(installed, tmp_path):
+async def test_external_moving_arm_is_calibrated_by_keys(installed, tmp_path):
     with toy(installed) as arm:
         async with app_on("moving_line_arm", arm, tmp_path) as d:
             await d.to_step(Step.CAPTURE)
@@ -66,7 +66,7 @@ async def test_an_arm_that_moves_is_calibrated_by_keys(installed, tmp_path):
             )
 
 
-async def test_an_arm_moved_by_hand_says_where_to_take_it(installed, tmp_path):
+async def test_external_hand_guided_arm_shows_targets(installed, tmp_path):
     with toy(installed, "--by-hand") as arm:
         async with app_on("line_arm", arm, tmp_path) as d:
             await d.to_step(Step.CAPTURE)

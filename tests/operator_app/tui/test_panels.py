@@ -25,7 +25,7 @@ def said(panel, picture, width: int, height: int) -> list[str]:
     return ["".join(text for text, _ in row) for row in panel.build(picture, width, height)]
 
 
-def test_an_accepted_calibration_with_notes_does_not_read_as_the_one_with_warnings():
+def test_accepted_verdict_counts_notes():
     s = story()["solved"]
     assert s.solution.verdict is Verdict.ACCEPTED
     assert len(s.solution.warnings) == 2
@@ -34,7 +34,7 @@ def test_an_accepted_calibration_with_notes_does_not_read_as_the_one_with_warnin
 
 
 @pytest.mark.parametrize("width", [98, 80])
-def test_the_verdict_says_what_the_calibration_brings(width):
+def test_verdict_shows_accuracy_before_and_after(width):
     s = story()["solved"]
     row = said(VerdictPanel(), s, width, 7)[1]
     figures = facts_on(s).json["hand_accuracy_mm"]
@@ -45,7 +45,7 @@ def test_the_verdict_says_what_the_calibration_brings(width):
     assert len(row) <= width
 
 
-def test_a_plan_of_which_nothing_can_be_reached_is_said():
+def test_unreachable_plan_is_stated():
     """A counter at zero stands outside its range, and so does every pose: the app ended by that."""
     s = story()["connected"]
     nothing = replace(s.forecast, reachable=np.zeros_like(s.forecast.reachable))
@@ -58,7 +58,7 @@ def test_a_plan_of_which_nothing_can_be_reached_is_said():
     assert "condition number" not in plain
 
 
-def test_the_limit_of_the_condition_number_is_the_procedure_s():
+def test_condition_limit_is_that_of_the_procedure():
     strict = {
         "acceptance": replace(
             story()["capturing"].procedure.acceptance, scaled_condition_number=20.0
@@ -76,7 +76,7 @@ def test_the_limit_of_the_condition_number_is_the_procedure_s():
 
 
 @pytest.mark.parametrize("height", [9, 14, 30, 60])
-def test_what_the_ranking_has_no_room_for_is_counted_and_nothing_ends_in_mid_sentence(height):
+def test_ranking_counts_what_does_not_fit(height):
     s = story()["ticked"]
     whole = said(PlanPanel(), s, 66, 200)
     rows = said(PlanPanel(), s, 66, height)
@@ -92,7 +92,7 @@ def test_what_the_ranking_has_no_room_for_is_counted_and_nothing_ends_in_mid_sen
         assert whole[len(rows) - 1][3:5].strip().isdigit()
 
 
-def test_the_time_left_does_not_count_a_pause_of_the_operator():
+def test_remaining_time_ignores_operator_pauses():
     s = busy(story()["captured"], TaskKind.AUTOMATIC, moves=True)
     begin, poses = datetime.fromisoformat(s.state.poses[0].utc), s.state.poses[:10]
     seconds = [4.0 * k + (600.0 if k >= 6 else 0.0) for k in range(10)]
@@ -113,7 +113,7 @@ def test_the_time_left_does_not_count_a_pause_of_the_operator():
     assert "exploring" in after(3600.0, replace(s, procedure=planned))
 
 
-def test_the_trend_is_over_all_poses_with_its_first_and_last_value():
+def test_trend_covers_all_poses():
     s = story()["capturing"]
     values = [6000.0, 900.0, *(400.0 * 0.95**k for k in range(48))]
     live = replace(s.live, history=tuple(enumerate(values, 3)), scaled_condition_number=values[-1])
@@ -125,7 +125,7 @@ def test_the_trend_is_over_all_poses_with_its_first_and_last_value():
     assert list(bars) == sorted(bars, reverse=True)
 
 
-async def test_on_a_small_terminal_every_page_of_the_results_has_its_title_and_is_whole(still):
+async def test_result_pages_fit_a_small_terminal_with_titles(still):
     async with still(story()["solved"], step=Step.RESULTS, size=(80, 24)) as d:
         plots = d.app.main.query_one(ResultsPlot)
         titles = []
@@ -143,7 +143,7 @@ async def test_on_a_small_terminal_every_page_of_the_results_has_its_title_and_i
         assert "Residuals" not in d.text("#results-plot")  # the frame says it
 
 
-def test_what_new_poses_said_is_told_before_the_figures():
+def test_verification_verdict_precedes_its_figures():
     s = story()["verified"]
     rows = said(RecordPanel(), s, 80, 3)
     assert rows[0].startswith(" Verified   ✓ 3 new poses, as expected: ")
@@ -155,14 +155,14 @@ def test_what_new_poses_said_is_told_before_the_figures():
 
 
 @pytest.mark.parametrize(("width", "age"), [(80, " 240 ms"), (66, "")])
-def test_how_old_a_joint_is_is_said_with_its_unit_or_not_at_all(width, age):
+def test_age_of_stale_joint_has_its_unit_or_is_omitted(width, age):
     rows = said(JointTable(), stale(story()["capturing"]), width, 8)
     assert rows[5].endswith(f"┤ ▲ STALE{age}")
     assert max(map(len, rows)) <= width
 
 
 @pytest.mark.parametrize("ascii_only", [False, True])
-async def test_on_a_small_terminal_the_focused_panel_is_marked_and_no_joint_out_of_sight(
+async def test_focused_panel_is_marked_on_a_small_terminal(
     still, ascii_only
 ):
     picture = story()["capturing"]
@@ -176,7 +176,7 @@ async def test_on_a_small_terminal_the_focused_panel_is_marked_and_no_joint_out_
         assert joints.content_size.height >= 8
 
 
-async def test_a_click_on_the_view_turns_it_over_and_ends_no_motion(still):
+async def test_click_on_the_view_switches_it_without_ending_motion(still):
     moving = busy(story()["capturing"], TaskKind.AUTOMATIC, moves=True)
     async with still(moving, step=Step.CAPTURE, size=(80, 24)) as d:
         assert "view 1/3" in d.text("#row")

@@ -63,7 +63,7 @@ def test_ascii(compare):
 @pytest.mark.sample(5)
 @pytest.mark.parametrize("size", SIZES, ids=["120x36", "80x24"])
 @pytest.mark.parametrize("what", ["stopped", "diverged", "stale", "lost", "moving"])
-def test_what_can_happen(compare, what, size):
+def test_fault_states(compare, what, size):
     told = story()["capturing"]
     picture = {
         "stopped": stopped(told),
@@ -76,11 +76,11 @@ def test_what_can_happen(compare, what, size):
 
 
 @pytest.mark.parametrize("size", SIZES, ids=["120x36", "80x24"])
-def test_a_question_leaves_strip_and_rail_to_be_seen(compare, size):
+def test_dialog_leaves_strip_and_rail_visible(compare, size):
     assert compare(story()["ticked"], Step.MODES, size, press=("a",))
 
 
-def test_a_page_of_the_results(compare):
+def test_second_results_page(compare):
     assert compare(story()["solved"], Step.RESULTS, SIZES[0], press=("v",))
 
 

@@ -42,7 +42,7 @@ DIALOGS = [
 ]
 
 
-async def test_a_dialog_opens_does_nothing_on_escape_and_f8_stops_in_it(still):
+async def test_dialogs_open_close_and_accept_f8(still):
     async with still(story()["start"]) as d:
         for step, told, key, kind in DIALOGS:
             await d.see(story()[told], step)
@@ -59,7 +59,7 @@ async def test_a_dialog_opens_does_nothing_on_escape_and_f8_stops_in_it(still):
             assert d.app.is_running
 
 
-async def test_space_stops_in_a_dialog_but_is_a_space_in_a_note(still):
+async def test_space_stops_except_in_a_note(still):
     async with still(story()["capturing"], step=Step.CAPTURE) as d:
         await d.press("q")
         await d.press("space")
@@ -75,7 +75,7 @@ async def test_space_stops_in_a_dialog_but_is_a_space_in_a_note(still):
         assert [k for k, _ in d.runner.asked] == [TaskKind.NOTE]
 
 
-async def test_stop_is_heard_with_shift_and_by_mouse_under_a_dialog(still):
+async def test_modified_keys_and_mouse_stop_under_a_dialog(still):
     async with still(story()["solved"], step=Step.EXPORT) as d:
         await d.press("y")
         d.app._driver.process_message(events.Key("shift+space", " "))
@@ -93,13 +93,13 @@ def mouse_down(x: int, y: int) -> events.MouseDown:
     )
 
 
-async def test_stop_during_a_motion_is_stop_not_only_its_end(still):
+async def test_stop_during_a_motion_is_not_a_cancel(still):
     async with still(busy(story()["capturing"], TaskKind.MOVE, moves=True), step=Step.CAPTURE) as d:
         await d.press("space")
         assert (d.runner.stops, d.runner.cancels) == (1, 0)
 
 
-async def test_after_stop_only_the_reset_is_offered(still):
+async def test_stop_allows_only_the_reset(still):
     async with still(stopped(story()["capturing"]), step=Step.CAPTURE) as d:
         assert "SOFTWARE STOP" in d.text("#banner")
         assert "all 7 drives stopped within 12 ms" in d.text("#banner")

@@ -17,7 +17,7 @@ def asked_for(d):
     return d.app.step, next_action(d.app.step, d.s).action
 
 
-async def test_the_keys_of_the_tutorial_end_with_uploaded_parameters_and_the_app_closed(
+async def test_tutorial_keys_upload_parameters_and_quit(
     drive, source
 ):
     page = Manual(reference()).page("tutorial").markdown
@@ -46,7 +46,7 @@ async def test_the_keys_of_the_tutorial_end_with_uploaded_parameters_and_the_app
 
 
 @pytest.mark.campaign
-async def test_after_a_stop_it_is_uploaded_with_drives_off_and_verified_by_one_key(drive, source):
+async def test_upload_and_verification_after_a_stop(drive, source):
     async with drive() as d:
         await d.to_step(Step.EXPORT)
         await d.press("f8")

@@ -65,13 +65,13 @@ def with_nan(value):
         (lambda: sarcal.compare("a.yaml", "b.yaml", level=2), ValueError),
     ],
 )  # fmt: skip
-def test_an_argument_that_is_none_is_named(call, kind, approve):
+def test_invalid_argument_is_named(call, kind, approve):
     with pytest.raises(kind) as refused:
         call()
     approve(str(refused.value))
 
 
-def test_the_hand_is_asked_for_with_readings_and_a_frame_that_there_is(result):
+def test_fk_refuses_invalid_readings_and_frames(result):
     q = result.poses.q_rad
     for frame in ("Tip", "base", ""):
         with pytest.raises(ValueError, match=f"frame='{frame}': give 'tip' or 'flange'"):
@@ -90,7 +90,7 @@ def test_the_hand_is_asked_for_with_readings_and_a_frame_that_there_is(result):
     assert result.fk((q[0] + 2.0 * np.pi).tolist()).shape == (4, 4)
 
 
-def test_one_number_counts_for_all_poses(tmp_path):
+def test_scalars_are_broadcast_to_all_poses(tmp_path):
     def file(poses):
         return poses.to_csv(tmp_path / "poses.csv").read_bytes()
 
@@ -104,12 +104,12 @@ def test_one_number_counts_for_all_poses(tmp_path):
     assert file(a_joint) != file(sarcal.poses_of(q_rad=Q, sd_rad=np.zeros((12, 7))))
 
 
-def test_a_simulation_goes_in_as_its_poses():
+def test_simulation_is_accepted_as_poses():
     made = sarcal.simulate(**HINGE, poses=12)
     assert sarcal.load_poses(made, joint_count=7) is made.poses
 
 
-def test_measured_endpoints_that_take_no_part_are_said(result, tmp_path, ends_with):
+def test_unused_endpoints_are_reported(result, tmp_path, ends_with):
     q = result.poses.q_rad
     measured = sarcal.poses_of(q_rad=q, endpoint_m=np.zeros((len(q), 3)))
     said = "measured endpoints (x_m,y_m,z_m), which a hinge fixture does not use"
@@ -118,7 +118,7 @@ def test_measured_endpoints_that_take_no_part_are_said(result, tmp_path, ends_wi
     assert said in ends_with(0, "solve", measured.to_csv(tmp_path / "measured.csv")).words
 
 
-def test_what_cannot_be_compared_is_one_of_our_errors(result, tmp_path):
+def test_incomparable_calibrations_raise_our_error(result, tmp_path):
     ours = result.export(tmp_path / "ours.yaml")
     other = tmp_path / "other.yaml"
     other.write_text(ours.read_text().replace("sarcos_dextrous", "another"))
@@ -131,13 +131,13 @@ def test_what_cannot_be_compared_is_one_of_our_errors(result, tmp_path):
         sarcal.compare(ours, tmp_path / "nothing")
 
 
-def test_a_number_that_no_file_holds_is_named():
+def test_too_large_integers_are_refused():
     for name in ("placement", "samples"):
         with pytest.raises(ValueError, match=rf"{name} contains 1{'0' * 30}: give numbers below"):
             sarcal.poses_of(q_rad=Q, **{name: 10**30})
 
 
-def test_into_a_file_that_is_none_or_the_target_itself(result, tmp_path):
+def test_export_into_missing_or_same_file_is_refused(result, tmp_path):
     own = tmp_path / "own.urdf"
     with pytest.raises(sarcal.ConfigError, match=r"own\.urdf: there is no such file"):
         result.export(tmp_path / "out.urdf", into=own)
@@ -153,7 +153,7 @@ def blas_threads():
 
 
 @pytest.mark.parametrize("fails", [False, True])
-def test_one_thread_inside_and_the_callers_setting_afterwards(fails):
+def test_blas_threads_are_limited_and_restored(fails):
     inside = []
 
     @one_blas_thread
@@ -175,5 +175,5 @@ def test_one_thread_inside_and_the_callers_setting_afterwards(fails):
 @pytest.mark.parametrize(
     "name", ["calibrate", "compare", "load_result", "plan", "simulate", "verify"]
 )
-def test_whatever_computes_is_limited(name):
+def test_computing_functions_limit_blas_threads(name):
     assert hasattr(getattr(sarcal, name), "__wrapped__")

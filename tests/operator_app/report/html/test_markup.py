@@ -30,7 +30,7 @@ HOSTILE = [
 
 
 @pytest.mark.parametrize("words", HOSTILE)
-def test_text_stays_text_in_content_and_in_attributes(words, take_apart):
+def test_hostile_text_stays_text(words, take_apart):
     page = take_apart(element("p", words, title=words))
     assert page.tags == ["p"]
     assert page.attributes == [("p", "title", words)]
@@ -39,7 +39,7 @@ def test_text_stays_text_in_content_and_in_attributes(words, take_apart):
 
 
 @given(st.text())
-def test_any_text_comes_back_or_is_marked(words):
+def test_any_text_round_trips_or_is_marked(words):
     # pytest's fixtures and hypothesis do not mix per example: parse with a parser of our own.
     from html import unescape
 
@@ -55,29 +55,29 @@ def test_any_text_comes_back_or_is_marked(words):
         assert back == words
 
 
-def test_characters_that_no_page_may_hold_are_replaced():
+def test_forbidden_characters_are_replaced():
     assert text("a\x00b\x1bc\ud800d\ufffe") == "a\ufffdb\ufffdc\ufffdd\ufffd"
     assert text("tab\tand\nline") == "tab\tand\nline"
 
 
-def test_markup_is_not_escaped_twice():
+def test_html_is_not_escaped_twice():
     inner = element("b", "1 < 2")
     assert element("p", inner, " & more") == "<p><b>1 &lt; 2</b> &amp; more</p>"
     assert isinstance(join((inner, "<")), Html)
 
 
-def test_attributes_are_named_as_in_html_and_left_out_when_none():
+def test_attribute_names_and_none_values():
     made = element("a", class_="x", aria_label="y", href=None, hidden=False, download=True, x=1.50)
     assert made == '<a class="x" aria-label="y" download x="1.5"></a>'
 
 
-def test_a_void_element_has_no_content():
+def test_void_element_has_no_content():
     assert element("meta", charset="utf-8") == '<meta charset="utf-8">'
     with pytest.raises(ValueError, match="no content"):
         element("br", "x")
 
 
-def test_what_people_write_cannot_turn_the_page_round():
+def test_bidirectional_text_is_isolated():
     assert spoken("\u05d0abc") == "<bdi>\u05d0abc</bdi>"
     assert spoken("\u202eabc") == "<bdi>\ufffdabc</bdi>"
 
@@ -101,7 +101,7 @@ def contrast(a: tuple[float, ...], b: tuple[float, ...]) -> float:
 @pytest.mark.parametrize("theme", [LIGHT_COLOURS, DARK_COLOURS], ids=["light", "dark"])
 @pytest.mark.parametrize("ground", ["page", "panel"])
 @pytest.mark.parametrize("ink", ["text", "muted", "accent", "good", "bad", "warn"])
-def test_every_text_colour_can_be_read(theme, ground, ink):
+def test_colour_contrast_is_sufficient(theme, ground, ink):
     assert contrast(rgb(theme[ink]), rgb(theme[ground])) >= 4.5
 
 
@@ -121,12 +121,12 @@ def test_numbers_can_be_read_on_the_darkest_cell(theme, sign):
     assert contrast(rgb(theme["text"]), ground) >= 4.5
 
 
-def test_both_themes_define_the_same_colours_and_all_that_are_used():
+def test_both_themes_define_all_colours():
     assert set(LIGHT_COLOURS) == set(DARK_COLOURS)
     assert set(re.findall(r"var\(--([a-z]+)\)", STYLE)) <= set(LIGHT_COLOURS)
 
 
-def test_the_sheet_is_closed_and_loads_nothing():
+def test_style_sheet_is_self_contained():
     assert STYLE.count("{") == STYLE.count("}")
     assert "@import" not in STYLE
     assert "url(" not in STYLE

@@ -36,7 +36,7 @@ frame.onload = () => {
 """
 
 
-def test_the_page_is_whole_and_loads_nothing(page, subject):
+def test_page_is_well_formed_and_self_contained(page, subject):
     source = report_html(subject).decode()
     assert page.errors == []
     assert not {"script", "img", "link", "iframe", "object", "form", "input"} & set(page.tags)
@@ -56,7 +56,7 @@ def test_the_page_is_whole_and_loads_nothing(page, subject):
     ]
 
 
-def test_notes_stay_text(page, subject):
+def test_hostile_notes_stay_text(page, subject):
     source = report_html(subject).decode()
     assert "alert(" in page.text
     assert "<script" not in source
@@ -72,16 +72,16 @@ def test_a_note_that_no_text_can_hold_is_marked(subject):
     assert "\ufffd" in report_html(other).decode()
 
 
-def test_the_same_journal_gives_the_same_page(folder, subject):
+def test_page_is_reproducible(folder, subject):
     again = subject_of(read_journal(folder).events)
     assert report_html(again) == report_html(subject)
 
 
-def test_every_column_of_numbers_has_a_unit(page, find_missing_units):
+def test_every_numeric_column_has_a_unit(page, find_missing_units):
     assert find_missing_units(page, DIMENSIONLESS) == []
 
 
-def test_pictures_are_named_and_headers_scoped(page):
+def test_pictures_and_headers_are_accessible(page):
     pictures = [i for i, tag in enumerate(page.tags) if tag == "svg"]
     assert len(pictures) >= 4
     named = [value for tag, name, value in page.attributes if (tag, name) == ("svg", "role")]
@@ -94,7 +94,7 @@ def test_pictures_are_named_and_headers_scoped(page):
     assert page.tags.count("caption") == page.tags.count("table")
 
 
-def test_the_verdict_comes_first_with_arm_serial_fixture_and_time(page, subject):
+def test_page_head_names_arm_fixture_and_time(page, subject):
     assert page.tags.index("h1") < page.tags.index("h2")
     for words in (
         "Accepted",
@@ -105,7 +105,7 @@ def test_the_verdict_comes_first_with_arm_serial_fixture_and_time(page, subject)
         assert words in page.text
 
 
-def test_a_solution_that_is_not_the_journals_is_said(subject, take_apart):
+def test_recalculated_solution_is_stated(subject, take_apart):
     assert subject.recalculated_because == ""
     assert "its solution was read, not made again" in take_apart(report_html(subject).decode()).text
     other = take_apart(report_html(replace(subject, recalculated_because="it is of old")).decode())
@@ -113,14 +113,14 @@ def test_a_solution_that_is_not_the_journals_is_said(subject, take_apart):
     assert "not made again" not in other.text
 
 
-def test_second_opinions_that_nobody_asked_for_are_said_to_be_missing(subject, take_apart):
+def test_missing_checks_are_stated(subject, take_apart):
     assert "hold-out" not in take_apart(report_html(subject).decode()).text
     other = take_apart(report_html(replace(subject, checks=None)).decode())
     assert "sarcal run --resume session computes it." in other.text
     assert "held out" not in " ".join(row[0] for row in other.rows("Closure at"))
 
 
-def test_simulated_is_said_and_real_is_not(subject, take_apart):
+def test_simulated_session_is_marked(subject, take_apart):
     assert "SIMULATED" not in take_apart(report_html(subject).decode()).text
     state = replace(subject.state, settings={"scenario": "wild"})
     told = report_html(replace(subject, simulated=True, state=state)).decode()
@@ -131,7 +131,7 @@ def test_simulated_is_said_and_real_is_not(subject, take_apart):
 
 @pytest.mark.campaign
 @pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
-def test_no_table_is_cut_on_a_laptop_or_a_screen_and_no_page_on_a_phone(subject, tmp_path):
+def test_browser_clips_no_table(subject, tmp_path):
     page = report_html(subject).decode()
     page = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", page)
     page = page.replace("</html>", "").replace("</script>", "")
@@ -153,7 +153,7 @@ def test_no_table_is_cut_on_a_laptop_or_a_screen_and_no_page_on_a_phone(subject,
     assert [r for r in regions if int(r[-1]) > 0] == []
 
 
-def test_verdict_widest_sigma_and_the_tool_come_before_everything_else(subject):
+def test_page_head_has_verdict_widest_sigma_and_tool(subject):
     head, _, rest = report_html(subject).decode().partition("<main")
     assert head.index("<h1") < head.index("Widest sigma") < head.index("hand-before")
     assert head.index("hand-before") < head.index("hand-after") < head.index('class="tiles"')
@@ -162,7 +162,7 @@ def test_verdict_widest_sigma_and_the_tool_come_before_everything_else(subject):
     assert 'id="warnings"' in rest
 
 
-def test_the_first_screen_says_how_far_a_simulated_arm_is_from_the_truth(subject):
+def test_page_head_has_true_errors_of_a_simulation(subject):
     assert subject.solution is not None
     truth = TrueErrors(inside_95=13, of=14, tool_rms_m=0.00031, predicted_rms_m=0.00042)
     simulated = replace(subject, solution=replace(subject.solution, truth=truth))
@@ -173,7 +173,7 @@ def test_the_first_screen_says_how_far_a_simulated_arm_is_from_the_truth(subject
     assert "The truth" not in report_html(subject).decode()
 
 
-def test_what_needs_no_act_is_a_note_and_not_amber(subject):
+def test_notes_of_an_accepted_result_are_not_warnings(subject):
     assert subject.solution is not None
     accepted = report_html(subject).decode()
     assert subject.facts is not None

@@ -12,7 +12,7 @@ from tests.oracles.open_arm import measured_csv
 from tests.oracles.reported_session import number
 
 
-def test_before_and_after_stand_side_by_side(page, subject):
+def test_before_and_after_pictures_agree_with_the_tables(page, subject):
     assert subject.solution is not None
     assert subject.solution.accuracy is not None
     hand = hand_pair(subject.solution, subject.procedure.arm)
@@ -53,7 +53,7 @@ def test_before_and_after_stand_side_by_side(page, subject):
     assert np.hypot(np.ptp(gap.x), np.ptp(gap.y)) <= 1.01 * times * before
 
 
-def test_the_open_arm_is_drawn_with_where_it_was_measured(tmp_path):
+def test_open_arm_gap_agrees_with_the_measurement(tmp_path):
     """By the triangle of base, hand and endpoint the gap is what these lengths leave, and it is small after."""
     file = measured_csv(tmp_path / "open.csv")
     poses = sarcal.load_poses(file)

@@ -15,13 +15,13 @@ def text(canvas: Canvas) -> list[str]:
 @pytest.mark.parametrize(
     ("x", "y", "character"), [(0, 0, "⠁"), (0, 3, "⡀"), (1, 0, "⠈"), (1, 3, "⢀"), (0.9, 2.9, "⠄")]
 )
-def test_a_dot_is_the_unicode_character_with_that_dot(x, y, character):
+def test_dot_is_its_braille_character(x, y, character):
     canvas = Canvas(1, 1, ascii_only=False)
     canvas.dot(x, y)
     assert text(canvas) == [character]
 
 
-def test_dots_outside_are_not_drawn():
+def test_dots_outside_the_canvas_are_ignored():
     canvas = Canvas(2, 2, ascii_only=False)
     for x, y in [(-0.5, 1), (1, -0.5), (4, 1), (1, 8), (-3, -3)]:
         canvas.dot(x, y)
@@ -29,7 +29,7 @@ def test_dots_outside_are_not_drawn():
 
 
 @pytest.mark.parametrize("ascii_only", [False, True])
-def test_what_differs_by_rounding_errors_looks_the_same(ascii_only):
+def test_rounding_errors_move_no_dot(ascii_only):
     pictures = []
     for off in (-1e-12, 0.0, 1e-12):
         canvas = Canvas(12, 4, ascii_only=ascii_only)
@@ -41,7 +41,7 @@ def test_what_differs_by_rounding_errors_looks_the_same(ascii_only):
     assert pictures[0] == pictures[1] == pictures[2]
 
 
-def test_a_segment_has_a_dot_in_every_column_it_crosses():
+def test_segment_has_a_dot_in_every_column():
     canvas = Canvas(10, 5, ascii_only=True)
     canvas.segment(0, 0, 19, 9)
     marked = np.array([[c != " " for c in row] for row in text(canvas)])
@@ -49,7 +49,7 @@ def test_a_segment_has_a_dot_in_every_column_it_crosses():
 
 
 @pytest.mark.parametrize("poses", [3, 40])
-def test_a_pose_whose_number_has_no_room_is_named_below(poses):
+def test_pose_numbers_without_room_are_listed_below(poses):
     """All at one place, around which there is room for some ten numbers."""
     corners = np.array([[0.0, 0.0], [1.0, 1.0]])
     manifold = SimpleNamespace(q=corners)

@@ -37,7 +37,7 @@ def scale(panel: ET.Element) -> tuple[float, float]:
     return float(slope), float(start)
 
 
-def test_a_hinge_has_them_all_and_a_ball_what_it_has(hinge, ball):
+def test_available_figures_depend_on_the_fixture(hinge, ball):
     assert hinge.figures == tuple(FIGURES)
     # Six sockets, no RVDT, and what several placements have no trend of.
     assert set(FIGURES) - set(ball.figures) == {"rvdt", "condition"}
@@ -45,7 +45,7 @@ def test_a_hinge_has_them_all_and_a_ball_what_it_has(hinge, ball):
         hinge.figure("nothing")
 
 
-def test_bars_are_the_shares_of_the_budget(hinge):
+def test_budget_bars_match_the_json(hinge):
     budget = hinge.to_json()["budget"]
     (panel,) = panels(hinge, "budget")
     assert [t for t in texts(panel) if t in budget] == list(budget)
@@ -61,7 +61,7 @@ def test_bars_are_the_shares_of_the_budget(hinge):
     assert percent[:, 0] == pytest.approx(max(by_source.values(), key=sum), abs=0.1)
 
 
-def test_points_and_intervals_are_those_of_the_result(hinge):
+def test_parameter_points_and_intervals_match_the_json(hinge):
     said = hinge.to_json()
     names = [n for n in said["parameters"] if n.startswith(("theta", "alpha"))]
     panel = panels(hinge, "parameters")[0]
@@ -80,7 +80,7 @@ def test_points_and_intervals_are_those_of_the_result(hinge):
     assert width == pytest.approx(ends[:, 1] - ends[:, 0], abs=5e-3)
 
 
-def test_panels_are_the_pages_pictures_and_areas_the_hands_errors(hinge):
+def test_residual_and_workspace_panels_match_the_json(hinge):
     shown = [" ".join(texts(p)) for p in panels(hinge, "residuals")]
     for words, panel in zip(
         ("position error [mm]", "orientation error [mrad]", "distance [mm]"), shown, strict=True
@@ -95,7 +95,7 @@ def test_panels_are_the_pages_pictures_and_areas_the_hands_errors(hinge):
     assert radii[1] / radii[0] == pytest.approx(wanted, abs=2e-3)
 
 
-def test_a_file_stands_alone_and_a_notebook_shows_it(hinge, tmp_path):
+def test_figure_is_saved_as_standalone_svg(hinge, tmp_path):
     made = hinge.figure("condition")
     assert made._repr_svg_() == made.svg
     made.savefig(tmp_path / "condition.svg")
@@ -105,7 +105,7 @@ def test_a_file_stands_alone_and_a_notebook_shows_it(hinge, tmp_path):
         made.savefig(tmp_path / "condition.png")
 
 
-def test_a_pdf_keeps_text_as_text_and_has_no_time_of_day(hinge, tmp_path):
+def test_pdf_has_text_and_is_reproducible(hinge, tmp_path):
     pytest.importorskip("svglib", reason="needs the extra [plots]")
     files = [tmp_path / "one.pdf", tmp_path / "two.pdf"]
     for file in files:
@@ -117,7 +117,7 @@ def test_a_pdf_keeps_text_as_text_and_has_no_time_of_day(hinge, tmp_path):
 
 
 @pytest.mark.campaign
-def test_the_command_writes_every_figure(hinge, tmp_path, capsys):
+def test_report_command_writes_every_figure(hinge, tmp_path, capsys):
     pytest.importorskip("svglib", reason="needs the extra [plots]")
     session = hinge.save(tmp_path / "session")
     page = (session / "report.html").read_bytes()
@@ -130,7 +130,7 @@ def test_the_command_writes_every_figure(hinge, tmp_path, capsys):
     assert "cannot be written" in capsys.readouterr().err
 
 
-def test_without_svglib_there_are_svg_files_and_the_remedy_for_a_pdf(
+def test_without_svglib_only_svg_files_are_written(
     hinge, tmp_path, monkeypatch, capsys
 ):
     session = hinge.save(tmp_path / "session")
@@ -143,7 +143,7 @@ def test_without_svglib_there_are_svg_files_and_the_remedy_for_a_pdf(
     capsys.readouterr()
 
 
-def test_sigmas_are_beside_what_the_files_state_of_each_entry(tmp_path):
+def test_parameter_figure_has_stated_sigmas(tmp_path):
     text = (files("operator_app") / "data/arms/franka_panda.yaml").read_text("utf-8")
     arm = tmp_path / "arm.yaml"
     arm.write_text(text.replace("theta_off_7]", "theta_off_7, alpha_3, s_3]"), encoding="utf-8")

@@ -17,7 +17,7 @@ NUMBERS = st.floats(-1e9, 1e9, allow_nan=False).filter(lambda v: v == 0.0 or abs
 
 @given(st.lists(NUMBERS, max_size=12), st.booleans())
 @such_as([199164480.0, 176843063.0], False)
-def test_an_axis_holds_its_values_and_has_a_few_round_ticks(values, symmetric):
+def test_axis_covers_its_values_with_round_ticks(values, symmetric):
     found = axis("x", values, unit="mm", symmetric=symmetric)
     assert found.low < found.high
     assert all(found.low <= v <= found.high for v in values)
@@ -29,7 +29,7 @@ def test_an_axis_holds_its_values_and_has_a_few_round_ticks(values, symmetric):
     assert len(set(found.tick_texts)) == len(found.ticks)
 
 
-def test_whole_axes_have_whole_ticks():
+def test_tick_texts():
     assert axis("pose", [1.0, 2.0, 3.0], whole=True).tick_texts == ("1", "2", "3")
     assert axis("pose", [7.0], whole=True).tick_texts == ("7",)
 
@@ -59,7 +59,7 @@ def example(**changes: object) -> ET.Element:
     return parse(plot(Picture(**(settings | changes))))  # type: ignore[arg-type]
 
 
-def test_a_plot_is_named_and_described():
+def test_plot_has_title_and_description():
     svg = example()
     assert svg.get("role") == "img"
     named = [svg.find(tag) for tag in ("title", "desc")]
@@ -72,7 +72,7 @@ def test_a_plot_is_named_and_described():
     assert {"rms", "fit", "x"} <= set(words)
 
 
-def test_values_are_where_the_ticks_say():
+def test_marks_are_at_their_tick_positions():
     svg = example()
     marks = [c for c in svg.iter("circle") if c.find("title") is not None]
     assert [m.findtext("title") for m in marks] == ["a", "<c>"]
@@ -89,7 +89,7 @@ def test_values_are_where_the_ticks_say():
     assert float(band.get("height", "nan")) == pytest.approx(height, abs=0.03)
 
 
-def test_a_band_wider_than_the_frame_fills_it_and_no_more():
+def test_band_is_clipped_to_the_frame():
     svg = example(layers=[Band(low=-50.0, high=50.0)])
     band = next(e for e in svg.iter("rect"))
     top, height = float(band.get("y", "nan")), float(band.get("height", "nan"))
@@ -98,7 +98,7 @@ def test_a_band_wider_than_the_frame_fills_it_and_no_more():
     assert top + height == pytest.approx(float(frame.get("y1", "nan")), abs=0.02)
 
 
-def test_strips_scale_each_row_by_its_largest():
+def test_strips_scale_each_row_by_its_maximum():
     svg = parse(
         strips(
             axis("pose", [1.0, 2.0], whole=True),
@@ -122,7 +122,7 @@ def test_strips_scale_each_row_by_its_largest():
     assert {class_ for _, class_ in dots[2:]} == {"mark c"}
 
 
-def test_ranges_say_what_is_covered():
+def test_ranges_show_covered_share():
     row = Range(name="joint 1", low=-10.0, high=30.0, values=[0.0, 10.0])
     assert row.covered == 0.25
     svg = parse(ranges([row]))
@@ -134,7 +134,7 @@ def test_ranges_say_what_is_covered():
     assert covered == pytest.approx(0.25 * whole, abs=0.02)
 
 
-def test_values_beyond_a_range_stay_in_the_picture():
+def test_values_beyond_a_range_extend_the_picture():
     row = Range(name="joint 2", low=-10.0, high=10.0, values=[-30.0, 5.0])
     svg = parse(ranges([row]))
     covered, frame = list(svg.iter("rect"))

@@ -19,7 +19,7 @@ def rows_of(values: list[float], drawn: float, height: int) -> list[tuple[str, s
 
 
 @pytest.mark.parametrize("values", [[-0.031, 0.104], [0.0, 2.7], [-5.0, 5.0], [-9.0, 0.3]])
-def test_a_number_beside_the_axis_is_in_the_row_of_what_it_names(values):
+def test_axis_number_is_in_the_row_of_its_value(values):
     for height in range(8, 34):
         shown = [text for text, _ in rows_of(values, values[0], height) if text]
         assert len(shown) >= 2

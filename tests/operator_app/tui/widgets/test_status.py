@@ -38,19 +38,19 @@ def silent_and_tripped(capturing):
         pytest.param(silent_and_tripped, id="silent and tripped"),
     ],
 )
-def test_nothing_in_strip_and_banner_is_cut(capturing, how):
+def test_strip_and_banner_fit_80_columns(capturing, how):
     picture = how(capturing)
     assert "…" not in said(SafetyStrip(), picture) + said(Banner(), picture)
 
 
-def test_where_little_room_is_left_the_strip_says_what_the_drives_do(capturing):
+def test_full_strip_abbreviates_drive_state(capturing):
     strip = said(SafetyStrip(), silent_and_tripped(capturing))
     assert strip.endswith("│DRV ■ J4 FAULT")
     assert "HB ▲ N5 LATE" in strip
     assert "DATA ▲ J5 STALE" in strip
 
 
-def test_a_stop_that_was_not_sent_says_what_to_do_before_why(capturing):
+def test_unsent_stop_names_the_remedy_before_the_cause(capturing):
     why = "the interface has gone away and does not come back"
     report = StopReport(asked_s=0.0, acknowledged_after_s=None, drives_stopped=0, problem=why)
     assert "could NOT be sent: use the hardware stop" in said(
@@ -58,7 +58,7 @@ def test_a_stop_that_was_not_sent_says_what_to_do_before_why(capturing):
     )
 
 
-def test_an_arm_that_was_stopped_for_its_silence_is_not_said_to_be_stopped_by_hand(capturing):
+def test_stop_by_lost_data_is_not_shown_as_software_stop(capturing):
     joints = tuple(replace(j, drive=DriveState.QUICK_STOP_ACTIVE) for j in capturing.arm.joints)
     silent = replace(
         capturing,

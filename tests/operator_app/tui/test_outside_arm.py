@@ -1,4 +1,4 @@
-"""The terminal app on an arm that another package offers: one that it moves, and one that a person moves."""
+"""The terminal app on an arm of another package: one that it moves, and one that a person moves."""
 
 import re
 from collections.abc import AsyncIterator
@@ -49,13 +49,13 @@ async def test_external_moving_arm_is_calibrated_by_keys(installed, tmp_path):
         async with app_on("moving_line_arm", arm, tmp_path) as d:
             await d.to_step(Step.CAPTURE)
             assert d.s.identity.serial_number == "TOY-0001"
-            assert d.s.simulated, "its nodes say that nothing real moves"
+            assert d.s.simulated, "its nodes are virtual"
             await d.press("a")
             await d.idle()
             assert len(d.s.state.used_poses) == 6
             await d.to_step(Step.RESULTS)
             assert d.s.solution.accepted, d.s.solution.reasons
-            # It keeps no parameters: they are written, and nobody is asked for an upload.
+            # It stores no parameters: they are written, and no upload is offered.
             await d.to_step(Step.EXPORT)
             await d.press("enter")
             await d.idle()
@@ -71,19 +71,19 @@ async def test_external_hand_guided_arm_shows_targets(installed, tmp_path):
         async with app_on("line_arm", arm, tmp_path) as d:
             await d.to_step(Step.CAPTURE)
             await d.press("g")
-            await d.until(lambda: "By hand: take J1" in d.s.messages[-1].text, "asked")
-            asked = re.findall(r"J(\d) to ([-+][\d.]+) deg", d.s.messages[-1].text)
-            assert [j for j, _ in asked] == ["1", "5"]
-            arm.type(" ".join(f"{j} {float(q)}" for j, q in asked))
+            await d.until(lambda: "By hand: take J1" in d.s.messages[-1].text, "prompt")
+            targets = re.findall(r"J(\d) to ([-+][\d.]+) deg", d.s.messages[-1].text)
+            assert [j for j, _ in targets] == ["1", "5"]
+            arm.type(" ".join(f"{j} {float(q)}" for j, q in targets))
             await d.idle()
             assert d.s.at_waypoint == 0
             await d.press("c")
             await d.idle()
             (pose,) = d.s.state.poses
             assert [pose.mean_rad[0], pose.mean_rad[4]] == pytest.approx(
-                [float(q) * 0.017453 for _, q in asked], abs=0.04
+                [float(q) * 0.017453 for _, q in targets], abs=0.04
             )
-            # A person does not come when told to stop; the program stops waiting.
+            # A key ends the waiting for the person.
             await d.press("g")
             await d.until(lambda: d.s.task is not None and d.s.task.moves, "waiting")
             await d.press("x")

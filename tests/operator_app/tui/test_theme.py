@@ -1,4 +1,4 @@
-"""What a terminal of ASCII characters shows."""
+"""Characters of an ASCII terminal."""
 
 from operator_app.tui.theme import look
 

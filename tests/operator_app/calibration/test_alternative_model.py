@@ -1,6 +1,4 @@
-"""A reading that shifted once is told from one that bends and from one that is noise; by name in a session;
-a ball for a hinge and a hinge for a ball likewise, and what the remedy says works.
-"""
+"""Shifts of one reading and wrong fixture kinds, as alternative models; remedies that work."""
 
 import re
 import shlex
@@ -34,8 +32,8 @@ def test_shift_is_found_beside_offset_and_harmonic(angle, first, size):
 def test_shift_is_found_in_wrapped_angles(angle):
     reading = angle + np.pi - 1e-3
     reading[25:] += 0.1
-    wound = reading - 2.0 * np.pi * (np.arange(POSES) % 2)
-    assert shift_of(wound, angle) == (25, pytest.approx(0.1))
+    wrapped = reading - 2.0 * np.pi * (np.arange(POSES) % 2)
+    assert shift_of(wrapped, angle) == (25, pytest.approx(0.1))
 
 
 def test_harmonics_noise_and_few_poses_show_no_shift(angle):
@@ -46,12 +44,11 @@ def test_harmonics_noise_and_few_poses_show_no_shift(angle):
 
 
 def test_large_rvdt_shift_is_the_first_cause():
-    """50 LSB are 1.5 deg: the fit diverges, and the reading seems to have nothing to do with the joint."""
-    case = CASES["joint slips 50 counts"](3015)
+    case = CASES["joint slips 50 counts"](3015)  # 1.5 deg: the fit diverges
     assert case.causes == ("STEP_JOINT_7",)
-    adjudication = solved(case.taken).adjudication
-    assert adjudication.causes[0].code == "STEP_JOINT_7"
-    assert adjudication.causes[0].blocking
+    (first, *_) = solved(case.taken).causes
+    assert first.code == "STEP_JOINT_7"
+    assert first.blocking
 
 
 COMMAND = re.compile(r"sarcal (new fixture[^\n;]*)")
@@ -60,7 +57,6 @@ COMMAND = re.compile(r"sarcal (new fixture[^\n;]*)")
 @pytest.mark.campaign
 @pytest.mark.parametrize("fixture", ["hinge", "sarcos_ball"])
 def test_wrong_fixture_kind_is_named_and_its_remedy_works(fixture, tmp_path, monkeypatch):
-    """Poses of a ball solved as a hinge's, and the other way round: the command that is said is run."""
     monkeypatch.chdir(tmp_path)
     ball = fixture == "hinge"
     taken = CASES["ball for hinge"](3000).taken if ball else session(3000)
@@ -75,6 +71,5 @@ def test_wrong_fixture_kind_is_named_and_its_remedy_works(fixture, tmp_path, mon
 
 
 def test_hinge_poses_solved_as_a_ball_are_named():
-    """--drop-unidentifiable leaves a centre that may be anywhere along the hinge."""
-    said = outcome(session(3001), fixture=load_fixture("sarcos_ball").fixture, drop=True)
-    assert "WRONG_FIXTURE" in said.causes, said.causes
+    result = outcome(session(3001), fixture=load_fixture("sarcos_ball").fixture, drop=True)
+    assert "WRONG_FIXTURE" in result.causes, result.causes

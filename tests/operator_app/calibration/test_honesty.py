@@ -1,4 +1,4 @@
-"""Sigmas are what they say, on arms from the shop floor. In small; tests/benchmarks/honesty.py in full."""
+"""Sigmas match errors on arms of the shop floor, in small; tests/benchmarks/honesty.py in full."""
 
 import numpy as np
 import pytest
@@ -12,10 +12,10 @@ pytestmark = pytest.mark.campaign
 
 
 def test_intervals_cover_the_truth_with_all_errors_as_stated():
-    found = [outcome(session(seed)) for seed in range(1100, 1106)]
-    assert all(o.accepted for o in found)
-    z = np.array([o.z for o in found])
-    # 84 intervals of 6 arms: an arm's parameters err together, so the band is wide.
+    outcomes = [outcome(session(seed)) for seed in range(1100, 1106)]
+    assert all(o.accepted for o in outcomes)
+    z = np.array([o.z for o in outcomes])
+    # 84 intervals of 6 arms, whose parameters correlate: a wide band.
     assert np.mean(np.abs(z) < NORMAL_95) >= 0.88
     assert 0.4 < np.sqrt(np.mean(z**2)) < 1.25
 
@@ -35,8 +35,8 @@ def test_errors_are_near_the_bound():
     ratios = []
     for seed in range(1100, 1104):
         taken = session(seed, sizes)
-        found = outcome(taken, arm=arm, fixture=fixture)
-        ratios.append(found.error / bound(taken, sizes))
+        result = outcome(taken, arm=arm, fixture=fixture)
+        ratios.append(result.error / bound(taken, sizes))
     assert 0.5 < np.sqrt(np.mean(np.square(ratios))) < 1.6
 
 

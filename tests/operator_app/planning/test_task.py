@@ -1,4 +1,4 @@
-"""Poses are planned under the errors that a calibration counts with."""
+"""Poses are planned under all errors of a calibration."""
 
 from dataclasses import replace
 
@@ -34,47 +34,45 @@ def by_noise_alone(task):
     return replace(task, errors_at=of_noise(ARM.sigma_rad()), toleranced=(), prior={})
 
 
-def combined(task, x, q: np.ndarray) -> np.ndarray:
+def sigmas(task, x, q: np.ndarray) -> np.ndarray:
     return standard_deviations(known(task, x, q), len(x))
 
 
 def test_plan_beats_a_plan_by_noise_alone(task, x, plan):
-    by_noise = make_plan(by_noise_alone(task), x, ARM.home_rad, POSES)
-    ratio = combined(task, x, plan.poses_rad) / combined(task, x, by_noise.poses_rad)
+    noise_plan = make_plan(by_noise_alone(task), x, ARM.home_rad, POSES)
+    ratio = sigmas(task, x, plan.poses_rad) / sigmas(task, x, noise_plan.poses_rad)
     assert ratio.max() < 1.02
     assert np.exp(np.log(ratio).mean()) < 0.9
-    # By noise alone they would be known a hundred times better than a calibration knows them.
-    assert np.median(by_noise.predicted_sigma / plan.predicted_sigma) < 0.05
+    # Noise alone promises sigmas a hundred times too small.
+    assert np.median(noise_plan.predicted_sigma / plan.predicted_sigma) < 0.05
 
 
 def test_repeated_poses_narrow_sigmas_little(task, x, plan):
-    def left(task) -> np.ndarray:
+    def remaining_share(task) -> np.ndarray:
         once = known(task, x, plan.poses_rad)
         return standard_deviations(100.0 * once, len(x)) / standard_deviations(once, len(x))
 
-    assert np.median(left(task)) > 0.25
-    assert left(by_noise_alone(task)) == pytest.approx(0.1)
+    assert np.median(remaining_share(task)) > 0.25
+    assert remaining_share(by_noise_alone(task)) == pytest.approx(0.1)
 
 
 def test_scattered_poses_widen_the_forecast(task, x, plan):
     q = plan.poses_rad
     noisy = q + np.deg2rad(1.0) * np.random.default_rng(1).standard_normal(q.shape)
-    # Of poses that fit, about what the plan predicts; its effects are those of all candidates.
-    assert combined(task, x, q) == pytest.approx(plan.predicted_sigma, rel=0.2)
-    assert np.median(combined(task, x, noisy) / combined(task, x, q)) > 3.0
+    # About as planned, from the effects of all candidates.
+    assert sigmas(task, x, q) == pytest.approx(plan.predicted_sigma, rel=0.2)
+    assert np.median(sigmas(task, x, noisy) / sigmas(task, x, q)) > 3.0
 
 
 def test_prior_of_an_offset_is_used(task, x, plan):
-    """Nobody knows less of an offset after poses than its file says before."""
     stated = replace(task, prior={"theta_off_3": 0.001})
-    free, with_prior = combined(task, x, plan.poses_rad), combined(stated, x, plan.poses_rad)
-    at = [p.name for p in task.model.parameters].index("theta_off_3")
-    assert with_prior[at] == pytest.approx((free[at] ** -2 + 0.001**-2) ** -0.5, rel=1e-3)
+    free, with_prior = sigmas(task, x, plan.poses_rad), sigmas(stated, x, plan.poses_rad)
+    index = [p.name for p in task.model.parameters].index("theta_off_3")
+    assert with_prior[index] == pytest.approx((free[index] ** -2 + 0.001**-2) ** -0.5, rel=1e-3)
     assert (with_prior <= free + 1e-12).all()
 
 
 def test_ball_plan_omits_first_and_last_offset():
-    """As unknowns of a plan they would make every sigma infinite or absurd."""
     ball, hinge = (planning_task(PANDA, fixture, drive_sets=None) for fixture in (BALL, HINGE))
     names = {p.name for p in ball.model.parameters}
     assert names == {

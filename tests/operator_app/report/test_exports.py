@@ -1,4 +1,4 @@
-"""Every export read by the tool it is for; the URDF's hand where pinocchio and we say it is."""
+"""Exports read by the tools that they are for; frames of a URDF by pinocchio."""
 
 import csv
 import json
@@ -54,11 +54,11 @@ def test_export_into_an_own_urdf(hinge, tmp_path):
     assert main(["export", str(folder), "--format", "urdf", "--into", str(own)]) == 0
     written = (folder / "own_calibrated.urdf").read_bytes()
     q = hinge.poses.q_rad
-    wanted = hinge.fk(q, frame="flange")
-    np.testing.assert_allclose(places(written, q, "flange"), wanted, rtol=0, atol=1e-9)
+    expected = hinge.fk(q, frame="flange")
+    np.testing.assert_allclose(places(written, q, "flange"), expected, rtol=0, atol=1e-9)
     assert b"theta_off_3: " in written
     program = hinge.export(tmp_path / "program.urdf", into=own).read_bytes()
-    np.testing.assert_allclose(places(program, q, "flange"), wanted, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(places(program, q, "flange"), expected, rtol=0, atol=1e-9)
     assert main(["export", str(folder), "--format", "csv", "--into", str(own)]) == 2
     assert main(["export", str(folder), "--into", str(own), "-o", str(own)]) == 2
     assert main(["export", str(folder), "--into", str(PANDA / "panda_1.csv")]) == 2
@@ -80,23 +80,23 @@ def test_urdf_excludes_parameters_of_the_mounting(hinge, tmp_path):
 
 
 def test_new_arm_reads_the_exported_urdf(hinge, tmp_path):
-    urdf, made = hinge.export(tmp_path / "arm.urdf"), tmp_path / "mine.yaml"
-    assert main(["new", "arm", "--urdf", str(urdf), "--name", "mine", "-o", str(made)]) == 0
-    arm = sarcal.load_arm(made)
+    urdf, arm_file = hinge.export(tmp_path / "arm.urdf"), tmp_path / "mine.yaml"
+    assert main(["new", "arm", "--urdf", str(urdf), "--name", "mine", "-o", str(arm_file)]) == 0
+    arm = sarcal.load_arm(arm_file)
     assert arm.name == "mine"
     before = hinge.arm
     q = np.random.default_rng(2).uniform(before.lower_rad, before.upper_rad, (50, 7))
-    table = load_arm(made).table
+    table = load_arm(arm_file).table
     frames = forward(q + table.theta_off_rad, *table.stacked()[1:])
-    wanted = hinge.fk(q, frame="flange")
-    np.testing.assert_allclose(frames.p_end, wanted[:, :3, 3], rtol=0, atol=1e-9)
-    np.testing.assert_allclose(frames.R_end, wanted[:, :3, :3], rtol=0, atol=1e-9)
+    expected = hinge.fk(q, frame="flange")
+    np.testing.assert_allclose(frames.p_end, expected[:, :3, 3], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(frames.R_end, expected[:, :3, :3], rtol=0, atol=1e-9)
     np.testing.assert_allclose(arm.lower_rad, before.lower_rad, rtol=0, atol=1e-12)
-    assert main(["new", "arm", "--urdf", str(urdf), "-o", str(made)]) == 2
+    assert main(["new", "arm", "--urdf", str(urdf), "-o", str(arm_file)]) == 2
 
 
 def foreign_urdf(seed: int) -> bytes:
-    """A chain whose frames and axes were chosen by nobody who thought of D-H."""
+    """A chain with arbitrary frames and axes."""
     rng = np.random.default_rng(seed)
     joints = [joint("stand", "world", "l0", "0.1 -0.2 0.4", "0.1 0.2 0.3", kind="fixed")]
     for j in range(1, 8):
@@ -142,9 +142,9 @@ def test_foreign_urdf_is_read_as_the_same_chain(seed):
 )  # fmt: skip
 def test_invalid_urdf_is_refused_with_a_reason(change, approve):
     text = foreign_urdf(1).decode().replace(*change)
-    with pytest.raises(ConfigError) as refused:
+    with pytest.raises(ConfigError) as error:
         parse_urdf(text.encode(), "foreign.urdf")
-    approve(str(refused.value))
+    approve(str(error.value))
 
 
 def test_dh_table_survives_the_urdf():
@@ -171,33 +171,33 @@ def test_csv_json_mat_and_yaml_agree(hinge, tmp_path, capsys):
         assert main(["export", str(folder), "--format", kind]) == 0
     with (folder / "parameters.csv").open(newline="") as file:
         rows = {row["parameter"]: row for row in csv.DictReader(file)}
-    said = json.loads((folder / "result.json").read_text())
+    document = json.loads((folder / "result.json").read_text())
     mat = loadmat(folder / "result.mat", simplify_cells=True)
-    document = load_parameters(folder / "parameters.yaml")
-    sigmas = {e.entry: e.sigma for e in document.calibrated}
-    assert list(rows) == list(said["parameters"]) == mat["names"].tolist()
+    parameters = load_parameters(folder / "parameters.yaml")
+    sigmas = {e.entry: e.sigma for e in parameters.calibrated}
+    assert list(rows) == list(document["parameters"]) == mat["names"].tolist()
     for k, (name, row) in enumerate(rows.items()):
         unit = f"{name}_{row['unit']}"
         assert float(row["value"]) == pytest.approx(hinge.values[unit], rel=1e-12)
         assert float(row["sigma"]) == pytest.approx(hinge.sigmas[unit], rel=1e-12)
         scale = 1.0 if row["unit"] == "deg" else 1e3
-        assert scale * said["parameters"][name] == pytest.approx(float(row["value"]), rel=1e-12)
+        assert scale * document["parameters"][name] == pytest.approx(float(row["value"]), rel=1e-12)
         in_si = np.deg2rad(float(row["value"])) if scale == 1.0 else float(row["value"]) / 1e3
         assert mat["value_rad_or_m"][k] == pytest.approx(in_si, rel=1e-12)
         assert scale * sigmas[name] == pytest.approx(float(row["sigma"]), rel=1e-9)
-        assert row["side"] == said["side"][name] == mat["side"][k]
-    listed, names = [e.entry for e in document.calibrated], list(rows)
+        assert row["side"] == document["side"][name] == mat["side"][k]
+    entries, names = [e.entry for e in parameters.calibrated], list(rows)
     for k, name in enumerate(names):
         for j, other in enumerate(names):
             late, early = (
-                (name, other) if listed.index(name) > listed.index(other) else (other, name)
+                (name, other) if entries.index(name) > entries.index(other) else (other, name)
             )
             if late != early:
-                found = document.correlations[late][listed.index(early)]
-                assert found == pytest.approx(said["correlations"][k][j], abs=6e-6)
-    assert document.budget.keys() == said["budget"].keys() == set(names)
-    for name, shares in document.budget.items():
-        for source, share in said["budget"][name].items():
+                correlation = parameters.correlations[late][entries.index(early)]
+                assert correlation == pytest.approx(document["correlations"][k][j], abs=6e-6)
+    assert parameters.budget.keys() == document["budget"].keys() == set(names)
+    for name, shares in parameters.budget.items():
+        for source, share in document["budget"][name].items():
             assert shares.get(source, 0.0) == pytest.approx(share, abs=6e-5)
     assert [r["side"] for n, r in rows.items() if n in ("theta_off_1", "theta_off_2", "a_7")] == [
         "ground", "arm", "hand",
@@ -206,14 +206,16 @@ def test_csv_json_mat_and_yaml_agree(hinge, tmp_path, capsys):
         mat["T_base_tip"][..., 3], hinge.fk(hinge.poses.q_rad[3]), atol=1e-12
     )
     assert (folder / "result.mat").read_bytes().startswith(b"MATLAB 5.0 MAT-file")
-    wanted = hinge.fk(hinge.poses.q_rad, frame="flange")
+    expected = hinge.fk(hinge.poses.q_rad, frame="flange")
     urdf = (folder / "arm.urdf").read_bytes()
-    np.testing.assert_allclose(places(urdf, hinge.poses.q_rad, "flange"), wanted, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        places(urdf, hinge.poses.q_rad, "flange"), expected, rtol=0, atol=1e-9
+    )
     capsys.readouterr()
     assert main(["export", str(folder), "--format", "csv", "-o", "-"]) == 0
     assert capsys.readouterr().out.startswith("parameter,side,unit,nominal,value,sigma\n")
     assert main(["export", str(folder), "--format", "urdf", "--upload"]) == 2
-    # A name says what the file is: it held the parameters file, whatever it ended in.
+    # The file ending chooses the format.
     other = tmp_path / "mine.urdf"
     assert main(["export", str(folder), "-o", str(other)]) == 0
     assert other.read_bytes() == urdf
@@ -258,27 +260,26 @@ def test_library_export_of_unaccepted_result_needs_force(tmp_path):
         with pytest.raises(sarcal.SessionError, match="not accepted"):
             result.export(file, force=" ")
     assert not list(tmp_path.iterdir())
-    why = "=to try the gripper"
+    reason = "=to try the gripper"
     for file in files.values():
-        result.export(file, force=why)
+        result.export(file, force=reason)
     document = load_parameters(files["yaml"])
-    assert document.forced == why
+    assert document.forced == reason
     assert document.warnings[0].code == "FORCED"
-    assert json.loads(files["json"].read_text())["forced"] == why
+    assert json.loads(files["json"].read_text())["forced"] == reason
     with files["csv"].open(newline="") as rows:
-        assert {row["forced"] for row in csv.DictReader(rows)} == {f"'{why}"}
-    assert loadmat(files["mat"], simplify_cells=True)["forced"] == why
-    assert why in files["urdf"].read_text()
+        assert {row["forced"] for row in csv.DictReader(rows)} == {f"'{reason}"}
+    assert loadmat(files["mat"], simplify_cells=True)["forced"] == reason
+    assert reason in files["urdf"].read_text()
 
 
 def test_arm_file_from_vendor_urdf_has_vendor_figures(tmp_path):
-    """A URDF has radians and steps between frames; the arm's data sheet has 120 deg and 420 mm."""
     (tmp_path / "iiwa.urdf").write_text(lbr_iiwa.urdf())
-    made = tmp_path / "arm.yaml"
-    assert main(["new", "arm", "--urdf", str(tmp_path / "iiwa.urdf"), "-o", str(made)]) == 0
-    found = yaml.safe_load(made.read_text())
-    assert [abs(row["s_m"]) for row in found["dh"]] == list(lbr_iiwa.D_M)
-    assert {row["alpha_deg"] % 180.0 for row in found["dh"]} == {0.0, 90.0}
-    joints = found["joints"]
+    file = tmp_path / "arm.yaml"
+    assert main(["new", "arm", "--urdf", str(tmp_path / "iiwa.urdf"), "-o", str(file)]) == 0
+    arm = yaml.safe_load(file.read_text())
+    assert [abs(row["s_m"]) for row in arm["dh"]] == list(lbr_iiwa.D_M)
+    assert {row["alpha_deg"] % 180.0 for row in arm["dh"]} == {0.0, 90.0}
+    joints = arm["joints"]
     assert [j["range_deg"] for j in joints] == [[-r, r] for r in lbr_iiwa.RANGE_DEG]
     assert [j["max_speed_deg_per_s"] for j in joints] == list(lbr_iiwa.SPEED_DEG_PER_S)

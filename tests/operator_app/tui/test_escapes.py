@@ -15,7 +15,6 @@ CONTROL_CATEGORIES = ("Cc", "Cf", "Cs", "Zl", "Zp")
 
 def hostile(s: SessionSnapshot) -> SessionSnapshot:
     """The snapshot with hostile text in every external field."""
-    assert s.identity is not None
     nodes = tuple(replace(node, device_name=HOSTILE, role=HOSTILE) for node in s.identity.nodes)
     identity = replace(s.identity, model=HOSTILE, serial_number=HOSTILE, nodes=nodes)
     poses = tuple(

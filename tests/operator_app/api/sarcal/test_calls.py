@@ -1,4 +1,4 @@
-"""What a program may get wrong: an error that names the argument, what was given and what to give."""
+"""Invalid calls: errors that name the argument, its value and what to give."""
 
 import re
 from pathlib import Path
@@ -15,8 +15,8 @@ HINGE: Any = {"arm": "sarcos_dextrous", "fixture": "hinge"}
 Q = np.zeros((12, 7))
 
 
-def calibrate(**given):
-    return sarcal.calibrate(**{**HINGE, "poses": EXACT, **given})
+def calibrate(**changes):
+    return sarcal.calibrate(**{**HINGE, "poses": EXACT, **changes})
 
 
 def with_nan(value):
@@ -66,9 +66,9 @@ def with_nan(value):
     ],
 )  # fmt: skip
 def test_invalid_argument_is_named(call, kind, approve):
-    with pytest.raises(kind) as refused:
+    with pytest.raises(kind) as error:
         call()
-    approve(str(refused.value))
+    approve(str(error.value))
 
 
 def test_fk_refuses_invalid_readings_and_frames(result):
@@ -76,17 +76,17 @@ def test_fk_refuses_invalid_readings_and_frames(result):
     for frame in ("Tip", "base", ""):
         with pytest.raises(ValueError, match=f"frame='{frame}': give 'tip' or 'flange'"):
             result.fk(q, frame=frame)
-    for wrong, kind, said in (
+    for wrong, kind, message in (
         (q[:, :3], ValueError, "q_rad has shape (60, 3): the arm has 7 joints"),
         (0.1, ValueError, "q_rad has shape ()"),
         (with_nan(np.nan), ValueError, "q_rad contains nan at index [3, 2]"),
         (q + 0j, TypeError, "q_rad: give real numbers, not complex numbers"),
         (result.poses.q_deg, ValueError, "convert degrees to radians with np.deg2rad"),
     ):
-        for ask in (result.fk, result.tip_sigma):
-            with pytest.raises(kind, match=re.escape(said)):
-                ask(wrong)
-    # A sensor may count on beyond a turn, and what is no array yet will do.
+        for method in (result.fk, result.tip_sigma):
+            with pytest.raises(kind, match=re.escape(message)):
+                method(wrong)
+    # Readings beyond a turn and lists are accepted.
     assert result.fk((q[0] + 2.0 * np.pi).tolist()).shape == (4, 4)
 
 
@@ -94,28 +94,28 @@ def test_scalars_are_broadcast_to_all_poses(tmp_path):
     def file(poses):
         return poses.to_csv(tmp_path / "poses.csv").read_bytes()
 
-    short = sarcal.poses_of(q_rad=Q, samples=32, sd_rad=0.1, placement=2)
-    whole = sarcal.poses_of(
+    scalars = sarcal.poses_of(q_rad=Q, samples=32, sd_rad=0.1, placement=2)
+    arrays = sarcal.poses_of(
         q_rad=Q, samples=[32] * 12, sd_rad=np.full((12, 7), 0.1), placement=[2] * 12
     )
-    assert file(short) == file(whole)
-    a_joint = sarcal.poses_of(q_rad=Q, sd_rad=np.arange(7.0))
-    assert file(a_joint) == file(sarcal.poses_of(q_rad=Q, sd_rad=np.tile(np.arange(7.0), (12, 1))))
-    assert file(a_joint) != file(sarcal.poses_of(q_rad=Q, sd_rad=np.zeros((12, 7))))
+    assert file(scalars) == file(arrays)
+    by_joint = sarcal.poses_of(q_rad=Q, sd_rad=np.arange(7.0))
+    assert file(by_joint) == file(sarcal.poses_of(q_rad=Q, sd_rad=np.tile(np.arange(7.0), (12, 1))))
+    assert file(by_joint) != file(sarcal.poses_of(q_rad=Q, sd_rad=np.zeros((12, 7))))
 
 
 def test_simulation_is_accepted_as_poses():
-    made = sarcal.simulate(**HINGE, poses=12)
-    assert sarcal.load_poses(made, joint_count=7) is made.poses
+    simulation = sarcal.simulate(**HINGE, poses=12)
+    assert sarcal.load_poses(simulation, joint_count=7) is simulation.poses
 
 
 def test_unused_endpoints_are_reported(result, tmp_path, ends_with):
     q = result.poses.q_rad
     measured = sarcal.poses_of(q_rad=q, endpoint_m=np.zeros((len(q), 3)))
-    said = "measured endpoints (x_m,y_m,z_m), which a hinge fixture does not use"
-    assert any(said in text for text in calibrate(poses=measured).warnings)
-    assert not any(said in text for text in result.warnings)
-    assert said in ends_with(0, "solve", measured.to_csv(tmp_path / "measured.csv")).words
+    message = "measured endpoints (x_m,y_m,z_m), which a hinge fixture does not use"
+    assert any(message in text for text in calibrate(poses=measured).warnings)
+    assert not any(message in text for text in result.warnings)
+    assert message in ends_with(0, "solve", measured.to_csv(tmp_path / "measured.csv")).words
 
 
 def test_incomparable_calibrations_raise_our_error(result, tmp_path):
@@ -149,31 +149,29 @@ def test_export_into_missing_or_same_file_is_refused(result, tmp_path):
 
 
 def blas_threads():
-    return {found["num_threads"] for found in threadpool_info() if found["user_api"] == "blas"}
+    return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
 
 
-@pytest.mark.parametrize("fails", [False, True])
-def test_blas_threads_are_limited_and_restored(fails):
-    inside = []
+@pytest.mark.parametrize("raises", [False, True])
+def test_blas_threads_are_limited_and_restored(raises):
+    threads_inside = []
 
     @one_blas_thread
-    def computed():
-        inside.append(blas_threads())
-        if fails:
+    def compute():
+        threads_inside.append(blas_threads())
+        if raises:
             raise ValueError
 
     with threadpool_limits(limits=2, user_api="blas"):
         assert blas_threads() == {2}
         try:
-            computed()
+            compute()
         except ValueError:
-            assert fails
+            assert raises
         assert blas_threads() == {2}
-    assert inside == [{1}]
+    assert threads_inside == [{1}]
 
 
-@pytest.mark.parametrize(
-    "name", ["calibrate", "compare", "load_result", "plan", "simulate", "verify"]
-)
-def test_computing_functions_limit_blas_threads(name):
-    assert hasattr(getattr(sarcal, name), "__wrapped__")
+def test_computing_functions_limit_blas_threads():
+    for name in ("calibrate", "compare", "load_result", "plan", "simulate", "verify"):
+        assert hasattr(getattr(sarcal, name), "__wrapped__"), name

@@ -1,11 +1,10 @@
-"""Plots are well-formed, named, ticked at round values, and put every value where it belongs."""
+"""SVG plots: well-formed, named, with round ticks, and values in their places."""
 
 import math
 import xml.etree.ElementTree as ET
 
 import pytest
-from hypothesis import example as such_as
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from operator_app.report.plots.plot import Band, Marks, Picture, Polyline, axis
@@ -16,25 +15,22 @@ NUMBERS = st.floats(-1e9, 1e9, allow_nan=False).filter(lambda v: v == 0.0 or abs
 
 
 @given(st.lists(NUMBERS, max_size=12), st.booleans())
-@such_as([199164480.0, 176843063.0], False)
+@example([199164480.0, 176843063.0], False)
 def test_axis_covers_its_values_with_round_ticks(values, symmetric):
-    found = axis("x", values, unit="mm", symmetric=symmetric)
-    assert found.low < found.high
-    assert all(found.low <= v <= found.high for v in values)
-    assert 2 <= len(found.ticks) <= 8
-    assert all(found.low <= t <= found.high + 1e-9 * abs(found.high) for t in found.ticks)
-    step = found.ticks[1] - found.ticks[0]
+    result = axis("x", values, unit="mm", symmetric=symmetric)
+    assert result.low < result.high
+    assert all(result.low <= v <= result.high for v in values)
+    assert 2 <= len(result.ticks) <= 8
+    assert all(result.low <= t <= result.high + 1e-9 * abs(result.high) for t in result.ticks)
+    step = result.ticks[1] - result.ticks[0]
     leading = f"{step:.3e}"[0]
     assert leading in "125"
-    assert len(set(found.tick_texts)) == len(found.ticks)
+    assert len(set(result.tick_texts)) == len(result.ticks)
 
 
 def test_tick_texts():
     assert axis("pose", [1.0, 2.0, 3.0], whole=True).tick_texts == ("1", "2", "3")
     assert axis("pose", [7.0], whole=True).tick_texts == ("7",)
-
-
-def test_ticks_share_their_places():
     assert axis("x", [0.0, 1.0]).tick_texts == ("0.0", "0.5", "1.0")
     assert axis("x", [math.nan]).low < 1.0
 
@@ -43,7 +39,7 @@ def parse(drawn: str) -> ET.Element:
     return ET.fromstring(drawn)  # noqa: S314 - our own output
 
 
-def example(**changes: object) -> ET.Element:
+def example_plot(**changes: object) -> ET.Element:
     settings: dict[str, object] = {
         "ident": "p",
         "title": "Title <1>",
@@ -60,7 +56,7 @@ def example(**changes: object) -> ET.Element:
 
 
 def test_plot_has_title_and_description():
-    svg = example()
+    svg = example_plot()
     assert svg.get("role") == "img"
     named = [svg.find(tag) for tag in ("title", "desc")]
     assert [part.text for part in named if part is not None] == ["Title <1>", "What it shows"]
@@ -73,7 +69,7 @@ def test_plot_has_title_and_description():
 
 
 def test_marks_are_at_their_tick_positions():
-    svg = example()
+    svg = example_plot()
     marks = [c for c in svg.iter("circle") if c.find("title") is not None]
     assert [m.findtext("title") for m in marks] == ["a", "<c>"]
     y_of = {}
@@ -90,7 +86,7 @@ def test_marks_are_at_their_tick_positions():
 
 
 def test_band_is_clipped_to_the_frame():
-    svg = example(layers=[Band(low=-50.0, high=50.0)])
+    svg = example_plot(layers=[Band(low=-50.0, high=50.0)])
     band = next(e for e in svg.iter("rect"))
     top, height = float(band.get("y", "nan")), float(band.get("height", "nan"))
     frame = next(e for e in svg.iter("line") if e.get("class") == "frame")

@@ -126,8 +126,8 @@ def test_tool_point_of_a_ball_is_in_its_sockets():
     assert result.tip_sigma(result.poses.q_rad).max() < 0.01
 
 
-def test_saved_result_is_a_session_for_commands(result, tmp_path, ends_with):
-    folder = result.save(tmp_path / "sessions/mine")
+def test_saved_result_is_a_session_and_is_loaded_unchanged(result, tmp_path, ends_with):
+    folder, q_rad = result.save(tmp_path / "sessions/mine"), result.poses.q_rad
     assert {p.name for p in folder.iterdir()} == {
         "journal.jsonl", "parameters.yaml", "poses.csv", "report.html",
     }  # fmt: skip
@@ -136,13 +136,8 @@ def test_saved_result_is_a_session_for_commands(result, tmp_path, ends_with):
     ends_with(0, "compare", folder, folder / "parameters.yaml")
     ends_with(0, "verify", folder, HINGE / "hinge_quantised.csv")
     ends_with(0, "export", folder, "-o", tmp_path / "p.yaml")
-    reloaded = sarcal.load_poses(folder / "poses.csv")
-    np.testing.assert_array_equal(reloaded.q_rad, result.poses.q_rad)
+    np.testing.assert_array_equal(sarcal.load_poses(folder / "poses.csv").q_rad, q_rad)
     assert sarcal.compare(result, folder).drifted == ()
-
-
-def test_saved_result_is_loaded_unchanged(result, tmp_path):
-    folder, q_rad = result.save(tmp_path / "mine"), result.poses.q_rad
     reloaded = sarcal.load_result(folder)
     assert reloaded.to_json() == result.to_json()
     assert repr(reloaded) == repr(result)

@@ -23,17 +23,13 @@ def angle():
 
 
 @pytest.mark.parametrize(("first", "size"), [(3, 0.02), (20, -0.5), (POSES - 3, 0.02)])
-def test_shift_is_found_beside_offset_and_harmonic(angle, first, size):
-    reading = angle - 3.1 + 0.01 * np.cos(2.0 * angle)
+@pytest.mark.parametrize("turns", [0, 1], ids=["", "wrapped"])
+def test_shift_is_found_beside_offset_harmonic_and_turns(angle, first, size, turns):
+    reading = (
+        angle - 3.1 + 0.01 * np.cos(2.0 * angle) + 2.0 * np.pi * turns * (np.arange(POSES) % 2)
+    )
     reading[first:] += size
     assert shift_of(reading, angle) == (first, pytest.approx(size, abs=2e-3))
-
-
-def test_shift_is_found_in_wrapped_angles(angle):
-    reading = angle + np.pi - 1e-3
-    reading[25:] += 0.1
-    wrapped = reading - 2.0 * np.pi * (np.arange(POSES) % 2)
-    assert shift_of(wrapped, angle) == (25, pytest.approx(0.1))
 
 
 def test_harmonics_noise_and_few_poses_show_no_shift(angle):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from fixtures.ball import Ball
-from fixtures.hinge import Hinge
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.failure_analysis import explain_unidentifiable, turned_unread
 from operator_app.config.arm_file import load_arm
@@ -20,12 +19,6 @@ from tests.contracts.planted import ball
 from tests.oracles.as_shipped import ARM, HINGE, poses_of, solved
 from tests.oracles.shop_floor import session
 from tests.oracles.shop_floor_misread import hysteresis
-
-
-def set_up(kind):
-    if kind == "hinge":
-        return load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
-    return load_arm("franka_panda"), ball(load_arm("franka_panda"))
 
 
 def closed_poses(arm, fixture, drives):
@@ -45,6 +38,25 @@ def closed_poses(arm, fixture, drives):
     return home[0], q[0]
 
 
+def turned_joint(kind, drives, stuck=None):
+    """The joint reported as turned, and the true angle of a stuck one, with a misplaced nominal fixture."""
+    arm = load_arm("sarcos_dextrous" if kind == "hinge" else "franka_panda")
+    fixture = load_fixture("hinge").fixture if kind == "hinge" else ball(arm)
+    before, after = closed_poses(arm, fixture, drives)
+    angle_rad = 0.0
+    if stuck:
+        angle_rad = after[stuck - 1] - before[stuck - 1]
+        after[stuck - 1] = before[stuck - 1]
+    if kind == "hinge":
+        fixture = replace(fixture, a_0_m=fixture.a_0_m + (0.01 if stuck else 0.025))
+    elif not stuck:
+        fixture = replace(fixture, tip_m=(0.055, 0.0, 0.03))
+    model = fixture.model(arm)
+    x = nominal_vector(model.parameters)
+    still = [j + 1 for j in np.flatnonzero(np.abs(after - before) < 1e-9)]
+    return turned_unread(model, x, before, after, still), angle_rad
+
+
 @pytest.mark.parametrize(
     ("kind", "drives"),
     [
@@ -56,17 +68,7 @@ def closed_poses(arm, fixture, drives):
     ],
 )
 def test_stationary_drive_is_not_reported_as_turned(kind, drives):
-    """The fixture is nominally misplaced by 25 mm, as by a tape measure."""
-    arm, fixture = set_up(kind)
-    before, after = closed_poses(arm, fixture, drives)
-    if isinstance(fixture, Ball):
-        fixture = replace(fixture, tip_m=(0.055, 0.0, 0.03))
-    elif isinstance(fixture, Hinge):
-        fixture = replace(fixture, a_0_m=fixture.a_0_m + 0.025)
-    model = fixture.model(arm)
-    x = nominal_vector(model.parameters)
-    still = [j for j, degrees in drives.items() if degrees == 0.0]
-    turned = turned_unread(model, x, before, after, still)
+    turned, _ = turned_joint(kind, drives)
     assert turned is None or abs(turned[1]) < np.deg2rad(2.0), turned
 
 
@@ -85,18 +87,8 @@ def test_stationary_drive_is_not_reported_as_turned(kind, drives):
     ],
 )
 def test_unread_joint_is_reported_with_its_angle(kind, drives, stuck):
-    arm, fixture = set_up(kind)
-    before, after = closed_poses(arm, fixture, drives)
-    true = after[stuck - 1] - before[stuck - 1]
-    after[stuck - 1] = before[stuck - 1]
-    if isinstance(fixture, Hinge):
-        fixture = replace(fixture, a_0_m=fixture.a_0_m + 0.01)
-    model = fixture.model(arm)
-    x = nominal_vector(model.parameters)
-    still = [j + 1 for j in np.flatnonzero(np.abs(after - before) < 1e-9)]
-    turned = turned_unread(model, x, before, after, still)
-    assert turned[0] == stuck
-    assert turned[1] == pytest.approx(true, rel=0.3), np.rad2deg((turned[1], true))
+    turned, angle_rad = turned_joint(kind, drives, stuck)
+    assert turned == (stuck, pytest.approx(angle_rad, rel=0.3))
 
 
 def test_held_joint_between_ball_poses_is_not_reported_as_turned():

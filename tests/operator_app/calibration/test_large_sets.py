@@ -20,15 +20,6 @@ def test_thousand_sound_poses_are_accepted():
     assert np.abs(result.z).max() < 4.0
 
 
-def test_scatter_is_named_with_many_poses():
-    assert outcome(shaken(large(1, 150))).causes == ("SCATTER",)
-
-
-def test_length_error_is_named_with_many_poses():
-    result = outcome(longer_elbow(large(1, 2 * SCREENING_POSES + 1)))
-    assert result.causes[0] in ("LENGTH_s_3", "LENGTH_s_5"), result.said
-
-
 def test_non_convergence_is_named_with_many_poses():
     taken = large(1, 2 * SCREENING_POSES + 1)
     spread = taken.spread.copy()
@@ -47,12 +38,19 @@ def test_ten_thousand_sound_poses_keep_the_scale(seed):
     assert np.abs(result.z).max() < 6.0
 
 
-@pytest.mark.parametrize("poses", [1000, 3000])
+OUTLIERS, LENGTHS = ("OUTLIERS", "ENCODER_2"), ("LENGTH_s_3", "LENGTH_s_5")
+
+
 @pytest.mark.parametrize(
-    "fault",
-    [slip_of_a_fifth, partial(odd, share=0.01), partial(odd, share=0.3)],
-    ids=["slip of a fifth", "1 % outliers", "30 % outliers"],
+    ("fault", "poses", "codes"),
+    [
+        (shaken, 150, ("SCATTER",)),
+        (longer_elbow, 2 * SCREENING_POSES + 1, LENGTHS),
+        *((slip_of_a_fifth, poses, OUTLIERS) for poses in (1000, 3000)),
+        *((partial(odd, share=s), poses, OUTLIERS) for s in (0.01, 0.3) for poses in (1000, 3000)),
+    ],
 )
-def test_outliers_of_a_large_set_are_named(fault, poses):
+def test_faults_of_a_large_set_are_named(fault, poses, codes):
     result = outcome(fault(large(1, poses)))
-    assert result.causes[0] in ("OUTLIERS", "ENCODER_2"), result.said
+    assert result.causes[0] in codes, result.said
+    assert fault is not shaken or len(result.causes) == 1

@@ -70,8 +70,8 @@ def test_blocking_cause_is_named_after_many_slight_ones(sound, diagnosis):
                 CauseRanking(known=(gross,), unknown=0.0),
             ),
         )
-        found = causes_of(both, sound.estimate, ("theta_off_2",), LABELS)
-        return [(cause.code, cause.blocking) for cause in found]
+        causes = causes_of(both, sound.estimate, ("theta_off_2",), LABELS)
+        return [(cause.code, cause.blocking) for cause in causes]
 
     five = [(f"DRIFT_JOINT_{j}", False) for j in (1, 2, 3, 4, 5)]
     assert names_after(slight[:4]) == [*five[:4], ("DRIFT_JOINT_6", True)]

@@ -39,7 +39,4 @@ def test_every_error_component_is_in_the_budget(sound):
 
 def test_every_source_has_its_own_remedy():
     assert len({source_remedy(source) for source in SOURCE_REMEDIES}) == len(SOURCE_REMEDIES)
-
-
-def test_a_joint_beyond_nine_keeps_its_number():
     assert "joint 10 " in source_remedy("rvdt_curve_10")

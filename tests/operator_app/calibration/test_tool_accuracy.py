@@ -70,26 +70,25 @@ def simulated(*, poses, seed):
     return calibrate(ARM, HINGE, simulation.poses), truth
 
 
+def tool_positions(values, q):
+    """Tool in the base (m, 3) with these DH entries, else nominal ones, by pinocchio."""
+    rows, chain = ARM.table.stacked().copy(), PinocchioChain(7)
+    for name, value in values.items():
+        entry = DhEntry.parse(name)
+        rows[entry.kind, entry.row - 1] = value
+    return np.array([chain.frames(angles + rows[0], *rows[1:])[1][-1] for angles in q])
+
+
 def test_accuracy_before_and_after_matches_pinocchio():
     solution, truth = simulated(poses=40, seed=5)
     accuracy = solution.accuracy
-    calibrated = calibrated_arm(solution, ARM)
-    # The arm's entries nominal and true, the tool's true in both.
-    rows = {name: ARM.table.stacked().copy() for name in ("nominal", "true")}
-    for name, value in truth.items():
-        entry = DhEntry.parse(name)
-        if entry.row and (entry.row == 7 or name in calibrated.identified):
-            rows["true"][entry.kind, entry.row - 1] = value
-            if entry.row == 7:
-                rows["nominal"][entry.kind, entry.row - 1] = value
-    chain, rng, distances = PinocchioChain(7), np.random.default_rng(0), []
-    for _ in range(400):
-        q = rng.uniform(ARM.lower_rad, ARM.upper_rad)
-        ends = [chain.frames(q + r[0], *r[1:])[1][-1] for r in rows.values()]
-        distances.append(np.linalg.norm(ends[0] - ends[1]))
-    assert accuracy.before.rms == pytest.approx(
-        float(np.sqrt(np.mean(np.square(distances)))), rel=0.1
-    )
+    # The tool's entries are true in both, the arm's before are nominal.
+    tool = {n: v for n, v in truth.items() if DhEntry.parse(n).row == 7}
+    arm = {n: truth[n] for n in calibrated_arm(solution, ARM).identified}
+    q = np.random.default_rng(0).uniform(ARM.lower_rad, ARM.upper_rad, (400, 7))
+    distances = np.linalg.norm(tool_positions(tool, q) - tool_positions(tool | arm, q), axis=1)
+    rms = float(np.sqrt(np.mean(distances**2)))
+    assert accuracy.before.rms == pytest.approx(rms, rel=0.1)
     assert accuracy.before.most == pytest.approx(float(np.quantile(distances, 0.95)), rel=0.1)
     # The linearity deviation of the wrist's RVDTs is not in the table.
     assert accuracy.after.worst < 0.3 * accuracy.before.rms
@@ -97,9 +96,8 @@ def test_accuracy_before_and_after_matches_pinocchio():
     assert document["before"]["rms"] == pytest.approx(1e3 * accuracy.before.rms)
     assert document["after"] == pytest.approx(
         {
-            "rms": 1e3 * accuracy.after.rms,
-            "p95": 1e3 * accuracy.after.most,
-            "worst": 1e3 * accuracy.after.worst,
+            k: 1e3 * getattr(accuracy.after, n)
+            for k, n in (("rms", "rms"), ("p95", "most"), ("worst", "worst"))
         }
     )
 
@@ -111,15 +109,10 @@ def test_tool_errors_match_their_sigma():
     for seed in range(8):
         solution, truth = simulated(poses=24, seed=20 + seed)
         calibrated = calibrated_arm(solution, ARM)
-        rows = ARM.table.stacked().copy()
-        for name, value in truth.items():
-            entry = DhEntry.parse(name)
-            if entry.row and name not in ("theta_off_1", "s_1"):
-                rows[entry.kind, entry.row - 1] = value
-        chain, rng = PinocchioChain(7), np.random.default_rng(seed)
-        q = rng.uniform(ARM.lower_rad, ARM.upper_rad, (60, 7))
-        true = np.array([chain.frames(one + rows[0], *rows[1:])[1][-1] for one in q])
-        error = np.linalg.norm(calibrated.T_base(q)[:, :3, 3] - true, axis=1)
+        ground = ("theta_off_1", "s_1")
+        values = {n: v for n, v in truth.items() if DhEntry.parse(n).row and n not in ground}
+        q = np.random.default_rng(seed).uniform(ARM.lower_rad, ARM.upper_rad, (60, 7))
+        error = np.linalg.norm(calibrated.T_base(q)[:, :3, 3] - tool_positions(values, q), axis=1)
         ratios.append(float(np.mean(error**2) / np.mean(calibrated.tip_sigma_m(q) ** 2)))
     assert 0.3 < np.mean(ratios) < 1.5
 
@@ -143,8 +136,8 @@ def test_accuracy_is_conditional_on_a_fixed_offset():
     assert (condition.name, condition.value_rad) == ("theta_off_4", pytest.approx(at))
     q = np.random.default_rng(0).uniform(arm.lower_rad, arm.upper_rad, size=(300, 7))
     tools = [
-        calibrated_arm(*found).T_base(q, corrected=True)[:, :3, 3]
-        for found in ((right, arm), other)
+        calibrated_arm(*calibration).T_base(q, corrected=True)[:, :3, 3]
+        for calibration in ((right, arm), other)
     ]
     moved = float(np.sqrt(np.mean(np.square(np.linalg.norm(tools[1] - tools[0], axis=-1)))))
     assert condition.rate_m_per_rad * off == pytest.approx(moved, rel=0.15)

@@ -25,23 +25,17 @@ def lines_of(panel, picture, width: int, height: int) -> list[str]:
     return ["".join(text for text, _ in row) for row in panel.build(picture, width, height)]
 
 
-def test_accepted_verdict_counts_notes():
-    s = story()["solved"]
-    assert s.solution.verdict is Verdict.ACCEPTED
-    assert len(s.solution.warnings) == 2
-    first = lines_of(VerdictPanel(), s, 98, 8)[0]
-    assert first == " ✓ ACCEPTED · 2 notes"
-
-
 @pytest.mark.parametrize("width", [98, 80])
-def test_verdict_shows_accuracy_before_and_after(width):
+def test_verdict_counts_notes_and_shows_accuracy(width):
     s = story()["solved"]
-    row = lines_of(VerdictPanel(), s, width, 7)[1]
+    assert (s.solution.verdict, len(s.solution.warnings)) == (Verdict.ACCEPTED, 2)
+    first, row, *_ = lines_of(VerdictPanel(), s, width, 7)
+    assert first == " ✓ ACCEPTED · 2 notes"
     figures = facts_on(s).json["hand_accuracy_mm"]
     words = row.replace(",", "").split()
-    before, after = (float(words[k - 2]) for k in (words.index("before"), words.index("after")))
-    assert before == pytest.approx(figures["before"]["rms"], rel=0.01)
-    assert after == pytest.approx(figures["after"]["rms"], rel=0.01)
+    for name in ("before", "after"):
+        shown_mm = float(words[words.index(name) - 2])
+        assert shown_mm == pytest.approx(figures[name]["rms"], rel=0.01)
     assert len(row) <= width
 
 

@@ -39,9 +39,7 @@ frame.onload = () => {
 def test_page_is_well_formed_and_self_contained(page, subject):
     source = report_html(subject).decode()
     assert not {"script", "img", "link", "iframe", "object", "form", "input"} & set(page.tags)
-    assert "http:" not in source
-    assert "https:" not in source
-    assert "url(" not in source
+    assert re.findall(r"https?:|url\(|@import", source) == []
     links = [value for _, name, value in page.attributes if name in ("href", "src", "action")]
     anchors = {value for _, name, value in page.attributes if name == "id"}
     assert all(link.startswith("#") and link[1:] in anchors for link in links)
@@ -143,6 +141,25 @@ def test_missing_checks_are_stated(subject, parse_page):
     assert "held out" not in " ".join(row[0] for row in other.rows("Closure at"))
 
 
+def test_page_head_has_true_errors_of_a_simulation(subject):
+    truth = TrueErrors(inside_95=13, of=14, tool_rms_m=0.00031, predicted_rms_m=0.00042)
+    simulated = replace(subject, solution=replace(subject.solution, truth=truth))
+    head = report_html(simulated).decode().partition("<main")[0]
+    assert (
+        "The truth: 13 of 14 entries within their 95 % intervals; tool off by 0.31 mm rms" in head
+    )
+    assert "The truth" not in report_html(subject).decode()
+
+
+def test_notes_of_an_accepted_result_are_not_warnings(subject):
+    accepted = report_html(subject).decode()
+    assert subject.facts.verdict == "accepted"
+    assert 'class="warnings notes"' in accepted
+    assert " warning<" not in accepted
+    refused = replace(subject, solution=replace(subject.solution, reasons=("too far off",)))
+    assert 'class="warnings"' in report_html(refused).decode()
+
+
 def test_simulated_session_is_marked(subject, parse_page):
     assert "SIMULATED" not in parse_page(report_html(subject).decode()).text
     state = replace(subject.state, settings={"scenario": "wild"})
@@ -183,22 +200,3 @@ def test_page_head_has_verdict_widest_sigma_and_tool(subject):
     assert "To halve it: " in head
     assert "hand-before" not in rest
     assert 'id="warnings"' in rest
-
-
-def test_page_head_has_true_errors_of_a_simulation(subject):
-    truth = TrueErrors(inside_95=13, of=14, tool_rms_m=0.00031, predicted_rms_m=0.00042)
-    simulated = replace(subject, solution=replace(subject.solution, truth=truth))
-    head = report_html(simulated).decode().partition("<main")[0]
-    assert (
-        "The truth: 13 of 14 entries within their 95 % intervals; tool off by 0.31 mm rms" in head
-    )
-    assert "The truth" not in report_html(subject).decode()
-
-
-def test_notes_of_an_accepted_result_are_not_warnings(subject):
-    accepted = report_html(subject).decode()
-    assert subject.facts.verdict == "accepted"
-    assert 'class="warnings notes"' in accepted
-    assert " warning<" not in accepted
-    refused = replace(subject, solution=replace(subject.solution, reasons=("too far off",)))
-    assert 'class="warnings"' in report_html(refused).decode()

@@ -126,15 +126,15 @@ def test_ranges_show_covered_share():
     assert words[:2] == ["end of range [deg]", "covered [%]"]
     assert "\u221210" in words
     assert "25" in words
-    covered, whole = (float(b.get("width", "nan")) for b in svg.iter("rect"))
-    assert covered == pytest.approx(0.25 * whole, abs=0.02)
+    covered, full = (float(b.get("width", "nan")) for b in svg.iter("rect"))
+    assert covered == pytest.approx(0.25 * full, abs=0.02)
 
 
 def test_values_beyond_a_range_extend_the_picture():
     row = Range(name="joint 2", low=-10.0, high=10.0, values=[-30.0, 5.0])
     svg = parse(ranges([row]))
     covered, frame = list(svg.iter("rect"))
-    left, width = float(covered.get("x", "nan")), float(covered.get("width", "nan"))
-    assert left == 74.0
+    start, width = float(covered.get("x", "nan")), float(covered.get("width", "nan"))
+    assert start == 74.0
     # From -30 the range begins half of the way to 10.
     assert float(frame.get("x", "nan")) == pytest.approx(74.0 + 20.0 * width / 35.0, abs=0.02)

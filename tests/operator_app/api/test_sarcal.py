@@ -2,8 +2,8 @@
 
 import doctest
 import importlib
-import inspect
 import pkgutil
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -29,18 +29,6 @@ def test_docstring_examples_run(name):
     documented = {"sarcal", "sarcal.calibrating", "sarcal.planning", "sarcal.judging",
                   "sarcal.result", "sarcal.tables", "sarcal.poses", "sarcal.machines"}  # fmt: skip
     assert attempted or name not in documented
-
-
-def test_public_names_are_documented():
-    for name in sarcal.__all__:
-        public = getattr(sarcal, name)
-        assert inspect.getdoc(public), name
-        if public.__module__.startswith("sarcal.") and inspect.isclass(public):
-            for member, attribute in inspect.getmembers_static(public):
-                if not member.startswith("_") and (
-                    inspect.isfunction(attribute) or isinstance(attribute, property)
-                ):
-                    assert inspect.getdoc(attribute), f"{name}.{member}"
 
 
 def test_result_agrees_with_the_command(result, ends_with):
@@ -77,18 +65,9 @@ class _Frame(dict[str, list[float]]):
         return list(self)
 
 
-def test_pandas_data_frames_are_accepted_and_returned(result):
-    pd = pytest.importorskip("pandas")
-    poses = sarcal.load_poses(EXACT)
-    frame = pd.DataFrame(poses.q_deg, columns=[f"theta{j}_deg" for j in range(1, 8)])
-    np.testing.assert_array_equal(sarcal.load_poses(frame).q_rad, np.deg2rad(poses.q_deg))
-    assert list(result.table().to_frame().columns) == list(result.table().columns)
-
-
 def test_notebook_representations(result):
     for value in (result, result.arm, result.fixture, result.poses, result.table()):
-        assert len(repr(value)) < 100
-        assert "\n" not in repr(value)
+        assert re.fullmatch(".{1,99}", repr(value))
     html = ET.fromstring(f"<body>{result._repr_html_()}</body>")  # noqa: S314 - our own
     assert "theta_off_1" in html.itertext()
     with pytest.raises(KeyError, match="there are parameters, "):
@@ -154,7 +133,9 @@ def test_saved_result_is_a_session_and_is_loaded_unchanged(result, tmp_path, end
         sarcal.load_result(3)
 
 
-def test_saving_again_replaces_our_files_only(result, tmp_path):
+def test_saving_again_replaces_our_files_and_other_data_only_with_overwrite(
+    result, tmp_path, ends_with
+):
     folder = result.save(tmp_path / "mine")
     assert main(["export", str(folder), "--format", "urdf"]) == 0
     (folder / "my_notes.txt").write_text("mine")
@@ -163,10 +144,6 @@ def test_saving_again_replaces_our_files_only(result, tmp_path):
     assert {p.name for p in folder.iterdir()} == {
         "journal.jsonl", "parameters.yaml", "poses.csv", "report.html", "my_notes.txt",
     }  # fmt: skip
-
-
-def test_other_data_are_replaced_only_with_overwrite(result, tmp_path, ends_with):
-    folder = result.save(tmp_path / "mine")
     before = (folder / "journal.jsonl").read_bytes()
     other = sarcal.calibrate(
         arm="sarcos_dextrous", fixture="hinge", poses=HINGE / "hinge_quantised.csv"
@@ -175,9 +152,8 @@ def test_other_data_are_replaced_only_with_overwrite(result, tmp_path, ends_with
         other.save(folder)
     assert (folder / "journal.jsonl").read_bytes() == before
     other.save(folder, overwrite=True)
-    assert (
-        ends_with(0, "report", folder, "--json").json["parameters"] == other.to_json()["parameters"]
-    )
+    parameters = ends_with(0, "report", folder, "--json").json["parameters"]
+    assert parameters == other.to_json()["parameters"]
 
 
 def test_captured_or_edited_sessions_are_not_overwritten(result, tmp_path, monkeypatch):

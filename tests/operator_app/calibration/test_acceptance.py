@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ import pytest
 from fixtures.base import Tolerance
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrate import calibrate
-from operator_app.config.poses_file import parse_poses
+from operator_app.config.poses_file import load_poses
 from operator_app.messages.finding import FindingKind
 from operator_app.report.text import unidentifiable_text
 from solver.errors import UnidentifiableDirection, UnidentifiableError
@@ -108,10 +107,9 @@ def test_too_few_poses_are_refused_or_warned_of_and_blame_no_part():
     assert not seven.causes[0].blocking
 
 
-def test_quantised_data_set_has_no_causes():
+def test_quantised_data_set_has_no_causes(reference_data):
     """Single readings of RVDTs with noise as stated, and every other error far below its statement."""
-    data = Path(__file__).resolve().parents[2] / "data" / "hinge" / "hinge_quantised.csv"
-    poses = parse_poses(data.read_bytes(), data.name).poses
+    poses = load_poses(reference_data / "hinge" / "hinge_quantised.csv").poses
     assert calibrate(ARM, HINGE, poses).causes == ()
 
 

@@ -1,7 +1,6 @@
 """Cross-validation of a calibration by its own poses."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -12,12 +11,10 @@ from solver.estimators import mixed_fit
 from tests.oracles.as_shipped import ARM, HINGE, fit_of, poses_of
 from tests.oracles.shop_floor import Sizes, session
 
-EXACT = Path(__file__).parents[2] / "data" / "hinge" / "hinge_exact.csv"
 
-
-def test_parts_use_the_gravity_sign_of_the_full_fit():
+def test_parts_use_the_gravity_sign_of_the_full_fit(reference_data):
     """The arm file states sag that these readings do not have."""
-    poses = load_poses(str(EXACT), joint_count=7).poses
+    poses = load_poses(str(reference_data / "hinge" / "hinge_exact.csv"), joint_count=7).poses
     checks = check(calibrate(ARM, HINGE, poses), ARM, HINGE, poses)
     for part in (checks.held_out, checks.far_block):
         assert part.sigmas.position_m.rms < 1e-6

@@ -52,22 +52,22 @@ def retaken(sound):
     return CalibrationWithPoses(solution=sound, poses=poses), session(SEED, walk=1, poses=20)
 
 
-def verification_of(retaken, readings):
+def verification_of(retaken, where, error_deg):
+    """The verification of the later poses with an error added to some readings."""
     calibration, later = retaken
-    poses = poses_of(replace(later, readings=readings))
-    return verify_poses(ARM, HINGE, poses, calibration)
+    readings = later.readings.copy()
+    readings[where] += np.deg2rad(error_deg)
+    return verify_poses(ARM, HINGE, poses_of(replace(later, readings=readings)), calibration)
 
 
 def test_later_sound_poses_hold(retaken):
-    result = verification_of(retaken, retaken[1].readings)
+    result = verification_of(retaken, ..., 0.0)
     assert (result.holds, result.shift, result.odd_poses) == (True, None, ())
 
 
 @pytest.mark.parametrize(("joint", "deg"), [(2, 0.2), (4, -0.1), (6, 0.5), (7, 0.5)])
 def test_common_joint_shift_is_named_with_its_size(retaken, joint, deg):
-    readings = retaken[1].readings.copy()
-    readings[:, joint - 1] += np.deg2rad(deg)
-    result = verification_of(retaken, readings)
+    result = verification_of(retaken, np.s_[:, joint - 1], deg)
     assert not result.holds
     shift = result.shift
     assert shift.subject == str(joint)
@@ -76,9 +76,7 @@ def test_common_joint_shift_is_named_with_its_size(retaken, joint, deg):
 
 
 def test_single_outlier_fails_verification_and_is_named(retaken):
-    readings = retaken[1].readings.copy()
-    readings[4, 1] += np.deg2rad(0.3)
-    result = verification_of(retaken, readings)
+    result = verification_of(retaken, (4, 1), 0.3)
     assert not result.holds
     assert (result.shift, result.odd_poses) == (None, (4,))
 
@@ -94,7 +92,7 @@ def test_single_deviating_pose_has_no_others_that_fit(retaken):
 
 def test_moved_fixture_is_named(retaken):
     moved = slipped_session(20, (2e-3, 1e-3, 1e-3))
-    result = verification_of((retaken[0], moved), moved.readings)
+    result = verification_of((retaken[0], moved), ..., 0.0)
     assert not result.holds
     assert result.shift.subject == FIXTURE
 

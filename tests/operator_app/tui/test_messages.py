@@ -2,11 +2,10 @@
 
 import pytest
 
-from operator_app.session.ui.snapshot import Level, TaskKind
+from operator_app.session.ui.snapshot import Level
 from operator_app.session.ui.steps import Step
 from operator_app.tui.dialogs import Read
-from operator_app.tui.lines import Clicked
-from tests.oracles.story import busy, story
+from tests.oracles.story import story
 
 LONG = " ".join(f"word{k}" for k in range(90)) + ". Do what the last word says"
 
@@ -24,16 +23,6 @@ async def test_long_warning_names_the_key_that_shows_all(drive, size):
         assert f"▲ {LONG}" in log
         assert log.index(LONG) < log.index("earlier message")
         assert max(map(len, (await d.dialog_text()).splitlines())) <= size[0] - 8
-
-
-async def test_click_on_the_log_shows_all_without_ending_motion(still):
-    moving = busy(story()["capturing"], TaskKind.AUTOMATIC, moves=True)
-    async with still(moving, step=Step.CAPTURE, size=(80, 24)) as d:
-        # Any key would end the motion: none is named.
-        assert "l shows" not in d.text("#log")
-        d.app.main.log_lines.post_message(Clicked("messages"))
-        await d.until(lambda: isinstance(d.app.screen, Read), "shown")
-        assert d.runner.cancels == 0
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 36)], ids=["80x24", "120x36"])

@@ -11,6 +11,8 @@ from operator_app.headless.plain_messages import describe
 from operator_app.report.subject import facts_on
 from operator_app.session.ui.snapshot import TaskKind
 from operator_app.session.ui.steps import Step
+from operator_app.tui.dialogs import Read
+from operator_app.tui.lines import Clicked
 from operator_app.tui.steps.capture import ProgressPanel, QualityPanel
 from operator_app.tui.steps.export import RecordPanel
 from operator_app.tui.steps.fixture import ChecksPanel
@@ -171,12 +173,16 @@ async def test_focused_panel_is_marked_on_a_small_terminal(still, ascii_only):
         assert joints.content_size.height >= 8
 
 
-async def test_click_on_the_view_switches_it_without_ending_motion(still):
+async def test_clicks_on_view_and_log_do_not_end_a_motion(still):
     moving = busy(story()["capturing"], TaskKind.AUTOMATIC, moves=True)
     async with still(moving, step=Step.CAPTURE, size=(80, 24)) as d:
         assert "view 1/3" in d.text("#row")
         await d.pilot.click("#row", offset=(d.text("#row").index("view"), 0))
         await d.until(lambda: d.app.main.view.view == 1, "next view")
-        assert d.runner.cancels == 0
         await d.pilot.click("#row", offset=(d.text("#row").index("✓3"), 0))
         await d.until(lambda: d.app.step is Step.MODES, "another step")
+        # Any key would end the motion: the log names none.
+        assert "l shows" not in d.text("#log")
+        d.app.main.log_lines.post_message(Clicked("messages"))
+        await d.until(lambda: isinstance(d.app.screen, Read), "all messages")
+        assert d.runner.cancels == 0

@@ -1,8 +1,9 @@
-"""The terminal app on an arm of another package: one that it moves, and one that a person moves."""
+"""The terminal app on an arm of another package that a person moves."""
 
 import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from operator_app.session.ui.steps import Step
 from operator_app.session.workflow.opening import Choices
 from operator_app.tui.app import SarcalApp
 from tests.operator_app.tui.conftest import Driver, running
+from tests.oracles.story import story
 from tests.oracles.toy_arm import PROCEDURE, Toy, package, toy
 
 
@@ -43,29 +45,6 @@ def installed(tmp_path, monkeypatch):
     return tmp_path / "package"
 
 
-@pytest.mark.campaign
-async def test_external_moving_arm_is_calibrated_by_keys(installed, tmp_path):
-    with toy(installed) as arm:
-        async with app_on("moving_line_arm", arm, tmp_path) as d:
-            await d.to_step(Step.CAPTURE)
-            assert d.s.identity.serial_number == "TOY-0001"
-            assert d.s.simulated, "its nodes are virtual"
-            await d.press("a")
-            await d.idle()
-            assert len(d.s.state.used_poses) == 6
-            await d.to_step(Step.RESULTS)
-            assert d.s.solution.accepted, d.s.solution.reasons
-            # It stores no parameters: they are written, and no upload is offered.
-            await d.to_step(Step.EXPORT)
-            await d.press("enter")
-            await d.idle()
-            assert (d.s.folder / "parameters.yaml").is_file()
-            assert next_action(Step.EXPORT, d.s).action == "quit"
-            assert guards.may_upload(d.s) == (
-                "this arm stores no parameters: use the files in the session folder",
-            )
-
-
 async def test_external_hand_guided_arm_shows_targets(installed, tmp_path):
     with toy(installed, "--by-hand") as arm:
         async with app_on("line_arm", arm, tmp_path) as d:
@@ -89,3 +68,12 @@ async def test_external_hand_guided_arm_shows_targets(installed, tmp_path):
             await d.press("x")
             await d.idle()
             assert not d.s.stopped
+
+
+def test_arm_without_parameter_store_is_not_offered_an_upload():
+    s = story()["written"]
+    s = replace(s, identity=replace(s.identity, keeps_parameters=False))
+    assert next_action(Step.EXPORT, s).action == "quit"
+    assert guards.may_upload(s) == (
+        "this arm stores no parameters: use the files in the session folder",
+    )

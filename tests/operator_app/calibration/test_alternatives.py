@@ -8,6 +8,7 @@ import pytest
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrate import calibrate
 from operator_app.config.arm_file import load_arm
+from operator_app.messages.finding import FindingKind
 from tests.benchmarks.shop_floor_outcome import outcome
 from tests.oracles.as_shipped import ARM, BALL, panda_poses
 from tests.oracles.shop_floor import session
@@ -34,6 +35,12 @@ def test_poses_of_another_arm_blame_no_joint():
     result = outcome(session(62), arm=replace(ARM, table=replace(ARM.table, s_m=s_m)))
     assert result.causes == ("UNNAMED",), result.said
     assert "do not fit this arm and fixture" in result.said
+
+
+def test_panda_poses_do_not_fit_an_iiwa():
+    solution = calibrate(load_arm("kuka_iiwa7"), BALL, panda_poses(1, 2), drop=True)
+    assert solution.verdict is Verdict.NOT_ACCEPTED
+    assert [c.kind for c in solution.causes if c.blocking] == [FindingKind.POSES_DO_NOT_FIT]
 
 
 def test_constant_reading_is_named_as_frozen_joint():

@@ -8,18 +8,12 @@ import pinocchio as pin
 import pytest
 import yaml
 
-from operator_app.cli import main
 from tests.oracles import lbr_iiwa
 
 TOOL_M = np.array([0.06, 0.0, 0.08])
 AXIS = np.array([1.0, 0.3, -0.2]) / np.linalg.norm([1.0, 0.3, -0.2])
 MOUNTED_DEG = (20.0, 50.0, -20.0, -80.0, 30.0, 70.0, 10.0)
 """Joint angles at which the hinge was mounted, unknown to the commands."""
-
-
-def output_of(capsys: pytest.CaptureFixture[str], command: str, code: int = 0) -> str:
-    assert main(command.split()) == code
-    return capsys.readouterr().out
 
 
 @pytest.fixture
@@ -29,14 +23,13 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def home_deg() -> list[float]:
-    home: list[float] = yaml.safe_load(Path("iiwa14.yaml").read_text())["home_deg"]
-    return home
+def home_deg():
+    return yaml.safe_load(Path("iiwa14.yaml").read_text())["home_deg"]
 
 
-def set_home_zero() -> None:
-    text = Path("iiwa14.yaml").read_text()
-    Path("iiwa14.yaml").write_text(re.sub(r"home_deg: .*", "home_deg: [0, 0, 0, 0, 0, 0, 0]", text))
+def set_home(line):
+    file = Path("iiwa14.yaml")
+    file.write_text(re.sub(r"home_deg: .*", line, file.read_text()))
 
 
 def hinge_pin(q_deg: list[float] | tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
@@ -56,27 +49,28 @@ def least_motion(q_deg: list[float]) -> float:
     return float(size[-1] * np.linalg.norm(Vt[6:], axis=0)[:7].min())
 
 
-def test_stretched_urdf_gets_a_nonsingular_home(folder, capsys):
-    assert "Home        bent" in output_of(capsys, "new arm --urdf iiwa.urdf --name iiwa14")
+def test_stretched_urdf_gets_a_nonsingular_home(folder, ends_with):
+    output = ends_with(0, "new", "arm", "--urdf", "iiwa.urdf", "--name", "iiwa14").out
+    assert "Home        bent" in output
     assert least_motion([0.0] * 7) == pytest.approx(0.0, abs=1e-9)
     assert least_motion(home_deg()) > 0.01
     assert (np.abs(home_deg()) < 0.7 * np.array(lbr_iiwa.RANGE_DEG)).all()
 
 
 @pytest.mark.campaign
-def test_proposed_home_closes_with_a_mounted_hinge(folder, capsys):
-    output_of(capsys, "new arm --urdf iiwa.urdf --name iiwa14")
-    set_home_zero()
+def test_proposed_home_closes_with_a_mounted_hinge(folder, ends_with):
+    ends_with(0, "new", "arm", "--urdf", "iiwa.urdf", "--name", "iiwa14")
+    set_home("home_deg: [0, 0, 0, 0, 0, 0, 0]")
     point, direction = hinge_pin(MOUNTED_DEG)
-    numbers = ",".join(f"{1e3 * v:.4f}" for v in point), ",".join(f"{v:.6f}" for v in direction)
-    output_of(
-        capsys,
-        "new fixture --kind hinge --arm iiwa14.yaml --name it --hand-point 60,0,80 --hand-direction 1,0.3,-0.2 "
-        f"--base-point {numbers[0]} --base-direction {numbers[1]}",
+    fixture = (
+        "--kind hinge --arm iiwa14.yaml --name it --hand-point 60,0,80 --hand-direction 1,0.3,-0.2 "
+        f"--base-point {','.join(f'{1e3 * v:.4f}' for v in point)} "
+        f"--base-direction {','.join(f'{v:.6f}' for v in direction)}"
     )
-    text = output_of(capsys, "check iiwa14.yaml it.yaml", code=0)
-    (line,) = re.findall(r"^  (home_deg: \[.*\])$", text, re.MULTILINE)
-    Path("iiwa14.yaml").write_text(re.sub(r"home_deg: .*", line, Path("iiwa14.yaml").read_text()))
+    ends_with(0, "new", "fixture", *fixture.split())
+    report = ends_with(0, "check", "iiwa14.yaml", "it.yaml").out
+    (line,) = re.findall(r"^  (home_deg: \[.*\])$", report, re.MULTILINE)
+    set_home(line)
     home_point, home_direction = hinge_pin(home_deg())
     # The proposal is rounded to whole degrees.
     assert np.linalg.norm(home_point - point) < 0.03

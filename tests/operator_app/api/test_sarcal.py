@@ -133,9 +133,7 @@ def test_saved_result_is_a_session_and_is_loaded_unchanged(result, tmp_path, end
         sarcal.load_result(3)
 
 
-def test_saving_again_replaces_our_files_and_other_data_only_with_overwrite(
-    result, tmp_path, ends_with
-):
+def test_saving_again_replaces_only_our_files_of_the_same_data(result, tmp_path, ends_with):
     folder = result.save(tmp_path / "mine")
     assert main(["export", str(folder), "--format", "urdf"]) == 0
     (folder / "my_notes.txt").write_text("mine")

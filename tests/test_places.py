@@ -12,10 +12,10 @@ hardware/virtual/test_control_and_heartbeat.py
 operator_app/calibration/test_honesty.py
 operator_app/calibration/test_large_sets.py
 operator_app/calibration/test_later_poses.py
-operator_app/calibration/test_naming.py
+operator_app/calibration/test_cause_names.py
 operator_app/calibration/test_real_arm.py
 operator_app/calibration/test_rvdt_noise.py
-operator_app/calibration/test_settles.py
+operator_app/calibration/test_convergence.py
 operator_app/calibration/test_verdicts.py
 operator_app/commands/test_bad_input.py
 operator_app/commands/test_farewell.py
@@ -51,11 +51,11 @@ operator_app/tui/test_escapes.py
 operator_app/tui/test_faults.py
 operator_app/tui/test_keys.py
 operator_app/tui/test_messages.py
-operator_app/tui/test_outside_arm.py
+operator_app/tui/test_external_arm.py
 operator_app/tui/test_panels.py
 operator_app/tui/test_snapshots.py
 operator_app/tui/test_stop.py
-operator_app/tui/test_walk.py
+operator_app/tui/test_full_session.py
 solver/estimators/test_mixed_model.py
 solver/estimators/test_monte_carlo.py
 solver/estimators/test_panda.py

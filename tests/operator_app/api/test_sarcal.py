@@ -1,9 +1,9 @@
-"""`import sarcal` from outside: own arrays in, the same figures as the command, files that read back."""
+"""`import sarcal`: arrays in, the figures of the command out, files that can be read again."""
 
 import doctest
 import importlib
-import inspect
 import pkgutil
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -13,6 +13,7 @@ import sarcal
 
 from operator_app.cli import main
 from operator_app.config.arm_file import load_arm
+from operator_app.session.store.journal import Journal
 from tests.oracles.panda import FOLDER as PANDA
 from tests.oracles.pinocchio_chain import PinocchioChain
 
@@ -22,48 +23,38 @@ MODULES = ["sarcal", *(f"sarcal.{m.name}" for m in pkgutil.iter_modules(sarcal._
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_examples_in_docstrings_do_what_they_say(name):
-    failed, tried = doctest.testmod(importlib.import_module(name), report=True)
+def test_docstring_examples_run(name):
+    failed, attempted = doctest.testmod(importlib.import_module(name), report=True)
     assert not failed
     documented = {"sarcal", "sarcal.calibrating", "sarcal.planning", "sarcal.judging",
                   "sarcal.result", "sarcal.tables", "sarcal.poses", "sarcal.machines"}  # fmt: skip
-    assert tried or name not in documented
+    assert attempted or name not in documented
 
 
-def test_everything_promised_is_there_and_documented():
-    for name in sarcal.__all__:
-        found = getattr(sarcal, name)
-        assert inspect.getdoc(found), name
-        if found.__module__.startswith("sarcal.") and inspect.isclass(found):
-            for member, of in inspect.getmembers_static(found):
-                if not member.startswith("_") and (
-                    inspect.isfunction(of) or isinstance(of, property)
-                ):
-                    assert inspect.getdoc(of), f"{name}.{member}"
-
-
-def test_figures_are_those_of_the_command(result, ends_with):
-    said = ends_with(0, "solve", EXACT, "--json").json
-    assert result.to_json() == said
+def test_result_agrees_with_the_command(result, ends_with):
+    document = ends_with(0, "solve", EXACT, "--json").json
+    assert result.to_json() == document
     for key, value in result.values.items():
         name, _, unit = key.rpartition("_")
-        assert value == pytest.approx(said["parameters"][name] * (1.0 if unit == "deg" else 1e3))
+        assert value == pytest.approx(
+            document["parameters"][name] * (1.0 if unit == "deg" else 1e3)
+        )
     assert set(result.sigmas) == set(result.values)
-    assert result.verdict == said["verdict"]
+    assert result.verdict == document["verdict"]
     assert ends_with(0, "solve", EXACT).out.rstrip("\n") == result.text
 
 
-def test_arrays_in_both_units_a_file_and_a_frame_are_the_same_poses(result):
+def test_arrays_file_and_data_frame_give_the_same_poses(result):
     poses = sarcal.load_poses(EXACT)
     in_deg = sarcal.poses_of(q_deg=poses.q_deg)
     in_rad = sarcal.poses_of(q_rad=poses.q_rad)
     np.testing.assert_allclose(in_deg.q_rad, in_rad.q_rad, rtol=0, atol=1e-14)
-    # What pandas and polars have in common: named columns that can be asked for.
+    # As in pandas and polars: named columns.
     columns = {f"theta{j}_deg": list(poses.q_deg[:, j - 1]) for j in range(1, 8)}
-    framed = sarcal.load_poses(_Frame(columns))
-    np.testing.assert_allclose(framed.q_rad, poses.q_rad, rtol=0, atol=1e-14)
-    again = sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=in_rad)
-    assert dict(again.values) == pytest.approx(dict(result.values), abs=1e-6)
+    from_frame = sarcal.load_poses(_Frame(columns))
+    np.testing.assert_allclose(from_frame.q_rad, poses.q_rad, rtol=0, atol=1e-14)
+    repeated = sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=in_rad)
+    assert dict(repeated.values) == pytest.approx(dict(result.values), abs=1e-6)
     with pytest.raises(TypeError, match="does not state its unit"):
         sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=poses.q_rad)
 
@@ -74,38 +65,27 @@ class _Frame(dict[str, list[float]]):
         return list(self)
 
 
-def test_a_data_frame_of_pandas_goes_in_and_a_table_comes_out(result):
-    pd = pytest.importorskip("pandas")
-    poses = sarcal.load_poses(EXACT)
-    frame = pd.DataFrame(poses.q_deg, columns=[f"theta{j}_deg" for j in range(1, 8)])
-    np.testing.assert_array_equal(sarcal.load_poses(frame).q_rad, np.deg2rad(poses.q_deg))
-    assert list(result.table().to_frame().columns) == list(result.table().columns)
-
-
-def test_what_a_notebook_shows_is_short_in_text_and_whole_in_html(result):
-    for thing in (result, result.arm, result.fixture, result.poses, result.table()):
-        assert len(repr(thing)) < 100
-        assert "\n" not in repr(thing)
+def test_notebook_representations(result):
+    for value in (result, result.arm, result.fixture, result.poses, result.table()):
+        assert re.fullmatch(".{1,99}", repr(value))
     html = ET.fromstring(f"<body>{result._repr_html_()}</body>")  # noqa: S314 - our own
     assert "theta_off_1" in html.itertext()
     with pytest.raises(KeyError, match="there are parameters, "):
         result.table("nonsense")
 
 
-def test_the_hand_is_where_the_loop_closes_seen_from_the_arms_own_base(result):
-    """A hinge holds one line of the hand: from wherever the base looks, it stays one and the same line."""
+def test_tool_line_of_a_hinge_is_the_same_in_all_poses(result):
+    """A hinge holds one line of the tool, in any frame of the base."""
     T = result.fk(result.poses.q_rad)
-    # s_1 and theta_off_1 are the ground's: the base is seen lifted and turned, and the line with it.
     axes, points = T[:, :3, 2], T[:, :3, 3]
     assert np.abs(axes - axes[0]).max() < 2e-3
     off = points - points[0]
     assert np.linalg.norm(off - (off @ axes[0])[:, None] * axes[0], axis=1).max() < 2e-3
-    one = result.fk(result.poses.q_rad[0])
-    np.testing.assert_allclose(one, T[0], rtol=0, atol=1e-15)
+    first = result.fk(result.poses.q_rad[0])
+    np.testing.assert_allclose(first, T[0], rtol=0, atol=1e-15)
 
 
-def test_the_sigma_of_the_hand_is_that_of_the_report(result):
-    """That of the table which `fk` goes by."""
+def test_tip_sigma_agrees_with_the_report(result):
     sigma_m = result.tip_sigma(result.poses.q_rad)
     document = result.to_json()
     rms = 1e3 * np.sqrt((sigma_m**2).mean())
@@ -113,64 +93,55 @@ def test_the_sigma_of_the_hand_is_that_of_the_report(result):
     assert result.tip_sigma(result.poses.q_rad[0]).shape == ()
 
 
-def test_a_ball_in_several_sockets_has_one_hand():
+def test_tool_point_of_a_ball_is_in_its_sockets():
     result = sarcal.calibrate(
         arm="franka_panda", fixture="ball", poses=PANDA / "panda_1.csv", drop_unidentifiable=True
     )
     T = result.fk(result.poses.q_rad)
     for placement in (1, 4):
-        there = T[result.poses.placement == placement, :3, 3]
+        points = T[result.poses.placement == placement, :3, 3]
         centre = [result.values[f"ground_{axis}[{placement}]_mm"] / 1e3 for axis in "xyz"]
-        assert np.linalg.norm(there - centre, axis=1).mean() < 1.5e-3
+        assert np.linalg.norm(points - centre, axis=1).mean() < 1.5e-3
     assert result.tip_sigma(result.poses.q_rad).max() < 0.01
 
 
-def test_a_saved_result_is_a_session_for_every_command(result, tmp_path, ends_with):
-    folder = result.save(tmp_path / "sessions/mine")
+def test_saved_result_is_a_session_and_is_loaded_unchanged(result, tmp_path, ends_with):
+    folder, q_rad = result.save(tmp_path / "sessions/mine"), result.poses.q_rad
     assert {p.name for p in folder.iterdir()} == {
         "journal.jsonl", "parameters.yaml", "poses.csv", "report.html",
     }  # fmt: skip
-    said = ends_with(0, "report", folder, "--json").json
-    assert said["parameters"] == result.to_json()["parameters"]
+    document = ends_with(0, "report", folder, "--json").json
+    assert document["parameters"] == result.to_json()["parameters"]
     ends_with(0, "compare", folder, folder / "parameters.yaml")
     ends_with(0, "verify", folder, HINGE / "hinge_quantised.csv")
     ends_with(0, "export", folder, "-o", tmp_path / "p.yaml")
-    again = sarcal.load_poses(folder / "poses.csv")
-    np.testing.assert_array_equal(again.q_rad, result.poses.q_rad)
+    np.testing.assert_array_equal(sarcal.load_poses(folder / "poses.csv").q_rad, q_rad)
     assert sarcal.compare(result, folder).drifted == ()
-
-
-def test_a_saved_result_comes_back_as_it_was(result, tmp_path):
-    folder, q_rad = result.save(tmp_path / "mine"), result.poses.q_rad
-    again = sarcal.load_result(folder)
-    assert again.to_json() == result.to_json()
-    assert repr(again) == repr(result)
-    np.testing.assert_array_equal(again.fk(q_rad), result.fk(q_rad))
-    assert sarcal.verify(again, HINGE / "hinge_quantised.csv").holds
+    reloaded = sarcal.load_result(folder)
+    assert reloaded.to_json() == result.to_json()
+    assert repr(reloaded) == repr(result)
+    np.testing.assert_array_equal(reloaded.fk(q_rad), result.fk(q_rad))
+    assert sarcal.verify(reloaded, HINGE / "hinge_quantised.csv").holds
     with pytest.raises(ValueError, match="these are poses that the calibration was made from"):
-        sarcal.verify(again, folder / "poses.csv")
-    assert sarcal.compare(again, folder).to_json()["verdict"].startswith("same poses")
+        sarcal.verify(reloaded, folder / "poses.csv")
+    assert sarcal.compare(reloaded, folder).to_json()["verdict"].startswith("same poses")
     with pytest.raises(sarcal.SessionError, match="Copy that folder"):
-        again.save(tmp_path / "other")
+        reloaded.save(tmp_path / "other")
     with pytest.raises(sarcal.SessionError, match="journal"):
         sarcal.load_result(tmp_path / "other")
     with pytest.raises(TypeError, match="session=3: give the folder"):
         sarcal.load_result(3)
 
 
-def test_a_cell_that_saves_may_be_run_again(result, tmp_path):
+def test_saving_again_replaces_only_our_files_of_the_same_data(result, tmp_path, ends_with):
     folder = result.save(tmp_path / "mine")
     assert main(["export", str(folder), "--format", "urdf"]) == 0
     (folder / "my_notes.txt").write_text("mine")
     assert result.save(folder) == folder
-    # What was exported was of a calibration that is gone; what is no file of ours stays.
+    # The outdated export is removed, the file of another origin stays.
     assert {p.name for p in folder.iterdir()} == {
         "journal.jsonl", "parameters.yaml", "poses.csv", "report.html", "my_notes.txt",
     }  # fmt: skip
-
-
-def test_other_data_are_replaced_where_that_is_said(result, tmp_path, ends_with):
-    folder = result.save(tmp_path / "mine")
     before = (folder / "journal.jsonl").read_bytes()
     other = sarcal.calibrate(
         arm="sarcos_dextrous", fixture="hinge", poses=HINGE / "hinge_quantised.csv"
@@ -179,15 +150,12 @@ def test_other_data_are_replaced_where_that_is_said(result, tmp_path, ends_with)
         other.save(folder)
     assert (folder / "journal.jsonl").read_bytes() == before
     other.save(folder, overwrite=True)
-    assert (
-        ends_with(0, "report", folder, "--json").json["parameters"] == other.to_json()["parameters"]
-    )
+    parameters = ends_with(0, "report", folder, "--json").json["parameters"]
+    assert parameters == other.to_json()["parameters"]
 
 
-def test_what_was_taken_once_is_not_saved_over(result, tmp_path, monkeypatch):
-    """A session taken on an arm, one with notes, one in use, and one that cannot be read."""
-    from operator_app.session.store.journal import Journal
-
+def test_captured_or_edited_sessions_are_not_overwritten(result, tmp_path, monkeypatch):
+    """A session of an arm, one with notes, one in use, and a damaged one."""
     monkeypatch.chdir(tmp_path)
     arm = Journal.create(Path("arm"))
     arm.append("opened", {"sources": {}, "settings": {}})
@@ -200,20 +168,20 @@ def test_what_was_taken_once_is_not_saved_over(result, tmp_path, monkeypatch):
     Path("damaged").mkdir()
     lines = Path("noted/journal.jsonl").read_bytes().splitlines(keepends=True)
     Path("damaged/journal.jsonl").write_bytes(b"".join([lines[0], *lines[2:]]))
-    for folder, why in (("arm", "not replaced"), ("noted", "edited"), ("damaged", "damaged")):
-        kept = Path(folder, "journal.jsonl").read_bytes()
-        with pytest.raises(sarcal.SessionError, match=why):
+    for folder, message in (("arm", "not replaced"), ("noted", "edited"), ("damaged", "damaged")):
+        before = Path(folder, "journal.jsonl").read_bytes()
+        with pytest.raises(sarcal.SessionError, match=message):
             result.save(folder, overwrite=True)
-        assert Path(folder, "journal.jsonl").read_bytes() == kept
+        assert Path(folder, "journal.jsonl").read_bytes() == before
 
 
-def test_poses_that_took_part_verify_nothing(result):
+def test_verification_refuses_calibration_poses(result):
     q_rad, new = result.poses.q_rad, sarcal.load_poses(HINGE / "hinge_quantised.csv").q_rad
-    for rows, said in (
+    for rows, message in (
         (q_rad[:3], "these are poses"),
         ([*new[:4], q_rad[9]], r"1 of the 5 poses \(5\)"),
     ):
-        with pytest.raises(ValueError, match=said):
+        with pytest.raises(ValueError, match=message):
             sarcal.verify(result, sarcal.poses_of(q_rad=rows))
     measured = sarcal.poses_of(q_rad=new[:4], endpoint_m=np.zeros((4, 3)))
     with pytest.raises(ValueError, match="measured endpoints, which a hinge fixture does not use"):
@@ -221,20 +189,19 @@ def test_poses_that_took_part_verify_nothing(result):
     assert sarcal.verify(result, sarcal.poses_of(q_rad=new[:4])).holds
 
 
-def test_simulated_truth_is_found_within_its_sigmas():
-    """An arm and a mounting that were drawn are found again: 95 % of z within 3, whichever seed."""
+def test_calibration_recovers_the_simulated_truth():
     z = []
     for seed in range(3):
-        made = sarcal.simulate(arm="sarcos_dextrous", fixture="hinge", poses=40, seed=seed)
-        found = sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=made.poses)
-        assert found.accepted, found.reasons
-        z += [(v - made.truth[k]) / found.sigmas[k] for k, v in found.values.items()]
+        simulation = sarcal.simulate(arm="sarcos_dextrous", fixture="hinge", poses=40, seed=seed)
+        result = sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=simulation.poses)
+        assert result.accepted, result.reasons
+        z += [(v - simulation.truth[k]) / result.sigmas[k] for k, v in result.values.items()]
     assert np.mean(np.abs(z) < 3.0) > 0.95
     same = sarcal.simulate(arm="sarcos_dextrous", fixture="hinge", poses=40, seed=2)
-    np.testing.assert_array_equal(same.poses.q_rad, made.poses.q_rad)
+    np.testing.assert_array_equal(same.poses.q_rad, simulation.poses.q_rad)
 
 
-def test_wrong_input_says_what_to_do(tmp_path):
+def test_invalid_input_names_the_remedy(tmp_path):
     with pytest.raises(sarcal.ConfigError, match="did you mean"):
         sarcal.load_arm("sarcos")
     with pytest.raises(sarcal.ConfigError, match="the arm has 7 joints"):
@@ -243,7 +210,7 @@ def test_wrong_input_says_what_to_do(tmp_path):
         sarcal.poses_of()
 
 
-def test_intervals_are_those_of_the_json_object(result):
+def test_intervals_agree_with_the_json(result):
     listed = result.to_json()["interval_95"]
     assert set(result.intervals_95) == set(result.values)
     low, high = result.intervals_95["theta_off_3_deg"]
@@ -252,7 +219,7 @@ def test_intervals_are_those_of_the_json_object(result):
     assert result.intervals_95["s_1_mm"] == pytest.approx([1e3 * v for v in listed["s_1"]])
 
 
-def test_an_arms_own_fk_is_where_pinocchio_has_its_flange():
+def test_fk_of_an_arm_agrees_with_pinocchio():
     arm = sarcal.load_arm("franka_panda")
     q = np.random.default_rng(1).uniform(arm.lower_rad, arm.upper_rad, (20, 7))
     offsets, *others = load_arm("franka_panda").table.stacked()

@@ -1,6 +1,4 @@
-"""A reading that shifted once is told from one that bends and from one that is noise; by name in a session;
-a ball for a hinge and a hinge for a ball likewise, and what the remedy says works.
-"""
+"""Shifts of one reading and wrong fixture kinds, as alternative models; remedies that work."""
 
 import re
 import shlex
@@ -25,33 +23,28 @@ def angle():
 
 
 @pytest.mark.parametrize(("first", "size"), [(3, 0.02), (20, -0.5), (POSES - 3, 0.02)])
-def test_a_shift_is_found_beside_offset_and_bow(angle, first, size):
-    reading = angle - 3.1 + 0.01 * np.cos(2.0 * angle)
+@pytest.mark.parametrize("turns", [0, 1], ids=["", "wrapped"])
+def test_shift_is_found_beside_offset_harmonic_and_turns(angle, first, size, turns):
+    reading = (
+        angle - 3.1 + 0.01 * np.cos(2.0 * angle) + 2.0 * np.pi * turns * (np.arange(POSES) % 2)
+    )
     reading[first:] += size
     assert shift_of(reading, angle) == (first, pytest.approx(size, abs=2e-3))
 
 
-def test_angles_are_turns_of_a_circle(angle):
-    reading = angle + np.pi - 1e-3
-    reading[25:] += 0.1
-    wound = reading - 2.0 * np.pi * (np.arange(POSES) % 2)
-    assert shift_of(wound, angle) == (25, pytest.approx(0.1))
-
-
-def test_a_bent_sensor_noise_and_a_handful_of_poses_are_no_shift(angle):
+def test_harmonics_noise_and_few_poses_show_no_shift(angle):
     assert shift_of(angle + 0.05 * np.sin(3.0 * angle), angle) is None
     noise = np.random.default_rng(4).normal(size=POSES)
     assert shift_of(angle + 0.1 * noise, angle) is None
     assert shift_of(angle[:8], angle[:8]) is None
 
 
-def test_a_large_shift_of_an_analogue_sensor_is_named_as_one():
-    """50 LSB are 1.5 deg: the fit diverges, and the reading seems to have nothing to do with the joint."""
-    case = CASES["joint slips 50 counts"](3015)
+def test_large_rvdt_shift_is_the_first_cause():
+    case = CASES["joint slips 50 counts"](3015)  # 1.5 deg: the fit diverges
     assert case.causes == ("STEP_JOINT_7",)
-    adjudication = solved(case.taken).adjudication
-    assert adjudication.causes[0].code == "STEP_JOINT_7"
-    assert adjudication.causes[0].blocking
+    (first, *_) = solved(case.taken).causes
+    assert first.code == "STEP_JOINT_7"
+    assert first.blocking
 
 
 COMMAND = re.compile(r"sarcal (new fixture[^\n;]*)")
@@ -59,8 +52,7 @@ COMMAND = re.compile(r"sarcal (new fixture[^\n;]*)")
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("fixture", ["hinge", "sarcos_ball"])
-def test_the_other_fixture_is_named_and_its_remedy_works(fixture, tmp_path, monkeypatch):
-    """Poses of a ball solved as a hinge's, and the other way round: the command that is said is run."""
+def test_wrong_fixture_kind_is_named_and_its_remedy_works(fixture, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     ball = fixture == "hinge"
     taken = CASES["ball for hinge"](3000).taken if ball else session(3000)
@@ -74,7 +66,6 @@ def test_the_other_fixture_is_named_and_its_remedy_works(fixture, tmp_path, monk
     assert again.accepted, again.said
 
 
-def test_a_hinge_dropped_into_a_ball_is_named():
-    """--drop-unidentifiable leaves a centre that may be anywhere along the hinge."""
-    said = outcome(session(3001), fixture=load_fixture("sarcos_ball").fixture, drop=True)
-    assert "WRONG_FIXTURE" in said.causes, said.causes
+def test_hinge_poses_solved_as_a_ball_are_named():
+    result = outcome(session(3001), fixture=load_fixture("sarcos_ball").fixture, drop=True)
+    assert "WRONG_FIXTURE" in result.causes, result.causes

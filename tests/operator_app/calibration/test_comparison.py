@@ -1,4 +1,4 @@
-"""Drift between two calibrations: planted, wrapped, described otherwise, and none where there is none."""
+"""Drift between two calibrations: planted, wrapped, in equivalent parameters, and none where there is none."""
 
 import math
 from dataclasses import replace
@@ -16,59 +16,54 @@ GROUND_SIDE = {"theta_off_1", "a_0", "s_0", "alpha_0", "s_1"}
 HAND_SIDE = {"theta_off_7", "a_7", "s_7", "alpha_7"}
 
 
-def test_a_calibration_has_not_drifted_from_itself():
-    found = compare(make_document(), make_document())
-    assert len(found.drifts) == 14
-    assert found.drifted == ()
-    assert all(d.change == 0.0 for d in found.drifts)
-    assert [n.code for n in found.notices] == ["SAME_POSES"]
-    assert comparison_text(found).startswith("SAME POSES: nothing follows for the arm.")
-
-
-def test_two_estimates_from_the_same_poses_say_nothing_of_the_arm():
+def test_calibrations_from_the_same_poses_show_no_drift():
+    itself = compare(make_document(), make_document())
+    assert len(itself.drifts) == 14
+    assert all(d.change == 0.0 for d in itself.drifts)
+    assert [n.code for n in itself.notices] == ["SAME_POSES"]
     other = replace(make_document({"theta_off_3": 0.02, "s_7": -0.0004}), estimator="paper")
-    found = compare(make_document(), other)
-    assert found.drifted == ()
-    by_name = {d.name: d for d in found.drifts}
-    # How far they are apart is told; what of the arm that would be, is not.
+    comparison = compare(make_document(), other)
+    assert {n.code for n in comparison.notices} == {"SAME_POSES", "ESTIMATOR"}
+    # The distance of the estimates is reported, but not as drift.
+    by_name = {d.name: d for d in comparison.drifts}
     assert by_name["theta_off_3"].sigmas == pytest.approx(20.0 / math.sqrt(2.0))
-    said, data = comparison_text(found), comparison_json(found)
-    assert said.startswith("SAME POSES: nothing follows for the arm.")
-    assert "DRIFT" not in said
-    assert "Significant" not in said
-    assert data["verdict"] == "same poses: nothing follows for the arm"
-    assert data["drifted"] == []
-    assert not any(p["significant"] for p in data["parameters"].values())
-    assert {n.code for n in found.notices} == {"SAME_POSES", "ESTIMATOR"}
-    # The same two, of poses taken anew.
+    for same in (itself, comparison):
+        assert same.drifted == ()
+        text, data = comparison_text(same), comparison_json(same)
+        assert text.startswith("SAME POSES: nothing follows for the arm.")
+        assert "DRIFT" not in text
+        assert "Significant" not in text
+        assert data["verdict"] == "same poses: nothing follows for the arm"
+        assert data["drifted"] == []
+        assert not any(p["significant"] for p in data["parameters"].values())
     assert compare(make_document(), replace(other, pose_set_sha256="b" * 64)).drifted
 
 
-def test_a_planted_drift_is_found_and_nothing_else():
+def test_planted_drift_is_the_only_significant_one():
     later = make_document({"theta_off_3": 0.02, "s_7": -0.0004}, poses="b")
-    found = compare(make_document(), later)
-    assert {d.name for d in found.drifted} == {"theta_off_3", "s_7"}
-    by_name = {d.name: d for d in found.drifts}
+    comparison = compare(make_document(), later)
+    assert {d.name for d in comparison.drifted} == {"theta_off_3", "s_7"}
+    by_name = {d.name: d for d in comparison.drifts}
     # Sigmas of make_document: 0.001 deg and 0.01 mm each.
     assert by_name["theta_off_3"].change == pytest.approx(math.radians(0.02))
     assert by_name["theta_off_3"].sigma == pytest.approx(math.radians(0.001) * math.sqrt(2.0))
     assert by_name["theta_off_3"].sigmas == pytest.approx(20.0 / math.sqrt(2.0))
     assert by_name["s_7"].sigmas == pytest.approx(40.0 / math.sqrt(2.0))
-    assert found.drifted[0].name == "s_7"
+    assert comparison.drifted[0].name == "s_7"
 
 
-def test_the_threshold_is_corrected_for_how_many_are_compared():
+def test_threshold_is_corrected_for_the_number_of_parameters():
     from scipy.stats import norm
 
-    found = compare(make_document(), make_document(), level=0.05)
-    assert found.threshold_sigmas == pytest.approx(norm.isf(0.025 / 14))
-    just_below = found.threshold_sigmas * 0.001 * math.sqrt(2.0) * 0.999
+    comparison = compare(make_document(), make_document(), level=0.05)
+    assert comparison.threshold_sigmas == pytest.approx(norm.isf(0.025 / 14))
+    just_below = comparison.threshold_sigmas * 0.001 * math.sqrt(2.0) * 0.999
     for share, drifts in ((1.0, 0), (1.002, 1)):
         later = make_document({"theta_off_5": just_below * share}, poses="b")
         assert len(compare(make_document(), later, level=0.05).drifted) == drifts
 
 
-def test_false_alarms_come_as_often_as_stated():
+def test_false_alarm_rate_matches_the_level():
     random = np.random.default_rng(5)
     names = sorted(ARM_SIDE | GROUND_SIDE | HAND_SIDE)
     alarms = 0
@@ -88,9 +83,9 @@ def test_false_alarms_come_as_often_as_stated():
     assert 0.105 < alarms / trials < 0.26
 
 
-def equal_descriptions(values):
-    """The eight ways to write a hinge loop, from the three moves by hand, deg and m."""
-    found = [values]
+def equivalent_parameters(values):
+    """The eight equivalent parameter sets of a hinge loop (deg, m), from its three symmetries."""
+    sets = [values]
     for move in (
         lambda v: v | {"a_0": -v["a_0"], "alpha_0": -v["alpha_0"],
                        "theta_off_1": v["theta_off_1"] + 180.0},
@@ -99,34 +94,28 @@ def equal_descriptions(values):
         lambda v: v | {"s_0": -v["s_0"], "alpha_0": v["alpha_0"] + 180.0,
                        "alpha_7": v["alpha_7"] - 180.0},
     ):  # fmt: skip
-        found += [move(v) for v in found]
-    return found
+        sets += [move(v) for v in sets]
+    return sets
 
 
 @pytest.mark.parametrize("description", range(8))
-def test_the_same_loop_written_otherwise_has_not_drifted(description):
-    values = equal_descriptions(dict(VALUES))[description]
-    written = make_document(values=values, poses="b")
-    found = compare(make_document(), written)
-    assert found.drifted == ()
-    assert max(abs(d.change) for d in found.drifts) < 1e-12
+def test_equivalent_parameter_sets_show_no_drift(description):
+    values = equivalent_parameters(dict(VALUES))[description]
+    comparison = compare(make_document(), make_document(values=values, poses="b"))
+    assert comparison.drifted == ()
+    assert max(abs(d.change) for d in comparison.drifts) < 1e-12
     drifted = make_document({"theta_off_2": 0.5}, values=values, poses="b")
     assert [d.name for d in compare(make_document(), drifted).drifted] == ["theta_off_2"]
-
-
-@pytest.mark.parametrize("description", range(8))
-def test_descriptions_of_an_unsensed_wrist_are_aligned_too(description):
-    values = equal_descriptions(dict(VALUES))[description]
+    # The offset of an unsensed joint keeps its nominal value in every set.
     wrist = ("theta_off_6", "theta_off_7")
-    # The offset of an unsensed joint stays at its nominal value, whatever the description.
-    own = VALUES["theta_off_7"]
-    written = make_document(values=values | {"theta_off_7": own}, without=wrist, poses="b")
-    found = compare(make_document(without=wrist), written)
-    assert len(found.drifts) == 12
-    assert found.drifted == ()
+    values |= {"theta_off_7": VALUES["theta_off_7"]}
+    unsensed = make_document(values=values, without=wrist, poses="b")
+    comparison = compare(make_document(without=wrist), unsensed)
+    assert len(comparison.drifts) == 12
+    assert comparison.drifted == ()
 
 
-def test_angles_go_the_short_way_round():
+def test_angle_changes_wrap_at_180_degrees():
     one = make_document(values={"theta_off_2": 179.995})
     other = make_document(values={"theta_off_2": -179.995}, poses="b")
     (drift,) = compare(one, other).drifted
@@ -135,92 +124,89 @@ def test_angles_go_the_short_way_round():
     assert math.degrees(back.change) == pytest.approx(-0.01)
 
 
-def test_whose_parameters_they_are():
-    found = compare(make_document(), make_document())
-    sides = {side: {d.name for d in found.drifts if d.side is side} for side in Side}
+def test_parameters_have_their_side():
+    comparison = compare(make_document(), make_document())
+    sides = {side: {d.name for d in comparison.drifts if d.side is side} for side in Side}
     assert sides == {Side.ARM: ARM_SIDE, Side.GROUND: GROUND_SIDE, Side.HAND: HAND_SIDE}
 
 
-def test_a_fixture_mounted_anew_moves_its_own_parameters_only():
+def test_remounted_or_other_fixture_compares_arm_parameters_only():
     later = make_document({"a_0": 0.05, "theta_off_7": 12.0, "theta_off_1": -4.0}, poses="b")
-    found = compare(make_document(), later)
-    assert len(found.drifted) == 3
-    assert "compare with --remounted" in " ".join(comparison_text(found).split())
-    again = compare(make_document(), later, remounted=True)
-    assert again.drifted == ()
-    assert {d.name for d in again.drifts} == ARM_SIDE
-    assert {name for name, _ in again.left_out} == GROUND_SIDE | HAND_SIDE
-
-
-def test_another_fixture_leaves_the_arms_own():
-    later = replace(
+    comparison = compare(make_document(), later)
+    assert len(comparison.drifted) == 3
+    assert "compare with --remounted" in " ".join(comparison_text(comparison).split())
+    remounted = compare(make_document(), later, remounted=True)
+    assert remounted.drifted == ()
+    assert {name for name, _ in remounted.left_out} == GROUND_SIDE | HAND_SIDE
+    other_fixture = replace(
         make_document({"theta_off_4": 1.0}, poses="b"),
         fixture=WhichFixture(name="hinge_b", kind="hinge"),
     )
-    found = compare(make_document(), later)
-    assert [d.name for d in found.drifts] == sorted(ARM_SIDE)
-    assert [d.name for d in found.drifted] == ["theta_off_4"]
-    assert [n.code for n in found.notices] == ["FIXTURE"]
-    assert {why for _, why in found.left_out} == {"another fixture"}
+    other = compare(make_document(), other_fixture)
+    assert [d.name for d in other.drifted] == ["theta_off_4"]
+    assert [n.code for n in other.notices] == ["FIXTURE"]
+    assert {reason for _, reason in other.left_out} == {"another fixture"}
+    for comparison in (remounted, other):
+        assert {d.name for d in comparison.drifts} == ARM_SIDE
 
 
-def test_residuals_larger_than_the_noise_widen_the_sigmas():
+def test_large_chi2_widens_the_sigmas():
     loud = make_document({"theta_off_3": 0.02}, poses="b", chi2_per_dof=100.0)
-    found = compare(make_document(), loud)
-    assert found.drifted == ()
-    assert (found.scale_before, found.scale_after) == (1.0, 10.0)
-    drift = next(d for d in found.drifts if d.name == "theta_off_3")
+    comparison = compare(make_document(), loud)
+    assert comparison.drifted == ()
+    assert (comparison.scale_before, comparison.scale_after) == (1.0, 10.0)
+    drift = next(d for d in comparison.drifts if d.name == "theta_off_3")
     assert drift.sigma == pytest.approx(math.radians(0.001) * math.hypot(1.0, 10.0))
-    assert "CHI2" in [n.code for n in found.notices]
+    assert "CHI2" in [n.code for n in comparison.notices]
     quiet = make_document({"theta_off_3": 0.02}, poses="b", chi2_per_dof=0.5)
     assert compare(make_document(), quiet).scale_after == 1.0
 
 
-def test_differences_are_said():
+def test_differences_of_method_are_listed():
     later = make_document(without=("theta_off_6",), nominal={"s_3": 0.356}, poses="b")
     later = replace(later, estimator="paper", utc=later.utc.replace(year=2020))
-    found = compare(make_document(), later)
-    codes = [n.code for n in found.notices]
+    comparison = compare(make_document(), later)
+    codes = [n.code for n in comparison.notices]
     assert codes == ["ORDER", "ESTIMATOR", "ENTRIES", "TABLE"]
-    assert "s_3 was taken as 355.0000 mm in A and 356.0000 mm in B" in found.notices[-1].text
-    assert ("theta_off_6", "identified in A only") in found.left_out
-    text = comparison_text(found)
+    assert "s_3 was taken as 355.0000 mm in A and 356.0000 mm in B" in comparison.notices[-1].text
+    assert ("theta_off_6", "identified in A only") in comparison.left_out
+    text = comparison_text(comparison)
     assert "Not compared (identified in A only): theta_off_6" in text
     assert all(len(line) <= 80 for line in text.splitlines())
 
 
-def test_the_arm_is_not_blamed_for_what_was_made_otherwise():
-    moved = {"theta_off_3": 1.0}
-    same_way = make_document(moved, poses="b")
+def test_different_methods_do_not_blame_the_arm():
+    change = {"theta_off_3": 1.0}
+    same_way = make_document(change, poses="b")
     assert "The arm itself changed." in comparison_text(compare(make_document(), same_way))
     for later in (
         replace(same_way, estimator="paper"),
-        make_document(moved, without=("theta_off_6",), poses="b"),
-        make_document(moved, nominal={"s_3": 0.356}, poses="b"),
+        make_document(change, without=("theta_off_6",), poses="b"),
+        make_document(change, nominal={"s_3": 0.356}, poses="b"),
     ):
-        said = " ".join(comparison_text(compare(make_document(), later)).split())
-        assert "The arm itself changed" not in said
-        assert "A and B were made in different ways (see below)" in said
+        text = " ".join(comparison_text(compare(make_document(), later)).split())
+        assert "The arm itself changed" not in text
+        assert "A and B were made in different ways (see below)" in text
 
 
-def test_a_calibration_that_was_not_accepted_is_said_to_be_one():
+def test_forced_calibration_is_reported():
     later = make_document(poses="b")
     text = "not accepted (too few); exported because: a demo"
     later = replace(later, warnings=(DocumentWarning(code="FORCED", text=text),))
-    found = compare(make_document(), later)
-    assert [(n.code, n.text) for n in found.notices] == [("FORCED", f"B was {text}")]
+    comparison = compare(make_document(), later)
+    assert [(n.code, n.text) for n in comparison.notices] == [("FORCED", f"B was {text}")]
 
 
 @pytest.mark.parametrize("changes", [{"serial": "SDA-0002"}, {"model": "franka_panda"}])
-def test_other_arms_are_not_compared(changes, approve):
+def test_other_arms_are_incomparable(changes, approve):
     document = make_document()
     other = replace(document, arm=replace(document.arm, **changes))
-    with pytest.raises(IncomparableError) as refused:
+    with pytest.raises(IncomparableError) as error:
         compare(make_document(), other)
-    approve(str(refused.value))
+    approve(str(error.value))
 
 
-def test_nothing_in_common_is_not_compared():
+def test_no_common_parameter_is_incomparable():
     names = ARM_SIDE | GROUND_SIDE | HAND_SIDE
     one = make_document(without=tuple(names - {"theta_off_2"}))
     other = make_document(without=tuple(names - {"theta_off_3"}))
@@ -228,34 +214,31 @@ def test_nothing_in_common_is_not_compared():
         compare(one, other)
 
 
-def test_a_level_is_a_probability():
+def test_level_outside_0_to_1_is_refused():
     for level in (0.0, 1.0, math.nan):
         with pytest.raises(ValueError, match="between 0 and 1"):
             compare(make_document(), make_document(), level=level)
 
 
-def test_without_any_sigma_a_real_change_counts_and_rounding_does_not():
+def test_without_sigmas_any_change_beyond_rounding_is_drift():
     one = make_document(sigma=0.0)
     other = make_document({"theta_off_3": 0.001, "theta_off_4": 1e-13}, sigma=0.0, poses="b")
-    found = compare(one, other)
-    assert [d.name for d in found.drifted] == ["theta_off_3"]
-    assert comparison_json(found)["parameters"]["theta_off_3"]["sigmas"] is None
-    assert "no sigma" in comparison_text(found)
+    comparison = compare(one, other)
+    assert [d.name for d in comparison.drifted] == ["theta_off_3"]
+    assert comparison_json(comparison)["parameters"]["theta_off_3"]["sigmas"] is None
+    assert "no sigma" in comparison_text(comparison)
 
 
-def test_what_is_only_known_within_a_tolerance_does_not_raise_the_threshold():
-    from scipy.stats import norm
-
-    def with_lengths(document, changes):
+def test_toleranced_parameters_do_not_raise_the_threshold():
+    def with_lengths(document, change_m):
         more = (CalibratedEntry.of("s_3", 5e-4), CalibratedEntry.of("alpha_2", 0.1))
-        rows = tuple(replace(r, s_m=r.s_m + changes) if r.row == 3 else r for r in document.dh)
+        rows = tuple(replace(r, s_m=r.s_m + change_m) if r.row == 3 else r for r in document.dh)
         return replace(document, calibrated=(*document.calibrated, *more), dh=rows)
 
     before, after = make_document(), make_document(poses="b")
-    found = compare(with_lengths(before, 0.0), with_lengths(after, 0.0))
-    assert len(found.drifts) == 16
-    assert found.threshold_sigmas == pytest.approx(norm.isf(0.005 / 14))
-    assert found.threshold_sigmas == compare(before, after).threshold_sigmas
-    assert not found.drifted
-    bent = compare(with_lengths(before, 0.0), with_lengths(after, 4e-3))
-    assert [d.name for d in bent.drifted] == ["s_3"]
+    comparison = compare(with_lengths(before, 0.0), with_lengths(after, 0.0))
+    assert len(comparison.drifts) == 16
+    assert comparison.threshold_sigmas == compare(before, after).threshold_sigmas
+    assert not comparison.drifted
+    longer = compare(with_lengths(before, 0.0), with_lengths(after, 4e-3))
+    assert [d.name for d in longer.drifted] == ["s_3"]

@@ -1,7 +1,6 @@
-"""Checks of a calibration by its own poses: of exact readings they are as exact as the calibration."""
+"""Cross-validation of a calibration by its own poses."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -12,29 +11,25 @@ from solver.estimators import mixed_fit
 from tests.oracles.as_shipped import ARM, HINGE, fit_of, poses_of
 from tests.oracles.shop_floor import Sizes, session
 
-EXACT = Path(__file__).parents[2] / "data" / "hinge" / "hinge_exact.csv"
 
-
-def test_parts_are_fitted_with_the_sign_of_gravity_that_the_whole_found():
-    """The arm's file states sag that these readings have not: expected in a part, it would be the error."""
-    poses = load_poses(str(EXACT), joint_count=7).poses
-    found = check(calibrate(ARM, HINGE, poses), ARM, HINGE, poses)
-    for part in (found.held_out, found.far_block):
+def test_parts_use_the_gravity_sign_of_the_full_fit(reference_data):
+    """The arm file states sag that these readings do not have."""
+    poses = load_poses(str(reference_data / "hinge" / "hinge_exact.csv"), joint_count=7).poses
+    checks = check(calibrate(ARM, HINGE, poses), ARM, HINGE, poses)
+    for part in (checks.held_out, checks.far_block):
         assert part.sigmas.position_m.rms < 1e-6
-    assert np.rad2deg(found.jackknife_sd[0]) < 1e-4
+    assert np.rad2deg(checks.jackknife_sd[0]) < 1e-4
 
 
-def test_lengths_have_the_tolerance_that_the_calibration_had():
-    """Not that of the arm's file, with which they would be exact here, or free without any prior."""
+def test_parts_use_the_length_tolerance_of_the_calibration():
     exact = replace(ARM, tolerances=tuple(replace(t, length_m=0.0) for t in ARM.tolerances))
-    poses, checked = poses_of(session(0, Sizes.everything())), []
+    poses, jackknife_sds = poses_of(session(0, Sizes.everything())), []
     for arm, tolerance_m in ((ARM, None), (exact, float(ARM.length_tolerance_m.max()))):
         solution = calibrate(arm, HINGE, poses, length_tolerance_m=tolerance_m)
-        checked.append(check(solution, arm, HINGE, poses).jackknife_sd)
-    np.testing.assert_allclose(*checked, rtol=1e-3)
+        jackknife_sds.append(check(solution, arm, HINGE, poses).jackknife_sd)
+    np.testing.assert_allclose(*jackknife_sds, rtol=1e-3)
 
 
-def test_the_sign_of_gravity_is_tested_by_the_time_the_fit_converges(monkeypatch):
-    """Also where the gain is small before the steps are: sag that these readings have not would bias the fit."""
+def test_gravity_sign_is_tested_before_convergence(monkeypatch):
     monkeypatch.setattr(mixed_fit, "SIGN_TEST_SIGMA", 0.0)
     assert not fit_of(session(0, Sizes.only())).linear.design.expected.any()

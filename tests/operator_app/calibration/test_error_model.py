@@ -1,4 +1,4 @@
-"""From which side joints came is told by the times in a file, and by nothing else of it."""
+"""The error model of a pose set: approach sides from its times, and loads."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ def everything(poses):
 
 
 def _picked(poses, rows):
-    """Poses by index, of which some may come again under another name."""
+    """Poses by index, with duplicates under other labels."""
     return PoseSet(
         placement=poses.placement[rows],
         label=tuple(f"{poses.label[k]}.{n}" for n, k in enumerate(rows)),
@@ -33,34 +33,33 @@ def _picked(poses, rows):
     )
 
 
-def test_sides_are_those_of_the_motion_between_poses(poses):
+def test_approach_side_follows_the_motion_between_poses(poses):
     side = approach_of(ARM, poses, everything(poses))
     moved = np.diff(poses.q_rad, axis=0)
     far = np.abs(moved) > np.deg2rad(1.0)
     np.testing.assert_array_equal(side[1:][far], np.sign(moved)[far])
-    # Where a joint first stood still nobody knows; later it stays where it was left.
     assert not side[0].any()
     still = np.abs(moved) < np.deg2rad(0.01)
     np.testing.assert_array_equal(side[1:][still], side[:-1][still])
 
 
-def test_the_order_of_the_file_does_not_matter_and_a_left_out_pose_was_there(poses):
+def test_approach_side_ignores_file_order_and_uses_left_out_poses(poses):
     side = approach_of(ARM, poses, everything(poses))
     shuffle = np.random.default_rng(0).permutation(len(poses))
     shuffled = poses.at_poses(shuffle)
     np.testing.assert_array_equal(approach_of(ARM, shuffled, everything(poses)), side[shuffle])
-    some = np.array([3, 4, 9])
-    np.testing.assert_array_equal(approach_of(ARM, poses, some), side[some])
+    rows = np.array([3, 4, 9])
+    np.testing.assert_array_equal(approach_of(ARM, poses, rows), side[rows])
 
 
-@pytest.mark.parametrize("spoilt", ["", "yesterday", "2026-05-04T09:00:00"])
-def test_without_times_of_every_pose_nothing_is_known(poses, spoilt):
+@pytest.mark.parametrize("utc_text", ["", "yesterday", "2026-05-04T09:00:00"])
+def test_approach_side_is_unknown_without_all_times(poses, utc_text):
     assert approach_of(ARM, replace(poses, utc=None), everything(poses)) is None
-    utc = (spoilt, *poses.utc[1:])
+    utc = (utc_text, *poses.utc[1:])
     assert approach_of(ARM, replace(poses, utc=utc), everything(poses)) is None
 
 
-def test_a_clock_that_stands_still_tells_no_order_and_a_pose_pasted_again_is_no_harm(poses):
+def test_equal_times_give_no_order_and_duplicates_are_allowed(poses):
     m = len(poses)
     assert approach_of(ARM, replace(poses, utc=(poses.utc[0],) * m), everything(poses)) is None
     rows = np.array([*range(m), 5])
@@ -69,17 +68,17 @@ def test_a_clock_that_stands_still_tells_no_order_and_a_pose_pasted_again_is_no_
     np.testing.assert_array_equal(approach_of(ARM, twice, everything(poses)), side)
 
 
-def test_another_placement_starts_anew(poses):
-    placed = replace(poses, placement=np.repeat([1, 2], len(poses) // 2))
-    side = approach_of(ARM, placed, everything(poses))
+def test_approach_side_restarts_with_each_placement(poses):
+    two_placements = replace(poses, placement=np.repeat([1, 2], len(poses) // 2))
+    side = approach_of(ARM, two_placements, everything(poses))
     assert not side[len(poses) // 2].any()
 
 
-def test_loads_are_there_where_the_arm_weighs_something(poses):
+def test_loads_need_masses_and_compliance(poses):
     experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses)
     loaded = error_model(experiment)
     assert loaded.loads.deflection.any()
-    # Sag follows gravity all the same; what pulls at the fixture nobody knows.
+    # Sag follows gravity; the load of the fixture is unknown.
     unstated = error_model(replace(experiment, arm=replace(ARM, masses=None))).loads
     assert unstated.sag.any()
     assert not unstated.deflection.any()
@@ -87,8 +86,10 @@ def test_loads_are_there_where_the_arm_weighs_something(poses):
     assert not error_model(replace(experiment, fixture=rigid)).loads.deflection.any()
 
 
-def test_the_order_of_the_poses_changes_nothing(poses):
+def test_estimate_ignores_the_order_of_poses(poses):
     shuffle = np.random.default_rng(1).permutation(len(poses))
-    one, other = (calibrate(ARM, HINGE, p).estimate for p in (poses, poses.at_poses(shuffle)))
-    np.testing.assert_allclose(other.x, one.x, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-6, atol=1e-18)
+    in_order, shuffled = (
+        calibrate(ARM, HINGE, p).estimate for p in (poses, poses.at_poses(shuffle))
+    )
+    np.testing.assert_allclose(shuffled.x, in_order.x, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(shuffled.covariance, in_order.covariance, rtol=1e-6, atol=1e-18)

@@ -1,4 +1,4 @@
-"""A sensor that reads no change while its joint turned, told from long moves in which the joint stood."""
+"""Errors that explain an unidentifiable calibration: a sensor that does not follow its joint."""
 
 from dataclasses import replace
 
@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from fixtures.ball import Ball
-from fixtures.hinge import Hinge
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.failure_analysis import explain_unidentifiable, turned_unread
 from operator_app.config.arm_file import load_arm
@@ -22,27 +21,40 @@ from tests.oracles.shop_floor import session
 from tests.oracles.shop_floor_misread import hysteresis
 
 
-def set_up(kind):
-    if kind == "hinge":
-        return load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
-    return load_arm("franka_panda"), ball(load_arm("franka_panda"))
-
-
-def moved(arm, fixture, drives):
-    """Closed poses at home and after drives have gone by some degrees each; drives stand where told."""
+def closed_poses(arm, fixture, drives):
+    """Closed poses at home and after drives moved by some degrees each; drives are exact."""
     model = fixture.model(arm)
     x = nominal_vector(model.parameters)
     home = close_loops(model, x, arm.home_rad[None]).q
     sigma = np.ones(arm.joint_count)
     sigma[[j - 1 for j in drives]] = 0.0
-    here = home.copy()
+    q = home.copy()
     for _ in range(10):
         for j, degrees in drives.items():
-            here[0, j - 1] += np.deg2rad(degrees) / 10.0
-        closed = close_loops(model, x, here, sigma_rad=sigma)
+            q[0, j - 1] += np.deg2rad(degrees) / 10.0
+        closed = close_loops(model, x, q, sigma_rad=sigma)
         assert closed.closed.all()
-        here = closed.q
-    return home[0], here[0]
+        q = closed.q
+    return home[0], q[0]
+
+
+def turned_joint(kind, drives, stuck=None):
+    """The joint reported as turned, and the true angle of a stuck one, with a misplaced nominal fixture."""
+    arm = load_arm("sarcos_dextrous" if kind == "hinge" else "franka_panda")
+    fixture = load_fixture("hinge").fixture if kind == "hinge" else ball(arm)
+    before, after = closed_poses(arm, fixture, drives)
+    angle_rad = 0.0
+    if stuck:
+        angle_rad = after[stuck - 1] - before[stuck - 1]
+        after[stuck - 1] = before[stuck - 1]
+    if kind == "hinge":
+        fixture = replace(fixture, a_0_m=fixture.a_0_m + (0.01 if stuck else 0.025))
+    elif not stuck:
+        fixture = replace(fixture, tip_m=(0.055, 0.0, 0.03))
+    model = fixture.model(arm)
+    x = nominal_vector(model.parameters)
+    still = [j + 1 for j in np.flatnonzero(np.abs(after - before) < 1e-9)]
+    return turned_unread(model, x, before, after, still), angle_rad
 
 
 @pytest.mark.parametrize(
@@ -55,19 +67,9 @@ def moved(arm, fixture, drives):
         ("hinge", {1: 25.0, 5: 0.0}),
     ],
 )
-def test_a_drive_that_stood_is_not_said_to_have_turned(kind, drives):
-    """Whatever the placement is nominally off by: here 25 mm, as a tape measure leaves it."""
-    arm, fixture = set_up(kind)
-    before, after = moved(arm, fixture, drives)
-    if isinstance(fixture, Ball):
-        fixture = replace(fixture, tip_m=(0.055, 0.0, 0.03))
-    elif isinstance(fixture, Hinge):
-        fixture = replace(fixture, a_0_m=fixture.a_0_m + 0.025)
-    model = fixture.model(arm)
-    x = nominal_vector(model.parameters)
-    still = [j for j, degrees in drives.items() if degrees == 0.0]
-    found = turned_unread(model, x, before, after, still)
-    assert found is None or abs(found[1]) < np.deg2rad(2.0), found
+def test_stationary_drive_is_not_reported_as_turned(kind, drives):
+    turned, _ = turned_joint(kind, drives)
+    assert turned is None or abs(turned[1]) < np.deg2rad(2.0), turned
 
 
 @pytest.mark.parametrize(
@@ -78,67 +80,60 @@ def test_a_drive_that_stood_is_not_said_to_have_turned(kind, drives):
         ("hinge", {1: 0.0, 5: 12.0}, 5),
         ("hinge", {1: 8.0, 5: 4.0}, 6),
         ("hinge", {1: 8.0, 5: 4.0}, 3),
-        # Far apart: as tangents have it nothing turned.
+        # Far apart: tangents would show no turn.
         ("hinge", {1: 30.0, 5: -25.0}, 4),
         ("hinge", {1: -25.0, 5: 30.0}, 6),
         ("ball", {1: 20.0, 5: -20.0, 6: 25.0, 7: 0.0}, 4),
     ],
 )
-def test_a_joint_that_turned_unread_is_told_with_its_angle(kind, drives, stuck):
-    arm, fixture = set_up(kind)
-    before, after = moved(arm, fixture, drives)
-    true = after[stuck - 1] - before[stuck - 1]
-    after[stuck - 1] = before[stuck - 1]
-    if isinstance(fixture, Hinge):
-        fixture = replace(fixture, a_0_m=fixture.a_0_m + 0.01)
-    model = fixture.model(arm)
-    x = nominal_vector(model.parameters)
-    still = [j + 1 for j in np.flatnonzero(np.abs(after - before) < 1e-9)]
-    found = turned_unread(model, x, before, after, still)
-    assert found[0] == stuck
-    assert found[1] == pytest.approx(true, rel=0.3), np.rad2deg((found[1], true))
+def test_unread_joint_is_reported_with_its_angle(kind, drives, stuck):
+    turned, angle_rad = turned_joint(kind, drives, stuck)
+    assert turned == (stuck, pytest.approx(angle_rad, rel=0.3))
 
 
-def test_a_drive_between_two_explored_poses_of_a_ball_is_not_stuck():
-    """Readings of a virtual Panda in a ball: joints 1, 5 and 7 were held while joint 6 went by 12 deg."""
+def test_held_joint_between_ball_poses_is_not_reported_as_turned():
+    """Readings of a virtual Panda in a ball: joints 1, 5 and 7 were held while joint 6 moved by 12 deg."""
     arm = load_arm("franka_panda")
     ball = Ball(tip_m=(0.06, -0.03, 0.08), ground_m=(0.37053, -0.02121, 0.51028))
     before = np.deg2rad([-0.546, -38.605, -0.228, -127.102, -0.232, 75.992, 45.145])
     after = np.deg2rad([-0.544, -29.708, -0.013, -117.735, -0.232, 64.04, 45.145])
     model = ball.model(arm)
     x = nominal_vector(model.parameters)
-    found = turned_unread(model, x, before, after, [5, 7])
-    assert found is None or abs(found[1]) < np.deg2rad(2.0), found
+    turned = turned_unread(model, x, before, after, [5, 7])
+    assert turned is None or abs(turned[1]) < np.deg2rad(2.0), turned
 
 
-def test_what_to_do_about_a_stuck_sensor_is_not_more_poses():
-    said = words(UnidentifiableError((), stuck_joint=3, note="its sensor is stuck"))
-    assert "Repair that sensor" in said.remedy
+def test_remedy_of_a_stuck_sensor_is_not_more_poses():
+    message = words(UnidentifiableError((), stuck_joint=3, note="its sensor is stuck"))
+    assert "Repair that sensor" in message.remedy
     assert "differ" in words(UnidentifiableError(())).remedy
 
 
-def why(found, *blind):
-    """Said in place of the error that parameters cannot be identified from a session's poses."""
-    error = UnidentifiableError((UnidentifiableDirection(parameters=blind, weights=(1.0,)),))
-    stated = Experiment(arm=ARM, fixture=HINGE, poses=poses_of(found))
-    paper = estimate_paper(stated.loop(), stated.poses.q_rad)
-    with pytest.raises(PosesDoNotFitError) as caught:
-        raise explain_unidentifiable(error, stated, paper, None)
-    return str(caught.value)
+def explanation_for(taken, *blind):
+    """The message that replaces the error of unidentifiable parameters."""
+    unidentifiable = UnidentifiableError(
+        (UnidentifiableDirection(parameters=blind, weights=(1.0,)),)
+    )
+    experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses_of(taken))
+    paper = estimate_paper(experiment.loop(), experiment.poses.q_rad)
+    with pytest.raises(PosesDoNotFitError) as error:
+        raise explain_unidentifiable(unidentifiable, experiment, paper, None)
+    return str(error.value)
 
 
-def test_a_sensor_is_named_that_led_to_where_parameters_cannot_be_told_apart():
-    """Said was that s_7 cannot be told from s_0: at the values of the files these poses see every parameter."""
-    found = hysteresis(session(41), 6, 4.0)
-    assert "the reading of joint 6 does not follow" in why(found, "s_0", "s_7")
+def test_hysteresis_is_named_instead_of_unidentifiable_parameters():
+    taken = hysteresis(session(41), 6, 4.0)
+    assert "the reading of joint 6 does not follow" in explanation_for(taken, "s_0", "s_7")
 
 
 @pytest.mark.campaign
-def test_loops_that_nothing_closes_are_said_to_be_open_and_no_parameter_to_be_unseen():
-    """Readings that scatter by 2 degrees: what an estimate that ended nowhere cannot see says nothing."""
-    found = session(8001)
-    # The third draw is the one that came out as parameters that cannot be seen.
-    *_, noise = np.random.default_rng(5).normal(size=(3, *found.readings.shape))
-    taken = replace(found, readings=found.readings + np.deg2rad(2.0) * noise)
+def test_open_loops_are_named_instead_of_unidentifiable_parameters():
+    """Readings scatter by 2 degrees."""
+    sound = session(8001)
+    # The third draw gave unidentifiable parameters.
+    *_, noise = np.random.default_rng(5).normal(size=(3, *sound.readings.shape))
+    taken = replace(sound, readings=sound.readings + np.deg2rad(2.0) * noise)
     assert not solved(taken).accepted
-    assert "no parameters close the loops better than 10.53 mm and" in why(taken, "theta_off_1")
+    assert "no parameters close the loops better than 10.53 mm and" in explanation_for(
+        taken, "theta_off_1"
+    )

@@ -1,4 +1,4 @@
-"""Faults planted in the readings of sound sessions are the first finding, by name and with their size."""
+"""Faults planted in readings are the first finding, with name and size."""
 
 import re
 from dataclasses import replace
@@ -20,7 +20,7 @@ def in_radians(q, *, joints=slice(None), rows=slice(None)):
 
 
 def folded(q):
-    """As a reader does that folds every angle into 180 deg either way."""
+    """Fold angles into +-180 deg."""
     q[:] = np.mod(q + np.pi, 2.0 * np.pi) - np.pi
 
 
@@ -38,7 +38,7 @@ def drifting(q, *, joint, degrees):
 
 SCALE, SCATTER = r"encoder is off by about (\S+) %", r"scatter by about ([0-9.]+) deg"
 
-# Seed, what is done to the readings, the first cause; its size and where it is said.
+# Seed, fault, first cause, its size and the pattern of its text.
 FAULTS = [
     (21, folded, "WHOLE_TURNS_2_5_6", 0.0, ""),
     *(
@@ -59,58 +59,54 @@ FAULTS = [
 
 @pytest.mark.sample(7)
 @pytest.mark.parametrize(
-    ("seed", "change", "code", "size", "where"), FAULTS, ids=[str(fault[2]) for fault in FAULTS]
+    ("seed", "change", "code", "size", "pattern"), FAULTS, ids=[str(fault[2]) for fault in FAULTS]
 )
-def test_a_fault_of_readings_is_the_first_cause(seed, change, code, size, where):
-    """And no other one: a scale was taken for sag, noise of all joints for a bent RVDT or a ball."""
-    found = session(seed)
-    read = found.readings.copy()
-    change(read)
-    said = outcome(replace(found, readings=read))
-    assert said.verdict != ACCEPTED
-    codes = [c for c in said.causes if not c.startswith("RANGE")]
-    assert codes[0] == code, said.said
+def test_reading_fault_is_the_first_cause(seed, change, code, size, pattern):
+    taken = session(seed)
+    readings = taken.readings.copy()
+    change(readings)
+    result = outcome(replace(taken, readings=readings))
+    assert result.verdict != ACCEPTED
+    codes = [c for c in result.causes if not c.startswith("RANGE")]
+    assert codes[0] == code, result.said
     assert "WRONG_FIXTURE" not in codes
-    if where:
-        near = 0.1 if where is SCATTER else 0.25
-        assert float(re.search(where, said.said)[1]) == pytest.approx(size, rel=near)
+    if pattern:
+        tolerance = 0.1 if pattern is SCATTER else 0.25
+        assert float(re.search(pattern, result.said)[1]) == pytest.approx(size, rel=tolerance)
 
 
 @pytest.mark.parametrize(
     ("rows", "code"), [(slice(7, 8), "RANGE_RADIANS"), (slice(20, 40), "RADIANS_POSES")]
 )
-def test_rows_in_radians_are_left_out_and_are_no_flipped_poses(rows, code):
-    found = session(21)
-    read = found.readings.copy()
-    in_radians(read, rows=rows)
-    said = outcome(replace(found, readings=read))
-    assert said.causes == (code,), said.said
-    assert not {"FLIPPED_BRANCH", "RANGE"} & set(said.warnings)
+def test_rows_in_radians_are_not_reported_as_flipped(rows, code):
+    taken = session(21)
+    readings = taken.readings.copy()
+    in_radians(readings, rows=rows)
+    result = outcome(replace(taken, readings=readings))
+    assert result.causes == (code,), result.said
+    assert not {"FLIPPED_BRANCH", "RANGE"} & set(result.warnings)
 
 
 @pytest.mark.parametrize("poses", [slice(None), slice(4, 6)])
-def test_an_encoder_that_moved_while_it_was_read_is_named(poses):
-    """1 deg in all poses, and in two: ACCEPTED without a word before."""
-    found = session(61)
-    spread = found.spread.copy()
+def test_motion_during_sampling_is_named(poses):
+    taken = session(61)
+    spread = taken.spread.copy()
     spread[poses, 2] = np.deg2rad(1.0)
-    said = outcome(replace(found, spread=spread))
-    assert said.verdict == WARNED
-    assert said.causes == ("UNSTEADY_3",)
-    assert "UNSTEADY_3" in said.warnings
-    assert "spread by up to 1.000 deg within pose" in said.said
+    result = outcome(replace(taken, spread=spread))
+    assert result.verdict == WARNED
+    assert result.causes == ("UNSTEADY_3",)
+    assert "UNSTEADY_3" in result.warnings
+    assert "spread by up to 1.000 deg within pose" in result.said
 
 
-def test_a_spread_as_of_its_sensor_is_nothing():
-    assert outcome(session(61)).verdict == ACCEPTED
-
-
-def test_each_pose_that_was_left_out_says_why():
+def test_left_out_poses_have_their_reason():
     poses = poses_of(session(21))
     q = np.array(poses.q_rad)
     q[3, 1:4] -= 3.0
-    wrong = replace(poses, q_rad=q)
-    (range_pose, flipped), _ = left_out_poses((3, 5), range_findings(ARM, wrong), ARM, wrong)
+    displaced = replace(poses, q_rad=q)
+    (range_pose, flipped), _ = left_out_poses(
+        (3, 5), range_findings(ARM, displaced), ARM, displaced
+    )
     assert (range_pose.code, flipped.code) == ("RANGE_POSE", "FLIPPED_BRANCH")
     assert range_pose.joints == (2, 3, 4)
     assert flipped.poses == (poses.label[5],)

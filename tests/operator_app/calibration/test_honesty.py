@@ -1,4 +1,4 @@
-"""Sigmas are what they say, on arms from the shop floor. In small; tests/benchmarks/honesty.py in full."""
+"""Sigmas match errors on arms of the shop floor, in small; tests/benchmarks/honesty.py in full."""
 
 import numpy as np
 import pytest
@@ -11,17 +11,17 @@ from tests.oracles.shop_floor_bound import bound
 pytestmark = pytest.mark.campaign
 
 
-def test_intervals_cover_arms_with_every_error_at_its_stated_size():
-    found = [outcome(session(seed)) for seed in range(1100, 1106)]
-    assert all(o.accepted for o in found)
-    z = np.array([o.z for o in found])
-    # 84 intervals of 6 arms: an arm's parameters err together, so the band is wide.
+def test_intervals_cover_the_truth_with_all_errors_as_stated():
+    outcomes = [outcome(session(seed)) for seed in range(1100, 1106)]
+    assert all(o.accepted for o in outcomes)
+    z = np.array([o.z for o in outcomes])
+    # 84 intervals of 6 arms, whose parameters correlate: a wide band.
     assert np.mean(np.abs(z) < NORMAL_95) >= 0.88
     assert 0.4 < np.sqrt(np.mean(z**2)) < 1.25
 
 
 @pytest.mark.parametrize("source", SOURCES)
-def test_one_source_under_files_that_state_no_other(source):
+def test_intervals_cover_the_truth_with_one_error_source(source):
     sizes = Sizes.only(source)
     arm, fixture = read({}, sizes)
     z = [outcome(session(seed, sizes), arm=arm, fixture=fixture).z for seed in (1100, 1101, 1102)]
@@ -29,18 +29,18 @@ def test_one_source_under_files_that_state_no_other(source):
     assert np.sqrt(np.mean(np.square(z))) < 1.6
 
 
-def test_errors_are_near_the_bound_and_far_below_those_of_exact_lengths():
+def test_errors_are_near_the_bound():
     sizes = Sizes.only("lengths")
     arm, fixture = read({}, sizes)
     ratios = []
     for seed in range(1100, 1104):
         taken = session(seed, sizes)
-        found = outcome(taken, arm=arm, fixture=fixture)
-        ratios.append(found.error / bound(taken, sizes))
+        result = outcome(taken, arm=arm, fixture=fixture)
+        ratios.append(result.error / bound(taken, sizes))
     assert 0.5 < np.sqrt(np.mean(np.square(ratios))) < 1.6
 
 
-def test_more_poses_do_not_make_errors_look_smaller_than_they_are():
+def test_sigmas_of_many_poses_are_not_too_small():
     z = np.array([outcome(session(seed, poses=160)).z for seed in (1100, 1101, 1102)])
     assert z.shape == (3, len(PARAMETERS))
     assert np.sqrt(np.mean(z**2)) < 1.5

@@ -1,4 +1,4 @@
-"""What poses let expect of one more reading: sound ones, of arms worse than stated as well, and shifted ones."""
+"""Innovation of one more reading: sound ones, also of arms worse than stated, and shifted ones."""
 
 from dataclasses import replace
 
@@ -24,33 +24,33 @@ def experiment(poses):
 
 
 @pytest.mark.parametrize("times", [1.0, 3.0])
-def test_a_sound_reading_is_as_far_off_as_the_poses_are_from_each_other(times):
+def test_sound_reading_has_usual_chi2(times):
     taken = session(3, Sizes.everything(times=times), poses=13)
-    found = innovation(experiment(poses(taken, 0, 12)), poses(taken, 12, 13))
-    assert found.chi2 < max(25.0, 2.0 * found.usual)
-    assert found.dof == 5
+    result = innovation(experiment(poses(taken, 0, 12)), poses(taken, 12, 13))
+    assert result.chi2 < max(25.0, 2.0 * result.usual)
+    assert result.dof == 5
 
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("joint", [5, 6, 7])
-def test_a_shift_of_two_degrees_is_named_with_its_size(joint):
+def test_two_degree_shift_is_named_with_its_size(joint):
     taken = session(3, poses=13)
     reading = poses(taken, 12, 13)
     before = poses(taken, 0, 12)
     sound = innovation(experiment(before), reading)
     q = reading.q_rad.copy()
     q[0, joint - 1] -= np.deg2rad(2.0)
-    found = innovation(experiment(before), replace(reading, q_rad=q))
+    result = innovation(experiment(before), replace(reading, q_rad=q))
     assert joint not in sound.unseen(np.deg2rad(2.0), 50.0)
     assert joint in sound.unseen(np.deg2rad(0.01), 50.0)
-    assert found.chi2 > 100.0
-    # What is known of the poses before has nothing to do with the reading.
-    assert found.usual == pytest.approx(sound.usual, rel=0.2)
-    shift = max(found.shifts, key=lambda j: found.shifts[j].explains)
+    assert result.chi2 > 100.0
+    # The usual chi2 does not depend on the reading.
+    assert result.usual == pytest.approx(sound.usual, rel=0.2)
+    shift = max(result.shifts, key=lambda j: result.shifts[j].explains)
     assert shift == joint
-    assert np.rad2deg(found.shifts[joint].size_rad) == pytest.approx(-2.0, abs=0.3)
+    assert np.rad2deg(result.shifts[joint].size_rad) == pytest.approx(-2.0, abs=0.3)
 
 
-def test_two_poses_say_nothing():
+def test_two_poses_give_no_innovation():
     taken = session(3, poses=3)
     assert innovation(experiment(poses(taken, 0, 2)), poses(taken, 2, 3)) is None

@@ -1,4 +1,4 @@
-"""Poses taken later are held against a calibration: whether it still holds, and what shifted where it does not."""
+"""Later poses against a calibration: whether it holds, and what shifted where it does not."""
 
 from dataclasses import replace
 
@@ -23,26 +23,26 @@ from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, SEED, panda_poses,
 from tests.oracles.shop_floor import Specimen, closed_walk, session, taken
 
 
-def slipped(poses, shift_m):
-    """Poses of the sound session's arm, taken later in a fixture whose table half has moved."""
+def slipped_session(poses, shift_m):
+    """Poses of the sound session's arm, taken later in a fixture whose ground half has moved."""
     specimen = Specimen.drawn(SEED, session(SEED).specimen.sizes)
     slip = (0, np.concatenate((np.zeros(3), shift_m)), np.zeros(6))
     return taken(specimen, *closed_walk(specimen, poses, walk=1, slipped=slip))
 
 
-def test_verification_holds_a_slip_against_the_calibration_whatever_noise_that_found(sound):
+def test_fixture_slip_fails_verification_whatever_noise_was_estimated(sound):
     fixed = fixed_calibration(sound)
 
     def misfit(poses, fixed=fixed):
-        """chi2/dof, relative to the most that is usual."""
+        """chi2/dof relative to its usual maximum."""
         chi2 = predict(Experiment(arm=ARM, fixture=HINGE, poses=poses), fixed).chi2
         return chi2.per_dof / chi2.high
 
     assert misfit(poses_of(session(SEED, walk=1, poses=12))) < 1.0
-    moved = poses_of(slipped(12, (4e-3, 2e-3, 2e-3)))
+    moved = poses_of(slipped_session(12, (4e-3, 2e-3, 2e-3)))
     assert misfit(moved) > 1.0
-    excused = replace(fixed, fixture_variance=np.full(6, 1e-2), rvdt_sd_rad={6: 1.0, 7: 1.0})
-    assert misfit(moved, excused) > 1.0
+    noisy = replace(fixed, fixture_variance=np.full(6, 1e-2), rvdt_sd_rad={6: 1.0, 7: 1.0})
+    assert misfit(moved, noisy) > 1.0
 
 
 @pytest.fixture(scope="module")
@@ -52,85 +52,78 @@ def retaken(sound):
     return CalibrationWithPoses(solution=sound, poses=poses), session(SEED, walk=1, poses=20)
 
 
-def _judged(retaken, readings):
-    made, later = retaken
-    poses = poses_of(replace(later, readings=readings))
-    return verify_poses(ARM, HINGE, poses, made)
+def verification_of(retaken, where, error_deg):
+    """The verification of the later poses with an error added to some readings."""
+    calibration, later = retaken
+    readings = later.readings.copy()
+    readings[where] += np.deg2rad(error_deg)
+    return verify_poses(ARM, HINGE, poses_of(replace(later, readings=readings)), calibration)
 
 
-def test_what_a_calibration_has_seen_of_sensors_and_sag_is_no_trouble_in_later_poses(retaken):
-    found = _judged(retaken, retaken[1].readings)
-    assert found.holds
-    assert (found.shift, found.odd_poses) == (None, ())
+def test_later_sound_poses_hold(retaken):
+    result = verification_of(retaken, ..., 0.0)
+    assert (result.holds, result.shift, result.odd_poses) == (True, None, ())
 
 
 @pytest.mark.parametrize(("joint", "deg"), [(2, 0.2), (4, -0.1), (6, 0.5), (7, 0.5)])
-def test_a_joint_that_reads_otherwise_in_all_later_poses_is_named_with_its_size(
-    retaken, joint, deg
-):
-    """Though an RVDT may bend by 2.4 deg: how it bends is known from the calibration."""
-    readings = retaken[1].readings.copy()
-    readings[:, joint - 1] += np.deg2rad(deg)
-    found = _judged(retaken, readings)
-    assert not found.holds
-    shift = found.shift
+def test_common_joint_shift_is_named_with_its_size(retaken, joint, deg):
+    result = verification_of(retaken, np.s_[:, joint - 1], deg)
+    assert not result.holds
+    shift = result.shift
     assert shift.subject == str(joint)
     assert abs(shift.size - np.deg2rad(deg)) < 4.0 * shift.sigma
-    assert found.odd_poses == ()
+    assert result.odd_poses == ()
 
 
-def test_one_pose_that_is_off_makes_a_calibration_not_hold_and_is_named_alone(retaken):
-    readings = retaken[1].readings.copy()
-    readings[4, 1] += np.deg2rad(0.3)
-    found = _judged(retaken, readings)
-    assert not found.holds
-    assert (found.shift, found.odd_poses) == (None, (4,))
+def test_single_outlier_fails_verification_and_is_named(retaken):
+    result = verification_of(retaken, (4, 1), 0.3)
+    assert not result.holds
+    assert (result.shift, result.odd_poses) == (None, (4,))
 
 
-def test_a_single_later_pose_that_deviates_leaves_no_others_to_agree(retaken):
-    made, _ = retaken
+def test_single_deviating_pose_has_no_others_that_fit(retaken):
+    calibration, _ = retaken
     later = session(SEED, walk=1, poses=1)
     poses = poses_of(replace(later, readings=later.readings + np.deg2rad(3.0) * np.eye(7)[1]))
-    result = verify_poses(ARM, HINGE, poses, made)
+    result = verify_poses(ARM, HINGE, poses, calibration)
     assert not result.holds
     assert not result.others_fit
 
 
-def test_a_fixture_that_stands_elsewhere_is_named_as_such(retaken):
-    moved = slipped(20, (2e-3, 1e-3, 1e-3))
-    found = _judged((retaken[0], moved), moved.readings)
-    assert not found.holds
-    assert found.shift.subject == FIXTURE
+def test_moved_fixture_is_named(retaken):
+    moved = slipped_session(20, (2e-3, 1e-3, 1e-3))
+    result = verification_of((retaken[0], moved), ..., 0.0)
+    assert not result.holds
+    assert result.shift.subject == FIXTURE
 
 
 @pytest.fixture(scope="module")
 def two_sockets():
-    """Real poses of a Panda in two sockets, and the calibration from them."""
+    """A calibration from real poses of a Panda in two sockets, and the poses."""
     poses = panda_poses(1, 2)
     return calibrate(PANDA, BALL, poses), poses
 
 
 @pytest.mark.parametrize("count", [5, 30])
-def test_poses_in_one_further_socket_are_tested_wherever_it_is(two_sockets, count):
-    """The place of a single further socket was taken from the fixture's file, without any uncertainty."""
+def test_new_socket_is_verified_at_any_place(two_sockets, count):
     solution, made_from = two_sockets
     new = panda_poses(3).at_poses(np.arange(count))
     x, y, z = BALL.ground_m
-    found = [
+    results = [
         verify_new_poses(PANDA, fixture, solution, made_from=made_from, new=new)
         for fixture in (BALL, replace(BALL, ground_m=(x + 0.02, y - 0.01, z)))
     ]
-    for result in found:
+    for result in results:
         assert result.holds
         assert result.stated.dof == 3 * count - 3
         assert result.stated.per_dof < 1.0
-    assert found[0].stated.per_dof == pytest.approx(found[1].stated.per_dof, rel=1e-3)
+    assert results[0].stated.per_dof == pytest.approx(results[1].stated.per_dof, rel=1e-3)
 
 
-def test_as_many_poses_as_further_sockets_test_nothing(two_sockets):
+@pytest.mark.parametrize("numbers", [(3,), (3, 4)])
+def test_one_pose_per_new_socket_is_refused(two_sockets, numbers):
     solution, made_from = two_sockets
-    for numbers in ((3,), (3, 4)):
-        first = [panda_poses(number).at_poses(np.arange(1)) for number in numbers]
-        new = first[0] if len(first) == 1 else concatenated_poses(*first)
-        with pytest.raises(NoTestError, match="at least two poses"):
-            verify_new_poses(PANDA, BALL, solution, made_from=made_from, new=new)
+    first, *others = [panda_poses(number).at_poses(np.arange(1)) for number in numbers]
+    new = concatenated_poses(first, *others) if others else first
+    with pytest.raises(NoTestError, match="at least two poses"):
+        verify_new_poses(PANDA, BALL, solution, made_from=made_from, new=new)

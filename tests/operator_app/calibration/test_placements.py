@@ -1,4 +1,4 @@
-"""Two placements that are one are said to be; those of a fixture that was mounted anew never are."""
+"""Indistinguishable placements and measured distances between sockets."""
 
 from dataclasses import replace
 
@@ -21,14 +21,14 @@ CODE = "SAME_PLACEMENT"
 
 @pytest.fixture(scope="module")
 def two_sockets():
-    """A real arm: its ball in two sockets, but every third pose in the first is said to be of another."""
+    """A real arm with its ball in two sockets, the first of which is numbered as three."""
     poses = panda_poses(1, 2)
-    said = np.where(poses.placement == 1, np.arange(len(poses.label)) % 3 + 1, 4)
-    return calibrate(PANDA, BALL, replace(poses, placement=said), drop=True)
+    placement = np.where(poses.placement == 1, np.arange(len(poses.label)) % 3 + 1, 4)
+    return calibrate(PANDA, BALL, replace(poses, placement=placement), drop=True)
 
 
-def mounted(seed, *, turned_deg, shifted_m, folder):
-    """An arm of the shop floor in one hinge and another, 20 poses in each, as a file of them is solved."""
+def remounted(seed, *, turned_deg, shifted_m, folder):
+    """A calibration from a file of 20 poses in one hinge and 20 after remounting it."""
     first, lines = Specimen.drawn(seed, Sizes()), list[str]()
     rng = np.random.default_rng([seed, 2])
     changes = {n: shifted_m * rng.choice([-1, 1]) for n in ("a_0", "s_0", "a_7", "s_7")}
@@ -47,16 +47,12 @@ def mounted(seed, *, turned_deg, shifted_m, folder):
     return calibrate(arm, fixture, load_poses(str(file), joint_count=7).poses)
 
 
-def codes(solution):
-    return [n.code for n in solution.warnings if n.code == CODE]
-
-
-def test_a_socket_that_is_said_to_be_three_is_noticed_and_refused_for_nothing(two_sockets):
-    (said,) = [n for n in two_sockets.warnings if n.code == CODE]
-    assert said.joints == (1, 2, 3)
+def test_one_socket_numbered_as_three_is_noticed_and_accepted(two_sockets):
+    (notice,) = [n for n in two_sockets.warnings if n.code == CODE]
+    assert notice.joints == (1, 2, 3)
     assert two_sockets.accepted
     facts = facts_of(two_sockets)
-    assert {"code": CODE, "text": said.sentence} in facts.data["warnings"]
+    assert {"code": CODE, "text": notice.sentence} in facts.data["warnings"]
     assert "do not differ significantly" in " ".join(facts_text(facts).split())
 
 
@@ -65,26 +61,24 @@ def test_a_socket_that_is_said_to_be_three_is_noticed_and_refused_for_nothing(tw
 @pytest.mark.parametrize(
     ("turned_deg", "shifted_m", "warned"), [(0.0, 0.0, True), (0.5, 1e-3, False)]
 )
-def test_a_hinge_is_mounted_anew_from_a_millimetre_on(
-    tmp_path, seed, turned_deg, shifted_m, warned
-):
-    found = mounted(seed, turned_deg=turned_deg, shifted_m=shifted_m, folder=tmp_path)
-    assert codes(found) == [CODE] * warned
-    assert found.accepted
+def test_remounting_by_a_millimetre_is_distinguished(tmp_path, seed, turned_deg, shifted_m, warned):
+    solution = remounted(seed, turned_deg=turned_deg, shifted_m=shifted_m, folder=tmp_path)
+    assert [n.code for n in solution.warnings].count(CODE) == warned
+    assert solution.accepted
 
 
-def test_without_uncertainty_the_smallest_difference_is_one(two_sockets):
+def test_zero_uncertainty_distinguishes_any_difference(two_sockets):
     model, estimate = two_sockets.model, two_sockets.estimate
     exact = np.zeros_like(estimate.covariance)
     assert indistinguishable_placements(model, replace(estimate, covariance=exact)) == ()
     own = model.columns(1) != model.columns(2)
     same = estimate.x.copy()
     same[model.columns(2)[own]] = same[model.columns(1)[own]]
-    (found,) = indistinguishable_placements(model, replace(estimate, x=same, covariance=exact))
-    assert (found.joints, found.size, found.figures) == ((1, 2), 0.0, {"sigmas": 0.0})
+    (finding,) = indistinguishable_placements(model, replace(estimate, x=same, covariance=exact))
+    assert (finding.joints, finding.size, finding.figures) == ((1, 2), 0.0, {"sigmas": 0.0})
 
 
-def test_one_placement_is_compared_with_none(two_sockets):
+def test_single_placement_gives_no_notice(two_sockets):
     model, _ = two_sockets.model.of(1)
     assert indistinguishable_placements(model, two_sockets.estimate) == ()
 
@@ -92,16 +86,16 @@ def test_one_placement_is_compared_with_none(two_sockets):
 BLOCK_M = 0.05
 
 
-def found(*measured):
-    return calibrate(PANDA, replace(BALL, distances=measured), panda_poses(3, 4))
+def with_distances(*distances):
+    return calibrate(PANDA, replace(BALL, distances=distances), panda_poses(3, 4))
 
 
 @pytest.fixture(scope="module")
 def unmeasured():
-    return found()
+    return with_distances()
 
 
-def test_the_poses_alone_find_it(unmeasured):
+def test_poses_alone_determine_the_distance(unmeasured):
     (distance,) = unmeasured.distances
     assert distance.between == (3, 4)
     assert distance.measured is None
@@ -109,12 +103,12 @@ def test_the_poses_alone_find_it(unmeasured):
     assert 5e-5 < distance.sigma_m < 5e-4
 
 
-def test_a_measured_one_counts_like_one_observation_more(unmeasured):
+def test_measured_distance_counts_as_one_observation(unmeasured):
     known = KnownDistance(between=(4, 3), value_m=BLOCK_M, sigma_m=1e-4)
-    solution = found(known, KnownDistance(between=(1, 2), value_m=0.9, sigma_m=1e-5))
+    solution = with_distances(known, KnownDistance(between=(1, 2), value_m=0.9, sigma_m=1e-5))
     (alone,), (distance,) = unmeasured.distances, solution.distances
     share = alone.sigma_m**2 / (alone.sigma_m**2 + known.sigma_m**2)
-    # Sizes of errors are learned anew beside it: a tenth of what it moved.
+    # Error sizes are learned again: a tenth of the shift.
     moved = BLOCK_M - alone.value_m
     assert distance.value_m - alone.value_m == pytest.approx(share * moved, abs=0.1 * abs(moved))
     assert distance.sigma_m == pytest.approx(share**0.5 * known.sigma_m, rel=0.1)
@@ -124,17 +118,15 @@ def test_a_measured_one_counts_like_one_observation_more(unmeasured):
     assert solution.components.budget["distances"].max() > 0.0
 
 
-def test_one_that_the_poses_contradict_is_reported():
-    solution = found(KnownDistance(between=(3, 4), value_m=BLOCK_M + 2e-3, sigma_m=1e-4))
+def test_contradicted_distance_is_the_cause_of_a_refusal():
+    solution = with_distances(KnownDistance(between=(3, 4), value_m=BLOCK_M + 2e-3, sigma_m=1e-4))
     assert solution.causes[0].code == "DISTANCE"
     assert solution.verdict is Verdict.NOT_ACCEPTED
     assert solution.distances[0].deviation > 4.0
 
 
-def test_a_wrong_distance_is_a_cause_before_a_step_between_the_sockets():
-    """Said was that joint 1 jumped by some degrees between the sockets: home it and take all poses again."""
-    solution = found(KnownDistance(between=(3, 4), value_m=BLOCK_M + 2e-2, sigma_m=1e-4))
+def test_wrong_distance_comes_before_a_joint_step():
+    solution = with_distances(KnownDistance(between=(3, 4), value_m=BLOCK_M + 2e-2, sigma_m=1e-4))
     assert solution.verdict is Verdict.NOT_ACCEPTED
     assert solution.causes[0].code == "DISTANCE"
-    # A turn of joint 1 between the sockets moves them apart as well.
     assert solution.causes[1].code == "STEP_JOINT_1"

@@ -1,4 +1,4 @@
-"""What the loop brings for sensors: corrections and offsets, held against planted truth and exact readings."""
+"""RVDT corrections and offsets from the loop, against planted truth and exact readings."""
 
 import json
 from dataclasses import replace
@@ -34,70 +34,69 @@ RVDTS = (6, 7)
 
 @pytest.fixture(scope="module")
 def curved():
-    """Readings bent by 1 % of full scale, solved as they are."""
-    poses = load_poses(CURVED).poses
-    return calibrate(ARM, HINGE, poses)
+    """Readings with a linearity deviation of 1 % of full scale, solved as they are."""
+    return calibrate(ARM, HINGE, load_poses(CURVED).poses)
 
 
-def test_corrected_readings_are_the_exact_ones(curved):
-    read, exact = load_poses(CURVED).poses, load_poses(EXACT).poses
+def test_corrected_readings_match_the_exact_ones(curved):
+    measured, exact = load_poses(CURVED).poses, load_poses(EXACT).poses
     tables = reading_tables(curved)
     assert tuple(t.joint for t in tables) == RVDTS
-    better = corrected_poses(read, tables)
+    corrected = corrected_poses(measured, tables)
     for table in tables:
         k = table.joint - 1
         true = exact.q_rad[:, k] + np.deg2rad(VALUES[f"theta_off_{table.joint}"])
-        before = read.q_rad[:, k] + table.theta_off_rad - true
-        after = better.q_rad[:, k] + table.theta_off_rad - true
-        # What is left is the noise of 2 LSB (0.06 deg) and what the loop does not know.
+        before = measured.q_rad[:, k] + table.theta_off_rad - true
+        after = corrected.q_rad[:, k] + table.theta_off_rad - true
+        # Noise of 2 LSB (0.06 deg) and the uncertainty of the loop remain.
         assert np.rad2deg(np.abs(before).max()) > 0.8
         assert np.rad2deg(np.std(after)) < 0.1
         assert np.std(after) < 0.2 * np.std(before)
         assert abs(np.mean(after)) < 4.0 * np.max(table.sigma_rad)
     others = [0, 1, 2, 3, 4]
-    np.testing.assert_array_equal(better.q_rad[:, others], read.q_rad[:, others])
+    np.testing.assert_array_equal(corrected.q_rad[:, others], measured.q_rad[:, others])
 
 
-def test_beyond_the_table_its_end_counts_and_is_counted(curved):
+def test_readings_beyond_the_table_use_its_ends(curved):
     (table, _) = reading_tables(curved)
     low, high = table.reading_rad[[0, -1]]
-    asked = np.array([low - 0.2, low, high, high + 0.1])
+    readings = np.array([low - 0.2, low, high, high + 0.1])
     np.testing.assert_allclose(
-        table.corrected(asked) - asked, table.add_rad[[0, 0, -1, -1]], atol=1e-15
+        table.corrected(readings) - readings, table.add_rad[[0, 0, -1, -1]], atol=1e-15
     )
-    assert table.beyond(asked) == 2
+    assert table.beyond(readings) == 2
 
 
-def test_unsensed_joints_have_the_offsets_that_the_loop_measured():
+def test_offsets_of_unsensed_joints_are_measured_by_the_loop():
     poses = load_poses(DATA / "hinge_quantised.csv").poses
     solution = calibrate(ARM, HINGE, poses, unsensed_joints=RVDTS)
     assert not {"theta_off_6", "theta_off_7"} & {p.name for p in solution.estimate.parameters}
-    found = measured_offsets(solution, ARM, poses)
-    assert set(found) == set(RVDTS)
-    for joint, offset in found.items():
+    offsets = measured_offsets(solution, ARM, poses)
+    assert set(offsets) == set(RVDTS)
+    for joint, offset in offsets.items():
         # The file says 120 and 90 deg; the truth is 116.3 and 89.3.
         assert np.rad2deg(offset) == pytest.approx(VALUES[f"theta_off_{joint}"], abs=0.2)
 
 
-def test_a_table_is_applied_to_readings_from_the_command_line(curved, tmp_path, capsys):
+def test_command_line_applies_the_rvdt_table(curved, tmp_path, capsys):
     file = tmp_path / "p.yaml"
     remedies = tuple(map(rvdt_remedy, reading_tables(curved)))
     save_parameters(file, replace(make_document(), rvdt=remedies))
     for remedy, read in zip(remedies, reading_tables(curved), strict=True):
-        kept = ReadingTable.of(remedy)
-        np.testing.assert_allclose(kept.add_rad, read.add_rad, rtol=0, atol=1e-15)
+        reread = ReadingTable.of(remedy)
+        np.testing.assert_allclose(reread.add_rad, read.add_rad, rtol=0, atol=1e-15)
     assert main(["solve", str(CURVED), "--rvdt-table", str(file), "--json"]) == 0
-    said = capsys.readouterr()
-    assert "Readings of joint 6 corrected by up to " in said.err
-    found = json.loads(said.out)
-    assert [r["verdict"] for r in found["rvdt"]] == ["sound", "sound"]
-    for verdict in found["rvdt"]:
+    output = capsys.readouterr()
+    assert "Readings of joint 6 corrected by up to " in output.err
+    result = json.loads(output.out)
+    assert [r["verdict"] for r in result["rvdt"]] == ["sound", "sound"]
+    for verdict in result["rvdt"]:
         assert verdict["gain"] == pytest.approx(1.0, abs=0.002)
         assert verdict["linearity_percent_of_full_scale"] < 0.1
-    assert found["side"]["theta_off_1"] == "ground"
-    assert found["side"]["theta_off_2"] == "arm"
-    assert found["side"]["theta_off_7"] == "hand"
-    assert "CIRCULAR_TABLE" not in {w["code"] for w in found["warnings"]}
+    assert result["side"]["theta_off_1"] == "ground"
+    assert result["side"]["theta_off_2"] == "arm"
+    assert result["side"]["theta_off_7"] == "hand"
+    assert "CIRCULAR_TABLE" not in {w["code"] for w in result["warnings"]}
     itself = load_poses(CURVED).poses.sha256()
     save_parameters(file, replace(make_document(), rvdt=remedies, pose_set_sha256=itself))
     assert main(["solve", str(CURVED), "--rvdt-table", str(file), "--json"]) == 0
@@ -107,7 +106,7 @@ def test_a_table_is_applied_to_readings_from_the_command_line(curved, tmp_path, 
     assert "was made from these same poses" in circular["text"]
 
 
-def test_a_file_without_a_table_or_of_another_arm_is_refused(tmp_path, capsys):
+def test_file_without_rvdt_table_or_of_another_arm_is_refused(tmp_path, capsys):
     file = tmp_path / "p.yaml"
     save_parameters(file, make_document())
     assert main(["solve", str(CURVED), "--rvdt-table", str(file)]) == 2
@@ -117,16 +116,14 @@ def test_a_file_without_a_table_or_of_another_arm_is_refused(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("seed", [103, 105])
-def test_a_sine_within_its_linearity_is_accepted(seed):
-    """NOT ACCEPTED for an RVDT that the same text called within specification."""
+def test_rvdt_ripple_within_linearity_is_accepted(seed):
     solution = solved(rippled(seed).taken)
     assert all(v.verdict is Soundness.CURVED for v in solution.rvdt)
     assert solution.accepted
     assert not [c for c in solution.causes if c.code.startswith("RVDT")]
 
 
-def test_what_is_said_of_a_curve_beyond_its_linearity_is_one_figure():
-    """The cause had the amplitude as the readings bend it, its notice what the loop measures: 3.2 and 2.7 %."""
+def test_cause_and_verdict_of_a_nonlinear_rvdt_have_one_figure():
     case = CASES["RVDT 3 %"](3001)
     solution = solved(case.taken)
     first = solution.causes[0]
@@ -135,21 +132,22 @@ def test_what_is_said_of_a_curve_beyond_its_linearity_is_one_figure():
     assert f"({100.0 * verdict.figures.linearity:.1f} % of full scale" in first.text
 
 
-def test_a_figure_beyond_the_linearity_by_chance_is_not_called_within_it():
-    found = next(v for v in solved(rippled(222).taken).rvdt if v.joint == 7)
-    assert found.figures.linearity > 0.02
-    assert found.verdict is Soundness.CURVED
-    assert "within specification" not in found.text
-    assert "not significantly beyond its specification" in found.text
-    assert f"(sigma {100.0 * found.figures.linearity_sd:.2f} %, specification 2 %)" in found.text
+def test_insignificant_excess_of_linearity_is_worded_as_such():
+    verdict = next(v for v in solved(rippled(222).taken).rvdt if v.joint == 7)
+    assert verdict.figures.linearity > 0.02
+    assert verdict.verdict is Soundness.CURVED
+    assert "within specification" not in verdict.text
+    assert "not significantly beyond its specification" in verdict.text
+    assert (
+        f"(sigma {100.0 * verdict.figures.linearity_sd:.2f} %, specification 2 %)" in verdict.text
+    )
 
 
-def test_a_joint_that_moved_in_one_pose_is_named_by_the_pose():
-    """An RVDT "out of specification" whose noise "cannot be told", and no pose."""
-    found = session(61)
-    spread = found.spread.copy()
+def test_motion_in_one_pose_names_the_pose():
+    taken = session(61)
+    spread = taken.spread.copy()
     spread[4, 5] = np.deg2rad(5.0)
-    solution = solved(replace(found, spread=spread))
+    solution = solved(replace(taken, spread=spread))
     assert [c.code for c in solution.causes] == ["UNSTEADY_6"]
     assert (solution.causes[0].poses, solution.causes[0].sensor) == (("p005",), "RVDT")
     verdict = next(v for v in solution.rvdt if v.joint == 6)
@@ -157,15 +155,16 @@ def test_a_joint_that_moved_in_one_pose_is_named_by_the_pose():
     assert verdict.noise.lsb == pytest.approx(2.0, rel=0.1)
 
 
-def test_what_keeps_the_iteration_from_settling_is_said_before_that_it_did_not():
-    """The text had only "the iteration did not settle": the spread was in the JSON."""
-    found = session(61)
-    spread = found.spread.copy()
+def test_cause_of_non_convergence_comes_first():
+    taken = session(61)
+    spread = taken.spread.copy()
     spread[:, 5:] = np.deg2rad(50.0)
-    solution = solved(replace(found, spread=spread))
+    solution = solved(replace(taken, spread=spread))
     assert not solution.accepted
     assert [c.code for c in solution.causes] == ["RVDT_6", "RVDT_7", "NOT_CONVERGED"]
     text = " ".join(facts_text(facts_of(solution)).split())
-    at = [text.index(words) for words in ("RVDT of joint 6", "RVDT of joint 7", "did not converge")]
-    assert at == sorted(at)
+    positions = [
+        text.index(words) for words in ("RVDT of joint 6", "RVDT of joint 7", "did not converge")
+    ]
+    assert positions == sorted(positions)
     assert "(sd6_deg)" in text

@@ -1,4 +1,4 @@
-"""What would narrow a sigma: the source said to bring most of it, held against a calibration without it."""
+"""Predicted narrowing of sigmas, against a calibration without the source."""
 
 from dataclasses import replace
 
@@ -9,36 +9,34 @@ from tests.oracles.as_shipped import ARM, HINGE, fit_of, poses_of
 from tests.oracles.shop_floor import Sizes, session
 
 
-def test_a_fixture_twice_as_stiff_brings_at_least_what_is_said(sound):
-    said = source_sensitivities(sound)
-    assert len(said) == WORST
-    give = HINGE.compliance
+def test_stiffer_fixture_narrows_sigmas_as_predicted(sound):
+    sensitivities = source_sensitivities(sound)
+    assert len(sensitivities) == WORST
+    compliance = HINGE.compliance
     stiffer = replace(
         HINGE,
         compliance=replace(
-            give, position_m=0.5 * give.position_m, orientation_rad=0.5 * give.orientation_rad
+            compliance,
+            position_m=0.5 * compliance.position_m,
+            orientation_rad=0.5 * compliance.orientation_rad,
         ),
     )
-    mounted = session(3001, Sizes(give_m=0.1e-3, give_rad=0.1e-3))
-    half = calibrate(ARM, stiffer, poses_of(mounted)).estimate
-    assert "fixture_give" in {h.source for h in said}
-    for h in said:
-        assert 0.5 * h.sigma <= h.then < h.sigma
-        assert h.remedy
-        if h.source == "fixture_give":
-            assert half.sd_by_name[h.parameter.name] < 1.05 * h.then
+    taken = session(3001, Sizes(give_m=0.1e-3, give_rad=0.1e-3))
+    stiff_estimate = calibrate(ARM, stiffer, poses_of(taken)).estimate
+    assert "fixture_give" in {sensitivity.source for sensitivity in sensitivities}
+    for sensitivity in sensitivities:
+        assert 0.5 * sensitivity.sigma <= sensitivity.then < sensitivity.sigma
+        assert sensitivity.remedy
+        if sensitivity.source == "fixture_give":
+            assert stiff_estimate.sd_by_name[sensitivity.parameter.name] < 1.05 * sensitivity.then
 
 
-def test_every_component_is_of_a_source_of_the_budget(sound):
-    """Or a source that exceeds its specification would not be named as what widens a sigma."""
-    found = fit_of(session(3001))
-    sources = {c.source for c in found.linear.design.components} - {"discrepancy"}
+def test_every_error_component_is_in_the_budget(sound):
+    fit = fit_of(session(3001))
+    sources = {c.source for c in fit.linear.design.components} - {"discrepancy"}
     assert sources <= set(sound.components.budget)
 
 
-def test_every_source_has_a_remedy_of_its_own():
+def test_every_source_has_its_own_remedy():
     assert len({source_remedy(source) for source in SOURCE_REMEDIES}) == len(SOURCE_REMEDIES)
-
-
-def test_a_joint_beyond_nine_keeps_its_number():
     assert "joint 10 " in source_remedy("rvdt_curve_10")

@@ -1,4 +1,4 @@
-"""A recorded calibration read back is the same one, bit by bit, whatever it was of."""
+"""A recorded calibration is read back bit by bit."""
 
 import dataclasses
 import json
@@ -21,14 +21,14 @@ from tests.oracles.as_shipped import ARM, BALL, HINGE
 from tests.oracles.identity import same
 
 
-def there_and_back(found):
-    return from_dict(type(found), json.loads(json.dumps(to_dict(found), allow_nan=False)))
+def round_trip(value):
+    return from_dict(type(value), json.loads(json.dumps(to_dict(value), allow_nan=False)))
 
 
 @pytest.fixture(scope="module")
 def hinge_poses(reference_data):
-    whole = load_poses(reference_data / "hinge" / "hinge_quantised.csv").poses
-    return whole.at_poses(np.arange(24))
+    poses = load_poses(reference_data / "hinge" / "hinge_quantised.csv").poses
+    return poses.at_poses(np.arange(24))
 
 
 @pytest.mark.sample(2)
@@ -41,27 +41,26 @@ def hinge_poses(reference_data):
         {"search": True},
     ],
 )
-def test_a_solution_is_read_back_exactly(hinge_poses, options):
-    found = calibrate(ARM, HINGE, hinge_poses, **options)
-    again = there_and_back(found)
+def test_solution_is_read_back_exactly(hinge_poses, options):
+    solution = calibrate(ARM, HINGE, hinge_poses, **options)
+    again = round_trip(solution)
     assert isinstance(again, Solution)
-    assert same(found, again)
+    assert same(solution, again)
     assert not again.estimate.x.flags.writeable
 
 
-def test_second_opinions_are_read_back_exactly(hinge_poses):
-    found = check(calibrate(ARM, HINGE, hinge_poses), ARM, HINGE, hinge_poses)
-    assert found.held_out is not None
-    assert same(found, there_and_back(found))
-    assert same(Checks(), there_and_back(Checks()))
+def test_checks_are_read_back_exactly(hinge_poses):
+    checks = check(calibrate(ARM, HINGE, hinge_poses), ARM, HINGE, hinge_poses)
+    assert same(checks, round_trip(checks))
+    assert same(Checks(), round_trip(Checks()))
     # Records of earlier versions have the whole test of each part.
-    record = to_dict(found)
+    record = to_dict(checks)
     parts = record["held_out"]["parts"]
     record["held_out"]["parts"] = [{"verification": {"chi2": part}} for part in parts]
-    assert same(found, from_dict(Checks, record))
+    assert same(checks, from_dict(Checks, record))
 
 
-def test_the_loops_of_several_placements_and_of_measured_poses_are_read_back(hinge_poses):
+def test_closure_models_are_read_back_exactly(hinge_poses):
     three = dataclasses.replace(hinge_poses, placement=np.arange(24) % 3 + 1)
     endpoints = dataclasses.replace(hinge_poses, endpoint=np.tile(np.linspace(0, 1, 6), (24, 1)))
     for model in (
@@ -69,7 +68,7 @@ def test_the_loops_of_several_placements_and_of_measured_poses_are_read_back(hin
         Experiment(arm=ARM, fixture=BALL, poses=three, unsensed=(7,)).loop(),
         Experiment(arm=ARM, fixture=measured(ARM), poses=endpoints).loop(),
     ):
-        assert same(OfLoop(model), there_and_back(OfLoop(model)))
+        assert same(OfLoop(model), round_trip(OfLoop(model)))
 
 
 @dataclass(frozen=True)
@@ -85,10 +84,10 @@ class Figure:
 
 @given(st.floats(allow_nan=True, allow_infinity=True))
 def test_any_double_is_read_back(value):
-    assert same(there_and_back(Figure(value)), Figure(value))
+    assert same(round_trip(Figure(value)), Figure(value))
 
 
-def test_a_field_more_or_one_with_a_default_less_does_no_harm():
+def test_unknown_and_missing_default_fields_are_accepted():
     data = to_dict(Figure(1.5, "some"))
     assert from_dict(Figure, {**data, "later": 3}) == Figure(1.5, "some")
     del data["note"]
@@ -98,6 +97,6 @@ def test_a_field_more_or_one_with_a_default_less_does_no_harm():
 @pytest.mark.parametrize(
     "data", [{}, {"version": 0, "value": 1.0}, {"version": 1}, {"version": 1, "value": [1.0]}]
 )
-def test_what_is_no_record_is_refused_as_one(data):
+def test_invalid_record_is_refused(data):
     with pytest.raises(RecordError, match="not a Figure"):
         from_dict(Figure, data)

@@ -1,4 +1,4 @@
-"""What goes wrong is named and not believed. One arm a case; tests/benchmarks/verdicts.py has twenty."""
+"""Faults are named and not accepted unnamed. One arm per case; tests/benchmarks/verdicts.py has twenty."""
 
 import pytest
 
@@ -28,18 +28,18 @@ SURE = (
 )
 
 pytestmark = pytest.mark.campaign
-"""Cases whose cause must come first. Others are in the benchmark, whose bar leaves one arm in ten."""
+"""Cases whose cause must come first. The benchmark has the others."""
 
 
 @pytest.mark.parametrize("name", SURE)
-def test_fault_is_named_first_and_never_believed(name):
-    found = one((name, 3100))
-    assert found.outcome.verdict != CRASHED, found.outcome.said
-    assert not found.believed
-    assert found.first, (found.outcome.causes, found.outcome.said)
+def test_fault_is_named_first_and_not_accepted_unnamed(name):
+    verdict = one((name, 3100))
+    assert verdict.outcome.verdict != CRASHED, verdict.outcome.said
+    assert not verdict.believed
+    assert verdict.first, (verdict.outcome.causes, verdict.outcome.said)
 
 
-def test_what_is_within_tolerance_is_survived():
-    found = one(("joint slips 5 counts", 3100))
-    assert found.outcome.accepted, found.outcome.said
-    assert not found.wrong
+def test_slip_within_tolerance_is_accepted():
+    verdict = one(("joint slips 5 counts", 3100))
+    assert verdict.outcome.accepted, verdict.outcome.said
+    assert not verdict.wrong

@@ -1,4 +1,4 @@
-"""Which poses are new to a calibration: by their readings, and of an instrument by what it measured as well."""
+"""Which poses are new to a calibration: by readings, and for an instrument by its measurements as well."""
 
 from dataclasses import replace
 
@@ -21,58 +21,57 @@ def measured(tmp_path_factory):
     return load_poses(str(path), joint_count=7).poses
 
 
-def again(poses, rows=slice(None)):
-    """The same poses, held still, measured once more: no count has changed."""
+def remeasured(poses, rows=slice(None)):
+    """The same readings with endpoints measured again."""
     noise = np.random.default_rng(3).normal(size=poses.endpoint.shape)
     endpoint = poses.endpoint.copy()
     endpoint[rows] += SIGMA_M * noise[rows]
     return replace(poses, endpoint=endpoint)
 
 
-def test_a_pose_that_an_instrument_measured_again_is_new_and_judges(measured):
+def test_remeasured_pose_is_new_and_verifies(measured):
     arm, tracker = load_arm("sarcos_dextrous"), load_fixture("tracker").fixture
-    made = calibrate(arm, tracker, measured, drop=True)
-    found = verify_new_poses(arm, tracker, made, made_from=measured, new=again(measured))
-    assert found.holds
-    assert found.poses == len(measured)
-    moved = again(measured)
+    solution = calibrate(arm, tracker, measured, drop=True)
+    result = verify_new_poses(arm, tracker, solution, made_from=measured, new=remeasured(measured))
+    assert result.holds
+    assert result.poses == len(measured)
+    moved = remeasured(measured)
     moved = replace(moved, endpoint=moved.endpoint + np.array([0.0, 0.0, 3e-3]))
-    assert not verify_new_poses(arm, tracker, made, made_from=measured, new=moved).holds
+    assert not verify_new_poses(arm, tracker, solution, made_from=measured, new=moved).holds
 
 
-def test_what_was_measured_once_is_not_new_however_many_decimals_it_is_written_with(measured):
+def test_rounded_endpoints_are_not_new_poses(measured):
     tracker = load_fixture("tracker").fixture
-    require_new(again(measured), measured, tracker)
-    written = replace(
+    require_new(remeasured(measured), measured, tracker)
+    rounded = replace(
         measured,
         q_rad=np.deg2rad(np.rad2deg(measured.q_rad).round(3)),
         endpoint=measured.endpoint.round(6),
     )
     with pytest.raises(NoTestError, match="these are poses that the calibration was made from"):
-        require_new(written, measured, tracker)
+        require_new(rounded, measured, tracker)
     with pytest.raises(NoTestError, match=r"2 of the 40 poses \(1, 2\)"):
-        require_new(again(measured, slice(2, None)), measured, tracker)
-    # Without what it measured there only the readings are left to tell them by.
+        require_new(remeasured(measured, slice(2, None)), measured, tracker)
+    # Without measurements only the readings are compared.
     with pytest.raises(NoTestError, match="these are poses"):
         require_new(replace(measured, endpoint=None), measured, tracker)
 
 
-def test_in_metal_a_pose_is_its_readings_whatever_was_measured_beside_it(measured):
+def test_poses_in_a_hinge_are_compared_by_readings(measured):
     with pytest.raises(NoTestError, match="these are poses"):
-        require_new(again(measured), measured, load_fixture("hinge").fixture)
+        require_new(remeasured(measured), measured, load_fixture("hinge").fixture)
 
 
-def test_full_poses_and_points_are_compared_by_the_points(measured):
+def test_full_poses_and_points_are_compared_by_points(measured):
     turned = np.hstack((measured.endpoint, np.zeros((len(measured), 3))))
     full = replace(measured, endpoint=turned)
     tracker = load_fixture("tracker").fixture
     with pytest.raises(NoTestError, match="these are poses"):
         require_new(measured, full, tracker)
-    require_new(again(measured), full, tracker)
+    require_new(remeasured(measured), full, tracker)
 
 
-def test_poses_written_with_two_decimals_are_not_new_and_those_a_little_elsewhere_are(measured):
-    """Own poses, rounded to 0.01 deg, passed as poses that took no part."""
+def test_rounded_readings_are_not_new_poses(measured):
     own = replace(measured, endpoint=None)
     hinge = load_fixture("hinge").fixture
     rounded = replace(own, q_rad=np.deg2rad(np.rad2deg(own.q_rad).round(2)))
@@ -80,5 +79,5 @@ def test_poses_written_with_two_decimals_are_not_new_and_those_a_little_elsewher
         with pytest.raises(NoTestError, match="these are poses that the calibration was made from"):
             require_new(new, made_from, hinge)
     require_new(replace(rounded, q_rad=rounded.q_rad + np.deg2rad(0.02)), own, hinge)
-    # With more decimals what differs in the third is another pose.
+    # With more decimals, poses that differ in the third are different.
     require_new(replace(own, q_rad=own.q_rad + np.deg2rad(0.004)), own, hinge)

@@ -1,3 +1,5 @@
+"""Advice on placements of a fixture: feasibility, ranking, and files that reproduce them."""
+
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +17,7 @@ from solver.closing import close_loops
 from tests.oracles.as_shipped import ARM, HINGE
 
 
-def test_a_good_placement_is_judged_good():
+def test_good_placement_is_feasible():
     report = assess_placement(moved_hinge(ARM, HINGE))
     assert report.feasible
     assert report.mobility == 2
@@ -27,7 +29,7 @@ def test_a_good_placement_is_judged_good():
     assert set(report.sigma) >= {"theta_off_1", "a_0", "alpha_7"}
 
 
-def test_a_refused_check_makes_it_unusable():
+def test_refused_check_makes_a_placement_infeasible():
     report = assess_placement(moved_hinge(ARM, HINGE), poses=5, candidates=150)
     refused = SetupCheck(
         kind=CheckKind.AXIS_ANGLE, joint=7, severity=Severity.REFUSED, text="parallel"
@@ -36,7 +38,7 @@ def test_a_refused_check_makes_it_unusable():
     assert not replace(report, checks=(*report.checks, refused)).feasible
 
 
-def test_where_too_few_poses_can_be_reached_it_says_so():
+def test_placement_with_few_reachable_poses_is_infeasible():
     home = moved_hinge(ARM, HINGE).arm
     narrow = replace(
         home,
@@ -51,34 +53,34 @@ def test_where_too_few_poses_can_be_reached_it_says_so():
 
 
 @pytest.mark.campaign
-def test_search_ranks_by_what_is_asked():
-    found = advise(ARM, HINGE, tries=3, best=6, parameters=("s_1",))
-    assert [p.gain for p in found] == sorted(p.gain for p in found)
-    here = next(p for p in found if p.text == "as it is")
-    assert here.gain == pytest.approx(1.0)
-    for placement in found:
-        expected = placement.sigma["s_1"] / here.sigma["s_1"]
+def test_search_ranks_by_the_requested_parameter():
+    placements = advise(ARM, HINGE, tries=3, best=6, parameters=("s_1",))
+    assert [p.gain for p in placements] == sorted(p.gain for p in placements)
+    current = next(p for p in placements if p.text == "as it is")
+    assert current.gain == pytest.approx(1.0)
+    for placement in placements:
+        expected = placement.sigma["s_1"] / current.sigma["s_1"]
         assert placement.gain == pytest.approx(expected)
-    assert found[0].gain < 1.0
-    assert "s_1 known to" in found[0].text
+    assert placements[0].gain < 1.0
+    assert "s_1 known to" in placements[0].text
 
 
 @pytest.mark.campaign
-def test_search_is_deterministic_and_knows_its_parameters():
-    first, again = (advise(ARM, HINGE, tries=1, poses=5) for _ in range(2))
-    assert [p.text for p in first] == [p.text for p in again]
+def test_search_is_deterministic_and_refuses_unknown_parameters():
+    first, second = (advise(ARM, HINGE, tries=1, poses=5) for _ in range(2))
+    assert [p.text for p in first] == [p.text for p in second]
     with pytest.raises(SessionError, match="a_9"):
         advise(ARM, HINGE, tries=0, poses=5, parameters=("a_9",))
 
 
-def test_the_placement_that_is_printed_closes_where_it_was_planned():
-    """Without the offsets of the first and last joint a fixture file of it was another HINGE."""
+def test_printed_placement_closes_the_planned_loop():
+    """With the offsets of the first and last joint."""
     mounted = moved_hinge(ARM, HINGE, tilt_rad=(0.3, -0.2), shift_m=(0.03, 0.02))
     report = assess_placement(mounted, poses=5, candidates=150)
     parameters = {p.name: p for p in mounted.hinge.model(mounted.arm).parameters}
-    shown = advice_json((report,), parameters)[0]["placement"]
-    read = replace(HINGE, **in_si(HingePlacement(**shown).model_dump()))
-    loop = read.model(ARM)
+    printed = advice_json((report,), parameters)[0]["placement"]
+    fixture = replace(HINGE, **in_si(HingePlacement(**printed).model_dump()))
+    loop = fixture.model(ARM)
     pose = close_loops(loop, nominal_vector(loop.parameters), mounted.arm.home_rad[None, :])
     assert pose.q[0] == pytest.approx(mounted.arm.home_rad, abs=1e-9)
     words = advice_text((report,), parameters, ARM.joint_count)

@@ -1,4 +1,4 @@
-"""Choosing drive joints: the best usable set, never one that is not sensed, and always with a reason."""
+"""The choice of drive joints: the best usable set of sensed joints, with a reason."""
 
 from dataclasses import replace
 
@@ -14,13 +14,19 @@ from solver.design.drive_joints import DriveTrial
 
 @pytest.fixture(scope="module")
 def prediction():
-    own = load_procedure("hinge_planned")
-    model = own.fixture.fixture.model(own.arm)
-    return predict_drives(own.arm, model, nominal_vector(model.parameters), own.arm.home_rad)
+    return predict_drives(*planned_loop())
+
+
+def planned_loop():
+    """Arm, model, nominal parameters and home of a procedure."""
+    procedure = load_procedure("hinge_planned")
+    arm = procedure.arm
+    model = procedure.fixture.fixture.model(arm)
+    return arm, model, nominal_vector(model.parameters), arm.home_rad
 
 
 def trial(drives: tuple[int, ...], *, follows: float = 1.0, stopped: str = "") -> DriveTrial:
-    """Wiggles of two drives by 0.02 rad that all joints follow at the same rate."""
+    """Wiggles of two drives by 0.02 rad, followed by all other joints by 0.01 rad."""
     commanded = 0.02 * np.eye(2)
     moved = np.full((2, 7), 0.01)
     for k, joint in enumerate(drives):
@@ -29,7 +35,7 @@ def trial(drives: tuple[int, ...], *, follows: float = 1.0, stopped: str = "") -
     return DriveTrial(drives=drives, commanded_rad=commanded, moved_rad=moved, stopped=stopped)
 
 
-def test_the_set_that_reaches_most_drives_and_others_fill_its_gaps(prediction):
+def test_drive_set_with_most_reach_is_chosen(prediction):
     choice = choose_drives(prediction)
     assert choice.drives == (1, 5) == choice.sets[0]
     assert 1 < len(choice.sets) <= 3
@@ -38,34 +44,29 @@ def test_the_set_that_reaches_most_drives_and_others_fill_its_gaps(prediction):
     assert choice.ranked[0].drives == choice.drives
 
 
-def test_inexact_sensors_do_not_drive_while_others_can(prediction):
+def test_inexact_and_unsensed_joints_do_not_drive(prediction):
     assert prediction.inexact == {6, 7}
-    for drives in choose_drives(prediction).sets:
-        assert not set(drives) & {6, 7}
+    assert not any({6, 7} & set(drives) for drives in choose_drives(prediction).sets)
+    sets = (*choose_drives(prediction, unsensed_joints=(1,)).sets, *sets_to_try(prediction, (1,)))
+    assert all(1 not in drives for drives in sets)
 
 
-def test_joints_that_are_not_used_never_drive(prediction):
-    choice = choose_drives(prediction, unsensed_joints=(1,))
-    assert all(1 not in drives for drives in choice.sets)
-    assert all(1 not in drives for drives in sets_to_try(prediction, (1,)))
-
-
-def test_a_trial_overrules_the_prediction(prediction):
-    tried = sets_to_try(prediction)
-    assert tried[0] == (1, 5)
-    trials = [trial(d, stopped="joint 3 needed 90 N m" if d == (1, 5) else "") for d in tried]
+def test_failed_drive_trial_overrules_the_prediction(prediction):
+    sets = sets_to_try(prediction)
+    assert sets[0] == (1, 5)
+    trials = [trial(d, stopped="joint 3 needed 90 N m" if d == (1, 5) else "") for d in sets]
     choice = choose_drives(prediction, trials=trials)
-    assert choice.drives in tried[1:]
+    assert choice.drives in sets[1:]
     assert any(reason.startswith("on the arm:") for reason in choice.reasons)
 
 
-def test_when_no_tried_set_moves_the_reason_is_said(prediction):
+def test_no_moving_drive_set_is_an_error(prediction):
     trials = [trial(d, follows=0.1) for d in sets_to_try(prediction)]
     with pytest.raises(SessionError, match="only 10% of its commanded angle"):
         choose_drives(prediction, trials=trials)
 
 
-def test_at_a_fold_nothing_is_chosen(prediction):
+def test_no_drive_set_at_a_fold_is_an_error(prediction):
     folded = tuple(
         replace(r, usable=False, reasons=("at a fold", *r.reasons)) for r in prediction.here
     )
@@ -75,12 +76,9 @@ def test_at_a_fold_nothing_is_chosen(prediction):
         choose_drives(replace(prediction, here=folded))
 
 
-def test_a_start_outside_of_the_ranges_names_the_joint():
-    own = load_procedure("hinge_planned")
-    model = own.fixture.fixture.model(own.arm)
-    home = own.arm.home_rad
-    joints = list(own.arm.joints)
+def test_start_beyond_a_joint_range_is_an_error():
+    arm, model, x, home = planned_loop()
+    joints = list(arm.joints)
     joints[3] = replace(joints[3], lower_rad=home[3] + 0.5)
-    arm = replace(own.arm, joints=tuple(joints))
     with pytest.raises(SessionError, match=r"joint 4 .* deg beyond its range"):
-        predict_drives(arm, model, nominal_vector(model.parameters), home)
+        predict_drives(replace(arm, joints=tuple(joints)), model, x, home)

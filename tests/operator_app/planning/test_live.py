@@ -1,4 +1,4 @@
-"""A way past a fold is not clear; where free joints run away, a second implementation of the loop says."""
+"""Clear paths: none where free joints run away past a fold, by a second implementation of the loop."""
 
 import numpy as np
 import pytest
@@ -9,10 +9,10 @@ from tests.oracles.loop_oracle import Truth, closure, closure_rates, paper_truth
 
 STEP_RAD = np.deg2rad(1.0)
 FREE = np.array([0, 2, 3, 4, 6, 7])
-"""Columns of theta_0 and of the joints that do not drive: 1 and 5 do."""
+"""Columns of theta_0 and of the free joints: 1 and 5 drive."""
 
 
-def settled(truth: Truth, angles: np.ndarray) -> np.ndarray:
+def close_loop(truth: Truth, angles: np.ndarray) -> np.ndarray:
     """Close the loop with the free joints alone."""
     angles = angles.copy()
     for _ in range(4):
@@ -24,15 +24,15 @@ def settled(truth: Truth, angles: np.ndarray) -> np.ndarray:
     return angles
 
 
-def driven(truth: Truth, angles: np.ndarray, joint: int, by_deg: float) -> tuple[np.ndarray, float]:
-    """Where all joints are after a drive went so far, and the fastest one's motion over the drive's."""
+def drive(truth: Truth, angles: np.ndarray, joint: int, by_deg: float) -> tuple[np.ndarray, float]:
+    """All joints after a drive moved so far, and the speed of the fastest relative to the drive."""
     fastest = 0.0
     for _ in range(round(abs(np.deg2rad(by_deg)) / STEP_RAD)):
         ahead = angles.copy()
         ahead[joint] += np.sign(by_deg) * STEP_RAD
-        found = settled(truth, ahead)
-        fastest = max(fastest, float(np.abs(found - angles)[1:].max() / STEP_RAD))
-        angles = found
+        closed = close_loop(truth, ahead)
+        fastest = max(fastest, float(np.abs(closed - angles)[1:].max() / STEP_RAD))
+        angles = closed
     return angles, fastest
 
 
@@ -40,19 +40,18 @@ def driven(truth: Truth, angles: np.ndarray, joint: int, by_deg: float) -> tuple
 @pytest.mark.parametrize(
     ("first_deg", "then_deg", "clear"), [(24.0, -10.0, True), (24.0, 12.0, False)]
 )
-def test_a_way_on_which_free_joints_run_away_is_not_clear(first_deg, then_deg, *, clear):
+def test_path_with_runaway_free_joints_is_not_clear(first_deg, then_deg, *, clear):
     truth, procedure = paper_truth(), load_procedure("hinge")
     loop = procedure.fixture.fixture.model(procedure.arm)
     start = np.concatenate(([0.0], truth.home))
     T = product(start + truth.theta_off, truth.s, truth.a, truth.alpha)
     start[0] = -np.arctan2(T[1, 0], T[0, 0])
-    here, _ = driven(truth, settled(truth, start), 1, first_deg)
-    there, fastest = driven(truth, here, 5, then_deg)
-    # Drives go at 20 deg/s: the fastest would go at more than 100, or at 30.
+    first, _ = drive(truth, close_loop(truth, start), 1, first_deg)
+    second, fastest = drive(truth, first, 5, then_deg)
     assert (fastest < 1.5) if clear else (fastest > 5.0)
     x = truth.values([p.name for p in loop.parameters])
-    target = {1: float(there[1]), 5: float(there[5])}
-    assert is_path_clear(procedure.arm, loop, x, here[1:], target) is clear
-    # A degree beyond a range is no place to go, however smooth the way.
-    beyond = {1: float(procedure.arm.upper_rad[0]) + 0.02, 5: float(here[5])}
-    assert not is_path_clear(procedure.arm, loop, x, here[1:], beyond)
+    target = {1: float(second[1]), 5: float(second[5])}
+    assert is_path_clear(procedure.arm, loop, x, first[1:], target) is clear
+    # A target a degree beyond a joint range is not clear.
+    beyond = {1: float(procedure.arm.upper_rad[0]) + 0.02, 5: float(first[5])}
+    assert not is_path_clear(procedure.arm, loop, x, first[1:], beyond)

@@ -1,4 +1,4 @@
-"""What a session asks for after each pose does not cost more with every pose there is."""
+"""The cost of live estimates and waypoints does not grow with the number of poses."""
 
 from itertools import pairwise
 
@@ -24,29 +24,29 @@ def box() -> Box:
     )
 
 
-def test_the_waypoints_of_a_session_are_made_once():
-    once = waypoints(box(), poses=1000, seed=3)
-    assert waypoints(box(), poses=1000, seed=3) is once
-    assert waypoints(box(), poses=1000, seed=4) != once
-    assert len(once) == 3000
+def test_waypoints_are_cached():
+    cached = waypoints(box(), poses=1000, seed=3)
+    assert waypoints(box(), poses=1000, seed=3) is cached
+    assert waypoints(box(), poses=1000, seed=4) != cached
+    assert len(cached) == 3000
     with pytest.raises(TypeError):
-        once[0][1] = 9.0  # type: ignore[index]
+        cached[0][1] = 9.0  # type: ignore[index]
 
 
 @pytest.mark.campaign
-def test_many_poses_are_estimated_now_and_then_and_the_last_always(reference_data):
+def test_many_poses_are_estimated_at_growing_intervals(reference_data):
     arm, fixture = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
     poses = load_poses(reference_data / "hinge" / "hinge_quantised.csv", joint_count=7).poses
     model = fixture.model(arm)
-    few = poses.q_rad
-    q = np.tile(few, (MANY // len(few) + 1, 1))[:MANY]
+    recorded = poses.q_rad
+    q = np.tile(recorded, (MANY // len(recorded) + 1, 1))[:MANY]
     numbers = tuple(range(1, MANY + 1))
 
     resumed = live_quality(arm, model, q[:125], numbers[:125])
     assert resumed.history[-1][0] == 125
     np.testing.assert_array_equal(resumed.x, estimate_paper(model, q[:125]).x)
     counts = [count for count, _ in resumed.history]
-    # Each of the first hundred, then about every fiftieth part.
+    # Each of the first hundred, then every 2 %.
     assert counts[: 101 - resumed.needed] == list(range(resumed.needed, 101))
     assert all(b <= 1.02 * a + 1.0 for a, b in pairwise(counts))
     assert len(counts) < 115
@@ -57,6 +57,6 @@ def test_many_poses_are_estimated_now_and_then_and_the_last_always(reference_dat
         assert live.numbers == numbers[:count]
         assert live.history[-1][0] >= count / 1.02 - 1.0
     assert len(live.history) - len(resumed.history) < 10
-    # A fold of what was seen is of all of them, and every pose was predicted before it counted.
+    # Coverage is of all poses, and every pose is predicted before it is used.
     np.testing.assert_allclose([low for low, _ in live.coverage], q.min(axis=0))
     assert set(live.predicted_m) >= set(range(102, MANY + 1))

@@ -1,4 +1,4 @@
-"""Homes that are proposed: by pinocchio's chain every joint moves there, and the hinge's pin is in its place."""
+"""Proposed home poses: all joints move there, and a mounted hinge fits, by pinocchio's chain."""
 
 import re
 from pathlib import Path
@@ -8,77 +8,71 @@ import pinocchio as pin
 import pytest
 import yaml
 
-from operator_app.cli import main
 from tests.oracles import lbr_iiwa
 
-HAND = np.array([0.06, 0.0, 0.08])
+TOOL_M = np.array([0.06, 0.0, 0.08])
 AXIS = np.array([1.0, 0.3, -0.2]) / np.linalg.norm([1.0, 0.3, -0.2])
-WHERE_DEG = (20.0, 50.0, -20.0, -80.0, 30.0, 70.0, 10.0)
-"""Where the hand was when the hinge was bolted down; no command is told."""
-
-
-def said(capsys: pytest.CaptureFixture[str], typed: str, code: int = 0) -> str:
-    assert main(typed.split()) == code
-    return capsys.readouterr().out
+MOUNTED_DEG = (20.0, 50.0, -20.0, -80.0, 30.0, 70.0, 10.0)
+"""Joint angles at which the hinge was mounted, unknown to the commands."""
 
 
 @pytest.fixture
-def desk(tmp_path, monkeypatch):
+def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("iiwa.urdf").write_text(lbr_iiwa.urdf())
     return tmp_path
 
 
-def home_deg() -> list[float]:
-    found: list[float] = yaml.safe_load(Path("iiwa14.yaml").read_text())["home_deg"]
-    return found
+def home_deg():
+    return yaml.safe_load(Path("iiwa14.yaml").read_text())["home_deg"]
 
 
-def stretched() -> None:
-    text = Path("iiwa14.yaml").read_text()
-    Path("iiwa14.yaml").write_text(re.sub(r"home_deg: .*", "home_deg: [0, 0, 0, 0, 0, 0, 0]", text))
+def set_home(line):
+    file = Path("iiwa14.yaml")
+    file.write_text(re.sub(r"home_deg: .*", line, file.read_text()))
 
 
-def pin_of(q_deg: list[float] | tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """A point of the pin and the way it lies, in the base."""
+def hinge_pin(q_deg: list[float] | tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """A point and the direction of the hinge's pin in the base."""
     T = lbr_iiwa.iiwa_hand(np.deg2rad(q_deg))
-    return T[:3, :3] @ HAND + T[:3, 3], T[:3, :3] @ AXIS
+    return T[:3, :3] @ TOOL_M + T[:3, 3], T[:3, :3] @ AXIS
 
 
 def least_motion(q_deg: list[float]) -> float:
-    """Share of the joint that moves least in what a hinge leaves, by pinocchio's Jacobian; 0 in a singular pose."""
+    """Motion of the slowest joint in a hinge, by pinocchio's Jacobian; 0 in a singular pose."""
     model = pin.buildModelFromXML(lbr_iiwa.urdf())
     data, q = model.createData(), np.deg2rad(q_deg)
     frame = model.getFrameId("flange")
     J = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL)
-    hinge = np.concatenate((np.cross(HAND, AXIS), AXIS))
+    hinge = np.concatenate((np.cross(TOOL_M, AXIS), AXIS))
     _, size, Vt = np.linalg.svd(np.column_stack((J, hinge)))
     return float(size[-1] * np.linalg.norm(Vt[6:], axis=0)[:7].min())
 
 
-def test_a_urdf_whose_middle_is_stretched_out_gets_a_bent_home(desk, capsys):
-    assert "Home        bent" in said(capsys, "new arm --urdf iiwa.urdf --name iiwa14")
+def test_stretched_urdf_gets_a_nonsingular_home(folder, ends_with):
+    output = ends_with(0, "new", "arm", "--urdf", "iiwa.urdf", "--name", "iiwa14").out
+    assert "Home        bent" in output
     assert least_motion([0.0] * 7) == pytest.approx(0.0, abs=1e-9)
     assert least_motion(home_deg()) > 0.01
     assert (np.abs(home_deg()) < 0.7 * np.array(lbr_iiwa.RANGE_DEG)).all()
 
 
 @pytest.mark.campaign
-def test_a_home_that_closes_with_a_hinge_that_stands_already(desk, capsys):
-    said(capsys, "new arm --urdf iiwa.urdf --name iiwa14")
-    stretched()
-    point, way = pin_of(WHERE_DEG)
-    numbers = ",".join(f"{1e3 * v:.4f}" for v in point), ",".join(f"{v:.6f}" for v in way)
-    said(
-        capsys,
-        "new fixture --kind hinge --arm iiwa14.yaml --name it --hand-point 60,0,80 --hand-direction 1,0.3,-0.2 "
-        f"--base-point {numbers[0]} --base-direction {numbers[1]}",
+def test_proposed_home_closes_with_a_mounted_hinge(folder, ends_with):
+    ends_with(0, "new", "arm", "--urdf", "iiwa.urdf", "--name", "iiwa14")
+    set_home("home_deg: [0, 0, 0, 0, 0, 0, 0]")
+    point, direction = hinge_pin(MOUNTED_DEG)
+    fixture = (
+        "--kind hinge --arm iiwa14.yaml --name it --hand-point 60,0,80 --hand-direction 1,0.3,-0.2 "
+        f"--base-point {','.join(f'{1e3 * v:.4f}' for v in point)} "
+        f"--base-direction {','.join(f'{v:.6f}' for v in direction)}"
     )
-    text = said(capsys, "check iiwa14.yaml it.yaml", code=0)
-    (line,) = re.findall(r"^  (home_deg: \[.*\])$", text, re.MULTILINE)
-    Path("iiwa14.yaml").write_text(re.sub(r"home_deg: .*", line, Path("iiwa14.yaml").read_text()))
-    there, along = pin_of(home_deg())
-    # Whole degrees of seven joints, a metre and more from the base.
-    assert np.linalg.norm(there - point) < 0.03
-    assert abs(along @ way) > np.cos(np.deg2rad(3.0))
+    ends_with(0, "new", "fixture", *fixture.split())
+    report = ends_with(0, "check", "iiwa14.yaml", "it.yaml").out
+    (line,) = re.findall(r"^  (home_deg: \[.*\])$", report, re.MULTILINE)
+    set_home(line)
+    home_point, home_direction = hinge_pin(home_deg())
+    # The proposal is rounded to whole degrees.
+    assert np.linalg.norm(home_point - point) < 0.03
+    assert abs(home_direction @ direction) > np.cos(np.deg2rad(3.0))
     assert least_motion(home_deg()) > 0.01

@@ -1,4 +1,4 @@
-"""Poses are planned under the errors that a calibration counts with."""
+"""Poses are planned under all errors of a calibration."""
 
 from dataclasses import replace
 
@@ -46,25 +46,25 @@ def captured_sigma(task, x, q: np.ndarray) -> np.ndarray:
     return standard_deviations(known(task, x, q), len(x))
 
 
-def test_no_entry_is_worse_than_of_poses_planned_by_noise_alone(task, x, plan):
-    by_noise = make_plan(by_noise_alone(task), x, ARM.home_rad, POSES)
-    ratio = planned_sigma(task, x, plan.poses_rad) / planned_sigma(task, x, by_noise.poses_rad)
+def test_plan_beats_a_plan_by_noise_alone(task, x, plan):
+    noise_plan = make_plan(by_noise_alone(task), x, ARM.home_rad, POSES)
+    ratio = planned_sigma(task, x, plan.poses_rad) / planned_sigma(task, x, noise_plan.poses_rad)
     assert ratio.max() < 1.02
     assert np.exp(np.log(ratio).mean()) < 0.9
-    # By noise alone they would be known a hundred times better than a calibration knows them.
-    assert np.median(by_noise.predicted_sigma / plan.predicted_sigma) < 0.05
+    # Noise alone promises sigmas a hundred times too small.
+    assert np.median(noise_plan.predicted_sigma / plan.predicted_sigma) < 0.05
 
 
-def test_the_hundredth_pose_of_one_kind_promises_little(task, x, plan):
-    def left(task) -> np.ndarray:
+def test_repeated_poses_narrow_sigmas_little(task, x, plan):
+    def remaining_share(task) -> np.ndarray:
         once = known(task, x, plan.poses_rad)
         return standard_deviations(100.0 * once, len(x)) / standard_deviations(once, len(x))
 
-    assert np.median(left(task)) > 0.25
-    assert left(by_noise_alone(task)) == pytest.approx(0.1)
+    assert np.median(remaining_share(task)) > 0.25
+    assert remaining_share(by_noise_alone(task)) == pytest.approx(0.1)
 
 
-def test_the_scatter_of_captured_poses_scales_the_forecast(task, x, plan):
+def test_scatter_of_captured_poses_scales_the_forecast(task, x, plan):
     q = plan.poses_rad
     noisy = q + np.deg2rad(1.0) * np.random.default_rng(1).standard_normal(q.shape)
     stated = planned_sigma(task, x, q)
@@ -73,8 +73,7 @@ def test_the_scatter_of_captured_poses_scales_the_forecast(task, x, plan):
     assert np.median(captured_sigma(task, x, q) / stated) < 0.6
 
 
-def test_what_the_files_state_of_an_offset_counts(task, x, plan):
-    """Nobody knows less of an offset after poses than its file says before."""
+def test_prior_of_an_offset_is_used(task, x, plan):
     stated = replace(task, prior={"theta_off_3": 0.001})
     free, with_prior = (planned_sigma(t, x, plan.poses_rad) for t in (task, stated))
     at = [p.name for p in task.model.parameters].index("theta_off_3")
@@ -82,8 +81,7 @@ def test_what_the_files_state_of_an_offset_counts(task, x, plan):
     assert (with_prior <= free + 1e-12).all()
 
 
-def test_a_ball_hides_the_first_and_the_last_offset_and_a_hinge_none():
-    """As unknowns of a plan they would make every sigma infinite or absurd."""
+def test_ball_plan_omits_first_and_last_offset():
     ball, hinge = (planning_task(PANDA, fixture, drive_sets=None) for fixture in (BALL, HINGE))
     names = {p.name for p in ball.model.parameters}
     assert names == {

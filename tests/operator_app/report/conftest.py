@@ -1,114 +1,62 @@
-"""What tests of reports look at: a session, what is reported of it, and its page taken apart.
-
-Taking apart knows html.parser, and nothing of sarcal's markup.
-"""
+"""Results and one session to report, and a reader of report pages that shares no code with their writer."""
 
 import re
-from html.parser import HTMLParser
+import xml.etree.ElementTree as ET
 
 import pytest
 import sarcal
 
 from operator_app.headless.procedure_run import run
 from operator_app.report.html.page import report_html
-from operator_app.report.subject import Subject
-from operator_app.session.store.journal import JOURNAL_NAME, read_journal
+from operator_app.session.store.journal import read_journal
 from operator_app.session.workflow.listener import Listener
+from tests.oracles.opened import opened
 from tests.oracles.panda import FOLDER as PANDA
+from tests.oracles.plant_arm import SERIAL, PlantArm
 from tests.oracles.reported_session import HOSTILE, subject_of
 from tests.oracles.short_procedure import short_procedure
+from tests.oracles.ticking import Ticking
 
-VOID = {"meta", "br", "col", "link", "hr", "img", "input"}
 
-
-class Page(HTMLParser):
-    """Tables, texts, attributes and nesting errors of a page."""
+class Page:
+    """Tags, attributes, tables and text of a page, which must be well-formed as XML but for void elements."""
 
     def __init__(self, source: str) -> None:
-        super().__init__(convert_charrefs=True)
-        self.errors: list[str] = []
-        self.tags: list[str] = []
-        self.attributes: list[tuple[str, str, str]] = []
-        self.tables: list[dict[str, list[list[tuple[str, dict[str, str], str]]]]] = []
-        self.text = ""
-        self._open: list[str] = []
-        self._part = ""
-        self.feed(source)
-        self.close()
-        self.errors += [f"<{tag}> is never closed" for tag in self._open]
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        names = [name for name, _ in attrs]
-        if len(set(names)) != len(names):
-            self.errors.append(f"<{tag}> has an attribute twice")
-        self.attributes += [(tag, name, value or "") for name, value in attrs]
-        if tag not in VOID:
-            self._open.append(tag)
-        if tag == "table":
-            self.tables.append({"caption": [], "thead": [], "tbody": []})
-        elif tag in ("thead", "tbody", "caption"):
-            self._part = tag
-            if tag == "caption":
-                self.tables[-1]["caption"].append([("caption", {}, "")])
-        elif tag == "tr":
-            self.tables[-1][self._part].append([])
-        elif tag in ("th", "td"):
-            found = {name: value or "" for name, value in attrs}
-            self.tables[-1][self._part][-1].append((tag, found, ""))
-
-    def handle_endtag(self, tag: str) -> None:
-        if not self._open or self._open.pop() != tag:
-            self.errors.append(f"</{tag}> closes something else")
-
-    def handle_data(self, data: str) -> None:
-        if "style" in self._open:
-            return
-        self.text += data
-        if any(tag in self._open for tag in ("th", "td", "caption")):
-            row = self.tables[-1][self._part][-1]
-            tag, attrs, before = row[-1]
-            row[-1] = (tag, attrs, before + data)
+        body = re.sub(r"<(meta|br|col|link|hr)\b([^>]*)>", r"<\1\2/>", source)
+        root = ET.fromstring(f"<root>{body.removeprefix('<!DOCTYPE html>')}</root>")  # noqa: S314
+        elements = list(root.iter())[1:]
+        self.tags = [e.tag for e in elements]
+        self.attributes = [(e.tag, name, value) for e in elements for name, value in e.items()]
+        for style in root.iter("style"):
+            style.text = ""
+        self.text = "".join(root.itertext())
+        self.tables = [
+            {"caption": "".join(table.find("caption").itertext())}
+            | {
+                part: [_cells(row) for row in table.findall(f"{part}/tr")]
+                for part in ("thead", "tbody")
+            }
+            for table in root.iter("table")
+        ]
 
     def table(self, caption: str) -> dict[str, list[list[tuple[str, dict[str, str], str]]]]:
-        """Return the one table whose caption begins so."""
-        (found,) = [t for t in self.tables if t["caption"][0][0][2].startswith(caption)]
-        return found
+        """The one table whose caption starts so: its caption, thead and tbody."""
+        (table,) = [t for t in self.tables if t["caption"].startswith(caption)]
+        return table
 
     def rows(self, caption: str) -> list[list[str]]:
-        """Return the texts of a table's body."""
-        return [[cell[2] for cell in row] for row in self.table(caption)["tbody"]]
+        """Texts of a table's body."""
+        return [[text for _, _, text in row] for row in self.table(caption)["tbody"]]
 
 
-def units_missing(page: Page, without_unit: set[str]) -> list[str]:
-    """Columns of numbers whose header, group, caption or row gives no unit."""
-    missing = []
-    for table in page.tables:
-        caption = table["caption"][0][0][2]
-        headers = _headers(table["thead"])
-        has_unit_column = any(title == "unit" for title, _ in headers)
-        for column, (title, group) in enumerate(headers):
-            numbers = [row[column] for row in table["tbody"] if row[column][1].get("class") == "n"]
-            said = f"{title} {group} {caption}"
-            if not numbers or has_unit_column or re.search(r"\[[^\]]+\]|no unit", said):
-                continue
-            if title not in without_unit:
-                missing.append(f"{caption}: {title}")
-    return missing
+def _cells(row: ET.Element) -> list[tuple[str, dict[str, str], str]]:
+    """Tag, attributes and text of each cell."""
+    return [(cell.tag, dict(cell.items()), "".join(cell.itertext())) for cell in row]
 
 
-def _headers(rows: list[list[tuple[str, dict[str, str], str]]]) -> list[tuple[str, str]]:
-    """Title and group of every column, from one or two header rows."""
-    if len(rows) == 1:
-        return [(cell[2], "") for cell in rows[0]]
-    second = iter(rows[1])
-    found = []
-    for _, attrs, words in rows[0]:
-        if attrs.get("rowspan"):
-            found.append((words, ""))
-        else:
-            found += [(next(second)[2], words) for _ in range(int(attrs["colspan"]))]
-    return found
+@pytest.fixture(scope="session")
+def parse_page():
+    return Page
 
 
 @pytest.fixture(scope="session")
@@ -120,7 +68,7 @@ def hinge(reference_data):
 
 @pytest.fixture(scope="session")
 def ball():
-    """And from a real arm's poses with a ball in six sockets."""
+    """The library's result from a real arm's poses with a ball in six sockets."""
     poses = PANDA / "panda_1.csv"
     return sarcal.calibrate(
         arm="franka_panda", fixture="ball", poses=poses, drop_unidentifiable=True
@@ -128,50 +76,25 @@ def ball():
 
 
 @pytest.fixture(scope="session")
-def take_apart():
-    """Parse a page."""
-    return Page
-
-
-@pytest.fixture
-def find_missing_units():
-    """Find columns without a unit."""
-    return units_missing
-
-
-@pytest.fixture(scope="session")
-def recorded():
-    """What tests of reports share: the journal is captured once and solved once."""
-    return {}
-
-
-@pytest.fixture
-def folder(make_session, recorded, tmp_path):
+def folder(tmp_path_factory):
     """A session of 16 poses on the virtual plant; one is excluded, one has a hostile note."""
-    where = tmp_path / "session"
-    if "hinge" in recorded:
-        where.mkdir()
-        (where / JOURNAL_NAME).write_bytes(recorded["hinge"])
-        return where
-    session = make_session(short_procedure(16, "datasheet"), "datasheet")
+    folder = tmp_path_factory.mktemp("report") / "session"
+    procedure = short_procedure(16, "datasheet")
+    arm = PlantArm(procedure, "datasheet", SERIAL)
+    session = opened(folder, arm, procedure, clock=Ticking())
     run(session, Listener())
     session.exclude(4, "bumped the table <b>")
     session.note(7, HOSTILE.replace("\ud800", ""))
     session.check(session.calibrate())
     session.close("done")
-    recorded["hinge"] = (where / JOURNAL_NAME).read_bytes()
-    return where
+    return folder
 
 
-@pytest.fixture
-def subject(folder, recorded):
-    if "subject" not in recorded:
-        recorded["subject"] = subject_of(read_journal(folder).events)
-    found = recorded["subject"]
-    assert isinstance(found, Subject)
-    return found
+@pytest.fixture(scope="session")
+def subject(folder):
+    return subject_of(read_journal(folder).events)
 
 
-@pytest.fixture
-def page(subject, take_apart):
-    return take_apart(report_html(subject).decode())
+@pytest.fixture(scope="session")
+def page(subject, parse_page):
+    return parse_page(report_html(subject).decode())

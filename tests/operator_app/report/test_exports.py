@@ -1,4 +1,4 @@
-"""Every export read by the tool it is for; the URDF's hand where pinocchio and we say it is."""
+"""Exports read by the tools that they are for; frames of a URDF by pinocchio."""
 
 import csv
 import json
@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import sarcal
-import yaml
 from scipy.io import loadmat
 
 from operator_app.cli import main
@@ -19,7 +18,6 @@ from operator_app.config.parameters_file import load_parameters
 from operator_app.config.urdf_editing import format_urdf
 from operator_app.config.urdf_reading import parse_urdf
 from solver.chain.kinematics import DhTable, forward
-from tests.oracles import lbr_iiwa
 from tests.oracles.panda import FOLDER as PANDA
 from tests.oracles.urdfs import joint, places, robot, words
 
@@ -27,25 +25,21 @@ HINGE = Path(__file__).parents[2] / "data/hinge/hinge_quantised.csv"
 
 
 @pytest.mark.parametrize("which", ["hinge", "ball"])
-def test_pinocchio_puts_the_flange_where_we_do(which, request, tmp_path):
+def test_exported_urdf_has_our_frames_in_pinocchio(which, request, tmp_path):
     result: sarcal.Result = request.getfixturevalue(which)
-    file = result.export(tmp_path / "arm.urdf")
+    urdf = result.export(tmp_path / "arm.urdf").read_bytes()
     arm = result.arm
     q = np.random.default_rng(1).uniform(arm.lower_rad, arm.upper_rad, (200, arm.joint_count))
-    ours = result.fk(q, frame="flange")
-    np.testing.assert_allclose(places(file.read_bytes(), q, "flange"), ours, rtol=0, atol=1e-9)
-    model = pin.buildModelFromXML(file.read_text())
+    frames = {"flange": q} | ({"tip": result.poses.q_rad[:50]} if which == "ball" else {})
+    for frame, angles in frames.items():
+        expected = result.fk(angles, frame=frame)
+        np.testing.assert_allclose(places(urdf, angles, frame), expected, rtol=0, atol=1e-9)
+    model = pin.buildModelFromXML(urdf.decode())
     np.testing.assert_allclose(model.lowerPositionLimit, arm.lower_rad, rtol=0, atol=1e-12)
     np.testing.assert_allclose(model.upperPositionLimit, arm.upper_rad, rtol=0, atol=1e-12)
 
 
-def test_pinocchio_puts_the_tip_where_fk_has_it(ball, tmp_path):
-    urdf = ball.export(tmp_path / "arm.urdf").read_bytes()
-    q = ball.poses.q_rad[:50]
-    np.testing.assert_allclose(places(urdf, q, "tip"), ball.fk(q), rtol=0, atol=1e-9)
-
-
-def test_into_ones_own_urdf(hinge, tmp_path):
+def test_export_into_an_own_urdf(hinge, tmp_path):
     arm = load_arm("sarcos_dextrous")
     own, sessions = tmp_path / "own.urdf", ["--sessions", str(tmp_path / "sessions")]
     own.write_bytes(format_urdf(arm, arm.table))
@@ -54,17 +48,17 @@ def test_into_ones_own_urdf(hinge, tmp_path):
     assert main(["export", str(folder), "--format", "urdf", "--into", str(own)]) == 0
     written = (folder / "own_calibrated.urdf").read_bytes()
     q = hinge.poses.q_rad
-    wanted = hinge.fk(q, frame="flange")
-    np.testing.assert_allclose(places(written, q, "flange"), wanted, rtol=0, atol=1e-9)
+    expected = hinge.fk(q, frame="flange")
+    np.testing.assert_allclose(places(written, q, "flange"), expected, rtol=0, atol=1e-9)
     assert b"theta_off_3: " in written
     program = hinge.export(tmp_path / "program.urdf", into=own).read_bytes()
-    np.testing.assert_allclose(places(program, q, "flange"), wanted, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(places(program, q, "flange"), expected, rtol=0, atol=1e-9)
     assert main(["export", str(folder), "--format", "csv", "--into", str(own)]) == 2
     assert main(["export", str(folder), "--into", str(own), "-o", str(own)]) == 2
     assert main(["export", str(folder), "--into", str(PANDA / "panda_1.csv")]) == 2
 
 
-def test_a_urdf_holds_what_outlives_the_mounting_and_nothing_else(hinge, tmp_path):
+def test_urdf_excludes_parameters_of_the_mounting(hinge, tmp_path):
     text = hinge.export(tmp_path / "arm.urdf").read_text()
     table = parse_urdf(text.encode(), "arm.urdf").table
     nominal = load_arm("sarcos_dextrous").table
@@ -79,24 +73,24 @@ def test_a_urdf_holds_what_outlives_the_mounting_and_nothing_else(hinge, tmp_pat
     assert "theta_off_1, theta_off_7, a_0, s_0, alpha_0, s_1, a_7, s_7, alpha_7" in text
 
 
-def test_new_arm_reads_it_back(hinge, tmp_path):
-    urdf, made = hinge.export(tmp_path / "arm.urdf"), tmp_path / "mine.yaml"
-    assert main(["new", "arm", "--urdf", str(urdf), "--name", "mine", "-o", str(made)]) == 0
-    arm = sarcal.load_arm(made)
+def test_new_arm_reads_the_exported_urdf(hinge, tmp_path):
+    urdf, arm_file = hinge.export(tmp_path / "arm.urdf"), tmp_path / "mine.yaml"
+    assert main(["new", "arm", "--urdf", str(urdf), "--name", "mine", "-o", str(arm_file)]) == 0
+    arm = sarcal.load_arm(arm_file)
     assert arm.name == "mine"
     before = hinge.arm
     q = np.random.default_rng(2).uniform(before.lower_rad, before.upper_rad, (50, 7))
-    table = load_arm(made).table
+    table = load_arm(arm_file).table
     frames = forward(q + table.theta_off_rad, *table.stacked()[1:])
-    wanted = hinge.fk(q, frame="flange")
-    np.testing.assert_allclose(frames.p_end, wanted[:, :3, 3], rtol=0, atol=1e-9)
-    np.testing.assert_allclose(frames.R_end, wanted[:, :3, :3], rtol=0, atol=1e-9)
+    expected = hinge.fk(q, frame="flange")
+    np.testing.assert_allclose(frames.p_end, expected[:, :3, 3], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(frames.R_end, expected[:, :3, :3], rtol=0, atol=1e-9)
     np.testing.assert_allclose(arm.lower_rad, before.lower_rad, rtol=0, atol=1e-12)
-    assert main(["new", "arm", "--urdf", str(urdf), "-o", str(made)]) == 2
+    assert main(["new", "arm", "--urdf", str(urdf), "-o", str(arm_file)]) == 2
 
 
 def foreign_urdf(seed: int) -> bytes:
-    """A chain whose frames and axes were chosen by nobody who thought of D-H."""
+    """A chain with arbitrary frames and axes."""
     rng = np.random.default_rng(seed)
     joints = [joint("stand", "world", "l0", "0.1 -0.2 0.4", "0.1 0.2 0.3", kind="fixed")]
     for j in range(1, 8):
@@ -111,7 +105,7 @@ def foreign_urdf(seed: int) -> bytes:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_any_serial_chain_reads_as_the_same_arm(seed):
+def test_foreign_urdf_is_read_as_the_same_chain(seed):
     urdf = foreign_urdf(seed)
     chain = parse_urdf(urdf, "foreign")
     table = chain.table
@@ -140,64 +134,55 @@ def test_any_serial_chain_reads_as_the_same_arm(seed):
           '<child link="eye"/></joint>')),
     ],
 )  # fmt: skip
-def test_what_is_no_arm_is_refused_with_a_reason(change, approve):
+def test_invalid_urdf_is_refused_with_a_reason(change, approve):
     text = foreign_urdf(1).decode().replace(*change)
-    with pytest.raises(ConfigError) as refused:
+    with pytest.raises(ConfigError) as error:
         parse_urdf(text.encode(), "foreign.urdf")
-    approve(str(refused.value))
-
-
-def test_a_table_survives_to_the_last_digits_but_one():
-    arm, rng = load_arm("franka_panda"), np.random.default_rng(3)
-    off = arm.table.stacked()
-    off[:4] += rng.normal(size=(4, 7)) * np.array([[0.05], [1e-3], [1e-3], [2e-3]])
-    table = DhTable.from_stacked(off)
-    read = parse_urdf(format_urdf(arm, table, comment=["a -- b"]), "x").table
-    np.testing.assert_allclose(read.stacked(), off, rtol=0, atol=1e-12)
+    approve(str(error.value))
 
 
 @pytest.mark.parametrize("serial", ["SDA\x1b[31m-1", "a\0b", "-->", "a---b", "x-", "\ufffe & <b>"])
-def test_a_serial_of_any_characters_is_well_formed(serial):
-    arm = load_arm("franka_panda")
-    text = format_urdf(replace(arm, name=f"arm {serial}"), arm.table, comment=[f"serial {serial}"])
-    read = parse_urdf(text, "x").table  # as any reader of XML would refuse what is not well formed
-    np.testing.assert_allclose(read.stacked(), arm.table.stacked(), rtol=0, atol=1e-12)
+def test_dh_table_survives_the_urdf_with_any_serial_number(serial):
+    arm, rng = load_arm("franka_panda"), np.random.default_rng(3)
+    rows = arm.table.stacked()
+    rows[:4] += rng.normal(size=(4, 7)) * np.array([[0.05], [1e-3], [1e-3], [2e-3]])
+    table = DhTable.from_stacked(rows)
+    text = format_urdf(replace(arm, name=f"arm {serial}"), table, comment=[f"serial {serial}"])
+    read = parse_urdf(text, "x").table
+    np.testing.assert_allclose(read.stacked(), rows, rtol=0, atol=1e-12)
     assert "\x1b" not in text.decode()
 
 
-def test_csv_json_mat_and_yaml_hold_the_same_numbers(hinge, tmp_path, capsys):
+def test_csv_json_mat_and_yaml_agree(hinge, tmp_path, capsys):
     folder = hinge.save(tmp_path / "s")
     for kind in ("csv", "json", "mat", "urdf", "yaml"):
         assert main(["export", str(folder), "--format", kind]) == 0
     with (folder / "parameters.csv").open(newline="") as file:
         rows = {row["parameter"]: row for row in csv.DictReader(file)}
-    said = json.loads((folder / "result.json").read_text())
+    document = json.loads((folder / "result.json").read_text())
     mat = loadmat(folder / "result.mat", simplify_cells=True)
-    document = load_parameters(folder / "parameters.yaml")
-    sigmas = {e.entry: e.sigma for e in document.calibrated}
-    assert list(rows) == list(said["parameters"]) == mat["names"].tolist()
+    parameters = load_parameters(folder / "parameters.yaml")
+    sigmas = {e.entry: e.sigma for e in parameters.calibrated}
+    assert list(rows) == list(document["parameters"]) == mat["names"].tolist()
     for k, (name, row) in enumerate(rows.items()):
         unit = f"{name}_{row['unit']}"
         assert float(row["value"]) == pytest.approx(hinge.values[unit], rel=1e-12)
         assert float(row["sigma"]) == pytest.approx(hinge.sigmas[unit], rel=1e-12)
         scale = 1.0 if row["unit"] == "deg" else 1e3
-        assert scale * said["parameters"][name] == pytest.approx(float(row["value"]), rel=1e-12)
+        assert scale * document["parameters"][name] == pytest.approx(float(row["value"]), rel=1e-12)
         in_si = np.deg2rad(float(row["value"])) if scale == 1.0 else float(row["value"]) / 1e3
         assert mat["value_rad_or_m"][k] == pytest.approx(in_si, rel=1e-12)
         assert scale * sigmas[name] == pytest.approx(float(row["sigma"]), rel=1e-9)
-        assert row["side"] == said["side"][name] == mat["side"][k]
-    listed, names = [e.entry for e in document.calibrated], list(rows)
-    for k, name in enumerate(names):
-        for j, other in enumerate(names):
-            late, early = (
-                (name, other) if listed.index(name) > listed.index(other) else (other, name)
-            )
-            if late != early:
-                found = document.correlations[late][listed.index(early)]
-                assert found == pytest.approx(said["correlations"][k][j], abs=6e-6)
-    assert document.budget.keys() == said["budget"].keys() == set(names)
-    for name, shares in document.budget.items():
-        for source, share in said["budget"][name].items():
+        assert row["side"] == document["side"][name] == mat["side"][k]
+    names, entries = list(rows), [e.entry for e in parameters.calibrated]
+    for k, late in enumerate(entries):
+        for j, early in enumerate(entries[:k]):
+            if {late, early} <= rows.keys():
+                expected = document["correlations"][names.index(late)][names.index(early)]
+                assert parameters.correlations[late][j] == pytest.approx(expected, abs=6e-6)
+    assert parameters.budget.keys() == document["budget"].keys() == set(names)
+    for name, shares in parameters.budget.items():
+        for source, share in document["budget"][name].items():
             assert shares.get(source, 0.0) == pytest.approx(share, abs=6e-5)
     assert [r["side"] for n, r in rows.items() if n in ("theta_off_1", "theta_off_2", "a_7")] == [
         "ground", "arm", "hand",
@@ -206,14 +191,16 @@ def test_csv_json_mat_and_yaml_hold_the_same_numbers(hinge, tmp_path, capsys):
         mat["T_base_tip"][..., 3], hinge.fk(hinge.poses.q_rad[3]), atol=1e-12
     )
     assert (folder / "result.mat").read_bytes().startswith(b"MATLAB 5.0 MAT-file")
-    wanted = hinge.fk(hinge.poses.q_rad, frame="flange")
+    expected = hinge.fk(hinge.poses.q_rad, frame="flange")
     urdf = (folder / "arm.urdf").read_bytes()
-    np.testing.assert_allclose(places(urdf, hinge.poses.q_rad, "flange"), wanted, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        places(urdf, hinge.poses.q_rad, "flange"), expected, rtol=0, atol=1e-9
+    )
     capsys.readouterr()
     assert main(["export", str(folder), "--format", "csv", "-o", "-"]) == 0
     assert capsys.readouterr().out.startswith("parameter,side,unit,nominal,value,sigma\n")
     assert main(["export", str(folder), "--format", "urdf", "--upload"]) == 2
-    # A name says what the file is: it held the parameters file, whatever it ended in.
+    # The file ending chooses the format.
     other = tmp_path / "mine.urdf"
     assert main(["export", str(folder), "-o", str(other)]) == 0
     assert other.read_bytes() == urdf
@@ -226,7 +213,7 @@ def test_csv_json_mat_and_yaml_hold_the_same_numbers(hinge, tmp_path, capsys):
     assert load_parameters(tmp_path / "as_before.txt").arm.serial
 
 
-def test_what_was_not_accepted_says_so_in_the_file(tmp_path):
+def test_forced_urdf_states_not_accepted(tmp_path):
     text = HINGE.read_text().splitlines()
     few = tmp_path / "few.csv"
     few.write_text("\n".join(text[:5]) + "\n")
@@ -245,7 +232,7 @@ def test_what_was_not_accepted_says_so_in_the_file(tmp_path):
     assert "Used: another test" in (folder / "arm_calibrated.urdf").read_text()
 
 
-def test_a_program_too_has_to_say_why_it_uses_what_was_not_accepted(tmp_path):
+def test_library_export_of_unaccepted_result_needs_force(tmp_path):
     poses = sarcal.load_poses(HINGE).q_rad[:4]
     result = sarcal.calibrate(
         arm="sarcos_dextrous", fixture="hinge", poses=sarcal.poses_of(q_rad=poses)
@@ -258,27 +245,14 @@ def test_a_program_too_has_to_say_why_it_uses_what_was_not_accepted(tmp_path):
         with pytest.raises(sarcal.SessionError, match="not accepted"):
             result.export(file, force=" ")
     assert not list(tmp_path.iterdir())
-    why = "=to try the gripper"
+    reason = "=to try the gripper"
     for file in files.values():
-        result.export(file, force=why)
+        result.export(file, force=reason)
     document = load_parameters(files["yaml"])
-    assert document.forced == why
+    assert document.forced == reason
     assert document.warnings[0].code == "FORCED"
-    assert json.loads(files["json"].read_text())["forced"] == why
+    assert json.loads(files["json"].read_text())["forced"] == reason
     with files["csv"].open(newline="") as rows:
-        assert {row["forced"] for row in csv.DictReader(rows)} == {f"'{why}"}
-    assert loadmat(files["mat"], simplify_cells=True)["forced"] == why
-    assert why in files["urdf"].read_text()
-
-
-def test_a_makers_urdf_becomes_a_file_with_the_makers_figures(tmp_path):
-    """A URDF has radians and steps between frames; the arm's data sheet has 120 deg and 420 mm."""
-    (tmp_path / "iiwa.urdf").write_text(lbr_iiwa.urdf())
-    made = tmp_path / "arm.yaml"
-    assert main(["new", "arm", "--urdf", str(tmp_path / "iiwa.urdf"), "-o", str(made)]) == 0
-    found = yaml.safe_load(made.read_text())
-    assert [abs(row["s_m"]) for row in found["dh"]] == list(lbr_iiwa.D_M)
-    assert {row["alpha_deg"] % 180.0 for row in found["dh"]} == {0.0, 90.0}
-    joints = found["joints"]
-    assert [j["range_deg"] for j in joints] == [[-r, r] for r in lbr_iiwa.RANGE_DEG]
-    assert [j["max_speed_deg_per_s"] for j in joints] == list(lbr_iiwa.SPEED_DEG_PER_S)
+        assert {row["forced"] for row in csv.DictReader(rows)} == {f"'{reason}"}
+    assert loadmat(files["mat"], simplify_cells=True)["forced"] == reason
+    assert reason in files["urdf"].read_text()

@@ -5,26 +5,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import t
 
 from operator_app.report.html.page import report_html
 from operator_app.session.store.journal import read_journal
 from tests.oracles.reported_session import number, subject_of
 
 
-def test_both_estimators_stand_side_by_side(page, subject):
-    assert subject.solution is not None
-    assert subject.implicit is not None
+def test_page_compares_both_estimators(page, subject):
     paper = subject.solution.paper
-    assert paper is not None
     assert paper is not subject.implicit
     assert "implicit (chosen)" in page.text
     row = page.rows("Identified parameters")[0]
     assert number(row[-1]) == pytest.approx(math.degrees(paper.x[0]), abs=1e-3)
-    name, _, value, sigma, theirs, its_sigma, difference = page.rows("Both estimators")[0]
+    name, _, value, sigma, paper_value, paper_sigma, difference = page.rows("Both estimators")[0]
     assert name == "theta_off_1"
     assert number(value) == pytest.approx(math.degrees(subject.implicit.x[0]), abs=1e-3)
-    assert number(theirs) == pytest.approx(math.degrees(paper.x[0]), abs=1e-3)
-    for shown, estimate in ((sigma, subject.implicit), (its_sigma, paper)):
+    assert number(paper_value) == pytest.approx(math.degrees(paper.x[0]), abs=1e-3)
+    for shown, estimate in ((sigma, subject.implicit), (paper_sigma, paper)):
         expected = math.degrees(estimate.standard_deviation[0])
         assert number(shown) == pytest.approx(expected, rel=0.06)
     change = math.degrees(paper.x[0] - subject.implicit.x[0])
@@ -32,12 +30,11 @@ def test_both_estimators_stand_side_by_side(page, subject):
     assert "Use implicit" in page.text
 
 
-def test_a_joint_is_marked_for_what_its_file_does_not_state(page, subject):
-    """Every joint of a sound arm was marked: an encoder's counts are the least that it is off by."""
+def test_joint_table_compares_with_stated_sigma(page, subject):
     stated = [
-        # 0.01 deg each: once and twice a turn, play, sag; counts are nothing beside them.
+        # Two harmonics, backlash and sag of 0.01 deg each.
         *[math.radians(0.01) * 2.0 * 1e3] * 5,
-        # Noise of a reading, gain over full scale, play and sag; of the curve more than a third of its peak.
+        # Noise, gain over full scale, backlash and sag; then part of the linearity deviation.
         *[math.hypot(1.03, 0.005 * math.radians(120.0) / math.sqrt(12.0) * 1e3)] * 2,
     ]
     joints = page.rows("Joints:")
@@ -51,43 +48,30 @@ def test_a_joint_is_marked_for_what_its_file_does_not_state(page, subject):
         assert not row[6].startswith("▲")
 
 
-def test_nothing_of_the_page_is_told_twice(page):
-    assert page.text.count("combined standard uncertainty of all stated sources") == 1
-    assert page.text.count("orrections by reading") == 0
-    assert page.rows("Corrections of RVDT readings")
-
-
-def test_closure_before_and_after_in_both_readings(page, subject):
-    assert subject.solution is not None
+def test_page_has_closure_before_after_and_held_out(page, subject):
     rows = {row[0]: [number(cell) for cell in row[1:]] for row in page.rows("Closure at")}
-    before, after = subject.solution.before, subject.solution.estimate.sigmas
-    for name, sigmas in (("nominal, before", before), ("implicit (chosen), after", after)):
-        expected = [
-            1e3 * sigmas.position_m.rms,
-            1e3 * sigmas.position_m.as_printed,
-            1e3 * sigmas.orientation_rad.rms,
-            1e3 * sigmas.orientation_rad.as_printed,
-        ]
-        assert rows[name] == pytest.approx(expected, rel=1e-3)
-    # No larger than the others by necessity: the implicit estimator does not minimise this figure.
+    for name, sigmas in (
+        ("nominal, before", subject.solution.before),
+        ("implicit (chosen), after", subject.solution.estimate.sigmas),
+    ):
+        position, orientation = sigmas.position_m, sigmas.orientation_rad
+        figures = (position.rms, position.as_printed, orientation.rms, orientation.as_printed)
+        assert rows[name] == pytest.approx([1e3 * figure for figure in figures], rel=1e-3)
     held_out = next(values for name, values in rows.items() if "held out" in name)
-    assert subject.checks is not None
-    assert subject.checks.held_out is not None
-    outside = subject.checks.held_out.sigmas
-    assert held_out[0] == pytest.approx(1e3 * outside.position_m.rms, rel=1e-3)
-    assert held_out[2] == pytest.approx(1e3 * outside.orientation_rad.rms, rel=1e-3)
+    sigmas = subject.checks.held_out.sigmas
+    assert held_out[0] == pytest.approx(1e3 * sigmas.position_m.rms, rel=1e-3)
+    assert held_out[2] == pytest.approx(1e3 * sigmas.orientation_rad.rms, rel=1e-3)
 
 
-def test_of_whose_parameter_it_is_the_page_says(page, subject):
-    whose = {row[0]: row[9] for row in page.rows("Identified parameters")}
-    assert whose["theta_off_3"] == "arm"
-    assert (whose["a_0"], whose["theta_off_1"]) == ("ground", "ground")
-    assert (whose["alpha_7"], whose["theta_off_7"]) == ("hand", "hand")
-    assert subject.facts is not None
-    assert subject.facts.data["side"] == whose
+def test_page_and_json_agree_on_sides(page, subject):
+    sides = {row[0]: row[9] for row in page.rows("Identified parameters")}
+    assert sides["theta_off_3"] == "arm"
+    assert (sides["a_0"], sides["theta_off_1"]) == ("ground", "ground")
+    assert (sides["alpha_7"], sides["theta_off_7"]) == ("hand", "hand")
+    assert subject.facts.data["side"] == sides
 
 
-def test_poses_and_joints_are_all_there(page, subject):
+def test_page_lists_all_poses_and_joints(page, subject):
     poses = page.rows("Captured poses")
     assert [row[0] for row in poses] == [str(p.number) for p in subject.poses]
     assert "Excluded by the operator: 4" in page.text
@@ -105,9 +89,9 @@ def test_poses_and_joints_are_all_there(page, subject):
     assert [number(row[7]) for row in joints] == pytest.approx(low.tolist(), abs=0.006)
 
 
-def test_rvdt_verdicts_and_condition_are_told(page, subject):
-    assert subject.solution is not None
+def test_page_has_rvdt_verdicts_and_condition(page, subject):
     assert len(subject.solution.rvdt) == 2
+    assert page.rows("Corrections of RVDT readings")
     for verdict in subject.solution.rvdt:
         assert verdict.text in page.text
     rows = {row[0]: row[1:] for row in page.rows("How well the poses")}
@@ -119,32 +103,27 @@ def test_rvdt_verdicts_and_condition_are_told(page, subject):
     assert shown == pytest.approx(list(subject.solution.identifiability.observability), rel=5e-3)
 
 
-def test_the_paper_may_be_the_chosen_one(folder, take_apart):
+def test_page_of_the_paper_estimator(folder, parse_page):
     subject = subject_of(read_journal(folder).events, estimator="paper")
-    assert subject.solution is not None
-    page = take_apart(report_html(subject).decode())
+    page = parse_page(report_html(subject).decode())
     assert "paper (chosen)" in page.text
-    assert subject.implicit is not None
-    # Student's interval: the noise was estimated from the residuals.
+    # Student's interval: the noise is estimated from residuals.
     estimate = subject.solution.estimate
-    from scipy.stats import t
-
     row = page.rows("Identified parameters")[0]
     half = t.ppf(0.975, estimate.dof) * math.degrees(estimate.standard_deviation[0])
     assert number(row[7]) - number(row[6]) == pytest.approx(2.0 * half, rel=0.02)
 
 
-def test_joints_left_out_are_said_to_be(folder, take_apart):
+def test_page_names_unsensed_joints(folder, parse_page):
     subject = subject_of(read_journal(folder).events, unsensed_joints=(6, 7))
-    page = take_apart(report_html(subject).decode())
-    assert page.errors == []
+    page = parse_page(report_html(subject).decode())
     assert "The readings of joints 6 and 7 were not used" in page.text
     assert "theta_off_6" not in [row[0] for row in page.rows("Identified parameters")]
     assert "The paper's estimator, which needs every joint sensed" in page.text
     assert page.rows("Joints:")[5][1].endswith("(reading not used)")
 
 
-def test_what_cannot_be_identified_is_reported_without_numbers(folder, take_apart):
+def test_page_of_unidentifiable_poses_has_no_numbers(folder, parse_page):
     events = [e for e in read_journal(folder).events if e.name not in ("solved", "checked")]
     for k, event in enumerate(events):
         if event.name == "pose":
@@ -153,8 +132,7 @@ def test_what_cannot_be_identified_is_reported_without_numbers(folder, take_apar
             events[k] = replace(event, data={**event.data, "mean_rad": still})
     subject = subject_of(events)
     assert subject.solution is None
-    page = take_apart(report_html(subject).decode())
-    assert page.errors == []
+    page = parse_page(report_html(subject).decode())
     assert "Not identifiable" in page.text
     assert "joint 4 does not move" in page.text
     assert "condition" not in page.text

@@ -1,4 +1,4 @@
-"""A ball's loops say nothing of orientation, and nobody says 0 mrad of it: not solved, verified or kept."""
+"""A ball's loops give no orientation: null in files, "n/a" in texts."""
 
 import re
 from dataclasses import replace
@@ -13,13 +13,13 @@ from operator_app.report.text import facts_text, table_spans
 from tests.oracles.parameter_documents import make_document
 from tests.oracles.story import story
 
-NOT_KNOWN = {"rms": None, "as_printed": None}
+UNKNOWN = {"rms": None, "as_printed": None}
 
 
 @pytest.fixture(scope="module")
 def halves():
-    made = sarcal.simulate(arm="sarcos_dextrous", fixture="sarcos_ball", poses=30, seed=1)
-    q_rad = made.poses.q_rad
+    simulation = sarcal.simulate(arm="sarcos_dextrous", fixture="sarcos_ball", poses=30, seed=1)
+    q_rad = simulation.poses.q_rad
     return sarcal.poses_of(q_rad=q_rad[:22]), sarcal.poses_of(q_rad=q_rad[22:])
 
 
@@ -40,18 +40,16 @@ def facts(solution):
     return facts_of(solution)
 
 
-def test_json_has_null_beside_the_position(solution, facts):
-    found = facts.json
+def test_json_has_null_orientation(solution, facts):
+    document = facts.json
     paper = solution.paper
-    assert paper is not None
-    for part in (found, found["before"], estimate_json(paper)):
-        assert part["sigma_ori_mrad"] == NOT_KNOWN
+    for part in (document, document["before"], estimate_json(paper)):
+        assert part["sigma_ori_mrad"] == UNKNOWN
         assert part["sigma_pos_mm"]["rms"] > 0.0
 
 
-def test_text_and_screen_say_so(facts):
+def test_text_and_screen_show_no_orientation(facts):
     table = facts.table("closure")
-    assert table is not None
     _, body = table_spans(table)
     screen = ["".join(words for words, _ in spans) for spans in body]
     for lines in (facts_text(facts).splitlines(), screen):
@@ -61,18 +59,20 @@ def test_text_and_screen_say_so(facts):
         assert all(line.count("n/a") == 2 for line in closures)
 
 
-def test_new_poses_are_judged_by_their_positions_alone(result, halves):
-    found = sarcal.verify(result, halves[1])
-    (row,) = [line for line in str(found).splitlines() if line.lstrip().startswith("calibrated")]
+def test_verification_uses_positions_only(result, halves):
+    verification = sarcal.verify(result, halves[1])
+    (row,) = [
+        line for line in str(verification).splitlines() if line.lstrip().startswith("calibrated")
+    ]
     assert row.split()[-2:] == ["n/a", "n/a"]
-    assert re.search(r": [\d.]+ mm rms, chi2", verified_words(found._found))
+    assert re.search(r": [\d.]+ mm rms, chi2", verified_words(verification._found))
     hinge = story()["verified"].verification
     assert re.search(r": [\d.]+ mm, [\d.]+ mrad rms, chi2", verified_words(hinge))
-    data = found.to_json()
-    assert data["sigma_ori_mrad"] == data["nominal"]["sigma_ori_mrad"] == NOT_KNOWN
+    data = verification.to_json()
+    assert data["sigma_ori_mrad"] == data["nominal"]["sigma_ori_mrad"] == UNKNOWN
 
 
-def test_the_parameters_file_keeps_it(tmp_path):
+def test_parameters_file_keeps_null_orientation(tmp_path):
     hinge = make_document()
     document = replace(hinge, quality=replace(hinge.quality, sigma_ori_mrad=None))
     save_parameters(tmp_path / "parameters.yaml", document)

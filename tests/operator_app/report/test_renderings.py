@@ -1,7 +1,6 @@
-"""One journalled session says the same numbers in text, JSON, page and on the screen, in the same units.
+"""One session has the same numbers and units in text, JSON, page and on the screen.
 
-Text and JSON are what `sarcal report` prints, the page is the file it writes, the screen is what the
-app shows when it resumes the session. Every rendering is taken apart by a parser of this file's own.
+Text and JSON are printed by `sarcal report`, the page is written by it, the screen is that of the resumed session.
 """
 
 import json
@@ -31,12 +30,12 @@ PARAMETERS = {
     "nominal", "parameters", "sigma", "interval_95", "repeatability", "tolerated_parameters",
     "jackknife_sigma",
 }  # fmt: skip
-"""What JSON gives in deg and m; everything else is in the unit that people read."""
+"""Keys of JSON with values in deg and m; all others are in the displayed unit."""
 
 
 @dataclass(frozen=True)
 class Renderings:
-    """What was printed, written and shown of one session."""
+    """Outputs of one session."""
 
     text: str
     data: Mapping[str, Any]
@@ -46,7 +45,7 @@ class Renderings:
 
 
 @pytest.fixture(scope="module")
-def said(journalled, tmp_path_factory, take_apart):
+def renderings(journalled, tmp_path_factory, parse_page):
     folder = tmp_path_factory.mktemp("renderings") / "run"
     shutil.copytree(journalled["run"], folder)
     assert main(["report", str(folder)]) == 0
@@ -55,11 +54,10 @@ def said(journalled, tmp_path_factory, take_apart):
     Operations(session, publisher).connect()
     session.close("left")
     facts = facts_on(publisher.shown)
-    assert facts is not None
     return Renderings(
         text=printed("report", str(folder), "--text"),
         data=json.loads(printed("report", str(folder), "--json")),
-        page=take_apart((folder / "report.html").read_text()),
+        page=parse_page((folder / "report.html").read_text()),
         facts=facts,
     )
 
@@ -71,7 +69,7 @@ def printed(*arguments: str) -> str:
 
 
 def numbers(words: str) -> list[str]:
-    """Numbers in a rendering, spelled as text spells them: digits and all."""
+    """Numbers of a rendering, in the notation of plain text."""
     return [
         re.sub(r"·10(.+)", lambda m: f"e{int(m[1].translate(RAISED)):+03d}", n).replace(
             "\u2212", "-"
@@ -85,56 +83,64 @@ def plain(row: Line) -> str:
 
 
 def text_rows(text: str, title: str, heads: int) -> list[str]:
-    """Rows of the table under a title, without its head and its note."""
+    """Rows of the table under a title, without heading and note."""
     lines = text.split(title + "\n", 1)[1].split("\n\n", maxsplit=1)[0].splitlines()
     indented = [line.strip() for line in lines if line.startswith("  ")]
     return indented[heads:]
 
 
-def body_of(said: Renderings, table: FactTable) -> list[list[str]]:
-    return [[cell[2] for cell in row] for row in said.page.table(typeset(table.title))["tbody"]]
+def body_of(renderings: Renderings, table: FactTable) -> list[list[str]]:
+    return [
+        [cell[2] for cell in row] for row in renderings.page.table(typeset(table.title))["tbody"]
+    ]
 
 
 def typeset(title: str) -> str:
     return title.replace("-1 to", "\u22121 to")
 
 
-def test_every_table_has_the_same_numbers_as_text_on_the_page_and_on_the_screen(said):
-    assert {t.ident for t in said.facts.tables} >= {
+def test_tables_agree_in_text_page_and_screen(renderings):
+    assert {t.ident for t in renderings.facts.tables} >= {
         "parameters", "dh", "hand", "determined", "closure", "noise", "budget", "halving", "tolerated", "tests",
         "observability", "correlations",
     }  # fmt: skip
-    for table in said.facts.tables:
-        body = body_of(said, table)
+    for table in renderings.facts.tables:
+        body = body_of(renderings, table)
         on_screen = [numbers(plain(row)) for row in table_spans(table)[1]]
-        kept = [k for k, column in enumerate(table.columns) if not column.detail]
+        displayed = [k for k, column in enumerate(table.columns) if not column.detail]
         if any(column.summary for column in table.columns):
-            # The screen names the largest of what the page lists, e.g. "RVDT curve 6 46 %".
+            # The screen names the largest entries of the page.
             for few, listed in zip(on_screen, body, strict=True):
                 assert set(few) <= {*numbers(" ".join(listed)), "6", "7"}
             on_page = on_screen
         else:
-            on_page = [numbers(" ".join(row[k] for k in kept)) for row in body]
+            on_page = [numbers(" ".join(row[k] for k in displayed)) for row in body]
             assert on_screen == on_page
         assert sum(map(len, on_page)) >= len(body), table.ident
         if not table.detail:
-            heads = len(said.page.table(typeset(table.title))["thead"])
-            in_text = [numbers(row) for row in text_rows(said.text, table.title, heads)]
+            heads = len(renderings.page.table(typeset(table.title))["thead"])
+            in_text = [numbers(row) for row in text_rows(renderings.text, table.title, heads)]
             assert in_text == on_page, table.ident
 
 
-def figures_of(said: Renderings) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
-    """Every number of the page that JSON has too: where it stands there, its unit, its digits."""
-    for table in said.facts.tables:
+def figures_of(renderings: Renderings) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
+    """Numbers of the page that JSON has too: key, unit, digits."""
+    for table in renderings.facts.tables:
         columns = [k for k, c in enumerate(table.columns) if not c.summary]
-        for row, shown in zip(table.rows, body_of(said, table), strict=True):
+        for row, shown in zip(table.rows, body_of(renderings, table), strict=True):
             cells = [row[k] for k in columns]
             unit = row[1] if table.columns[1].title == "unit" else ""
             for k, cell, words in zip(columns, cells, shown, strict=True):
                 if isinstance(cell, Figure) and cell.key:
-                    own = re.search(r"\[(.+?)\]", f"{_header(table, k)} {table.title}")
-                    here = unit if isinstance(unit, str) and unit else own[1] if own else ""
-                    yield cell.key, here, words
+                    header_unit = re.search(r"\[(.+?)\]", f"{_header(table, k)} {table.title}")
+                    cell_unit = (
+                        unit
+                        if isinstance(unit, str) and unit
+                        else header_unit[1]
+                        if header_unit
+                        else ""
+                    )
+                    yield cell.key, cell_unit, words
 
 
 def _header(table: FactTable, k: int) -> str:
@@ -143,16 +149,16 @@ def _header(table: FactTable, k: int) -> str:
 
 
 def to_json(key: tuple[str | int, ...], unit: str) -> float:
-    """What the number on the page is to be multiplied by."""
+    """The factor from the page to JSON."""
     if PARAMETERS & {*key} and unit == "mm":
         return 1e-3
     return 1e-2 if unit == "%" else 1.0
 
 
-def test_every_number_of_the_tables_is_in_json_to_its_last_digit(said):
+def test_table_numbers_agree_with_json(renderings):
     compared, seen = 0, set()
-    for key, unit, words in figures_of(said):
-        value: Any = said.data
+    for key, unit, words in figures_of(renderings):
+        value: Any = renderings.data
         for step in key:
             value = value[step]
         (number,) = numbers(words) or [""]
@@ -166,7 +172,6 @@ def test_every_number_of_the_tables_is_in_json_to_its_last_digit(said):
         compared += 1
         seen.add(key[0])
     assert compared > 250
-    # Each of these is a contract.
     assert seen >= {
         "nominal", "parameters", "sigma", "repeatability", "interval_95", "tip_sigma_mm", "rank",
         "scaled_condition_number", "condition_number", "chi2_per_dof", "stated_chi2_per_dof", "poses",
@@ -177,70 +182,66 @@ def test_every_number_of_the_tables_is_in_json_to_its_last_digit(said):
     }  # fmt: skip
 
 
-def test_tests_and_correlations_are_lists_in_json_and_tables_elsewhere(said):
-    tests = said.facts.table("tests")
-    assert tests is not None
-    for row, found in zip(body_of(said, tests), said.data["tests"], strict=True):
-        assert row[0] == found["code"]
+def test_tests_and_correlations_agree_with_json(renderings):
+    tests = renderings.facts.table("tests")
+    for row, entry in zip(body_of(renderings, tests), renderings.data["tests"], strict=True):
+        assert row[0] == entry["code"]
         for words, name in zip(row[1:], ("statistic", "threshold", "false_alarm"), strict=True):
             shown = numbers(words)
             assert [float(n) for n in shown] == (
-                [] if found[name] is None else [pytest.approx(found[name], rel=6e-3)]
+                [] if entry[name] is None else [pytest.approx(entry[name], rel=6e-3)]
             )
-    correlations = said.facts.table("correlations")
-    assert correlations is not None
-    for k, row in enumerate(body_of(said, correlations)):
+    correlations = renderings.facts.table("correlations")
+    for k, row in enumerate(body_of(renderings, correlations)):
         shown = [float(n) for n in numbers(" ".join(row[1:]))]
-        assert shown == pytest.approx(said.data["correlations"][k][: k + 1], abs=0.00501)
+        assert shown == pytest.approx(renderings.data["correlations"][k][: k + 1], abs=0.00501)
 
 
-def test_the_dh_table_is_in_one_unit_and_agrees_with_the_parameters(said):
-    dh = said.facts.table("dh")
-    assert dh is not None
+def test_dh_table_agrees_with_the_parameters(renderings):
+    dh = renderings.facts.table("dh")
     head = [plain(row) for row in table_spans(dh)[0]]
     assert re.findall(r"\[(.+?)\]", head[0]) == ["mm", "mm", "deg", "deg"]
-    text = text_rows(said.text, dh.title, 2)
-    for row in text_rows(said.text, said.facts.tables[0].title, 2):
+    text = text_rows(renderings.text, dh.title, 2)
+    for row in text_rows(renderings.text, renderings.facts.tables[0].title, 2):
         name, identified = row.split()[0], row.split()[3]
         link = int(name.rpartition("_")[2])
         assert identified in text[link].split()
 
 
-def test_headlines_are_the_same_in_tiles_lines_and_tables(said):
-    headlines = said.facts.headlines
+def test_headlines_agree_in_tiles_lines_and_tables(renderings):
+    headlines = renderings.facts.headlines
     line = plain(headline_spans(headlines, 1000))
     assert numbers(line) == numbers(" ".join(f"{h.figure.shown} {h.note}" for h in headlines))
     for headline in headlines:
-        told = f"{headline.name}{headline.figure.with_unit}"
-        assert told.replace(" ", "") in said.page.text.replace(" ", "").replace("\u2212", "-")
-    rows = text_rows(said.text, "How well the poses determine them (no unit)", 1)
+        tile = f"{headline.name}{headline.figure.with_unit}"
+        assert tile.replace(" ", "") in renderings.page.text.replace(" ", "").replace("\u2212", "-")
+    rows = text_rows(renderings.text, "How well the poses determine them (no unit)", 1)
     for name in ("rank", "poses", "chi2/dof", "scaled condition number"):
         (row,) = [r for r in rows if r.startswith(f"{name}  ")]
         assert {h.name: h for h in headlines}[name].figure.shown in numbers(row)
 
 
-def test_a_notice_is_in_every_rendering_once(said):
-    assert said.facts.notices
-    assert [(n["code"], n["text"]) for n in said.data["warnings"]] == [
-        (n.code, n.sentence) for n in said.facts.notices
+def test_notices_are_in_every_rendering_once(renderings):
+    assert renderings.facts.notices
+    assert [(n["code"], n["text"]) for n in renderings.data["warnings"]] == [
+        (n.code, n.sentence) for n in renderings.facts.notices
     ]
-    for notice in said.facts.notices:
+    for notice in renderings.facts.notices:
         once = " ".join(notice.sentence.split())
-        assert " ".join(said.text.split()).count(once) == 1
-        assert once in " ".join(said.page.text.split())
+        assert " ".join(renderings.text.split()).count(once) == 1
+        assert once in " ".join(renderings.page.text.split())
 
 
-def test_run_prints_what_report_reads(journalled, said):
-    """The JSON of the session that ran, of the one that resumed it, and of the app are one."""
-    mine = {k: v for k, v in said.data.items() if k != "session"}
-    for made in ("run", "app", "resumed"):
-        other = json.loads(printed("report", str(journalled[made]), "--json"))
+def test_json_of_run_app_and_resumed_sessions_agree(journalled, renderings):
+    expected = {k: v for k, v in renderings.data.items() if k != "session"}
+    for name in ("run", "app", "resumed"):
+        other = json.loads(printed("report", str(journalled[name]), "--json"))
         assert other.pop("session")["serial_number"] == "SDA-0001"
-        assert other == mine
+        assert other == expected
 
 
-def test_headlines_too_long_for_a_line_lose_their_notes_and_no_figure(said):
-    short = plain(headline_spans(said.facts.headlines, 60))
+def test_short_headlines_omit_notes_only(renderings):
+    short = plain(headline_spans(renderings.facts.headlines, 60))
     assert "before" not in short
-    for headline in said.facts.headlines:
+    for headline in renderings.facts.headlines:
         assert headline.figure_text in short

@@ -1,4 +1,4 @@
-"""The app on a live fake arm, and helpers that wait on what the screen knows, never on time."""
+"""The app on a live fake arm or on one snapshot, and a driver that waits on conditions, never on time."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
@@ -20,7 +20,7 @@ PATIENCE_S = 30.0
 
 
 class Driver:
-    """Presses keys and waits on conditions of the running app."""
+    """Press keys and wait on conditions of the running app."""
 
     def __init__(self, app: SarcalApp, pilot) -> None:
         self.app, self.pilot = app, pilot
@@ -28,43 +28,43 @@ class Driver:
 
     @property
     def runner(self):
-        """The runner that is open: a `Runner`, or a `StillRunner` with what it was asked."""
+        """The open `Runner`, or a `StillRunner` with the tasks submitted to it."""
         return self.app.runner
 
     @property
     def s(self) -> SessionSnapshot:
-        """The picture that is on the screen."""
+        """The snapshot on the screen."""
         assert self.app.picture is not None
         return self.app.picture
 
     @property
     def hint(self) -> str:
-        """The line above the messages."""
+        """The hint line above the messages."""
         return " ".join(
             "".join(text for row in self.app.main.hint.shown for text, _ in row).split()
         )
 
     def text(self, selector: str) -> str:
-        """What a panel shows."""
+        """The text of a panel."""
         widget = self.app.main.query_one(selector)
         return "\n".join("".join(text for text, _ in row) for row in widget.shown)
 
     def words(self, selector: str) -> str:
-        """What a panel shows, without its line breaks."""
+        """The text of a panel, without its line breaks."""
         return " ".join(self.text(selector).split())
 
     @property
-    def read(self) -> str:
+    def visible_dialog_text(self) -> str:
         """The text of the dialog on the screen; "" before it is composed."""
         return "".join(str(text.content) for text in self.app.screen.query("#text").results(Static))
 
-    async def reading(self) -> str:
+    async def dialog_text(self) -> str:
         """Wait for the text of the dialog on the screen."""
-        await self.until(lambda: self.read != "", "a text to read")
-        return self.read
+        await self.until(lambda: self.visible_dialog_text != "", "dialog text")
+        return self.visible_dialog_text
 
-    async def see(self, picture: SessionSnapshot, step: Step) -> None:
-        """Put another picture and step on the screen of a still runner, as if just come to it."""
+    async def show(self, picture: SessionSnapshot, step: Step) -> None:
+        """Put another snapshot and step on the screen of a still runner."""
         while self.app.screen is not self.app.main:
             self.app.pop_screen()
             await self.settle()
@@ -77,7 +77,7 @@ class Driver:
         await self.settle()
 
     async def press(self, *keys: str) -> None:
-        """Press keys, and let the app deal with them.
+        """Press keys and let the app handle them.
 
         Textual's own `press` waits for an idle processor, which a live arm never leaves.
         """
@@ -90,7 +90,7 @@ class Driver:
             await self.settle()
 
     async def settle(self) -> None:
-        """Let every message that is under way arrive."""
+        """Let every pending message arrive."""
         loop = asyncio.get_running_loop()
         end = loop.time() + PATIENCE_S
         # From the app to a widget, from there to its dialog, from there back to the app.
@@ -106,13 +106,13 @@ class Driver:
         end = loop.time() + PATIENCE_S
         while not holds():
             if loop.time() > end:
-                said = [m.text for m in self.s.messages[-4:]] if self.app.picture else []
-                raise AssertionError(f"never came true: {what}; task {self.s.task}, said {said}")
-            # The app goes on by itself; a pause of the pilot would ask every widget whether it is done.
+                messages = [m.text for m in self.s.messages[-4:]] if self.app.picture else []
+                raise AssertionError(f"timeout: {what}; task {self.s.task}, messages {messages}")
+            # A pause of the pilot would query every widget.
             await asyncio.sleep(0.005)
 
     async def idle(self) -> None:
-        """Wait until the worker has nothing to do and the screen shows it."""
+        """Wait until the worker is idle and the screen shows it."""
         runner = self.app.runner
         assert runner is not None
         await self.until(lambda: not runner.pending and runner.snapshot().task is None, "idle")
@@ -120,11 +120,11 @@ class Driver:
         await self.settle()
 
     async def ready(self) -> None:
-        """Wait for the first picture."""
+        """Wait for the first snapshot."""
         await self.until(lambda: self.app.picture is not None, "first picture")
 
     async def to_step(self, number: int) -> None:
-        """Take the shortest way from the beginning to a step, with keys only."""
+        """Go from the first step to another by keys only."""
         await self.ready()
         while self.app.step < number:
             before = self.app.step
@@ -137,7 +137,7 @@ class Driver:
 
 @asynccontextmanager
 async def running(app: SarcalApp, size: tuple[int, int] = (120, 36)) -> AsyncIterator[Driver]:
-    """Run the app without a terminal, but with keys read as from one: STOP at the door."""
+    """Run the app without a terminal, but with keys read as from one, as STOP is."""
     with pytest.MonkeyPatch.context() as patch:
         watching = watched(HeadlessDriver, app.stop_on_input)
         patch.setattr("textual.drivers.headless_driver.HeadlessDriver", watching)
@@ -161,7 +161,7 @@ def drive(source):
 
 @pytest.fixture
 def still():
-    """Run the app on one picture: ``async with still(picture, step=Step.CAPTURE) as d``."""
+    """Run the app on one snapshot: ``async with still(picture, step=Step.CAPTURE) as d``."""
 
     @asynccontextmanager
     async def run(picture, *, step=Step.CONNECT, size=(120, 36), entries=(), **options):

@@ -1,4 +1,4 @@
-"""The one table of actions: a new entry is in the footer, the palette, help and the prompts, and works there."""
+"""The action table: each action is in footer, palette, help and prompts, and works there."""
 
 from dataclasses import replace
 
@@ -26,12 +26,12 @@ WHISTLE = Action(
     help="Blow the whistle beside the arm.",
     steps=frozenset({Step.CONNECT}),
     footer=frozenset({Step.CONNECT}),
-    guard=lambda s: ("there is nobody to hear it",) if s.connected else (),
+    guard=lambda s: ("an arm is connected",) if s.connected else (),
     work=lambda chosen: chosen.runner.say(Level.INFO, "whistled"),
 )
 
 
-async def test_a_new_entry_is_everywhere_and_works_everywhere(still, source, monkeypatch):
+async def test_new_action_appears_and_works_in_all_interfaces(still, source, monkeypatch):
     monkeypatch.setattr(action_table, "ACTIONS", (*ACTIONS, WHISTLE))
 
     async with still(story()["start"], step=Step.CONNECT) as d:
@@ -42,19 +42,21 @@ async def test_a_new_entry_is_everywhere_and_works_everywhere(still, source, mon
         assert title(WHISTLE) in [str(hit.text) async for hit in palette.discover()]
         assert title(WHISTLE) in [str(hit.text) async for hit in palette.search("Whistle")]
         await d.press("question_mark")
-        assert "Whistle: Blow the whistle beside the arm." in " ".join((await d.reading()).split())
-        await d.see(story()["connected"], Step.CONNECT)
+        assert "Whistle: Blow the whistle beside the arm." in " ".join(
+            (await d.dialog_text()).split()
+        )
+        await d.show(story()["connected"], Step.CONNECT)
         await d.press("W")
-        assert "there is nobody to hear it" in d.hint
+        assert "an arm is connected" in d.hint
 
     script = Script("Whistle", "Connect", "Whistle")
     Plain(source, script, pause=look_again).run()
     assert any(row.endswith("Whistle: Blow the whistle beside the arm") for row in script.said)
     assert sum("whistled" in row for row in script.said) == 1
-    assert "Not done: there is nobody to hear it." in script.said
+    assert "Not done: an arm is connected." in script.said
 
 
-async def test_the_manual_is_read_on_the_screen_and_in_prompts(still, source):
+async def test_manual_is_shown_on_screen_and_in_prompts(still, source):
     async with still(story()["captured"], step=Step.CAPTURE) as d:
         await d.press("m")
         await d.until(lambda: bool(d.app.screen.query(OptionList)), "the topics")
@@ -63,10 +65,10 @@ async def test_the_manual_is_read_on_the_screen_and_in_prompts(still, source):
         assert topics[0] == "tutorial"
         await d.press(*["down"] * (1 + topics.index("sign")), "enter")
         await d.until(lambda: isinstance(d.app.screen, Read), "the page")
-        heading, line, *_ = (await d.reading()).splitlines()
+        heading, line, *_ = (await d.dialog_text()).splitlines()
         assert heading == manual().page("sign").title
         assert set(line) == {"="}
-        assert max(map(len, (await d.reading()).splitlines())) <= 86
+        assert max(map(len, (await d.dialog_text()).splitlines())) <= 86
         await d.press("escape")
         assert d.app.screen is d.app.main
 
@@ -75,57 +77,51 @@ async def test_the_manual_is_read_on_the_screen_and_in_prompts(still, source):
     assert "Keys of the terminal app" in script.said
 
 
-def test_every_next_thing_is_an_action_of_its_step_or_of_all():
-    for told in story().values():
-        for s in (told, real(told)):
+def test_next_action_belongs_to_its_step():
+    for snapshot in story().values():
+        for s in (snapshot, real(snapshot)):
             for step in Step:
                 name = next_action(step, s).action
                 assert not name or step in by_name(name).steps
 
 
-def test_every_action_of_the_screen_only_has_its_work_there():
+def test_every_screen_action_has_a_handler():
     assert {a.name for a in ACTIONS if isinstance(a, OnScreen)} == set(ON_SCREEN)
 
 
-def test_a_footer_that_is_full_gives_up_the_ways_out_first():
-    here = frozenset({Step.FIXTURE})
-    more = tuple(
-        OnScreen(name=f"more {k}", keys=(), shown="", label="", help="", steps=here, footer=here)
+def test_full_footer_drops_back_and_quit_first():
+    steps = frozenset({Step.FIXTURE})
+    added = tuple(
+        OnScreen(name=f"more {k}", keys=(), shown="", label="", help="", steps=steps, footer=steps)
         for k in range(2)
     )
     before = [a.name for a in footer(Step.FIXTURE)]
     assert before == ["stop", "primary", "procedure", "back", "help", "quit"]
-    table = (*ACTIONS, *more)
-    after = [a.name for a in footer(Step.FIXTURE, table)]
+    after = [a.name for a in footer(Step.FIXTURE, (*ACTIONS, *added))]
     assert after == ["stop", "primary", "procedure", "help", "more 0", "more 1"]
 
 
-def test_guards_close_everything_that_works_while_work_is_in_hand():
-    free = {"stop_tested", "resume", "procedure", "confirm", "confirm_all", "suggest", "joints",
+def test_guards_block_actions_while_a_task_runs():
+    allowed = {"stop_tested", "resume", "procedure", "confirm", "confirm_all", "suggest", "joints",
             "new_session", "acknowledge", "hold", "history", "manual"}  # fmt: skip
-    waits = set()
-    for told in ("start", "capturing", "captured", "solved"):
-        at_work = busy(story()[told], TaskKind.EXPORT, moves=False)
+    blocked = set()
+    for name in ("start", "capturing", "captured", "solved"):
+        task_running = busy(story()[name], TaskKind.EXPORT, moves=False)
         for action in ACTIONS:
-            if isinstance(action, Action) and action.name not in free:
-                missing = action.guard(at_work)
+            if isinstance(action, Action) and action.name not in allowed:
+                missing = action.guard(task_running)
                 assert missing, action.name
-                if not action.guard(story()[told]):
+                if not action.guard(story()[name]):
                     assert missing == ("wait: writing",), action.name
-                    waits.add(action.name)
-    assert {"connect", "capture", "go", "automatic", "undo", "calibrate"} <= waits
-    assert {"write", "upload", "report", "verify"} <= waits
+                    blocked.add(action.name)
+    assert {"connect", "capture", "go", "automatic", "undo", "calibrate"} <= blocked
+    assert {"write", "upload", "report", "verify"} <= blocked
 
 
-def test_no_key_means_two_things_at_one_step():
+def test_keys_are_unique_and_the_footer_starts_with_stop():
     for step in Step:
-        here = [a for a in ACTIONS if step in a.steps]
-        keys = [k for a in here for k in a.keys]
+        keys = [key for action in ACTIONS if step in action.steps for key in action.keys]
         assert len(keys) == len(set(keys)), step
-
-
-def test_the_footer_has_at_most_six_keys_that_all_work_there_and_stop_is_first():
-    for step in Step:
         shown = footer(step)
         assert len(shown) <= 6
         assert shown[0].name == "stop"
@@ -139,10 +135,10 @@ async def test_help_explains_the_focused_panel(still):
         await d.press("tab", "question_mark")
         assert isinstance(d.app.screen, Read)
         panel = d.app.main.focused
-        assert panel.HELP[:40] in " ".join((await d.reading()).split())
+        assert panel.HELP[:40] in " ".join((await d.dialog_text()).split())
 
 
-async def test_an_action_from_the_palette_goes_to_its_step_if_that_is_open(still):
+async def test_palette_action_goes_to_its_open_step(still):
     async with still(story()["captured"], step=Step.CONNECT) as d:
         d.app.interface.do_anywhere(by_name("calibrate"))
         assert d.app.step is Step.CALIBRATE
@@ -152,14 +148,14 @@ async def test_an_action_from_the_palette_goes_to_its_step_if_that_is_open(still
         assert len(d.runner.asked) == 1
 
 
-async def test_a_calibration_of_other_poses_is_said_to_be_one_and_nothing_of_it_is_shown(still):
+async def test_outdated_calibration_is_not_shown(still):
     solved = story()["solved"]
     poses = tuple(replace(p, excluded="bumped") for p in solved.state.poses)
-    none_counts = replace(solved, state=replace(solved.state, poses=poses))
+    all_excluded = replace(solved, state=replace(solved.state, poses=poses))
     async with still(story()["solved"], step=Step.RESULTS) as d:
         for step in (Step.RESULTS, Step.CALIBRATE, Step.EXPORT):
-            await d.see(none_counts, step)
+            await d.show(all_excluded, step)
             for _ in range(3):
                 await d.press("v")
-        await d.see(none_counts, Step.RESULTS)
+        await d.show(all_excluded, Step.RESULTS)
         assert "the poses have changed since the calibration" in d.words("#verdict")

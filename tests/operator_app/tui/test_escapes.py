@@ -1,4 +1,4 @@
-"""Whatever a bus, a file or an operator wrote, a screen is made of characters that a terminal shows."""
+"""Screens contain only characters that a terminal shows, whatever a bus, a file or an operator wrote."""
 
 import unicodedata
 from dataclasses import replace
@@ -10,12 +10,11 @@ from operator_app.session.ui.steps import Step
 from tests.oracles.story import story
 
 HOSTILE = "a\x1b[2J\x1b]0;owned\x07b\x9b31mc\u202edlo\u2066x\ry\nz\u2028"
-OBEYED = ("Cc", "Cf", "Cs", "Zl", "Zp")
+CONTROL_CATEGORIES = ("Cc", "Cf", "Cs", "Zl", "Zp")
 
 
 def hostile(s: SessionSnapshot) -> SessionSnapshot:
-    """The same picture, with everything that somebody else wrote as bad as can be."""
-    assert s.identity is not None
+    """The snapshot with hostile text in every external field."""
     nodes = tuple(replace(node, device_name=HOSTILE, role=HOSTILE) for node in s.identity.nodes)
     identity = replace(s.identity, model=HOSTILE, serial_number=HOSTILE, nodes=nodes)
     poses = tuple(
@@ -35,18 +34,20 @@ def hostile(s: SessionSnapshot) -> SessionSnapshot:
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("ascii_only", [False, True], ids=["all characters", "ascii"])
-async def test_no_screen_holds_what_a_terminal_would_obey(still, ascii_only):
-    told = story()
-    async with still(hostile(told["connected"]), step=Step.CONNECT, ascii_only=ascii_only) as d:
-        seen = ""
+async def test_screens_contain_no_control_characters(still, ascii_only):
+    snapshots = story()
+    async with still(
+        hostile(snapshots["connected"]), step=Step.CONNECT, ascii_only=ascii_only
+    ) as d:
+        shown = ""
         for step, name in ((Step.CONNECT, "connected"), (Step.CAPTURE, "capturing"),
-                           (Step.RESULTS, "solved"), (Step.EXPORT, "written")):  # fmt: skip
-            await d.see(hostile(told[name]), step)
+                          (Step.RESULTS, "solved"), (Step.EXPORT, "written")):  # fmt: skip
+            await d.show(hostile(snapshots[name]), step)
             if step is Step.CAPTURE:
                 await d.press("n")
             strips = d.app.screen._compositor.render_strips()
-            seen += "".join(segment.text for strip in strips for segment in strip)
+            shown += "".join(segment.text for strip in strips for segment in strip)
             if d.app.screen is not d.app.main:
                 await d.press("escape")
-        assert "owned" in seen
-        assert {c for c in seen if unicodedata.category(c) in OBEYED} == set()
+        assert "owned" in shown
+        assert {c for c in shown if unicodedata.category(c) in CONTROL_CATEGORIES} == set()

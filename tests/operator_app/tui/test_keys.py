@@ -1,4 +1,4 @@
-"""Every key of every step: what the runner is asked for, or what the screen says or shows."""
+"""Keys of every step: the task that they submit, or what the screen shows."""
 
 import html
 import re
@@ -12,8 +12,8 @@ from operator_app.tui.dialogs import Ask, Choose, Confirm
 from tests.oracles.still_runner import entry
 from tests.oracles.story import busy, real, stale, story
 
-ASKS = [
-    # step, told, key, what the runner is asked
+SUBMITTED = [
+    # step, snapshot, key, submitted task
     (Step.CONNECT, "start", "c", TaskKind.CONNECT),
     (Step.CONNECT, "start", "enter", TaskKind.CONNECT),
     (Step.FIXTURE, "connected", "k", TaskKind.CHECK),
@@ -31,24 +31,23 @@ ASKS = [
     (Step.EXPORT, "solved", "enter", TaskKind.EXPORT),
     (Step.EXPORT, "solved", "r", TaskKind.EXPORT),
     (Step.CAPTURE, "modes", "H", TaskKind.HOLD),
-    # The second one answers a question.
+    # The second y confirms.
     (Step.EXPORT, "solved", "yy", TaskKind.VERIFY),
 ]
 
 
-async def test_a_key_asks_the_runner(still):
+async def test_key_submits_its_task(still):
     async with still(story()["start"]) as d:
-        for step, told, key, kind in ASKS:
-            await d.see(story()[told], step)
+        for step, name, key, kind in SUBMITTED:
+            await d.show(story()[name], step)
             await d.press(*([key] if key == "enter" else key))
-            assert [k for k, _ in d.runner.asked] == [kind], (step, told, key)
+            assert [k for k, _ in d.runner.asked] == [kind], (step, name, key)
 
 
-async def test_a_window_too_small_to_see_what_a_key_does_takes_no_key_but_stop_and_quit(still):
-    """Enter would connect, or tick an item of the check list that is not on the screen."""
+async def test_too_small_window_accepts_only_stop_and_quit(still):
     async with still(story()["start"], size=(60, 20)) as d:
         await d.press("enter", "c")
-        await d.see(story()["connected"], Step.FIXTURE)
+        await d.show(story()["connected"], Step.FIXTURE)
         before = d.s.ticked
         await d.press("enter", "k")
         assert (d.runner.asked, d.runner.picture.ticked) == ([], before)
@@ -59,14 +58,10 @@ async def test_a_window_too_small_to_see_what_a_key_does_takes_no_key_but_stop_a
 
 
 REFUSALS = [
-    # step, told, key, words
+    # step, snapshot, key, words of the hint
     (Step.CONNECT, "connected", "c", "already connected"),
     (Step.CONNECT, "start", "right_square_bracket", "no arm is connected"),
     (Step.CONNECT, "start", "2", "Fixture is closed: no arm is connected"),
-    (Step.CONNECT, "start", "3", "Modes is closed"),
-    (Step.CONNECT, "start", "4", "Capture is closed"),
-    (Step.CONNECT, "start", "5", "Calibrate is closed"),
-    (Step.CONNECT, "start", "6", "Results is closed"),
     (Step.CONNECT, "start", "7", "Export is closed"),
     (Step.CONNECT, "start", "o", "no other session"),
     (Step.CONNECT, "start", "space", "STOP: no arm is connected"),
@@ -78,30 +73,26 @@ REFUSALS = [
     (Step.MODES, "start", "a", "no arm is connected"),
     (Step.CAPTURE, "captured", "a", "all 16 poses are captured"),
     (Step.CAPTURE, "modes", "u", "no pose yet"),
-    (Step.CAPTURE, "modes", "n", "no pose yet"),
-    (Step.CAPTURE, "modes", "x", "no pose yet"),
     (Step.CAPTURE, "modes", "b", "no best pose yet"),
     (Step.CALIBRATE, "modes", "s", "0 of the 3 required poses"),
     (Step.EXPORT, "captured", "w", "no calibration"),
     (Step.EXPORT, "captured", "u", "no calibration"),
-    (Step.EXPORT, "captured", "y", "no calibration"),
-    (Step.EXPORT, "captured", "r", "no calibration"),
 ]
 
 
-async def test_a_key_that_cannot_be_followed_says_why(still):
+async def test_refused_key_shows_the_reason(still):
     async with still(story()["start"]) as d:
-        for step, told, key, words in REFUSALS:
-            await d.see(story()[told], step)
+        for step, name, key, words in REFUSALS:
+            await d.show(story()[name], step)
             await d.press(key)
             d.app.poll()
-            assert d.hint.startswith("▲ "), (step, told, key)
-            assert words in d.hint, (step, told, key)
+            assert d.hint.startswith("▲ "), (step, name, key)
+            assert words in d.hint, (step, name, key)
             assert (d.runner.asked, d.runner.stops) == ([], 0)
             assert d.app.step is step
 
 
-async def test_stale_data_block_capture_and_are_marked(still):
+async def test_stale_data_are_marked_and_delay_a_capture(still):
     async with still(stale(story()["capturing"]), step=Step.CAPTURE) as d:
         await d.press("c")
         await d.until(lambda: "data of J5 are 240 ms old" in d.hint)
@@ -111,18 +102,12 @@ async def test_stale_data_block_capture_and_are_marked(still):
         assert "+0.0" not in row
         assert "J5 STALE" in d.text("#strip")
         assert d.runner.asked == []
-
-
-async def test_data_that_are_late_for_a_moment_cost_no_key(still):
-    """As on a busy machine; it was refused, and the key had to be pressed again."""
-    async with still(stale(story()["capturing"]), step=Step.CAPTURE) as d:
         await d.press("c")
-        assert d.runner.asked == []
-        await d.see(story()["capturing"], Step.CAPTURE)
+        await d.show(story()["capturing"], Step.CAPTURE)
         await d.until(lambda: [k for k, _ in d.runner.asked] == [TaskKind.CAPTURE])
 
 
-async def test_yes_applies_the_modes_and_enter_on_cancel_does_not(still):
+async def test_modes_are_applied_only_after_confirmation(still):
     async with still(story()["ticked"], step=Step.MODES) as d:
         await d.press("a", "enter")
         assert d.runner.asked == []
@@ -134,30 +119,28 @@ async def test_yes_applies_the_modes_and_enter_on_cancel_does_not(still):
         assert len(d.runner.asked) == 2
 
 
-async def test_a_real_arm_moves_automatically_only_after_a_question(still):
-    metal = real(story()["capturing"])
-    metal = replace(metal, ticked=story()["capturing"].ticked, stop_tested=True)
-    by_hand = replace(metal, identity=replace(metal.identity, by_hand=True))
-    async with still(metal, step=Step.CAPTURE) as d:
+async def test_real_arm_moves_only_after_confirmation(still):
+    real_arm = real(story()["capturing"])
+    real_arm = replace(real_arm, ticked=story()["capturing"].ticked, stop_tested=True)
+    hand_guided = replace(real_arm, identity=replace(real_arm.identity, by_hand=True))
+    async with still(real_arm, step=Step.CAPTURE) as d:
         for key in ("enter", "a"):
-            await d.see(metal, Step.CAPTURE)
-            await d.until(lambda: "(it asks first)" in d.hint, "that it asks is said")
+            await d.show(real_arm, Step.CAPTURE)
+            await d.until(lambda: "(it asks first)" in d.hint, "hint")
             await d.press(key, "enter")
             assert d.runner.asked == []
-            # To quit while the question is open starts no motion.
+            # Quitting while the question is open starts no motion.
             await d.press(key, "q", "y")
             assert d.runner.asked == []
             await d.press(key, "y")
             assert [k for k, _ in d.runner.asked] == [TaskKind.AUTOMATIC]
-        await d.see(by_hand, Step.CAPTURE)
-        await d.until(
-            lambda: "(it asks first)" not in d.hint, "no question of who moves it by hand"
-        )
+        await d.show(hand_guided, Step.CAPTURE)
+        await d.until(lambda: "(it asks first)" not in d.hint, "no question")
         await d.press("a")
         assert [k for k, _ in d.runner.asked] == [TaskKind.AUTOMATIC]
 
 
-async def test_upload_wants_the_serial_number_typed(still):
+async def test_upload_needs_the_serial_number(still):
     async with still(story()["written"], step=Step.EXPORT) as d:
         await d.press("u", *"SDA-0009", "enter")
         await d.settle()
@@ -169,11 +152,11 @@ async def test_upload_wants_the_serial_number_typed(still):
         assert [k for k, _ in d.runner.asked] == [TaskKind.UPLOAD]
 
 
-async def test_any_key_ends_a_motion_and_does_nothing_else(still):
+async def test_any_key_only_ends_a_motion(still):
     moving = busy(story()["capturing"], TaskKind.AUTOMATIC, moves=True)
     async with still(moving) as d:
         for key in ("z", "x", "enter", "escape", "down", "7", "q", "a", "tab", "ctrl+p", "é"):
-            await d.see(moving, Step.CAPTURE)
+            await d.show(moving, Step.CAPTURE)
             assert "ANY KEY STOPS" in d.text("#banner")
             await d.press(key)
             assert (d.runner.cancels, d.runner.stops, d.runner.asked) == (1, 0, []), key
@@ -181,7 +164,7 @@ async def test_any_key_ends_a_motion_and_does_nothing_else(still):
             assert d.app.step is Step.CAPTURE
 
 
-async def test_z_cancels_a_calibration_and_other_keys_go_on(still):
+async def test_only_z_cancels_a_calibration(still):
     solving = busy(story()["captured"], TaskKind.CALIBRATE, moves=False)
     async with still(solving, step=Step.CALIBRATE) as d:
         await d.press("v")
@@ -190,7 +173,7 @@ async def test_z_cancels_a_calibration_and_other_keys_go_on(still):
         assert d.runner.cancels == 1
 
 
-async def test_back_goes_back_and_loses_nothing(still):
+async def test_brackets_and_digits_change_the_step(still):
     async with still(story()["solved"], step=Step.EXPORT) as d:
         for step in reversed(list(Step)[:-1]):
             await d.press("left_square_bracket")
@@ -200,18 +183,14 @@ async def test_back_goes_back_and_loses_nothing(still):
         for step in list(Step)[1:]:
             await d.press("right_square_bracket")
             assert d.app.step is step
+        for number in range(1, 8):
+            await d.show(story()["solved"], Step.CAPTURE)
+            await d.press(str(number))
+            assert d.app.step == number
         assert d.runner.asked == []
 
 
-async def test_digits_go_to_steps_that_are_open(still):
-    async with still(story()["solved"]) as d:
-        for number in range(1, 8):
-            await d.see(story()["solved"], Step.CAPTURE)
-            await d.press(str(number))
-            assert d.app.step == number
-
-
-async def test_toggle_marks_and_explains_before_anything_is_applied(still):
+async def test_toggled_modes_show_their_risk_before_applying(still):
     async with still(story()["ticked"], step=Step.MODES) as d:
         before = d.s.wanted_joints
         await d.press("down", "f")
@@ -227,7 +206,7 @@ async def test_toggle_marks_and_explains_before_anything_is_applied(still):
         assert d.runner.asked == []
 
 
-async def test_on_a_real_arm_every_item_is_ticked_by_itself(still):
+async def test_real_arm_ticks_check_list_items_singly(still):
     picture = replace(real(story()["connected"]), stop_tested=True)
     async with still(picture, step=Step.FIXTURE) as d:
         items = len(picture.procedure.fixture.checklist)
@@ -241,7 +220,7 @@ async def test_on_a_real_arm_every_item_is_ticked_by_itself(still):
         assert len(d.runner.picture.ticked) == items - 1
 
 
-async def test_on_a_real_arm_the_stop_test_comes_before_anything_else(still):
+async def test_real_arm_needs_the_stop_test_first(still):
     async with still(real(story()["connected"]), step=Step.CONNECT) as d:
         await d.press("2")
         await d.until(lambda: "hardware stop is not tested" in d.hint)
@@ -253,45 +232,35 @@ async def test_on_a_real_arm_the_stop_test_comes_before_anything_else(still):
         assert "REAL ARM" in d.text("#banner")
 
 
-async def test_estimator_and_unsensed_joints_go_round(still):
+async def test_estimator_and_unsensed_joints_cycle(still):
     async with still(story()["captured"], step=Step.CALIBRATE) as d:
         first = d.runner.picture.estimator
         await d.press("e")
         assert d.runner.picture.estimator != first
         await d.press("e")
         assert d.runner.picture.estimator == first
-        seen = []
+        unsensed = []
         for _ in range(4):
             await d.press("j")
-            seen.append(d.runner.picture.unsensed_joints)
-        assert seen == [(6,), (7,), (6, 7), ()]
+            unsensed.append(d.runner.picture.unsensed_joints)
+        assert unsensed == [(6,), (7,), (6, 7), ()]
 
 
-async def test_views_turn_over_on_a_small_terminal(still):
+async def test_views_and_themes_cycle(still):
     async with still(story()["capturing"], step=Step.CAPTURE, size=(80, 24)) as d:
-        shown = []
+        panels, themes = [], set()
         for _ in range(4):
-            shown.append(tuple(p.id for p in d.app.main.view.query(".panel") if p.display))
+            panels.append(tuple(p.id for p in d.app.main.view.query(".panel") if p.display))
             await d.press("v")
-        assert len(set(shown[:3])) == 3
-        assert shown[3] == shown[0]
+        assert len(set(panels[:3])) == 3
+        assert panels[3] == panels[0]
+        for _ in range(3):
+            await d.press("T")
+            themes.add(d.app.theme)
+        assert len(themes) == 3
 
 
-async def test_pages_turn_over_in_results(still):
-    async with still(story()["solved"], step=Step.RESULTS) as d:
-        titles = []
-        for _ in range(9):
-            d.app.poll()
-            await d.settle()
-            titles.append(str(d.app.main.query_one("#results-plot").border_title))
-            if titles[-1].startswith("Tool position uncertainty"):
-                hand = story()["solved"].solution.hand
-                assert f"{1e3 * hand.rms:.3g}" in d.text("#results-plot")
-            await d.press("v")
-        assert len(set(titles)) == 9
-
-
-async def test_marks_move_with_the_arrows(still):
+async def test_arrows_move_the_mark(still):
     async with still(story()["captured"], step=Step.CAPTURE) as d:
         view = d.app.main.view
         newest = view.marked_pose(d.s)
@@ -301,7 +270,7 @@ async def test_marks_move_with_the_arrows(still):
         assert view.marked_pose(d.s) == newest - 1
 
 
-async def test_sessions_can_be_chosen_and_cancel_is_marked_first(still):
+async def test_session_choice_defaults_to_cancel(still):
     earlier = entry(story()["capturing"])
     async with still(story()["uploaded"], step=Step.EXPORT, entries=(earlier,)) as d:
         await d.until(lambda: d.app.screen is not d.app.main, "the offer to resume")
@@ -314,7 +283,7 @@ async def test_sessions_can_be_chosen_and_cancel_is_marked_first(still):
         await d.until(lambda: d.app.source.resumed_names == [earlier.folder.name], "resumed")
 
 
-async def test_another_procedure_can_be_chosen_and_begins_a_session(still):
+async def test_chosen_procedure_starts_a_session(still):
     async with still(story()["connected"], step=Step.FIXTURE) as d:
         before = d.app.source.begun
         await d.press("p")
@@ -327,34 +296,24 @@ async def test_another_procedure_can_be_chosen_and_begins_a_session(still):
         assert d.app.source.procedure_named == "hinge_planned"
 
 
-async def test_a_new_session_begins_at_connect(still):
+async def test_new_session_starts_at_connect(still):
     async with still(story()["uploaded"], step=Step.EXPORT) as d:
         await d.press("N", "y")
         await d.settle()
-        assert d.app.source.begun == 2
-        assert d.app.step is Step.CONNECT
+        assert (d.app.source.begun, d.app.step) == (2, Step.CONNECT)
 
 
-async def test_themes_go_round(still):
-    async with still(story()["capturing"], step=Step.CAPTURE) as d:
-        seen = []
-        for _ in range(3):
-            await d.press("T")
-            seen.append(d.app.theme)
-        assert len(set(seen)) == 3
-
-
-@pytest.mark.parametrize("told", ["start", "capturing"])
-async def test_q_leaves_at_once_or_after_a_question(still, told):
-    async with still(story()[told], step=Step.CONNECT) as d:
+@pytest.mark.parametrize("name", ["start", "capturing"])
+async def test_quit_asks_only_when_connected(still, name):
+    async with still(story()[name], step=Step.CONNECT) as d:
         await d.press("q")
-        if told != "start":
+        if name != "start":
             await d.press("y")
         await d.settle()
         assert d.app.return_value == "left"
 
 
-async def test_a_click_does_what_the_key_does(still):
+async def test_clicks_act_like_keys(still):
     async with still(story()["capturing"], step=Step.CAPTURE) as d:
         await d.pilot.click("#strip", offset=(3, 0))
         assert d.runner.stops == 1
@@ -366,12 +325,12 @@ async def test_a_click_does_what_the_key_does(still):
 
 
 @pytest.mark.parametrize("size", [(120, 36), (80, 24)])
-async def test_what_to_do_between_two_mountings_is_on_the_screen_whole(still, size):
+async def test_remounting_instructions_fit_the_screen(still, size):
     async with still(story()["captured"], step=Step.CAPTURE, size=size) as d:
         await d.press("M")
         assert isinstance(d.app.screen, Confirm)
         svg = html.unescape(d.app.export_screenshot(simplify=True))
         shown = " ".join(re.sub(r"<[^>]*>|[┃│]", " ", svg).replace("\xa0", " ").split())
-        for what in ("placement 2", "drives are still on", "1. Secure the arm", "2. Take", "hinge off the table",
-                     "3. Mount", "4. Move the arm to its home", "5. Only then", "Release the arm"):  # fmt: skip
-            assert what in shown
+        for words in ("placement 2", "drives are still on", "1. Secure the arm", "2. Take", "hinge off the table",
+                    "3. Mount", "4. Move the arm to its home", "5. Only then", "Release the arm"):  # fmt: skip
+            assert words in shown

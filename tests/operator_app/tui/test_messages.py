@@ -1,43 +1,32 @@
-"""What was said: shown as far as there is room, and all of it to read."""
+"""The message log: shown as far as there is room, and all of it on request."""
 
 import pytest
 
-from operator_app.session.ui.snapshot import Level, TaskKind
+from operator_app.session.ui.snapshot import Level
 from operator_app.session.ui.steps import Step
 from operator_app.tui.dialogs import Read
-from operator_app.tui.lines import Clicked
-from tests.oracles.story import busy, story
+from tests.oracles.story import story
 
 LONG = " ".join(f"word{k}" for k in range(90)) + ". Do what the last word says"
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 36)], ids=["80x24", "120x36"])
-async def test_a_long_warning_says_which_key_shows_it_whole(drive, size):
+async def test_long_warning_names_the_key_that_shows_all(drive, size):
     async with drive(size=size) as d:
-        d.runner.say(Level.INFO, "said before")
+        d.runner.say(Level.INFO, "earlier message")
         d.runner.say(Level.WARNING, LONG)
         await d.until(lambda: "… (l shows all of it)" in d.words("#log"), "marked")
         assert "Do what the last word says" not in d.words("#log")
         await d.press("l")
         assert isinstance(d.app.screen, Read)
-        said = " ".join((await d.reading()).split())
-        assert f"▲ {LONG}" in said
-        assert said.index(LONG) < said.index("said before")
-        assert max(map(len, (await d.reading()).splitlines())) <= size[0] - 8
-
-
-async def test_a_click_shows_all_that_was_said_and_ends_no_motion(still):
-    moving = busy(story()["capturing"], TaskKind.AUTOMATIC, moves=True)
-    async with still(moving, step=Step.CAPTURE, size=(80, 24)) as d:
-        # No key is named that would end the motion.
-        assert "l shows" not in d.text("#log")
-        d.app.main.log_lines.post_message(Clicked("messages"))
-        await d.until(lambda: isinstance(d.app.screen, Read), "shown")
-        assert d.runner.cancels == 0
+        log = " ".join((await d.dialog_text()).split())
+        assert f"▲ {LONG}" in log
+        assert log.index(LONG) < log.index("earlier message")
+        assert max(map(len, (await d.dialog_text()).splitlines())) <= size[0] - 8
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 36)], ids=["80x24", "120x36"])
-async def test_a_row_that_the_next_thing_leaves_is_the_logs_and_nothing_else_moves(drive, size):
+async def test_hint_and_log_share_their_rows(drive, size):
     async with drive(size=size) as d:
         await d.to_step(Step.FIXTURE)
         middle = d.app.main.query_one("#middle")
@@ -48,13 +37,13 @@ async def test_a_row_that_the_next_thing_leaves_is_the_logs_and_nothing_else_mov
             await d.settle()
             return d.app.main.hint.size.height, d.app.main.log_lines.size.height, middle.size.height
 
-        one, log, height = await rows(of="no")
-        two, less, same = await rows(of="no " * 30)
-        assert (one, two) == (1, 2 if size[0] == 80 else 1)
-        assert (two - one, same) == (log - less, height)
+        hint_1, log_1, middle_1 = await rows(of="no")
+        hint_2, log_2, middle_2 = await rows(of="no " * 30)
+        assert (hint_1, hint_2) == (1, 2 if size[0] == 80 else 1)
+        assert (hint_2 - hint_1, middle_2) == (log_1 - log_2, middle_1)
 
 
-async def test_a_refusal_of_many_words_is_shown_whole(still):
+async def test_long_refusal_is_shown_in_full(still):
     async with still(story()["connected"], step=Step.FIXTURE, size=(80, 24)) as d:
         refusal = " ".join(f"word{k}" for k in range(38))
         d.app.main.refuse(refusal)

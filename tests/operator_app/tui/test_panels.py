@@ -1,4 +1,4 @@
-"""What single panels say of a picture, without an app around them."""
+"""Texts of single panels, most without an app around them."""
 
 from dataclasses import replace
 from datetime import datetime, timedelta
@@ -11,6 +11,8 @@ from operator_app.headless.plain_messages import describe
 from operator_app.report.subject import facts_on
 from operator_app.session.ui.snapshot import TaskKind
 from operator_app.session.ui.steps import Step
+from operator_app.tui.dialogs import Read
+from operator_app.tui.lines import Clicked
 from operator_app.tui.steps.capture import ProgressPanel, QualityPanel
 from operator_app.tui.steps.export import RecordPanel
 from operator_app.tui.steps.fixture import ChecksPanel
@@ -21,36 +23,29 @@ from solver.diagnostics.cross_validation import CommonShift
 from tests.oracles.story import busy, stale, story
 
 
-def said(panel, picture, width: int, height: int) -> list[str]:
+def lines_of(panel, picture, width: int, height: int) -> list[str]:
     return ["".join(text for text, _ in row) for row in panel.build(picture, width, height)]
 
 
-def test_an_accepted_calibration_with_notes_does_not_read_as_the_one_with_warnings():
-    s = story()["solved"]
-    assert s.solution.verdict is Verdict.ACCEPTED
-    assert len(s.solution.warnings) == 2
-    first = said(VerdictPanel(), s, 98, 8)[0]
-    assert first == " ✓ ACCEPTED · 2 notes"
-
-
 @pytest.mark.parametrize("width", [98, 80])
-def test_the_verdict_says_what_the_calibration_brings(width):
+def test_verdict_counts_notes_and_shows_accuracy(width):
     s = story()["solved"]
-    row = said(VerdictPanel(), s, width, 7)[1]
+    assert (s.solution.verdict, len(s.solution.warnings)) == (Verdict.ACCEPTED, 2)
+    first, row, *_ = lines_of(VerdictPanel(), s, width, 7)
+    assert first == " ✓ ACCEPTED · 2 notes"
     figures = facts_on(s).json["hand_accuracy_mm"]
     words = row.replace(",", "").split()
-    before, after = (float(words[k - 2]) for k in (words.index("before"), words.index("after")))
-    assert before == pytest.approx(figures["before"]["rms"], rel=0.01)
-    assert after == pytest.approx(figures["after"]["rms"], rel=0.01)
+    for name in ("before", "after"):
+        shown_mm = float(words[words.index(name) - 2])
+        assert shown_mm == pytest.approx(figures[name]["rms"], rel=0.01)
     assert len(row) <= width
 
 
-def test_a_plan_of_which_nothing_can_be_reached_is_said():
-    """A counter at zero stands outside its range, and so does every pose: the app ended by that."""
+def test_unreachable_plan_is_stated():
     s = story()["connected"]
-    nothing = replace(s.forecast, reachable=np.zeros_like(s.forecast.reachable))
-    s = replace(s, forecast=nothing)
-    rows = " ".join(" ".join(said(ChecksPanel(), s, 40, 30)).split())
+    forecast = replace(s.forecast, reachable=np.zeros_like(s.forecast.reachable))
+    s = replace(s, forecast=forecast)
+    rows = " ".join(" ".join(lines_of(ChecksPanel(), s, 40, 30)).split())
     assert "no pose of the plan can be reached" in rows
     assert "predicted" not in rows
     plain = " ".join(describe(Step.FIXTURE, s))
@@ -58,7 +53,7 @@ def test_a_plan_of_which_nothing_can_be_reached_is_said():
     assert "condition number" not in plain
 
 
-def test_the_limit_of_the_condition_number_is_the_procedure_s():
+def test_condition_limit_is_that_of_the_procedure():
     strict = {
         "acceptance": replace(
             story()["capturing"].procedure.acceptance, scaled_condition_number=20.0
@@ -70,54 +65,55 @@ def test_the_limit_of_the_condition_number_is_the_procedure_s():
     ):
         s = story()[name]
         s = replace(s, procedure=replace(s.procedure, **strict))
-        shown = " ".join(said(panel, s, width, 30) + describe(step, s))
-        assert "20" in shown
-        assert "100" not in shown
+        words = " ".join(lines_of(panel, s, width, 30) + describe(step, s))
+        assert "20" in words
+        assert "100" not in words
 
 
 @pytest.mark.parametrize("height", [9, 14, 30, 60])
-def test_what_the_ranking_has_no_room_for_is_counted_and_nothing_ends_in_mid_sentence(height):
+def test_ranking_counts_what_does_not_fit(height):
     s = story()["ticked"]
-    whole = said(PlanPanel(), s, 66, 200)
-    rows = said(PlanPanel(), s, 66, height)
+    all_rows = lines_of(PlanPanel(), s, 66, 200)
+    rows = lines_of(PlanPanel(), s, 66, height)
     assert len(rows) <= height
-    if len(whole) <= height:
-        assert rows == whole
+    if len(all_rows) <= height:
+        assert rows == all_rows
     else:
-        assert rows[:-1] == whole[: len(rows) - 1]
+        assert rows[:-1] == all_rows[: len(rows) - 1]
         count = int(rows[-1].split()[0])
-        begun = sum(row[3:5].strip().isdigit() for row in rows[:-1])
-        assert begun + count == len(s.ranked)
-        # The next row begins another pair.
-        assert whole[len(rows) - 1][3:5].strip().isdigit()
+        shown = sum(row[3:5].strip().isdigit() for row in rows[:-1])
+        assert shown + count == len(s.ranked)
+        assert all_rows[len(rows) - 1][3:5].strip().isdigit()
 
 
-def test_the_time_left_does_not_count_a_pause_of_the_operator():
+def test_remaining_time_ignores_operator_pauses():
     s = busy(story()["captured"], TaskKind.AUTOMATIC, moves=True)
-    begin, poses = datetime.fromisoformat(s.state.poses[0].utc), s.state.poses[:10]
+    first, poses = datetime.fromisoformat(s.state.poses[0].utc), s.state.poses[:10]
     seconds = [4.0 * k + (600.0 if k >= 6 else 0.0) for k in range(10)]
     poses = tuple(
-        replace(p, utc=(begin + timedelta(seconds=t)).isoformat(), excluded="")
+        replace(p, utc=(first + timedelta(seconds=t)).isoformat(), excluded="")
         for p, t in zip(poses, seconds, strict=True)
     )
     s = replace(s, state=replace(s.state, poses=poses))
 
-    def after(run_s, s=s):
-        task = replace(s.task, started_s=s.now_s - run_s)
-        return said(ProgressPanel(), replace(s, task=task), 66, 1)[0]
+    def progress_after(task_s, s=s):
+        task = replace(s.task, started_s=s.now_s - task_s)
+        return lines_of(ProgressPanel(), replace(s, task=task), 66, 1)[0]
 
-    assert f"0:{4 * (s.required_poses - 10)} min left" in after(3600.0)
-    assert f"0:{4 * (s.required_poses - 10)} min left" in after(15.0), "four poses of this run"
-    assert "min left" not in after(5.0), "most were taken by hand before"
+    assert f"0:{4 * (s.required_poses - 10)} min left" in progress_after(3600.0)
+    assert f"0:{4 * (s.required_poses - 10)} min left" in progress_after(15.0), (
+        "four poses of this task"
+    )
+    assert "min left" not in progress_after(5.0), "most poses precede this task"
     planned = replace(s.procedure, capture=replace(s.procedure.capture, strategy="planned"))
-    assert "exploring" in after(3600.0, replace(s, procedure=planned))
+    assert "exploring" in progress_after(3600.0, replace(s, procedure=planned))
 
 
-def test_the_trend_is_over_all_poses_with_its_first_and_last_value():
+def test_trend_covers_all_poses():
     s = story()["capturing"]
     values = [6000.0, 900.0, *(400.0 * 0.95**k for k in range(48))]
     live = replace(s.live, history=tuple(enumerate(values, 3)), scaled_condition_number=values[-1])
-    trend, first, bars, last = said(QualityPanel(), replace(s, live=live), 29, 13)[1].split()
+    trend, first, bars, last = lines_of(QualityPanel(), replace(s, live=live), 29, 13)[1].split()
     assert (trend, first, last) == ("trend", "6000", "35.9")
     assert bars[0] == "█"
     assert bars[-1] == "▁"
@@ -125,7 +121,7 @@ def test_the_trend_is_over_all_poses_with_its_first_and_last_value():
     assert list(bars) == sorted(bars, reverse=True)
 
 
-async def test_on_a_small_terminal_every_page_of_the_results_has_its_title_and_is_whole(still):
+async def test_result_pages_fit_a_small_terminal_with_titles(still):
     async with still(story()["solved"], step=Step.RESULTS, size=(80, 24)) as d:
         plots = d.app.main.query_one(ResultsPlot)
         titles = []
@@ -135,40 +131,41 @@ async def test_on_a_small_terminal_every_page_of_the_results_has_its_title_and_i
             await d.press("v")
             title, *rows = d.text("#results-plot").splitlines()
             titles.append(title.strip())
+            if title.strip().startswith("Tool position uncertainty"):
+                rms_mm = 1e3 * story()["solved"].solution.hand.rms
+                assert f"{rms_mm:.3g}" in d.text("#results-plot")
             assert f"{title.strip()} (v: next)" == str(plots.border_title).replace("\\[", "[")
             assert max(map(len, rows)) <= 80, title
         assert titles[0] == "Residuals"
         assert len(set(titles)) == len(titles) == plots.count
     async with still(story()["solved"], step=Step.RESULTS, size=(120, 36)) as d:
-        assert "Residuals" not in d.text("#results-plot")  # the frame says it
+        assert "Residuals" not in d.text("#results-plot")  # it is in the frame
 
 
-def test_what_new_poses_said_is_told_before_the_figures():
+def test_verification_verdict_precedes_its_figures():
     s = story()["verified"]
-    rows = said(RecordPanel(), s, 80, 3)
+    rows = lines_of(RecordPanel(), s, 80, 3)
     assert rows[0].startswith(" Verified   ✓ 3 new poses, as expected: ")
     assert not any("…" in row for row in rows)
     shift = CommonShift(subject="3", size=np.deg2rad(0.5), sigma=1e-4, chi2=50.0, threshold=9.0)
-    worse = replace(s, verification=replace(s.verification, shift=shift))
-    rows = said(RecordPanel(), worse, 80, 6)
+    shifted = replace(s, verification=replace(s.verification, shift=shift))
+    rows = lines_of(RecordPanel(), shifted, 80, 6)
     assert "worse than expected (joint 3 reads 0.50" in " ".join(" ".join(rows).split())
 
 
 @pytest.mark.parametrize(("width", "age"), [(80, " 240 ms"), (66, "")])
-def test_how_old_a_joint_is_is_said_with_its_unit_or_not_at_all(width, age):
-    rows = said(JointTable(), stale(story()["capturing"]), width, 8)
+def test_age_of_stale_joint_has_its_unit_or_is_omitted(width, age):
+    rows = lines_of(JointTable(), stale(story()["capturing"]), width, 8)
     assert rows[5].endswith(f"┤ ▲ STALE{age}")
     assert max(map(len, rows)) <= width
 
 
 @pytest.mark.parametrize("ascii_only", [False, True])
-async def test_on_a_small_terminal_the_focused_panel_is_marked_and_no_joint_out_of_sight(
-    still, ascii_only
-):
+async def test_focused_panel_is_marked_on_a_small_terminal(still, ascii_only):
     picture = story()["capturing"]
     async with still(picture, step=Step.CAPTURE, size=(80, 24), ascii_only=ascii_only) as d:
         joints = d.app.main.query_one("#capture-joints")
-        assert joints.content_size.height >= 8  # a head, and seven
+        assert joints.content_size.height >= 8  # a heading and seven joints
         assert joints.styles.outline_right[0] == ""
         await d.press("tab")
         assert d.app.main.focused is joints
@@ -176,12 +173,16 @@ async def test_on_a_small_terminal_the_focused_panel_is_marked_and_no_joint_out_
         assert joints.content_size.height >= 8
 
 
-async def test_a_click_on_the_view_turns_it_over_and_ends_no_motion(still):
+async def test_clicks_on_view_and_log_do_not_end_a_motion(still):
     moving = busy(story()["capturing"], TaskKind.AUTOMATIC, moves=True)
     async with still(moving, step=Step.CAPTURE, size=(80, 24)) as d:
         assert "view 1/3" in d.text("#row")
         await d.pilot.click("#row", offset=(d.text("#row").index("view"), 0))
-        await d.until(lambda: d.app.main.view.view == 1, "turned over")
-        assert d.runner.cancels == 0
+        await d.until(lambda: d.app.main.view.view == 1, "next view")
         await d.pilot.click("#row", offset=(d.text("#row").index("✓3"), 0))
         await d.until(lambda: d.app.step is Step.MODES, "another step")
+        # Any key would end the motion: the log names none.
+        assert "l shows" not in d.text("#log")
+        d.app.main.log_lines.post_message(Clicked("messages"))
+        await d.until(lambda: isinstance(d.app.screen, Read), "all messages")
+        assert d.runner.cancels == 0

@@ -1,4 +1,4 @@
-"""What each step looks like, at both sizes, dark and without colour. Look before you update them."""
+"""Screens of each step in both sizes, dark and without colour. Look before you update them."""
 
 import pytest
 
@@ -23,11 +23,11 @@ SCREENS = {
 
 @pytest.fixture
 def compare(snap_compare, monkeypatch):
-    """Compare one picture at one step with what is kept."""
+    """Compare the screen of a snapshot at a step with the stored one."""
     monkeypatch.delenv("NO_COLOR", raising=False)
 
-    def look(picture, step, size, *, press=(), **options):
-        # Textual waits for an idle processor, which repaints never leave; the one picture is shown here.
+    def compare_screen(picture, step, size, *, press=(), **options):
+        # Textual waits for an idle processor, which repaints never leave: poll once here.
         app = SarcalApp(lambda: StillSource(picture), poll_s=3600.0, **options)
 
         async def show(pilot) -> None:
@@ -41,7 +41,7 @@ def compare(snap_compare, monkeypatch):
 
         return snap_compare(app, terminal_size=size, run_before=show, press=press)
 
-    return look
+    return compare_screen
 
 
 @pytest.mark.sample(13)
@@ -52,37 +52,33 @@ def test_step(compare, step, size, theme):
     assert compare(story()[SCREENS[step]], step, size, theme=theme)
 
 
-def test_light(compare):
-    assert compare(story()["capturing"], Step.CAPTURE, SIZES[0], theme=LIGHT)
-
-
-def test_ascii(compare):
-    assert compare(story()["capturing"], Step.CAPTURE, SIZES[0], ascii_only=True)
+@pytest.mark.parametrize(
+    ("name", "step", "size", "options"),
+    [
+        pytest.param("capturing", Step.CAPTURE, SIZES[0], {"theme": LIGHT}, id="light"),
+        pytest.param("capturing", Step.CAPTURE, SIZES[0], {"ascii_only": True}, id="ascii"),
+        pytest.param("capturing", Step.CAPTURE, (70, 20), {}, id="too_small"),
+        pytest.param("solved", Step.RESULTS, SIZES[0], {"press": ("v",)}, id="second_results_page"),
+    ],
+)
+def test_variant(compare, name, step, size, options):
+    assert compare(story()[name], step, size, **options)
 
 
 @pytest.mark.sample(5)
 @pytest.mark.parametrize("size", SIZES, ids=["120x36", "80x24"])
-@pytest.mark.parametrize("what", ["stopped", "diverged", "stale", "lost", "moving"])
-def test_what_can_happen(compare, what, size):
-    told = story()["capturing"]
+@pytest.mark.parametrize("state", ["stopped", "diverged", "stale", "lost", "moving"])
+def test_fault_states(compare, state, size):
     picture = {
-        "stopped": stopped(told),
-        "diverged": diverged(told),
-        "stale": stale(told),
-        "lost": lost(told),
-        "moving": busy(told, TaskKind.AUTOMATIC, moves=True),
-    }[what]
+        "stopped": stopped,
+        "diverged": diverged,
+        "stale": stale,
+        "lost": lost,
+        "moving": lambda s: busy(s, TaskKind.AUTOMATIC, moves=True),
+    }[state](story()["capturing"])
     assert compare(picture, Step.CAPTURE, size)
 
 
 @pytest.mark.parametrize("size", SIZES, ids=["120x36", "80x24"])
-def test_a_question_leaves_strip_and_rail_to_be_seen(compare, size):
+def test_dialog_leaves_strip_and_rail_visible(compare, size):
     assert compare(story()["ticked"], Step.MODES, size, press=("a",))
-
-
-def test_a_page_of_the_results(compare):
-    assert compare(story()["solved"], Step.RESULTS, SIZES[0], press=("v",))
-
-
-def test_too_small(compare):
-    assert compare(story()["capturing"], Step.CAPTURE, (70, 20))

@@ -1,4 +1,4 @@
-"""STOP by key and by mouse: at every step, under every dialog, and what is offered after it."""
+"""STOP by key and by mouse: at every step, under every dialog, and what is allowed after it."""
 
 from textual import events
 
@@ -8,19 +8,23 @@ from operator_app.tui.dialogs import Ask, Confirm, Read
 from tests.oracles.story import busy, stopped, story
 
 
-async def test_stop_works_at_every_step(still):
+async def test_stop_works_at_every_step_and_is_not_a_cancel(still):
+    moving = busy(story()["capturing"], TaskKind.MOVE, moves=True)
     async with still(story()["solved"]) as d:
-        for step in Step:
+        for step, picture in (
+            *((step, story()["solved"]) for step in Step),
+            (Step.CAPTURE, moving),
+        ):
             for key in ("space", "f8"):
-                await d.see(story()["solved"], step)
+                await d.show(picture, step)
                 await d.press(key)
-                assert (d.runner.stops, d.runner.asked) == (1, []), (step, key)
+                assert (d.runner.stops, d.runner.cancels, d.runner.asked) == (1, 0, []), (step, key)
 
 
 async def test_stop_does_not_wait_for_the_event_loop(still):
     async with still(story()["solved"], step=Step.RESULTS) as d:
         d.app._driver.process_message(events.Key("f8", None))
-        # Nothing was awaited: the loop has had no turn yet.
+        # Nothing was awaited: the event loop has not run yet.
         assert d.runner.stops == 1
         await d.settle()
         assert d.runner.stops == 1
@@ -42,10 +46,10 @@ DIALOGS = [
 ]
 
 
-async def test_a_dialog_opens_does_nothing_on_escape_and_f8_stops_in_it(still):
+async def test_dialogs_open_close_and_accept_f8(still):
     async with still(story()["start"]) as d:
-        for step, told, key, kind in DIALOGS:
-            await d.see(story()[told], step)
+        for step, name, key, kind in DIALOGS:
+            await d.show(story()[name], step)
             await d.press(key)
             assert isinstance(d.app.screen, kind), (step, key)
             if kind is Confirm:
@@ -59,7 +63,7 @@ async def test_a_dialog_opens_does_nothing_on_escape_and_f8_stops_in_it(still):
             assert d.app.is_running
 
 
-async def test_space_stops_in_a_dialog_but_is_a_space_in_a_note(still):
+async def test_space_stops_except_in_a_note(still):
     async with still(story()["capturing"], step=Step.CAPTURE) as d:
         await d.press("q")
         await d.press("space")
@@ -75,7 +79,11 @@ async def test_space_stops_in_a_dialog_but_is_a_space_in_a_note(still):
         assert [k for k, _ in d.runner.asked] == [TaskKind.NOTE]
 
 
-async def test_stop_is_heard_with_shift_and_by_mouse_under_a_dialog(still):
+async def test_modified_keys_and_mouse_stop_under_a_dialog(still):
+    def mouse_down(x: int, y: int) -> events.MouseDown:
+        plain = {"shift": False, "meta": False, "ctrl": False}
+        return events.MouseDown(None, x, y, 0, 0, button=1, screen_x=x, screen_y=y, **plain)
+
     async with still(story()["solved"], step=Step.EXPORT) as d:
         await d.press("y")
         d.app._driver.process_message(events.Key("shift+space", " "))
@@ -87,19 +95,7 @@ async def test_stop_is_heard_with_shift_and_by_mouse_under_a_dialog(still):
         await d.settle()
 
 
-def mouse_down(x: int, y: int) -> events.MouseDown:
-    return events.MouseDown(
-        None, x, y, 0, 0, button=1, shift=False, meta=False, ctrl=False, screen_x=x, screen_y=y
-    )
-
-
-async def test_stop_during_a_motion_is_stop_not_only_its_end(still):
-    async with still(busy(story()["capturing"], TaskKind.MOVE, moves=True), step=Step.CAPTURE) as d:
-        await d.press("space")
-        assert (d.runner.stops, d.runner.cancels) == (1, 0)
-
-
-async def test_after_stop_only_the_reset_is_offered(still):
+async def test_stop_allows_only_the_reset(still):
     async with still(stopped(story()["capturing"]), step=Step.CAPTURE) as d:
         assert "SOFTWARE STOP" in d.text("#banner")
         assert "all 7 drives stopped within 12 ms" in d.text("#banner")

@@ -1,4 +1,4 @@
-"""What a program may get wrong: an error that names the argument, what was given and what to give."""
+"""Invalid calls: errors that name the argument, its value and what to give."""
 
 import re
 from pathlib import Path
@@ -15,8 +15,8 @@ HINGE: Any = {"arm": "sarcos_dextrous", "fixture": "hinge"}
 Q = np.zeros((12, 7))
 
 
-def calibrate(**given):
-    return sarcal.calibrate(**{**HINGE, "poses": EXACT, **given})
+def calibrate(**changes):
+    return sarcal.calibrate(**{**HINGE, "poses": EXACT, **changes})
 
 
 def with_nan(value):
@@ -65,60 +65,60 @@ def with_nan(value):
         (lambda: sarcal.compare("a.yaml", "b.yaml", level=2), ValueError),
     ],
 )  # fmt: skip
-def test_an_argument_that_is_none_is_named(call, kind, approve):
-    with pytest.raises(kind) as refused:
+def test_invalid_argument_is_named(call, kind, approve):
+    with pytest.raises(kind) as error:
         call()
-    approve(str(refused.value))
+    approve(str(error.value))
 
 
-def test_the_hand_is_asked_for_with_readings_and_a_frame_that_there_is(result):
+def test_fk_refuses_invalid_readings_and_frames(result):
     q = result.poses.q_rad
     for frame in ("Tip", "base", ""):
         with pytest.raises(ValueError, match=f"frame='{frame}': give 'tip' or 'flange'"):
             result.fk(q, frame=frame)
-    for wrong, kind, said in (
+    for wrong, kind, message in (
         (q[:, :3], ValueError, "q_rad has shape (60, 3): the arm has 7 joints"),
         (0.1, ValueError, "q_rad has shape ()"),
         (with_nan(np.nan), ValueError, "q_rad contains nan at index [3, 2]"),
         (q + 0j, TypeError, "q_rad: give real numbers, not complex numbers"),
         (result.poses.q_deg, ValueError, "convert degrees to radians with np.deg2rad"),
     ):
-        for ask in (result.fk, result.tip_sigma):
-            with pytest.raises(kind, match=re.escape(said)):
-                ask(wrong)
-    # A sensor may count on beyond a turn, and what is no array yet will do.
+        for method in (result.fk, result.tip_sigma):
+            with pytest.raises(kind, match=re.escape(message)):
+                method(wrong)
+    # Readings beyond a turn and lists are accepted.
     assert result.fk((q[0] + 2.0 * np.pi).tolist()).shape == (4, 4)
 
 
-def test_one_number_counts_for_all_poses(tmp_path):
+def test_scalars_are_broadcast_to_all_poses(tmp_path):
     def file(poses):
         return poses.to_csv(tmp_path / "poses.csv").read_bytes()
 
-    short = sarcal.poses_of(q_rad=Q, samples=32, sd_rad=0.1, placement=2)
-    whole = sarcal.poses_of(
+    scalars = sarcal.poses_of(q_rad=Q, samples=32, sd_rad=0.1, placement=2)
+    arrays = sarcal.poses_of(
         q_rad=Q, samples=[32] * 12, sd_rad=np.full((12, 7), 0.1), placement=[2] * 12
     )
-    assert file(short) == file(whole)
-    a_joint = sarcal.poses_of(q_rad=Q, sd_rad=np.arange(7.0))
-    assert file(a_joint) == file(sarcal.poses_of(q_rad=Q, sd_rad=np.tile(np.arange(7.0), (12, 1))))
-    assert file(a_joint) != file(sarcal.poses_of(q_rad=Q, sd_rad=np.zeros((12, 7))))
+    assert file(scalars) == file(arrays)
+    by_joint = sarcal.poses_of(q_rad=Q, sd_rad=np.arange(7.0))
+    assert file(by_joint) == file(sarcal.poses_of(q_rad=Q, sd_rad=np.tile(np.arange(7.0), (12, 1))))
+    assert file(by_joint) != file(sarcal.poses_of(q_rad=Q, sd_rad=np.zeros((12, 7))))
 
 
-def test_a_simulation_goes_in_as_its_poses():
-    made = sarcal.simulate(**HINGE, poses=12)
-    assert sarcal.load_poses(made, joint_count=7) is made.poses
+def test_simulation_is_accepted_as_poses():
+    simulation = sarcal.simulate(**HINGE, poses=12)
+    assert sarcal.load_poses(simulation, joint_count=7) is simulation.poses
 
 
-def test_measured_endpoints_that_take_no_part_are_said(result, tmp_path, ends_with):
+def test_unused_endpoints_are_reported(result, tmp_path, ends_with):
     q = result.poses.q_rad
     measured = sarcal.poses_of(q_rad=q, endpoint_m=np.zeros((len(q), 3)))
-    said = "measured endpoints (x_m,y_m,z_m), which a hinge fixture does not use"
-    assert any(said in text for text in calibrate(poses=measured).warnings)
-    assert not any(said in text for text in result.warnings)
-    assert said in ends_with(0, "solve", measured.to_csv(tmp_path / "measured.csv")).words
+    message = "measured endpoints (x_m,y_m,z_m), which a hinge fixture does not use"
+    assert any(message in text for text in calibrate(poses=measured).warnings)
+    assert not any(message in text for text in result.warnings)
+    assert message in ends_with(0, "solve", measured.to_csv(tmp_path / "measured.csv")).words
 
 
-def test_what_cannot_be_compared_is_one_of_our_errors(result, tmp_path):
+def test_incomparable_calibrations_raise_our_error(result, tmp_path):
     ours = result.export(tmp_path / "ours.yaml")
     other = tmp_path / "other.yaml"
     other.write_text(ours.read_text().replace("sarcos_dextrous", "another"))
@@ -131,13 +131,13 @@ def test_what_cannot_be_compared_is_one_of_our_errors(result, tmp_path):
         sarcal.compare(ours, tmp_path / "nothing")
 
 
-def test_a_number_that_no_file_holds_is_named():
+def test_too_large_integers_are_refused():
     for name in ("placement", "samples"):
         with pytest.raises(ValueError, match=rf"{name} contains 1{'0' * 30}: give numbers below"):
             sarcal.poses_of(q_rad=Q, **{name: 10**30})
 
 
-def test_into_a_file_that_is_none_or_the_target_itself(result, tmp_path):
+def test_export_into_missing_or_same_file_is_refused(result, tmp_path):
     own = tmp_path / "own.urdf"
     with pytest.raises(sarcal.ConfigError, match=r"own\.urdf: there is no such file"):
         result.export(tmp_path / "out.urdf", into=own)
@@ -149,31 +149,29 @@ def test_into_a_file_that_is_none_or_the_target_itself(result, tmp_path):
 
 
 def blas_threads():
-    return {found["num_threads"] for found in threadpool_info() if found["user_api"] == "blas"}
+    return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
 
 
-@pytest.mark.parametrize("fails", [False, True])
-def test_one_thread_inside_and_the_callers_setting_afterwards(fails):
-    inside = []
+@pytest.mark.parametrize("raises", [False, True])
+def test_blas_threads_are_limited_and_restored(raises):
+    threads_inside = []
 
     @one_blas_thread
-    def computed():
-        inside.append(blas_threads())
-        if fails:
+    def compute():
+        threads_inside.append(blas_threads())
+        if raises:
             raise ValueError
 
     with threadpool_limits(limits=2, user_api="blas"):
         assert blas_threads() == {2}
         try:
-            computed()
+            compute()
         except ValueError:
-            assert fails
+            assert raises
         assert blas_threads() == {2}
-    assert inside == [{1}]
+    assert threads_inside == [{1}]
 
 
-@pytest.mark.parametrize(
-    "name", ["calibrate", "compare", "load_result", "plan", "simulate", "verify"]
-)
-def test_whatever_computes_is_limited(name):
-    assert hasattr(getattr(sarcal, name), "__wrapped__")
+def test_computing_functions_limit_blas_threads():
+    for name in ("calibrate", "compare", "load_result", "plan", "simulate", "verify"):
+        assert hasattr(getattr(sarcal, name), "__wrapped__"), name

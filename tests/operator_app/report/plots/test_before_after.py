@@ -1,4 +1,4 @@
-"""Before and after stand side by side, drawn to scale and in agreement with the page's tables."""
+"""Pictures before and after calibration are to scale and agree with the page's tables."""
 
 import re
 
@@ -12,13 +12,9 @@ from tests.oracles.open_arm import measured_csv
 from tests.oracles.reported_session import number
 
 
-def test_before_and_after_stand_side_by_side(page, subject):
-    assert subject.solution is not None
-    assert subject.solution.accuracy is not None
+def test_before_and_after_pictures_agree_with_the_tables(page, subject):
     hand = hand_pair(subject.solution, subject.procedure.arm)
     arm = arm_pair(subject)
-    assert hand is not None
-    assert arm is not None
     for pair in (hand, arm):
         assert (pair.before.x, pair.before.y) == (pair.after.x, pair.after.y)
         for picture in (pair.before, pair.after):
@@ -26,7 +22,7 @@ def test_before_and_after_stand_side_by_side(page, subject):
             assert picture.x.high - picture.x.low == pytest.approx(
                 picture.aspect * (picture.y.high - picture.y.low)
             )
-    # The largest mark is of area 1, all others in proportion to what the table sums up.
+    # Mark areas are relative to the worst error before.
     worst = subject.solution.accuracy.before.worst
     for picture, spread in (
         (hand.before, subject.solution.accuracy.before),
@@ -35,10 +31,9 @@ def test_before_and_after_stand_side_by_side(page, subject):
         (marks,) = picture.layers
         assert max(marks.sizes) * worst == pytest.approx(spread.worst)
         assert np.sqrt(np.mean(np.square(marks.sizes))) * worst == pytest.approx(spread.rms)
-        said = re.search(r" ([\d.]+) mm rms$", picture.title)
-        assert said is not None
-        assert float(said[1]) == pytest.approx(1e3 * spread.rms, rel=5e-3)
-    # The gap is that of the pose's loop, from the table of poses.
+        match = re.search(r" ([\d.]+) mm rms$", picture.title)
+        assert float(match[1]) == pytest.approx(1e3 * spread.rms, rel=5e-3)
+    # The gap is that of the table of poses.
     number_, size = re.fullmatch(
         r"After: the loop of pose (\d+) stays open by ([\d.]+) mm", arm.after.title
     ).groups()
@@ -53,28 +48,24 @@ def test_before_and_after_stand_side_by_side(page, subject):
     assert np.hypot(np.ptp(gap.x), np.ptp(gap.y)) <= 1.01 * times * before
 
 
-def test_the_open_arm_is_drawn_with_where_it_was_measured(tmp_path):
-    """By the triangle of base, hand and endpoint the gap is what these lengths leave, and it is small after."""
+def test_open_arm_gap_agrees_with_the_measurement(tmp_path):
+    """By the triangle of base, tool and endpoint."""
     file = measured_csv(tmp_path / "open.csv")
     poses = sarcal.load_poses(file)
     result = sarcal.calibrate(
         arm="sarcos_dextrous", fixture="tracker", poses=poses, drop_unidentifiable=True
     )
     pair = arm_pair(result._subject)
-    assert pair is not None
-    said = re.fullmatch(
+    match = re.fullmatch(
         r"After: the tool of pose (\d+) is ([\d.]+) mm from where it was measured", pair.after.title
     )
-    assert said is not None
-    k = int(said[1]) - 1
+    k = int(match[1]) - 1
     endpoint = load_poses(file).poses.endpoint
-    assert endpoint is not None
     measured = endpoint[k, :3]
     base = [result.values.get(f"base_{axis}_mm", 0.0) / 1e3 for axis in "xyz"]
     # Distances are the same in the instrument's frame and in the base.
-    away = np.linalg.norm(measured - base)
-    there = np.linalg.norm(result.fk(poses.q_rad[k])[:3, 3])
-    assert 1e3 * abs(there - away) <= 1.01 * float(said[2]) < 1.0
+    measured_m = np.linalg.norm(measured - base)
+    tool_m = np.linalg.norm(result.fk(poses.q_rad[k])[:3, 3])
+    assert 1e3 * abs(tool_m - measured_m) <= 1.01 * float(match[2]) < 1.0
     before = re.search(r" is ([\d.]+) mm from", pair.before.title)
-    assert before is not None
     assert float(before[1]) > 10.0

@@ -1,4 +1,4 @@
-"""Figures for a paper hold the numbers of the JSON object, and the files are what their endings say."""
+"""Figures for a paper have the numbers of the JSON object, as SVG and PDF files."""
 
 import sys
 import xml.etree.ElementTree as ET
@@ -37,53 +37,54 @@ def scale(panel: ET.Element) -> tuple[float, float]:
     return float(slope), float(start)
 
 
-def test_a_hinge_has_them_all_and_a_ball_what_it_has(hinge, ball):
+def test_available_figures_depend_on_the_fixture(hinge, ball):
     assert hinge.figures == tuple(FIGURES)
-    # Six sockets, no RVDT, and what several placements have no trend of.
     assert set(FIGURES) - set(ball.figures) == {"rvdt", "condition"}
     with pytest.raises(KeyError, match="there are parameters, residuals"):
         hinge.figure("nothing")
 
 
-def test_bars_are_the_shares_of_the_budget(hinge):
+def test_budget_bars_match_the_json(hinge):
     budget = hinge.to_json()["budget"]
     (panel,) = panels(hinge, "budget")
     assert [t for t in texts(panel) if t in budget] == list(budget)
     slope, _ = scale(panel)
-    # The legend has one of each as well, first.
+    # The first of each is the legend's.
     bars = of_class(panel, *(f"bar b{k}" for k in range(8)))[8:]
     widths = np.array([float(bar.get("width", "nan")) for bar in bars]).reshape(len(budget), 8)
     percent = slope * widths
     assert percent.sum(axis=1) == pytest.approx(np.full(len(budget), 100.0), abs=0.5)
-    # The largest of all comes first.
+    # The largest source comes first.
     sources = list(next(iter(budget.values())))
     by_source = {s: [100.0 * shares[s] for shares in budget.values()] for s in sources}
     assert percent[:, 0] == pytest.approx(max(by_source.values(), key=sum), abs=0.1)
 
 
-def test_points_and_intervals_are_those_of_the_result(hinge):
-    said = hinge.to_json()
-    names = [n for n in said["parameters"] if n.startswith(("theta", "alpha"))]
+def test_parameter_points_and_intervals_match_the_json(hinge):
+    document = hinge.to_json()
+    names = [n for n in document["parameters"] if n.startswith(("theta", "alpha"))]
     panel = panels(hinge, "parameters")[0]
     slope, start = scale(panel)
     points = [
         slope * float(e.get("cx", "nan")) + start for e in of_class(panel, "mark a")[1:]
     ]  # the first is the legend's
-    change = [said["parameters"][n] - said["nominal"][n] for n in names]
+    change = [document["parameters"][n] - document["nominal"][n] for n in names]
     assert points == pytest.approx(change, abs=5e-3)
     bars = of_class(panel, "ribbon")[1:]
     low = [slope * float(e.get("x", "nan")) + start for e in bars]
     width = [slope * float(e.get("width", "nan")) for e in bars]
-    ends = np.array([said["interval_95"][n] for n in names])
-    wanted = ends[:, 0] - [said["nominal"][n] for n in names]
-    assert low == pytest.approx(wanted, abs=5e-3)
+    ends = np.array([document["interval_95"][n] for n in names])
+    expected = ends[:, 0] - [document["nominal"][n] for n in names]
+    assert low == pytest.approx(expected, abs=5e-3)
     assert width == pytest.approx(ends[:, 1] - ends[:, 0], abs=5e-3)
 
 
-def test_panels_are_the_pages_pictures_and_areas_the_hands_errors(hinge):
-    shown = [" ".join(texts(p)) for p in panels(hinge, "residuals")]
+def test_residual_and_workspace_panels_match_the_json(hinge):
+    texts_by_panel = [" ".join(texts(p)) for p in panels(hinge, "residuals")]
     for words, panel in zip(
-        ("position error [mm]", "orientation error [mrad]", "distance [mm]"), shown, strict=True
+        ("position error [mm]", "orientation error [mrad]", "distance [mm]"),
+        texts_by_panel,
+        strict=True,
     ):
         assert words in panel
     radii = [
@@ -91,21 +92,21 @@ def test_panels_are_the_pages_pictures_and_areas_the_hands_errors(hinge):
         for p in panels(hinge, "workspace")
     ]
     worst = hinge.to_json()["hand_accuracy_mm"]
-    wanted = np.sqrt(worst["after"]["worst"] / worst["before"]["worst"])
-    assert radii[1] / radii[0] == pytest.approx(wanted, abs=2e-3)
+    expected = np.sqrt(worst["after"]["worst"] / worst["before"]["worst"])
+    assert radii[1] / radii[0] == pytest.approx(expected, abs=2e-3)
 
 
-def test_a_file_stands_alone_and_a_notebook_shows_it(hinge, tmp_path):
-    made = hinge.figure("condition")
-    assert made._repr_svg_() == made.svg
-    made.savefig(tmp_path / "condition.svg")
-    assert (tmp_path / "condition.svg").read_text() == made.svg
-    assert "var(" not in made.svg
+def test_figure_is_saved_as_standalone_svg(hinge, tmp_path):
+    figure = hinge.figure("condition")
+    assert figure._repr_svg_() == figure.svg
+    figure.savefig(tmp_path / "condition.svg")
+    assert (tmp_path / "condition.svg").read_text() == figure.svg
+    assert "var(" not in figure.svg
     with pytest.raises(ValueError, match=r"\.svg or \.pdf"):
-        made.savefig(tmp_path / "condition.png")
+        figure.savefig(tmp_path / "condition.png")
 
 
-def test_a_pdf_keeps_text_as_text_and_has_no_time_of_day(hinge, tmp_path):
+def test_pdf_has_text_and_is_reproducible(hinge, tmp_path):
     pytest.importorskip("svglib", reason="needs the extra [plots]")
     files = [tmp_path / "one.pdf", tmp_path / "two.pdf"]
     for file in files:
@@ -117,22 +118,20 @@ def test_a_pdf_keeps_text_as_text_and_has_no_time_of_day(hinge, tmp_path):
 
 
 @pytest.mark.campaign
-def test_the_command_writes_every_figure(hinge, tmp_path, capsys):
+def test_report_command_writes_every_figure(hinge, tmp_path, capsys):
     pytest.importorskip("svglib", reason="needs the extra [plots]")
     session = hinge.save(tmp_path / "session")
     page = (session / "report.html").read_bytes()
-    there = tmp_path / "new" / "figures"
-    assert main(["report", str(session), "--plots", str(there)]) == 0
-    said = capsys.readouterr().out.splitlines()
-    assert said == [f"Figure      {there}/{n}.{e}" for n in FIGURES for e in ENDINGS]
+    figures = tmp_path / "new" / "figures"
+    assert main(["report", str(session), "--plots", str(figures)]) == 0
+    output = capsys.readouterr().out.splitlines()
+    assert output == [f"Figure      {figures}/{n}.{e}" for n in FIGURES for e in ENDINGS]
     assert (session / "report.html").read_bytes() == page
     assert main(["report", str(session), "--plots", str(session / "report.html")]) == 2
     assert "cannot be written" in capsys.readouterr().err
 
 
-def test_without_svglib_there_are_svg_files_and_the_remedy_for_a_pdf(
-    hinge, tmp_path, monkeypatch, capsys
-):
+def test_without_svglib_only_svg_files_are_written(hinge, tmp_path, monkeypatch, capsys):
     session = hinge.save(tmp_path / "session")
     monkeypatch.setitem(sys.modules, "svglib", None)
     monkeypatch.setitem(sys.modules, "svglib.svglib", None)
@@ -143,7 +142,7 @@ def test_without_svglib_there_are_svg_files_and_the_remedy_for_a_pdf(
     capsys.readouterr()
 
 
-def test_sigmas_are_beside_what_the_files_state_of_each_entry(tmp_path):
+def test_parameter_figure_has_stated_sigmas(tmp_path):
     text = (files("operator_app") / "data/arms/franka_panda.yaml").read_text("utf-8")
     arm = tmp_path / "arm.yaml"
     arm.write_text(text.replace("theta_off_7]", "theta_off_7, alpha_3, s_3]"), encoding="utf-8")

@@ -1,11 +1,10 @@
-"""Plots are well-formed, named, ticked at round values, and put every value where it belongs."""
+"""SVG plots: well-formed, named, with round ticks, and values in their places."""
 
 import math
 import xml.etree.ElementTree as ET
 
 import pytest
-from hypothesis import example as such_as
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from operator_app.report.plots.plot import Band, Marks, Picture, Polyline, axis
@@ -16,25 +15,22 @@ NUMBERS = st.floats(-1e9, 1e9, allow_nan=False).filter(lambda v: v == 0.0 or abs
 
 
 @given(st.lists(NUMBERS, max_size=12), st.booleans())
-@such_as([199164480.0, 176843063.0], False)
-def test_an_axis_holds_its_values_and_has_a_few_round_ticks(values, symmetric):
-    found = axis("x", values, unit="mm", symmetric=symmetric)
-    assert found.low < found.high
-    assert all(found.low <= v <= found.high for v in values)
-    assert 2 <= len(found.ticks) <= 8
-    assert all(found.low <= t <= found.high + 1e-9 * abs(found.high) for t in found.ticks)
-    step = found.ticks[1] - found.ticks[0]
+@example([199164480.0, 176843063.0], False)
+def test_axis_covers_its_values_with_round_ticks(values, symmetric):
+    result = axis("x", values, unit="mm", symmetric=symmetric)
+    assert result.low < result.high
+    assert all(result.low <= v <= result.high for v in values)
+    assert 2 <= len(result.ticks) <= 8
+    assert all(result.low <= t <= result.high + 1e-9 * abs(result.high) for t in result.ticks)
+    step = result.ticks[1] - result.ticks[0]
     leading = f"{step:.3e}"[0]
     assert leading in "125"
-    assert len(set(found.tick_texts)) == len(found.ticks)
+    assert len(set(result.tick_texts)) == len(result.ticks)
 
 
-def test_whole_axes_have_whole_ticks():
+def test_tick_texts():
     assert axis("pose", [1.0, 2.0, 3.0], whole=True).tick_texts == ("1", "2", "3")
     assert axis("pose", [7.0], whole=True).tick_texts == ("7",)
-
-
-def test_ticks_share_their_places():
     assert axis("x", [0.0, 1.0]).tick_texts == ("0.0", "0.5", "1.0")
     assert axis("x", [math.nan]).low < 1.0
 
@@ -43,7 +39,7 @@ def parse(drawn: str) -> ET.Element:
     return ET.fromstring(drawn)  # noqa: S314 - our own output
 
 
-def example(**changes: object) -> ET.Element:
+def example_plot(**changes: object) -> ET.Element:
     settings: dict[str, object] = {
         "ident": "p",
         "title": "Title <1>",
@@ -59,8 +55,8 @@ def example(**changes: object) -> ET.Element:
     return parse(plot(Picture(**(settings | changes))))  # type: ignore[arg-type]
 
 
-def test_a_plot_is_named_and_described():
-    svg = example()
+def test_plot_has_title_and_description():
+    svg = example_plot()
     assert svg.get("role") == "img"
     named = [svg.find(tag) for tag in ("title", "desc")]
     assert [part.text for part in named if part is not None] == ["Title <1>", "What it shows"]
@@ -72,8 +68,8 @@ def test_a_plot_is_named_and_described():
     assert {"rms", "fit", "x"} <= set(words)
 
 
-def test_values_are_where_the_ticks_say():
-    svg = example()
+def test_marks_are_at_their_tick_positions():
+    svg = example_plot()
     marks = [c for c in svg.iter("circle") if c.find("title") is not None]
     assert [m.findtext("title") for m in marks] == ["a", "<c>"]
     y_of = {}
@@ -89,8 +85,8 @@ def test_values_are_where_the_ticks_say():
     assert float(band.get("height", "nan")) == pytest.approx(height, abs=0.03)
 
 
-def test_a_band_wider_than_the_frame_fills_it_and_no_more():
-    svg = example(layers=[Band(low=-50.0, high=50.0)])
+def test_band_is_clipped_to_the_frame():
+    svg = example_plot(layers=[Band(low=-50.0, high=50.0)])
     band = next(e for e in svg.iter("rect"))
     top, height = float(band.get("y", "nan")), float(band.get("height", "nan"))
     frame = next(e for e in svg.iter("line") if e.get("class") == "frame")
@@ -98,7 +94,7 @@ def test_a_band_wider_than_the_frame_fills_it_and_no_more():
     assert top + height == pytest.approx(float(frame.get("y1", "nan")), abs=0.02)
 
 
-def test_strips_scale_each_row_by_its_largest():
+def test_strips_scale_each_row_by_its_maximum():
     svg = parse(
         strips(
             axis("pose", [1.0, 2.0], whole=True),
@@ -122,23 +118,18 @@ def test_strips_scale_each_row_by_its_largest():
     assert {class_ for _, class_ in dots[2:]} == {"mark c"}
 
 
-def test_ranges_say_what_is_covered():
+def test_ranges_show_covered_share_and_values_beyond():
     row = Range(name="joint 1", low=-10.0, high=30.0, values=[0.0, 10.0])
     assert row.covered == 0.25
     svg = parse(ranges([row]))
     words = [e.text for e in svg.iter("text")]
     assert words[:2] == ["end of range [deg]", "covered [%]"]
-    assert "\u221210" in words
-    assert "25" in words
-    covered, whole = (float(b.get("width", "nan")) for b in svg.iter("rect"))
-    assert covered == pytest.approx(0.25 * whole, abs=0.02)
-
-
-def test_values_beyond_a_range_stay_in_the_picture():
-    row = Range(name="joint 2", low=-10.0, high=10.0, values=[-30.0, 5.0])
-    svg = parse(ranges([row]))
+    assert {"\u221210", "25"} <= set(words)
+    covered, full = (float(b.get("width", "nan")) for b in svg.iter("rect"))
+    assert covered == pytest.approx(0.25 * full, abs=0.02)
+    svg = parse(ranges([Range(name="joint 2", low=-10.0, high=10.0, values=[-30.0, 5.0])]))
     covered, frame = list(svg.iter("rect"))
-    left, width = float(covered.get("x", "nan")), float(covered.get("width", "nan"))
-    assert left == 74.0
+    start, width = float(covered.get("x", "nan")), float(covered.get("width", "nan"))
+    assert start == 74.0
     # From -30 the range begins half of the way to 10.
     assert float(frame.get("x", "nan")) == pytest.approx(74.0 + 20.0 * width / 35.0, abs=0.02)

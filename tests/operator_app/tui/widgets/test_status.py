@@ -1,4 +1,4 @@
-"""The strip and the banner say at 80 columns what matters, whole."""
+"""Strip and banner fit 80 columns."""
 
 from dataclasses import replace
 
@@ -15,20 +15,20 @@ def capturing():
     return story()["capturing"]
 
 
-def said(panel, picture, width: int = 80) -> str:
+def line_of(panel, picture, width: int = 80) -> str:
     (row,) = panel.build(picture, width, 1)
     return "".join(text for text, _ in row)
 
 
 def silent_and_tripped(capturing):
-    """Joint 5 does not answer, and its drive tripped before."""
+    """Joint 5 is silent, and drive 4 has tripped."""
     s = tripped(stale(capturing))
     arm = replace(s.arm, heartbeat_age_s={**s.arm.heartbeat_age_s, 5: 0.9})
     return replace(s, arm=arm)
 
 
 @pytest.mark.parametrize(
-    "how",
+    "change",
     [
         pytest.param(stopped, id="stopped"),
         pytest.param(lambda s: real(stopped(s)), id="stopped for real"),
@@ -38,27 +38,27 @@ def silent_and_tripped(capturing):
         pytest.param(silent_and_tripped, id="silent and tripped"),
     ],
 )
-def test_nothing_in_strip_and_banner_is_cut(capturing, how):
-    picture = how(capturing)
-    assert "…" not in said(SafetyStrip(), picture) + said(Banner(), picture)
+def test_strip_and_banner_fit_80_columns(capturing, change):
+    picture = change(capturing)
+    assert "…" not in line_of(SafetyStrip(), picture) + line_of(Banner(), picture)
 
 
-def test_where_little_room_is_left_the_strip_says_what_the_drives_do(capturing):
-    strip = said(SafetyStrip(), silent_and_tripped(capturing))
+def test_full_strip_abbreviates_drive_state(capturing):
+    strip = line_of(SafetyStrip(), silent_and_tripped(capturing))
     assert strip.endswith("│DRV ■ J4 FAULT")
     assert "HB ▲ N5 LATE" in strip
     assert "DATA ▲ J5 STALE" in strip
 
 
-def test_a_stop_that_was_not_sent_says_what_to_do_before_why(capturing):
-    why = "the interface has gone away and does not come back"
-    report = StopReport(asked_s=0.0, acknowledged_after_s=None, drives_stopped=0, problem=why)
-    assert "could NOT be sent: use the hardware stop" in said(
+def test_unsent_stop_names_the_remedy_before_the_cause(capturing):
+    problem = "the interface has gone away and does not come back"
+    report = StopReport(asked_s=0.0, acknowledged_after_s=None, drives_stopped=0, problem=problem)
+    assert "could NOT be sent: use the hardware stop" in line_of(
         Banner(), replace(capturing, stop=report)
     )
 
 
-def test_an_arm_that_was_stopped_for_its_silence_is_not_said_to_be_stopped_by_hand(capturing):
+def test_stop_by_lost_data_is_not_shown_as_software_stop(capturing):
     joints = tuple(replace(j, drive=DriveState.QUICK_STOP_ACTIVE) for j in capturing.arm.joints)
     silent = replace(
         capturing,
@@ -66,5 +66,5 @@ def test_an_arm_that_was_stopped_for_its_silence_is_not_said_to_be_stopped_by_ha
         data=DataState.LOST,
         stop=None,
     )
-    assert "DATA LOST" in said(Banner(), silent)
-    assert "SOFTWARE STOP" in said(Banner(), replace(silent, stop=stopped(capturing).stop))
+    assert "DATA LOST" in line_of(Banner(), silent)
+    assert "SOFTWARE STOP" in line_of(Banner(), replace(silent, stop=stopped(capturing).stop))

@@ -1,4 +1,4 @@
-"""The whole way by keys: how many it takes, and what is written."""
+"""A whole calibration by keys: how many it takes, and what is written."""
 
 import re
 
@@ -12,14 +12,12 @@ from operator_app.tui.dialogs import Read
 MOST_KEYS = 25
 
 
-def asked_for(d):
-    """Step and what comes next there."""
+def next_step(d):
+    """Current step and its next action."""
     return d.app.step, next_action(d.app.step, d.s).action
 
 
-async def test_the_keys_of_the_tutorial_end_with_uploaded_parameters_and_the_app_closed(
-    drive, source
-):
+async def test_tutorial_keys_upload_parameters_and_quit(drive, source):
     page = Manual(reference()).page("tutorial").markdown
     sections = re.findall(r"^### (\d)[^\n]*\n\nKeys: ([^\n]+)$", page, flags=re.MULTILINE)
     assert [int(number) for number, _ in sections] == [1, 2, 3, 4, 5, 7]
@@ -29,13 +27,13 @@ async def test_the_keys_of_the_tutorial_end_with_uploaded_parameters_and_the_app
             assert d.app.step == int(number)
             for bold, typed in re.findall(r"\*\*(Enter)\*\*|`([^`]+)`", keys):
                 if d.app.screen is d.app.main:
-                    before = asked_for(d)
+                    before = next_step(d)
                 if typed == "q":
                     assert source.arm.active_parameters() == d.s.written.parameters.read_bytes()
                 await d.press(*(["enter"] if bold else typed))
                 await d.until(
                     lambda was=before: (
-                        d.app._exit or d.app.screen is not d.app.main or asked_for(d) != was
+                        d.app._exit or d.app.screen is not d.app.main or next_step(d) != was
                     ),
                     f"step {number}: {keys}",
                 )
@@ -46,7 +44,7 @@ async def test_the_keys_of_the_tutorial_end_with_uploaded_parameters_and_the_app
 
 
 @pytest.mark.campaign
-async def test_after_a_stop_it_is_uploaded_with_drives_off_and_verified_by_one_key(drive, source):
+async def test_upload_and_verification_after_a_stop(drive, source):
     async with drive() as d:
         await d.to_step(Step.EXPORT)
         await d.press("f8")
@@ -65,4 +63,4 @@ async def test_after_a_stop_it_is_uploaded_with_drives_off_and_verified_by_one_k
         assert d.s.verification is not None, d.s.messages[-1].text
         await d.press("i")
         await d.until(lambda: isinstance(d.app.screen, Read), "history")
-        assert "1 accepted calibration, 1 verification" in (await d.reading())
+        assert "1 accepted calibration, 1 verification" in (await d.dialog_text())

@@ -1,8 +1,9 @@
-"""The terminal app on an arm that another package offers: one that it moves, and one that a person moves."""
+"""The terminal app on an arm of another package that a person moves."""
 
 import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from operator_app.session.ui.steps import Step
 from operator_app.session.workflow.opening import Choices
 from operator_app.tui.app import SarcalApp
 from tests.operator_app.tui.conftest import Driver, running
+from tests.oracles.story import story
 from tests.oracles.toy_arm import PROCEDURE, Toy, package, toy
 
 
@@ -43,49 +45,35 @@ def installed(tmp_path, monkeypatch):
     return tmp_path / "package"
 
 
-@pytest.mark.campaign
-async def test_an_arm_that_moves_is_calibrated_by_keys(installed, tmp_path):
-    with toy(installed) as arm:
-        async with app_on("moving_line_arm", arm, tmp_path) as d:
-            await d.to_step(Step.CAPTURE)
-            assert d.s.identity.serial_number == "TOY-0001"
-            assert d.s.simulated, "its nodes say that nothing real moves"
-            await d.press("a")
-            await d.idle()
-            assert len(d.s.state.used_poses) == 6
-            await d.to_step(Step.RESULTS)
-            assert d.s.solution.accepted, d.s.solution.reasons
-            # It keeps no parameters: they are written, and nobody is asked for an upload.
-            await d.to_step(Step.EXPORT)
-            await d.press("enter")
-            await d.idle()
-            assert (d.s.folder / "parameters.yaml").is_file()
-            assert next_action(Step.EXPORT, d.s).action == "quit"
-            assert guards.may_upload(d.s) == (
-                "this arm stores no parameters: use the files in the session folder",
-            )
-
-
-async def test_an_arm_moved_by_hand_says_where_to_take_it(installed, tmp_path):
+async def test_external_hand_guided_arm_shows_targets(installed, tmp_path):
     with toy(installed, "--by-hand") as arm:
         async with app_on("line_arm", arm, tmp_path) as d:
             await d.to_step(Step.CAPTURE)
             await d.press("g")
-            await d.until(lambda: "By hand: take J1" in d.s.messages[-1].text, "asked")
-            asked = re.findall(r"J(\d) to ([-+][\d.]+) deg", d.s.messages[-1].text)
-            assert [j for j, _ in asked] == ["1", "5"]
-            arm.type(" ".join(f"{j} {float(q)}" for j, q in asked))
+            await d.until(lambda: "By hand: take J1" in d.s.messages[-1].text, "prompt")
+            targets = re.findall(r"J(\d) to ([-+][\d.]+) deg", d.s.messages[-1].text)
+            assert [j for j, _ in targets] == ["1", "5"]
+            arm.type(" ".join(f"{j} {float(q)}" for j, q in targets))
             await d.idle()
             assert d.s.at_waypoint == 0
             await d.press("c")
             await d.idle()
             (pose,) = d.s.state.poses
             assert [pose.mean_rad[0], pose.mean_rad[4]] == pytest.approx(
-                [float(q) * 0.017453 for _, q in asked], abs=0.04
+                [float(q) * 0.017453 for _, q in targets], abs=0.04
             )
-            # A person does not come when told to stop; the program stops waiting.
+            # A key ends the waiting for the person.
             await d.press("g")
             await d.until(lambda: d.s.task is not None and d.s.task.moves, "waiting")
             await d.press("x")
             await d.idle()
             assert not d.s.stopped
+
+
+def test_arm_without_parameter_store_is_not_offered_an_upload():
+    s = story()["written"]
+    s = replace(s, identity=replace(s.identity, keeps_parameters=False))
+    assert next_action(Step.EXPORT, s).action == "quit"
+    assert guards.may_upload(s) == (
+        "this arm stores no parameters: use the files in the session folder",
+    )

@@ -27,7 +27,7 @@ from tests.oracles.shop_floor import Sizes, session
 
 COUNT_RAD = 2.0 * np.pi / 400_000
 DEGREE = 1111
-PLANNED = LEAST + 1
+PLANNED = LEAST + 2
 """Poses of a planned capture after which a slip of a degree shows at the next one."""
 AS_REPORTED = Sizes(length_m=1.5e-3, give_m=1e-3, give_rad=2e-3)
 
@@ -129,7 +129,7 @@ PLANNED_CASE = pytest.mark.parametrize(
 def test_a_slip_of_a_joint_that_is_led_is_told_at_the_next_pose(begin, name, after):
     """In a planned capture as well, where a way leads back as long as the slip has not led to another plan.
 
-    Pose 11 stands where the poses before it predict it by a degree only: after it the slip shows at pose 12.
+    Pose 11 is where the poses before it predict it to a degree only.
     """
     session, hearing = begin(after + 2, {after: DEGREE}, name)
     with pytest.raises(GuardError, match="joint 1 has shifted by") as refused:

@@ -1,4 +1,4 @@
-"""`sarcal controller` before it serves: what it cannot keep its parameters in is one error."""
+"""`sarcal controller` before it serves: its state folder and its faults."""
 
 import os
 import time
@@ -20,7 +20,7 @@ from operator_app.virtual_arms import run_controller, slots_in
 from tests.oracles.raw_can import RawPeer
 
 
-def test_a_state_that_is_no_folder_is_one_error_that_names_it(tmp_path, ends_with):
+def test_unusable_state_folder_is_one_error(tmp_path, ends_with):
     file, pipe, full = tmp_path / "file", tmp_path / "pipe", tmp_path / "full"
     file.write_text("parameters")
     os.mkfifo(pipe)
@@ -28,46 +28,46 @@ def test_a_state_that_is_no_folder_is_one_error_that_names_it(tmp_path, ends_wit
     os.mkfifo(full / "active")
     for place in (file, pipe, full, file / "below", Path("/proc/x"), Path("/proc")):
         words = ["controller", "-i", "loopback", "-c", "no-state", "--state", str(place)]
-        said = ends_with(2, *words)
-        assert said.out == ""
-        assert f"parameters cannot be stored in {place} (" in said.err
-        assert "leave --state out" in said.err
+        answer = ends_with(2, *words)
+        assert answer.out == ""
+        assert f"parameters cannot be stored in {place} (" in answer.err
+        assert "leave --state out" in answer.err
 
 
-def test_a_folder_is_made_and_nothing_is_left_in_it(tmp_path):
+def test_state_folder_is_created_empty(tmp_path):
     slots_in(tmp_path / "a" / "b")
     assert list((tmp_path / "a" / "b").iterdir()) == []
     with pytest.raises(SessionError, match="null"):
         slots_in(Path("x\0y"))
 
 
-def asked(*words: str) -> list[int]:
+def requested_syncs(*words: str) -> list[int]:
     args = parser_of("controller").parse_args(["-i", "loopback", *words])
     return [fault.at_sync for fault in script_of(args, 7)]
 
 
-def test_what_shows_as_an_arm_is_connected_is_there_before():
+def test_faults_visible_at_connect_start_at_sync_0():
     both = ("--fault", "other-map", "--fault", "collision")
-    assert asked(*both) == [0, 1000]
-    assert asked(*both, "--fault-sync", "0") == [0, 0]
-    assert asked(*both, "--fault-sync", "30") == [30, 30]
+    assert requested_syncs(*both) == [0, 1000]
+    assert requested_syncs(*both, "--fault-sync", "0") == [0, 0]
+    assert requested_syncs(*both, "--fault-sync", "30") == [30, 30]
 
 
 @pytest.mark.sample(10)
 @pytest.mark.parametrize("kind", list(FAULTS))
-def test_every_kind_can_be_asked_for_and_breaks_nothing_of_the_program(kind):
+def test_every_fault_kind_can_be_requested(kind):
     at_sync = "0" if FAULTS[kind].at_connect else "1"
     words = ["-i", "loopback", "--fault", kind, "--fault-joint", "6", "--fault-sync", at_sync]
     happened: list[int] = []
 
-    def noted(fault: ScriptedFault) -> ScriptedFault:
+    def recorded(fault: ScriptedFault) -> ScriptedFault:
         def happen(controller):
             happened.append(fault.at_sync)
             fault.happen(controller)
 
         return replace(fault, happen=happen)
 
-    script = [noted(fault) for fault in script_of(parser_of("controller").parse_args(words), 7)]
+    script = [recorded(fault) for fault in script_of(parser_of("controller").parse_args(words), 7)]
     settings = BusSettings(channel=f"kind-{kind}")
     arm = load_procedure("hinge").arm
     with (

@@ -1,4 +1,4 @@
-"""Who shows a journalled calibration solves and judges nothing: the solver is a trap here."""
+"""Commands that show a journalled calibration do not solve: here every solver function fails."""
 
 import shutil
 
@@ -29,82 +29,82 @@ SOLVING = (
     fit_implicit, fit_mixed, global_start, hold_out, identifiability, jackknife, diagnose, check_rvdts,
     newton_step, solve_damped, tip_sigma, unsensed_step, adjudicate,
 )  # fmt: skip
-MADE = ("run", "paper", "app", "resumed")
+SESSIONS = ("run", "paper", "app", "resumed")
 
 
-def trap(*args: object, **options: object) -> None:
+def fail(*args: object, **options: object) -> None:
     raise RuntimeError("somebody solves")
 
 
 @pytest.fixture
-def nobody_solves(monkeypatch):
-    """Whoever calls one of these, by whatever name it was imported, fails."""
+def without_solver(monkeypatch):
+    """Every call of these functions fails, by whatever name they were imported."""
     for function in SOLVING:
-        monkeypatch.setattr(function, "__code__", trap.__code__)
+        monkeypatch.setattr(function, "__code__", fail.__code__)
 
 
 @pytest.mark.sample(2)
-@pytest.mark.parametrize("made", MADE)
-def test_report_and_export_read(made, journalled, nobody_solves, tmp_path, ends_with):
-    folder = journalled[made]
-    code = 4 if made == "paper" else 0
+@pytest.mark.parametrize("name", SESSIONS)
+def test_report_and_export_do_not_solve(name, journalled, without_solver, tmp_path, ends_with):
+    folder = journalled[name]
+    code = 4 if name == "paper" else 0
     ends_with(code, "report", folder, "-o", tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text()
     assert "its solution was read, not made again" in page
     assert "Solved again" not in page
-    if made != "paper":
+    if name != "paper":
         assert "far block, held out" in page
-    found = ends_with(code, "report", folder, "--json").json
-    assert found["estimator"] == ("paper" if made == "paper" else "implicit")
-    assert found["paper"] is not None
-    assert found["session"]["folder"] == str(folder)
+    report = ends_with(code, "report", folder, "--json").json
+    assert report["estimator"] == ("paper" if name == "paper" else "implicit")
+    assert report["paper"] is not None
+    assert report["session"]["folder"] == str(folder)
     assert "ACCEPTED" in ends_with(code, "report", folder, "--text").out
     ends_with(code, "export", folder, "--force", "a test", "-o", tmp_path / "parameters.yaml")
     assert (tmp_path / "parameters.yaml").is_file()
 
 
 @pytest.mark.sample(2)
-@pytest.mark.parametrize("made", MADE)
-def test_python_reads_what_the_command_exports(
-    made, journalled, nobody_solves, tmp_path, ends_with
+@pytest.mark.parametrize("name", SESSIONS)
+def test_python_exports_the_same_files_as_the_command(
+    name, journalled, without_solver, tmp_path, ends_with
 ):
-    folder, why = journalled[made], "a test"
-    read = sarcal.load_result(folder)
-    assert read.accepted == (made != "paper")
-    options = ["--force", why, "-o", tmp_path / "theirs"]
+    folder, reason = journalled[name], "a test"
+    result = sarcal.load_result(folder)
+    assert result.accepted == (name != "paper")
+    options = ["--force", reason, "-o", tmp_path / "theirs"]
     for kind in ("json", "csv", "urdf"):
-        ends_with(0 if read.accepted else 4, "export", folder, "--format", kind, *options)
-        ours = read.export(tmp_path / f"ours.{kind}", force=why)
+        ends_with(0 if result.accepted else 4, "export", folder, "--format", kind, *options)
+        ours = result.export(tmp_path / f"ours.{kind}", force=reason)
         assert ours.read_bytes() == (tmp_path / "theirs").read_bytes()
-    ends_with(0 if read.accepted else 4, "export", folder, *options)
-    ours = read.export(tmp_path / "ours.yaml", force=why)
-    said = [
+    ends_with(0 if result.accepted else 4, "export", folder, *options)
+    ours = result.export(tmp_path / "ours.yaml", force=reason)
+    without_utc = [
         [line for line in file.read_text().splitlines() if not line.startswith("utc:")]
         for file in (ours, tmp_path / "theirs")
     ]
-    assert said[0] == said[1]
+    assert without_utc[0] == without_utc[1]
 
 
 @pytest.mark.sample(2)
-@pytest.mark.parametrize("made", MADE)
-def test_compare_reads_the_journal_and_finds_what_an_export_says(
-    made, journalled, nobody_solves, tmp_path, ends_with
+@pytest.mark.parametrize("name", SESSIONS)
+def test_compare_reads_the_journal_like_an_export(
+    name, journalled, without_solver, tmp_path, ends_with
 ):
-    alone = tmp_path / "alone"
-    alone.mkdir()
-    shutil.copy(journalled[made] / JOURNAL_NAME, alone)
-    code = 4 if made == "paper" else 0
-    ends_with(code, "export", journalled[made], "--force", "a test", "-o", tmp_path / "file.yaml")
-    found = ends_with(0, "compare", alone, tmp_path / "file.yaml", "--json").json
-    assert set(found["parameters"]) >= {"theta_off_1", "s_0", "alpha_7"}
-    # But for the last bit, on the way to degrees and back.
-    assert all(abs(p["change"]) < 1e-13 for p in found["parameters"].values())
-    # The journal counts, not a file that somebody put beside it.
-    (alone / "parameters.yaml").write_text("schema: sarcal/parameters/1\n")
-    ends_with(0, "compare", alone, journalled["run" if made == "app" else made])
+    journal_folder = tmp_path / "alone"
+    journal_folder.mkdir()
+    shutil.copy(journalled[name] / JOURNAL_NAME, journal_folder)
+    code = 4 if name == "paper" else 0
+    ends_with(code, "export", journalled[name], "--force", "a test", "-o", tmp_path / "file.yaml")
+    report = ends_with(0, "compare", journal_folder, tmp_path / "file.yaml", "--json").json
+    assert set(report["parameters"]) >= {"theta_off_1", "s_0", "alpha_7"}
+    # Equal up to rounding to degrees and back.
+    assert all(abs(p["change"]) < 1e-13 for p in report["parameters"].values())
+    # The journal takes precedence over a file beside it.
+    (journal_folder / "parameters.yaml").write_text("schema: sarcal/parameters/1\n")
+    ends_with(0, "compare", journal_folder, journalled["run" if name == "app" else name])
 
 
 @pytest.mark.parametrize("options", [("--estimator", "paper"), ("--unsensed", "7")])
-def test_the_trap_catches_who_solves(journalled, nobody_solves, options):
+def test_other_options_call_the_solver(journalled, without_solver, options):
     with pytest.raises(RuntimeError, match="somebody solves"):
         main(["report", str(journalled["run"]), "-o", "-", *options])

@@ -1,4 +1,4 @@
-"""`sarcal verify --open-loop`: another instrument agrees with a sound calibration, and names what does not."""
+"""`sarcal verify --open-loop`: another instrument confirms a calibration, or reports what disagrees."""
 
 import numpy as np
 import pytest
@@ -11,13 +11,13 @@ def folder(journalled):
     return journalled["run"]
 
 
-def test_an_arm_that_is_what_was_found_agrees(folder, tmp_path, ends_with):
+def test_open_loop_measurement_of_calibrated_arm_agrees(folder, tmp_path, ends_with):
     csv = measured_csv(tmp_path / "open.csv")
-    found = ends_with(0, "verify", folder, csv, "--open-loop", "--json").json
-    assert (found["verdict"], found["disagree"]) == ("agrees", [])
-    assert found["poses"] == 40
-    assert {"theta_off_1", "theta_off_7"} == set(found["not_compared"])
-    compared = found["parameters"]
+    verification = ends_with(0, "verify", folder, csv, "--open-loop", "--json").json
+    assert (verification["verdict"], verification["disagree"]) == ("agrees", [])
+    assert verification["poses"] == 40
+    assert {"theta_off_1", "theta_off_7"} == set(verification["not_compared"])
+    compared = verification["parameters"]
     assert {f"theta_off_{j}" for j in range(2, 7)} < set(compared)
     for name, value in (("theta_off_2", -122.8), ("theta_off_5", 27.1), ("s_5", 0.320)):
         row = compared[name]
@@ -32,20 +32,20 @@ def test_an_arm_that_is_what_was_found_agrees(folder, tmp_path, ends_with):
         ({"longer_m": {5: 0.010}}, "s_5", 0.010),
     ],
 )
-def test_what_disagrees_is_named(folder, tmp_path, ends_with, planted, name, size):
+def test_disagreeing_parameter_is_reported(folder, tmp_path, ends_with, planted, name, size):
     csv = measured_csv(tmp_path / "open.csv", **planted)
-    found = ends_with(4, "verify", folder, csv, "--open-loop", "--json").json
-    assert (found["verdict"], found["disagree"]) == ("disagrees", [name])
-    row = found["parameters"][name]
+    verification = ends_with(4, "verify", folder, csv, "--open-loop", "--json").json
+    assert (verification["verdict"], verification["disagree"]) == ("disagrees", [name])
+    row = verification["parameters"][name]
     assert abs(row["change"] - size) < 3.0 * row["sigma"]
     assert f"of {name}." in ends_with(4, "verify", folder, csv, "--open-loop").words
 
 
-def test_an_instrument_worse_than_its_file_says_proves_nothing(folder, tmp_path, ends_with):
+def test_instrument_worse_than_specified_is_not_accepted(folder, tmp_path, ends_with):
     csv = measured_csv(tmp_path / "open.csv", sigma_m=5e-3)
-    found = ends_with(4, "verify", folder, csv, "--open-loop", "--json").json
-    assert found["verdict"] == "open loop not accepted"
-    assert found["reasons"]
+    verification = ends_with(4, "verify", folder, csv, "--open-loop", "--json").json
+    assert verification["verdict"] == "open loop not accepted"
+    assert verification["reasons"]
 
 
 @pytest.mark.parametrize(
@@ -57,19 +57,25 @@ def test_an_instrument_worse_than_its_file_says_proves_nothing(folder, tmp_path,
         ["{csv}", "--open-loop", "--instrument", "hinge"],
     ],
 )
-def test_endpoints_are_never_ignored_in_silence(folder, tmp_path, ends_with, arguments, approve):
+def test_options_that_would_ignore_endpoints_are_refused(
+    folder, tmp_path, ends_with, arguments, approve
+):
     csv = measured_csv(tmp_path / "open.csv")
     approve(ends_with(2, "verify", folder, *(text.format(csv=csv) for text in arguments)).err)
 
 
 @pytest.mark.campaign
-def test_on_the_arm_out_of_its_hinge_it_is_judged_by_the_tracker(folder, tmp_path, ends_with):
-    given = ["--open-loop", "--json", "--poses", "8", "--sessions", tmp_path]
-    told = ends_with(0, "verify", folder, *given)
-    found = told.json
-    assert (found["verdict"], found["disagree"], found["poses"]) == ("agrees", [], 8)
+def test_free_arm_is_verified_by_the_tracker(folder, tmp_path, ends_with):
+    options = ["--open-loop", "--json", "--poses", "8", "--sessions", tmp_path]
+    answer = ends_with(0, "verify", folder, *options)
+    verification = answer.json
+    assert (verification["verdict"], verification["disagree"], verification["poses"]) == (
+        "agrees",
+        [],
+        8,
+    )
     for name, planted in (("theta_off_2", -122.8), ("theta_off_5", 27.1)):
-        row = found["parameters"][name]
+        row = verification["parameters"][name]
         assert abs(row["open_loop"] - planted) < 4.0 * row["sigma"], name
-    (made,) = tmp_path.iterdir()
-    assert f"kept in {made}" in told.err
+    (session,) = tmp_path.iterdir()
+    assert f"kept in {session}" in answer.err

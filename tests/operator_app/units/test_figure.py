@@ -1,4 +1,4 @@
-"""Numbers as words: places, signs, powers, and nothing that is not a number."""
+"""Numbers as text: decimal places, signs, powers of ten, not-a-number."""
 
 import math
 
@@ -16,7 +16,7 @@ from operator_app.units import (
 
 
 @pytest.mark.parametrize(
-    ("value", "places", "signed", "words"),
+    ("value", "places", "signed", "text"),
     [
         (1.005, 1, False, "1.0"),
         (-2.5, 1, False, "-2.5"),
@@ -27,12 +27,12 @@ from operator_app.units import (
         (math.inf, 2, False, "n/a"),
     ],
 )
-def test_fixed(value, places, signed, words):
-    assert fixed(value, places, signed=signed) == words
+def test_fixed_has_given_decimal_places(value, places, signed, text):
+    assert fixed(value, places, signed=signed) == text
 
 
 @pytest.mark.parametrize(
-    ("value", "words"),
+    ("value", "text"),
     [
         (0.0, "0"),
         (15.797, "15.8"),
@@ -47,11 +47,11 @@ def test_fixed(value, places, signed, words):
         (math.nan, "n/a"),
     ],
 )
-def test_significant(value, words):
-    assert significant(value) == words
+def test_significant_has_three_digits(value, text):
+    assert significant(value) == text
 
 
-def test_places_show_two_digits_of_the_finest():
+def test_places_to_show_give_two_digits_of_the_smallest():
     assert places_to_show([0.0007, 0.02]) == 5
     assert places_to_show([3.0]) == 1
     assert places_to_show([]) == 1
@@ -59,7 +59,7 @@ def test_places_show_two_digits_of_the_finest():
     assert places_to_show([1e-30]) == 9
 
 
-def test_places_needed_cut_nothing_off_a_round_number():
+def test_places_needed_keep_all_digits():
     assert places_needed([10.0, 355.5, -0.25], least=1, most=6) == 2
     assert places_needed([100.0], least=1, most=6) == 1
     assert places_needed([1.0 / 3.0], least=1, most=6) == 6
@@ -75,11 +75,11 @@ def test_places_needed_cut_nothing_off_a_round_number():
         ("eqs. 10-13, SDA-0001, 2026-01-31", "eqs. 10-13, SDA-0001, 2026-01-31"),
     ],
 )
-def test_print_has_real_signs_and_raised_powers(plain, printed):
+def test_typeset_has_minus_signs_and_superscripts(plain, printed):
     assert typeset(plain) == printed
 
 
-def test_words():
+def test_plural_and_lists_of_names():
     assert plural(1, "pose") == "1 pose"
     assert plural(2, "pose") == "2 poses"
     assert names([1]) == "1"

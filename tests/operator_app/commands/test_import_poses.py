@@ -177,11 +177,6 @@ def test_invalid_log_is_refused_with_place_and_remedy(tmp_path, text, options, a
     approve(str(caught.value))  # type: ignore[arg-type]
 
 
-def test_too_long_file_name_is_an_error(ends_with, tmp_path):
-    sessions = ["--sessions", str(tmp_path)]
-    assert "name too long" in ends_with(2, "import", "a" * 5000, "--deg", *PANDA, *sessions).err
-
-
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["mcap", "sqlite3", "csv"])
 def test_recording_gives_exactly_the_poses_at_standstill(kind, tmp_path, ends_with):

@@ -28,6 +28,7 @@ CASES = [
     ("export x -o ~nosuchuser/x", "no such home folder"),
     ("probe --record ~nosuchuser/x", "no such home folder"),
     ("probe --configure", "--draft FILE"),
+    pytest.param(f"import {'a' * 5000} --deg {SARCOS_HINGE}", "name too long", id="long file name"),
     (f"solve pipe {SARCOS_HINGE}", "it is a pipe, not a file"),
     ("plan --arm ./pipe --fixture hinge", "a pipe"),
     ("run ./pipe", "it is a pipe, not a file"),

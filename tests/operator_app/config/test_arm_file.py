@@ -59,6 +59,7 @@ class TestPackaged:
     def test_packaged_arm_states_source_and_parallel_axes(self, name):
         arm, text = load_arm(name), resolve("arm", name).data.decode()
         assert "source: >-" in text
+        assert arm.assumed == ()
         assert [e.name for e in arm.free] == [
             f"theta_off_{j}" for j in range(1, arm.joint_count + 1)
         ]

@@ -9,15 +9,7 @@ from operator_app.config.atomic import write_atomically
 from operator_app.config.errors import WriteError
 
 
-def test_file_is_written_and_replaced(tmp_path):
-    path = tmp_path / "a.yaml"
-    write_atomically(path, b"one")
-    write_atomically(path, b"two" * 10000)
-    assert path.read_bytes() == b"two" * 10000
-    assert [p.name for p in tmp_path.iterdir()] == ["a.yaml"]
-
-
-def test_new_file_follows_umask_and_old_file_keeps_its_mode(tmp_path):
+def test_new_file_follows_umask_and_replaced_file_keeps_its_mode(tmp_path):
     path = tmp_path / "a.yaml"
     umask = os.umask(0o027)
     try:
@@ -26,8 +18,10 @@ def test_new_file_follows_umask_and_old_file_keeps_its_mode(tmp_path):
         os.umask(umask)
     assert stat.S_IMODE(path.stat().st_mode) == 0o640
     path.chmod(0o604)
-    write_atomically(path, b"two")
+    write_atomically(path, b"two" * 10000)
+    assert path.read_bytes() == b"two" * 10000
     assert stat.S_IMODE(path.stat().st_mode) == 0o604
+    assert [p.name for p in tmp_path.iterdir()] == ["a.yaml"]
 
 
 @pytest.mark.parametrize("target_exists", [True, False])

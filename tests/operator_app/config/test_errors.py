@@ -22,11 +22,6 @@ def test_problems_are_sorted_by_line_and_column():
     assert str(error).splitlines() == ["a:2: 2.1", "a:2: 2.5", "a:9: 9.1"]
 
 
-def test_config_error_needs_a_problem():
-    with pytest.raises(ValueError, match="at least one problem"):
-        ConfigError(())
-
-
 def test_control_characters_of_a_file_are_escaped():
     data = b'placement,pose,theta1_deg,"\x1b[2J\nred"\n1,1,2,3\n'
     with pytest.raises(ConfigError) as caught:

@@ -8,7 +8,6 @@ import pytest
 
 from fixtures.ball import Ball, KnownDistance
 from fixtures.base import Tolerance
-from fixtures.hinge import Hinge
 from fixtures.measured import Measured
 from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import MODELS, load_fixture, parse_fixture
@@ -24,21 +23,12 @@ GOOD = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")
 
 
 def test_packaged_hinge_is_near_table_2():
-    spec = load_fixture("hinge")
-    hinge = spec.fixture
-    assert isinstance(hinge, Hinge)
-    assert spec.kind == "hinge"
-    nominal = (hinge.a_0_m, hinge.s_0_m, hinge.s_1_m, hinge.a_n_m, hinge.s_n_m)
-    assert nominal == (0.2, 0.01, 0.27, -0.1, 0.04)
-    assert math.degrees(hinge.alpha_0_rad) == pytest.approx(-40.0, rel=1e-15)
-    assert math.degrees(hinge.alpha_n_rad) == pytest.approx(100.0, rel=1e-15)
+    hinge = load_fixture("hinge").fixture
     assert hinge.tolerance == Tolerance(position_m=0.030, orientation_rad=math.radians(10.0))
-    # Table 2 lies within the stated tolerance of the nominal placement.
-    table_2 = np.array([0.202, 0.014, 0.273, -0.101, 0.038])
-    assert np.all(np.abs(table_2 - nominal) < spec.tolerance_m)
-    assert abs(math.radians(-38.5) - hinge.alpha_0_rad) < spec.tolerance_rad
-    assert abs(math.radians(99.8) - hinge.alpha_n_rad) < spec.tolerance_rad
-    assert len(spec.checklist) >= 3
+    lengths_m = (hinge.a_0_m, hinge.s_0_m, hinge.s_1_m, hinge.a_n_m, hinge.s_n_m)
+    assert lengths_m == pytest.approx([0.202, 0.014, 0.273, -0.101, 0.038], abs=0.010)
+    angles_deg = np.rad2deg([hinge.alpha_0_rad, hinge.alpha_n_rad])
+    assert angles_deg == pytest.approx([-38.5, 99.8], abs=2.0)
 
 
 def test_stiffness_of_older_files_is_ignored():
@@ -69,6 +59,7 @@ def test_every_fixture_kind_has_a_file_format():
         spec = load_fixture(name)
         assert spec.kind == name
         assert spec.fixture.kind == name
+        assert spec.fixture.compliance.assumed == ()
 
 
 MEASURED = """schema: sarcal/fixture/1

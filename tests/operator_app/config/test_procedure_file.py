@@ -87,21 +87,13 @@ def test_automatic_modes_or_a_plan_need_no_exploration():
     assert parse(without_exploration(GOOD, "  plan: planned\n")).position_joints == (1, 5)
 
 
-def test_packaged_planned_procedure_chooses_drives_and_poses():
-    procedure = load_procedure("hinge_planned")
-    assert procedure.position_joints is None
-    assert not procedure.trial
-    assert procedure.capture.strategy == "planned"
-    assert procedure.capture.poses == 12
-    assert procedure.capture.requested == {}
-
-
 def test_trial_and_requested_sigma_are_read_in_si():
     text = GOOD.replace("modes: {position: [1, 5]}", "modes: {position: auto, trial: true}")
     options = "  plan: planned\n  requested_sigma: {theta_off_2_deg: 0.9, a_0_mm: 2}\n"
     procedure = parse(without_exploration(text, options))
     assert procedure.trial
     assert procedure.position_joints is None
+    assert procedure.capture.strategy == "planned"
     assert procedure.capture.requested == pytest.approx(
         {"theta_off_2": math.radians(0.9), "a_0": 0.002}
     )

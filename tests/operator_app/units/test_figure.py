@@ -6,10 +6,8 @@ import pytest
 
 from operator_app.units import (
     fixed,
-    names,
     places_needed,
     places_to_show,
-    plural,
     significant,
     typeset,
 )
@@ -77,11 +75,3 @@ def test_places_needed_keep_all_digits():
 )
 def test_typeset_has_minus_signs_and_superscripts(plain, printed):
     assert typeset(plain) == printed
-
-
-def test_plural_and_lists_of_names():
-    assert plural(1, "pose") == "1 pose"
-    assert plural(2, "pose") == "2 poses"
-    assert names([1]) == "1"
-    assert names([1, 2, 3]) == "1, 2 and 3"
-    assert names([]) == ""

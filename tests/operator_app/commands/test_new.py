@@ -112,6 +112,9 @@ def test_new_files_match_the_schema_written_beside_them(ends_with):
     # Free in the arm, but not identifiable with a ball (paper, 2.1).
     assert set(procedure.held) == {"theta_off_1", "theta_off_7"}
     assert "theta_off_7 is fixed: " in output
+    text = Path("files/run.yaml").read_text()
+    assert "virtual is a simulated one" not in text
+    assert "virtual takes the bus of the environment, can.conf or your settings" in text
     before = Path("files/arm.yaml").read_bytes()
     ends_with(2, "new", "arm", "--from", "sarcos_dextrous", "-o", "files/arm.yaml")
     assert Path("files/arm.yaml").read_bytes() == before
@@ -167,11 +170,3 @@ def test_copied_procedure_refers_to_the_given_arm_file(file):
     assert yaml.safe_load(Path("go.yaml").read_text())["arm"] == file
     if file == "arm.yaml":
         assert "\narm: arm.yaml\n" in Path("go.yaml").read_text()
-
-
-def test_new_procedure_explains_its_bus():
-    command = ["new", "procedure", "--arm", "franka_panda", "--fixture", "hinge", "-o", "go.yaml"]
-    assert main(command) == 0
-    text = Path("go.yaml").read_text()
-    assert "virtual is a simulated one" not in text
-    assert "virtual takes the bus of the environment, can.conf or your settings" in text

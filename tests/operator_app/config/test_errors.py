@@ -20,6 +20,8 @@ def test_problems_are_sorted_by_line_and_column():
         for line, column in ((9, 1), (2, 5), (2, 1))
     )
     assert str(error).splitlines() == ["a:2: 2.1", "a:2: 2.5", "a:9: 9.1"]
+    with pytest.raises(ValueError, match="at least one problem"):
+        ConfigError(())
 
 
 def test_control_characters_of_a_file_are_escaped():

@@ -26,10 +26,10 @@ from tests.oracles.pty_program import PtyProgram
 from tests.oracles.recorded import recorded_folder
 from tests.oracles.recordings import recorded_arm, write_bag, write_log
 
-HINGE = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
+DATA = Path(__file__).parents[2] / "data"
+HINGE, PANDA = DATA / "hinge/hinge_exact.csv", DATA / "panda_ball/panda_1.csv"
 SARCAL = [sys.executable, "-c", "import sys; from operator_app.cli import main; sys.exit(main())"]
 RUN = "sarcal run hinge"
-SHORT_RUN = ["run", "hinge", "--scenario", "exact", "--poses", "10"]
 CAN_OPTIONS = "-i socketcan -c can0"
 TIMEOUT_S = 60.0
 REDIRECTED = re.compile(r" > (\S+)$")
@@ -66,16 +66,8 @@ def prepare(folder: Path) -> None:
     for k in (1, 2):
         q_of_socket = [q for placement, q in zip(sockets, q_rad, strict=True) if placement == k]
         np.savetxt(folder / f"socket_{k}.csv", q_of_socket, delimiter=",")
-    names = ["placement", "pose", *(f"theta{j}_deg" for j in range(1, 8))]
-    numbered = np.column_stack((sockets, np.arange(1, len(sockets) + 1), np.rad2deg(q_rad)))
-    np.savetxt(
-        folder / "my_sockets.csv",
-        numbered[sockets <= 4],
-        "%.12g",
-        ",",
-        header=",".join(names),
-        comments="",
-    )
+    first_sockets = [row for row in PANDA.read_text().splitlines() if row[0] in "p1234"]
+    (folder / "my_sockets.csv").write_text("\n".join(first_sockets) + "\n")
     measured_csv(folder / "open_arm.csv")
     names = [f"panda_joint{j}" for j in range(1, 8)]
     for k, storage, bag, log in (
@@ -86,13 +78,8 @@ def prepare(folder: Path) -> None:
         write_bag(folder / f"run_{k}", *run, names, storage=storage, seed=k).rename(folder / bag)
         write_log(folder / log, *run, names)
     with contextlib.chdir(folder):
-        assert run_quietly(SHORT_RUN) == 0
-        assert run_quietly(["export", "latest", "--format", "urdf", "-o", "my_arm.urdf"]) == 0
-
-
-def run_quietly(words: list[str]) -> int:
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        return main(words)
+        assert run_line(f"{RUN} --scenario exact --poses 10") == 0
+        assert run_line("sarcal export latest --format urdf -o my_arm.urdf") == 0
 
 
 @pytest.fixture
@@ -124,13 +111,13 @@ def controller(*options: str) -> Iterator[str]:
             process.kill()
 
 
-def run_line(command: str, bus: str) -> int:
+def run_line(command: str, bus: str = "") -> int:
     """Run a command line, with its output redirected to a file if the line says so."""
     redirected = REDIRECTED.search(command)
-    line = command.replace(CAN_OPTIONS, bus)
+    line = REDIRECTED.sub("", command).replace(CAN_OPTIONS, bus)
     output = io.StringIO()
     with contextlib.redirect_stdout(output):
-        code = main(shlex.split(REDIRECTED.sub("", line))[1:])
+        code = main(shlex.split(line)[1:])
     if redirected:
         Path(redirected[1]).write_text(output.getvalue())
     return code

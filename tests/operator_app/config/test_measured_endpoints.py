@@ -215,22 +215,19 @@ def test_target_frame_noise_follows_from_the_triangle():
     assert angle_sd[2] == pytest.approx(1e-4 / np.linalg.norm(centred), rel=0.1)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda p: p[6, 3:6].__iadd__(0.02), "pose 7: its targets differ by"),
-        (
-            lambda p: p[6].__setitem__(slice(None), np.roll(p[6], 3)),
-            "pose 7: its targets differ by",
-        ),
-        (lambda p: p.__setitem__((slice(None), slice(3, 9)), np.tile(p[:, :3], 2)), "in line"),
-    ],
-)
-def test_moved_or_collinear_targets_are_refused(change, message):
+def test_moved_or_collinear_targets_are_refused():
     points, *_ = random_targets(np.random.default_rng(3), 12)
-    change(points)
-    with pytest.raises(ValueError, match=message):
-        poses_of_targets(points, LABELS)
+    moved, exchanged, collinear = points.copy(), points.copy(), points.copy()
+    moved[6, 3:6] += 0.02
+    exchanged[6] = np.roll(points[6], 3)
+    collinear[:, 3:] = np.tile(points[:, :3], 2)
+    for invalid, message in (
+        (moved, "pose 7: its targets differ by"),
+        (exchanged, "pose 7: its targets differ by"),
+        (collinear, "in line"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            poses_of_targets(invalid, LABELS)
 
 
 def csv(q, points, columns=TARGETS):

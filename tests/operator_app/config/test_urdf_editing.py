@@ -169,58 +169,27 @@ def test_xacro_without_literal_numbers_is_refused():
         calibrated_text(ARM.table, text=text, file="six.urdf.xacro")
 
 
-UR_KINEMATICS = """# maker's
-kinematics:
-  shoulder:
-    x: 0
-    y: 0
-    z: 0.1625
-    roll: -0
-    pitch: 0
-    yaw: 0.002
-  upper_arm: {block}
-  forearm:
-    x: -0.425
-    y: 0
-    z: 0
-    roll: 1e-05
-    pitch: 0
-    yaw: 0
-  wrist_1:
-    x: -0.3922
-    y: 0
-    z: 0.1333
-    roll: 0
-    pitch: 0
-    yaw: -0
-  wrist_2:
-    x: 0
-    y: -0.0997
-    z: -2.044881182297852e-11
-    roll: 1.570796327
-    pitch: 0
-    yaw: -0
-  wrist_3:
-    x: 0
-    y: 0.0996
-    z: -2.042830148012698e-11
-    roll: 1.570796326589793
-    pitch: 3.141592653589793
-    yaw: 3.141592653589793
-  hash: calib_1
-""".replace("{block}", "\n" + "\n".join(
-    f"    {k}: {v}" for k, v in zip(("x", "y", "z", "roll", "pitch", "yaw"),
-                                    (0, 0, 0, 1.570796327, 0, -0.0), strict=True)))  # fmt: skip
+UR_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
+UR_ORIGINS = {
+    "shoulder": "0 0 0.1625 -0 0 0.002",
+    "upper_arm": "0 0 0 1.570796327 0 -0.0",
+    "forearm": "-0.425 0 0 1e-05 0 0",
+    "wrist_1": "-0.3922 0 0.1333 0 0 -0",
+    "wrist_2": "0 -0.0997 -2.044881182297852e-11 1.570796327 0 -0",
+    "wrist_3": "0 0.0996 -2.042830148012698e-11 1.570796326589793 3.141592653589793 3.141592653589793",
+}
+UR_LINES = ["# maker's", "kinematics:"]
+for _name, _numbers in UR_ORIGINS.items():
+    UR_LINES.append(f"  {_name}:")
+    UR_LINES += [f"    {k}: {v}" for k, v in zip(UR_KEYS, _numbers.split(), strict=True)]
+UR_KINEMATICS = "\n".join([*UR_LINES, "  hash: calib_1\n"])
 
 
 def ur_as_urdf(text):
     """A UR kinematics file as a URDF, by an independent reader."""
     links, joints, parent = yaml.safe_load(text)["kinematics"], [], "base"
-    for name in ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"):
-        xyz, rpy = (
-            words([links[name][k] for k in keys])
-            for keys in (("x", "y", "z"), ("roll", "pitch", "yaw"))
-        )
+    for name in UR_ORIGINS:
+        xyz, rpy = (words([links[name][k] for k in keys]) for keys in (UR_KEYS[:3], UR_KEYS[3:]))
         joints.append(joint(name, parent, name, xyz, rpy, "0 0 1"))
         parent = name
     return robot(*joints).encode()

@@ -83,7 +83,7 @@ def test_one_log_with_placements_equals_one_log_each(tmp_path, ends_with):
     (placements,) = (w.text for w in warnings if w.code == "PLACEMENTS")
     assert placements.endswith("placement 2, the last")
     poses = sarcal.poses_of(q_rad=q_rad[placement == 2][:8], placement=[2] * 8)
-    refused = ends_with(2, "verify", folder, poses.to_csv(tmp_path / "own.csv")).err
+    refused = ends_with(2, "verify", folder, poses.to_csv(tmp_path / "same.csv")).err
     assert "these are poses that the calibration was made from" in refused
     # A second reading, a few encoder counts away.
     new_poses = sarcal.poses_of(q_rad=poses.q_rad + 5e-5, placement=[2] * 8)
@@ -220,7 +220,7 @@ def test_invalid_recording_or_option_is_refused(tmp_path, ends_with):
     (tmp_path / "mid.csv").write_text(log.read_text().replace("\n2.", "\nx,\n2.", 1))
     (tmp_path / "two.csv").write_text(log.read_text().replace("mode,q1", "dq1,q1", 1))
     ms = write_log(tmp_path / "ms.csv", 1e3 * (time_s - time_s[0]), q, names)
-    for arguments, said in (
+    for arguments, message in (
         ([bag, bag], "holds the same readings as "),
         ([bag, "--rad"], "a bag has times and is in radians"),
         ([bag, "--placement", "q1"], "--placement is for logs"),
@@ -241,7 +241,9 @@ def test_invalid_recording_or_option_is_refused(tmp_path, ends_with):
             "has 2 cells; the lines before it have",
         ),
     ):
-        assert said in ends_with(2, "import", *arguments, *PANDA, "--sessions", tmp_path / "s").err
+        assert (
+            message in ends_with(2, "import", *arguments, *PANDA, "--sessions", tmp_path / "s").err
+        )
     assert "is a ROS 2 bag; sarcal import" in ends_with(2, "solve", bag, *PANDA).err
     # Three poses are too few for a calibration, but they are found.
     for arguments in (
@@ -250,8 +252,8 @@ def test_invalid_recording_or_option_is_refused(tmp_path, ends_with):
         ["two.csv", "--time", "time"],
     ):
         file, where = tmp_path / arguments[0], ["--sessions", tmp_path / "s"]
-        said = ends_with(2, "import", file, *arguments[1:], "--rad", *PANDA, *where)
-        assert "3 poses from" in said.err
+        answer = ends_with(2, "import", file, *arguments[1:], "--rad", *PANDA, *where)
+        assert "3 poses from" in answer.err
 
 
 def test_solve_refers_a_raw_log_to_import(tmp_path, ends_with):

@@ -154,9 +154,7 @@ def test_unwritable_schema_leaves_no_file(tmp_path, ends_with):
 def test_invalid_options_are_refused_and_nothing_is_written(typed, expected, ends_with):
     message = ends_with(2, "new", *typed.split()).err
     assert any(part in message for part in expected.split("|")), message
-    assert message.count("sarcal") == 1 + expected.count("sarcal"), (
-        "the program's name is told once"
-    )
+    assert message.count("sarcal") == 1 + expected.count("sarcal"), "the program's name occurs once"
     assert not list(Path().iterdir())
 
 

@@ -126,7 +126,7 @@ def test_only_origins_of_chain_joints_change():
     assert "a - - b" in text
 
 
-def test_a_joint_that_is_not_calibrated_keeps_its_very_words():
+def test_uncalibrated_joint_keeps_its_text():
     text = calibrated_text(with_changes(ARM.table, {"theta_off_3": 0.01}), comment=["calibrated"])
     # The elbow turns; the lift's angle was rounded and is written in full.
     assert without_origins(text, {"elbow", "lift"}) == without_origins(URDF, {"elbow", "lift"})

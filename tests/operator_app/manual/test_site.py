@@ -19,14 +19,14 @@ class FetchedAddresses(HTMLParser):
 
     def __init__(self) -> None:
         super().__init__()
-        self.found: list[str] = []
+        self.addresses: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         attributes = dict(attrs)
         if tag in ("script", "img", "iframe", "source"):
-            self.found.append(attributes.get("src") or "")
+            self.addresses.append(attributes.get("src") or "")
         if tag == "link" and attributes.get("rel") not in ("prev", "next", "canonical"):
-            self.found.append(attributes.get("href") or "")
+            self.addresses.append(attributes.get("href") or "")
 
 
 def test_site_has_every_page_and_needs_no_network(tmp_path):
@@ -58,7 +58,7 @@ def test_site_has_every_page_and_needs_no_network(tmp_path):
         page = (tmp_path / f"{topic}.html").read_text()
         parser = FetchedAddresses()
         parser.feed(page)
-        assert not [address for address in parser.found if re.match(r"(https?:)?//", address)], (
-            topic
-        )
+        assert not [
+            address for address in parser.addresses if re.match(r"(https?:)?//", address)
+        ], topic
     assert "--remounted" in (tmp_path / "commands.html").read_text()

@@ -27,6 +27,7 @@ from operator_app.session.store.journal import JOURNAL_NAME
 from operator_app.tui.theme import DARK, look
 from tests.oracles.journals import events, written
 
+SARCOS_HINGE = ("--arm", "sarcos_dextrous", "--fixture", "hinge")
 HOSTILE = "a\x1b[2J\x1b]0;owned\x07b\x9b31mc\u202edlo\u2066x\ry\u2028z\ud800"
 """Clears the screen, sets a title, colours by C1, reverses text, breaks lines, has a lone surrogate."""
 
@@ -79,9 +80,8 @@ def test_console_and_plain_mode_replace_control_characters(capsys):
 
 def test_error_messages_repeat_arguments_as_text(tmp_path, capsys, ends_with):
     name = str(tmp_path / "no\x1b[31msuch\nsarcal: all is well\u202e")
-    arm = ["--arm", "sarcos_dextrous", "--fixture", "hinge"]
     for arguments in (
-        ["solve", name, *arm],
+        ["solve", name, *SARCOS_HINGE],
         ["run", name],
         ["report", name],
         ["compare", name, name],
@@ -116,7 +116,7 @@ def write_outlier_poses(reference_data, tmp_path):
 def test_pose_labels_are_kept_and_shown_as_text(write_outlier_poses, ends_with):
     path = write_outlier_poses(HOSTILE.replace("\ud800", "").replace("\x00", ""))
     assert "\x1b[2J" in load_poses(path, joint_count=7).poses.label[0]
-    answer = ends_with(4, "solve", path, "--arm", "sarcos_dextrous", "--fixture", "hinge")
+    answer = ends_with(4, "solve", path, *SARCOS_HINGE)
     assert "owned" in answer.out, "the outlier is reported by its label"
     assert control_characters(answer.out + answer.err) == set()
 
@@ -174,17 +174,10 @@ def test_unwritable_progress_is_ignored(monkeypatch, stream):
 
 @pytest.mark.parametrize("stream", [stream_on_full_disk, stream_without_reader])
 def test_exit_code_with_unwritable_results(write_outlier_poses, monkeypatch, stream):
-    arguments = [
-        "solve",
-        str(write_outlier_poses("")),
-        "--arm",
-        "sarcos_dextrous",
-        "--fixture",
-        "hinge",
-    ]
+    poses = str(write_outlier_poses(""))
     with stream() as broken:
         monkeypatch.setattr("sys.stdout", broken)
-        code = main(arguments)
+        code = main(["solve", poses, *SARCOS_HINGE])
     # 4: not accepted, because of the outlier. 2: the output was to be kept, and could not be written.
     assert code == (4 if stream is stream_without_reader else 2)
 

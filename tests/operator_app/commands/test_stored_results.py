@@ -33,7 +33,7 @@ SESSIONS = ("run", "paper", "app", "resumed")
 
 
 def fail(*args: object, **options: object) -> None:
-    raise RuntimeError("somebody solves")
+    raise RuntimeError("the solver was called")
 
 
 @pytest.fixture
@@ -106,5 +106,5 @@ def test_compare_reads_the_journal_like_an_export(
 
 @pytest.mark.parametrize("options", [("--estimator", "paper"), ("--unsensed", "7")])
 def test_other_options_call_the_solver(journalled, without_solver, options):
-    with pytest.raises(RuntimeError, match="somebody solves"):
+    with pytest.raises(RuntimeError, match="the solver was called"):
         main(["report", str(journalled["run"]), "-o", "-", *options])

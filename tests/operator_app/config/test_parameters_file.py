@@ -106,30 +106,22 @@ def test_one_mistake_gives_one_problem(old, new, key, approve):
     approve(str(problem))
 
 
-class TestInvalidResults:
-    def test_infinite_number_is_refused(self):
-        quality = replace(document().quality, scaled_condition_number=math.inf)
-        with pytest.raises(ConfigError, match="the result: inf cannot be written") as caught:
-            format_parameters(replace(document(), quality=quality))
-        assert len(caught.value.problems) == 1
-
-    def test_implausible_length_is_refused(self):
-        rows = (replace(document().dh[0], a_m=1e6), *document().dh[1:])
-        with pytest.raises(
-            ConfigError, match=r"^the result: dh\[row 0\]\.a_m: .*cannot be exported"
-        ):
-            format_parameters(replace(document(), dh=rows))
+def test_infinite_number_or_implausible_length_cannot_be_written():
+    quality = replace(document().quality, scaled_condition_number=math.inf)
+    with pytest.raises(ConfigError, match="the result: inf cannot be written") as caught:
+        format_parameters(replace(document(), quality=quality))
+    assert len(caught.value.problems) == 1
+    rows = (replace(document().dh[0], a_m=1e6), *document().dh[1:])
+    with pytest.raises(ConfigError, match=r"^the result: dh\[row 0\]\.a_m: .*cannot be exported"):
+        format_parameters(replace(document(), dh=rows))
 
 
-class TestInvalidArguments:
-    def test_missing_dh_row_is_refused(self):
-        with pytest.raises(ValueError, match="rows 0 to n"):
-            replace(document(), dh=document().dh[1:])
-
-    @pytest.mark.parametrize("zone", [None, timezone(timedelta(hours=1))])
-    def test_local_time_is_refused(self, zone):
-        with pytest.raises(ValueError, match="UTC"):
-            replace(document(), utc=datetime(2026, 1, 1, tzinfo=zone))
+@pytest.mark.parametrize("zone", [None, timezone(timedelta(hours=1))])
+def test_document_needs_all_rows_and_utc(zone):
+    with pytest.raises(ValueError, match="rows 0 to n"):
+        replace(document(), dh=document().dh[1:])
+    with pytest.raises(ValueError, match="UTC"):
+        replace(document(), utc=datetime(2026, 1, 1, tzinfo=zone))
 
 
 FLOAT = st.floats(-360.0, 360.0)

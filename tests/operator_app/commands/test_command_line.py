@@ -14,39 +14,30 @@ from operator_app.commands.table import APP, parser_of
 HINGE = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
 
 
-@pytest.mark.parametrize(
-    ("typed", "meant"),
-    [
+def test_unknown_command_gets_a_suggestion_or_the_list(ends_with):
+    for misspelt, suggestion in (
         ("runn", "run"),
         ("sovle", "solve"),
         ("exprot", "export"),
         ("upload", "export SESSION --upload"),
-    ],
-)
-def test_misspelt_command_gets_a_suggestion(typed, meant, ends_with):
-    assert f"did you mean {meant}?" in ends_with(2, typed, "hinge").err
-
-
-def test_unknown_command_lists_all_commands(ends_with):
+    ):
+        assert f"did you mean {suggestion}?" in ends_with(2, misspelt, "hinge").err
     message = ends_with(2, "xyzzy\x1b[2J").err
     assert "did you mean" not in message
     assert all(command in message for command in COMMANDS)
     assert "\x1b" not in message
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["session", "show", "--json", "none_such"],
-        ["session", "--json", "show", "none_such"],
-        ["verify", "none_such", "--json", "poses.csv"],
-        ["run", "--json", "none_such"],
-        ["help", "--", "none_such"],
-    ],
-)
-def test_options_are_accepted_at_any_position(words, tmp_path, monkeypatch, ends_with):
+def test_options_are_accepted_at_any_position(tmp_path, monkeypatch, ends_with):
     monkeypatch.chdir(tmp_path)
-    assert "none_such" in ends_with(2, *words).err
+    for command in (
+        "session show --json none_such",
+        "session --json show none_such",
+        "verify none_such --json poses.csv",
+        "run --json none_such",
+        "help -- none_such",
+    ):
+        assert "none_such" in ends_with(2, *command.split()).err
 
 
 def test_unknown_argument_shows_the_usage_of_its_command(ends_with):
@@ -129,9 +120,8 @@ def test_session_show_prints_a_table(tmp_path, ends_with):
     assert f"poses read from {HINGE}" in lines
     assert "poses 60 poses that count" in lines
     assert "exported nothing that its journal records" in lines
-    assert any(
-        line.startswith("solved accepted by implicit, scaled condition number") for line in lines
-    )
+    (solved,) = (line for line in lines if line.startswith("solved"))
+    assert solved.startswith("solved accepted by implicit, scaled condition number")
     assert "pose j1 j2 j3 j4 j5 j6 j7 sd note" in lines
     first = next(line for line in output.splitlines() if line.split()[:1] == ["1"])
     assert len(first.split()) == 9

@@ -155,12 +155,6 @@ def test_invalid_file_is_corrected_key_by_key(invalid_file, ends_with):
     assert invalid_file.read_text() == other
 
 
-def test_reset_on_a_given_bus_needs_no_settings(invalid_file):
-    opening = opening_from(parser_of("reset").parse_args(["-i", "loopback"]))
-    assert session_bus(opening.choices, opening.procedure).interface == "loopback"
-    assert main(["reset"]) == 2
-
-
 def test_invalid_file_is_a_warning_with_a_given_bus(invalid_file, tmp_path, monkeypatch, capsys):
     choices = choices_from(parser_of("run").parse_args(["hinge", "-i", "virtual"]))
     message = " ".join(capsys.readouterr().err.split())
@@ -169,8 +163,12 @@ def test_invalid_file_is_a_warning_with_a_given_bus(invalid_file, tmp_path, monk
     assert choices.operator is None
     opening = begin("hinge", choices, root=tmp_path)
     assert session_bus(choices, opening.procedure).interface == "virtual"
+    assert main(["reset"]) == 2
+    reset = opening_from(parser_of("reset").parse_args(["-i", "loopback"]))
+    assert session_bus(reset.choices, reset.procedure).interface == "loopback"
     monkeypatch.setenv("CAN_INTERFACE", "loopback")
     assert session_bus(replace(choices, interface=None), opening.procedure).interface == "loopback"
+    capsys.readouterr()
     # A controller has no operator, and needs no warning.
     choices_from(parser_of("controller").parse_args([]), journal=False)
     assert capsys.readouterr().err == ""

@@ -56,8 +56,12 @@ class TestPackaged:
             np.testing.assert_allclose(frames.R_end, expected[:3, :3], rtol=0, atol=1e-9)
 
     @pytest.mark.parametrize("name", builtin_names("arm"))
-    def test_packaged_arm_states_source_and_parallel_axes(self, name):
+    def test_packaged_arm_is_complete(self, name):
         arm, text = load_arm(name), resolve("arm", name).data.decode()
+        assert arm.name == name
+        assert np.all(arm.home_rad > arm.lower_rad)
+        assert np.all(arm.home_rad < arm.upper_rad)
+        assert not arm.home_rad.flags.writeable
         assert "source: >-" in text
         assert arm.assumed == ()
         assert [e.name for e in arm.free] == [
@@ -65,14 +69,6 @@ class TestPackaged:
         ]
         parallel = {"ur5e": (2, 3), "ur10e": (2, 3), "xarm6": (2,), "abb_irb120": (2,)}
         assert arm.hayati_rows == parallel.get(name, (2,) if name == "kinova_gen3_lite" else ())
-
-    @pytest.mark.parametrize("name", builtin_names("arm"))
-    def test_home_pose_is_within_joint_ranges(self, name):
-        arm = load_arm(name)
-        assert arm.name == name
-        assert np.all(arm.home_rad > arm.lower_rad)
-        assert np.all(arm.home_rad < arm.upper_rad)
-        assert not arm.home_rad.flags.writeable
 
 
 BAD = [

@@ -43,13 +43,11 @@ def test_page_fits_into_80_columns(topic, ends_with):
         assert len(line) <= 80 or line.startswith("    ") or "  " in line, line
 
 
-@pytest.mark.parametrize(
-    ("misspelt", "suggestion"), [("comands", "commands"), ("arm", "arm-file"), ("exprot", "export")]
-)
-def test_unknown_topic_gets_a_suggestion(misspelt, suggestion, ends_with):
-    message = ends_with(2, "help", misspelt).err
-    assert f"the manual has no topic {misspelt!r}; did you mean {suggestion}?" in message
-    assert all(topic in message for topic in TOPICS)
+def test_unknown_topic_gets_a_suggestion_and_the_list(ends_with):
+    for misspelt, meant in (("comands", "commands"), ("arm", "arm-file"), ("exprot", "export")):
+        message = ends_with(2, "help", misspelt).err
+        assert f"the manual has no topic {misspelt!r}; did you mean {meant}?" in message
+        assert all(topic in message for topic in TOPICS)
 
 
 def test_command_is_a_topic_and_page_is_available_as_markdown(ends_with):

@@ -102,22 +102,7 @@ def test_rvdt_correction_is_read_back():
     assert data["forced"] == "the wrist is new"
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "key"),
-    [
-        ("reading_deg: -230.5", "reading_deg: -270.5", "rvdt[joint 6].table"),
-        ("joint: 6\n", "joint: 8\n", "rvdt[joint 8].joint"),
-        ("gain: 0.98", "gain: 0", "rvdt[joint 6].gain"),
-        ("side: ground", "side: table", "calibrated[theta_off_2].side"),
-    ],
-)  # fmt: skip
-def test_one_mistake_in_correction_gives_one_problem(old, new, key, approve):
-    problem = one_mistake(parse, format_parameters(document_with_correction()).decode(), old, new)
-    assert problem.key == key
-    approve(str(problem))
-
-
-def with_correlations():
+def document_with_correlations():
     names = [entry.entry for entry in document().calibrated]
     rng = np.random.default_rng(3)
     factor = rng.normal(size=(len(names), len(names)))
@@ -134,8 +119,8 @@ def with_correlations():
 
 
 def test_correlations_and_budget_are_read_back():
-    written = format_parameters(with_correlations())
-    assert parse_parameters(written) == with_correlations()
+    written = format_parameters(document_with_correlations())
+    assert parse_parameters(written) == document_with_correlations()
     data = yaml.safe_load(written)
     assert list(data["correlations"]) == [e["entry"] for e in data["calibrated"]][1:]
     assert [len(row) for row in data["correlations"].values()] == list(range(1, 14))
@@ -156,6 +141,10 @@ def test_parameter_without_variance_is_uncorrelated_without_budget():
 @pytest.mark.parametrize(
     ("old", "new", "key"),
     [
+        ("reading_deg: -230.5", "reading_deg: -270.5", "rvdt[joint 6].table"),
+        ("joint: 6\n", "joint: 8\n", "rvdt[joint 8].joint"),
+        ("gain: 0.98", "gain: 0", "rvdt[joint 6].gain"),
+        ("side: ground", "side: table", "calibrated[theta_off_2].side"),
         ("  theta_off_3: [", "  theta_off_3: [0.5, ", "correlations.theta_off_3"),
         ("  theta_off_3: [", "  theta_off_9: [", "correlations"),
         ("  theta_off_3: [", "  theta_off_3: [1", "correlations.theta_off_3[1]"),
@@ -164,8 +153,10 @@ def test_parameter_without_variance_is_uncorrelated_without_budget():
         ("  theta_off_1: {lengths", "  theta_off_8: {lengths", "budget.theta_off_8"),
     ],
 )  # fmt: skip
-def test_one_mistake_in_correlations_gives_one_problem(old, new, key, approve):
-    problem = one_mistake(parse, format_parameters(with_correlations()).decode(), old, new)
+def test_one_mistake_gives_one_problem(old, new, key, approve):
+    correction = format_parameters(document_with_correction()).decode()
+    correlations = format_parameters(document_with_correlations()).decode()
+    problem = one_mistake(parse, correction if old in correction else correlations, old, new)
     assert problem.key == key
     approve(str(problem))
 

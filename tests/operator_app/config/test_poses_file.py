@@ -97,6 +97,7 @@ BAD = [
     ("half an endpoint", text(HEADER + ",x_m,y_m", ("1,1,1,2,3,0,0",)), 3, 1, None, "z_m"),
     ("millimetres column", text(HEADER + ",x_mm,y_m,z_m", ("1,1,1,2,3,0,0,0",)), 3, 1, 6, "x_mm"),
     ("nan", text(rows=(ROWS[0], "1,2,nan,2,3")), 3, 3, 3, "theta1_deg"),
+    ("inf", text(rows=(ROWS[0], "1,2,1,-inf,3")), 3, 3, 4, "theta2_deg"),
     ("overflow", text(rows=(ROWS[0], "1,2,1,1e999,3")), 3, 3, 4, "theta2_deg"),
     ("empty cell", text(rows=(ROWS[0], "1,2,1,,3")), 3, 3, 4, "theta2_deg"),
     ("word", text(rows=("1,1,1,two,3",)), 3, 2, 4, "theta2_deg"),

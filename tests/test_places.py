@@ -17,11 +17,9 @@ operator_app/calibration/test_real_arm.py
 operator_app/calibration/test_rvdt_noise.py
 operator_app/calibration/test_convergence.py
 operator_app/calibration/test_verdicts.py
-operator_app/commands/test_bad_input.py
-operator_app/commands/test_farewell.py
-operator_app/commands/test_habits.py
-operator_app/commands/test_nothing_is_solved_twice.py
-operator_app/commands/test_open_loop.py
+operator_app/commands/test_command_line.py
+operator_app/commands/test_invalid_arguments.py
+operator_app/commands/test_stored_results.py
 operator_app/config/test_parameters_version_2.py
 operator_app/manual/test_commands.py
 operator_app/manual/test_help.py

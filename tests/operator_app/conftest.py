@@ -1,4 +1,4 @@
-"""Sessions on the real plant, without a bus."""
+"""Sessions on the simulated plant, without a bus."""
 
 import shutil
 
@@ -19,8 +19,8 @@ __all__ = ["ends_with"]
 
 @pytest.fixture
 def make_session(tmp_path):
-    """Build a session on a fake arm: new in `tmp_path`, or resumed with ``resume=True``, on the same `arm` as well."""
-    made: list[Session] = []
+    """Make sessions on a fake arm: new in `tmp_path`, or resumed with ``resume=True``, also on a given `arm`."""
+    sessions: list[Session] = []
 
     def make(
         procedure: Procedure,
@@ -31,29 +31,29 @@ def make_session(tmp_path):
         arm: PlantArm | None = None,
         connect: bool = False,
     ) -> Session:
-        there = arm or PlantArm(procedure, scenario_name, serial)
+        session_arm = arm or PlantArm(procedure, scenario_name, serial)
         folder = tmp_path / "session"
-        made.append(opened(folder, there, procedure, resumed=resume, clock=Ticking()))
+        sessions.append(opened(folder, session_arm, procedure, resumed=resume, clock=Ticking()))
         if connect:
-            made[-1].connect()
-        return made[-1]
+            sessions[-1].connect()
+        return sessions[-1]
 
     yield make
-    for session in made:
+    for session in sessions:
         session.close("end of the test")
 
 
 @pytest.fixture
 def source(tmp_path):
-    """Sessions on live fake arms; the open one is closed in the end."""
-    made = FakeSource(tmp_path / "sessions")
-    yield made
-    made.close("end of the test")
+    """Sessions on live fake arms; the open one is closed after the test."""
+    source = FakeSource(tmp_path / "sessions")
+    yield source
+    source.close("end of the test")
 
 
 @pytest.fixture(scope="session")
 def journalled(tmp_path_factory):
-    """Folders of sessions with a calibration in their journals, by how they were made. Not to be changed."""
-    own = tmp_path_factory.mktemp("sessions") / "made"
-    shutil.copytree(recorded_folder(journalled_sessions), own)
-    return {folder.name: folder for folder in own.iterdir()}
+    """Folders of sessions with a journalled calibration, by the name of the way they were made; read-only."""
+    folder = tmp_path_factory.mktemp("sessions") / "made"
+    shutil.copytree(recorded_folder(journalled_sessions), folder)
+    return {path.name: path for path in folder.iterdir()}

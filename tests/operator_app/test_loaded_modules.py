@@ -1,4 +1,4 @@
-"""What each command loads: start-up is imports, and they are counted here, not timed."""
+"""Modules that each command loads: start-up time is imports, counted here instead of timed."""
 
 import json
 import pydoc
@@ -11,7 +11,7 @@ import pytest
 
 HINGE = Path(__file__).parents[1] / "data/hinge/hinge_quantised.csv"
 ARM_IN_FIXTURE = ("--arm", "sarcos_dextrous", "--fixture", "hinge")
-LOADED = """
+PRINT_LOADED = """
 import contextlib, io, json, sys
 from operator_app.cli import main
 sys.argv[0] = "sarcal"
@@ -24,23 +24,23 @@ SESSION = ("operator_app.session.workflow.session", "operator_app.session.safety
 SOLVER = ("scipy", "operator_app.calibration.calibrate", "operator_app.report.facts")
 
 
-def loaded(code: str, *arguments: str) -> list[str]:
-    done = subprocess.run(
+def modules_loaded(code: str, *arguments: str) -> list[str]:
+    process = subprocess.run(
         [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True
     )
-    found: list[str] = json.loads(done.stdout.splitlines()[-1])
-    return found
+    modules: list[str] = json.loads(process.stdout.splitlines()[-1])
+    return modules
 
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
     root = tmp_path_factory.mktemp("sessions")
-    loaded(LOADED, "import", str(HINGE), *ARM_IN_FIXTURE, "--sessions", str(root))
+    modules_loaded(PRINT_LOADED, "import", str(HINGE), *ARM_IN_FIXTURE, "--sessions", str(root))
     return next(root.iterdir())
 
 
 @pytest.mark.parametrize(
-    ("command", "at_most", "not_needed"),
+    ("command", "limit", "not_needed"),
     [
         (("--version",), 195, (*BUS, *SESSION, *SOLVER, "numpy", "pydantic", "yaml")),
         (("session", "list"), 310, (*BUS, *SESSION, *SOLVER, "pydantic")),
@@ -50,36 +50,36 @@ def session(tmp_path_factory):
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) and len(value) < 9 else None,
 )
-def test_a_command_loads_what_it_needs(command, at_most, not_needed, session):
-    where = {
+def test_command_loads_only_what_it_needs(command, limit, not_needed, session):
+    arguments = {
         "session": ("--sessions", str(session.parent)),
         "report": (str(session),),
         "export": (str(session),),
     }.get(command[0], ())
-    modules = loaded(LOADED, *command, *where)
-    needless = [m for m in modules for name in not_needed if m == name or m.startswith(f"{name}.")]
-    assert not needless
-    assert len(modules) <= at_most
+    modules = modules_loaded(PRINT_LOADED, *command, *arguments)
+    unneeded = [m for m in modules for name in not_needed if m == name or m.startswith(f"{name}.")]
+    assert not unneeded
+    assert len(modules) <= limit
 
 
-def test_importing_the_library_loads_nothing_to_compute_with():
-    modules = loaded("import sarcal, json, sys; print(json.dumps(sorted(sys.modules)))")
+def test_importing_the_library_loads_no_numerics():
+    modules = modules_loaded("import sarcal, json, sys; print(json.dumps(sorted(sys.modules)))")
     assert not {"numpy", "scipy", "pydantic", "can"} & set(modules)
 
 
-def test_every_public_name_is_found_and_no_other():
+def test_public_names_are_importable():
     import sarcal
 
-    starred: dict[str, object] = {}
-    exec("from sarcal import *", starred)  # noqa: S102 - a star import inside a function is no syntax
-    assert set(sarcal.__all__) <= set(starred)
+    namespace: dict[str, object] = {}
+    exec("from sarcal import *", namespace)  # noqa: S102 - a star import inside a function is no syntax
+    assert set(sarcal.__all__) <= set(namespace)
     assert all(getattr(sarcal, name).__name__ == name for name in sarcal.__all__)
     assert {name for name in sarcal.__all__ if name.islower()} <= set(dir(sarcal))
     with pytest.raises(AttributeError, match="no_such_name"):
         _ = sarcal.no_such_name
 
 
-def test_help_on_the_library_fits_a_few_screens_and_names_all_there_is():
+def test_help_on_the_library_is_short_and_complete():
     import sarcal
 
     text = pydoc.render_doc(sarcal, renderer=pydoc.plaintext)

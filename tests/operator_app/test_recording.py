@@ -1,4 +1,4 @@
-"""A recording of the bus that a full disk ended: the arm goes on, and the operator is told."""
+"""Recordings of the bus: on a full disk the session continues and the operator is warned."""
 
 import resource
 import threading
@@ -18,7 +18,7 @@ from operator_app.session.workflow.opening import Choices, Opening, Rig, begin, 
 
 
 @contextmanager
-def files_end_after(size_bytes: int) -> Iterator[None]:
+def file_size_limit(size_bytes: int) -> Iterator[None]:
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size_bytes, before[1]))
     try:
@@ -27,53 +27,53 @@ def files_end_after(size_bytes: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-@pytest.mark.parametrize(("room_bytes", "told"), [(4096, True), (1 << 26, False)])
-def test_a_recording_that_ended_early_is_told_when_the_arm_is_closed(
-    tmp_path, capsys, room_bytes, told
+@pytest.mark.parametrize(("limit_bytes", "reported"), [(4096, True), (1 << 26, False)])
+def test_incomplete_recording_is_reported_when_the_arm_is_closed(
+    tmp_path, capsys, limit_bytes, reported
 ):
     record_to = tmp_path / "bus.log"
     opening = begin("hinge", Choices(interface="virtual"), root=tmp_path)
-    with files_end_after(room_bytes), open_arm(opening, record_to=record_to) as rig:
+    with file_size_limit(limit_bytes), open_arm(opening, record_to=record_to) as rig:
         assert rig.arm.connect().serial_number
-    said = capsys.readouterr().err
-    assert (f"{record_to}, ends early: " in said) is told
-    assert ("Free some space" in said) is told
+    messages = capsys.readouterr().err
+    assert (f"{record_to}, ends early: " in messages) is reported
+    assert ("Free some space" in messages) is reported
 
 
-def until(holds: Callable[[], object], seconds: float = 10.0) -> None:
+def wait_until(condition: Callable[[], object], seconds: float = 10.0) -> None:
     end = time.monotonic() + seconds
-    while not holds():
+    while not condition():
         assert time.monotonic() < end
         threading.Event().wait(0.01)
 
 
-def test_the_app_says_on_its_screen_that_a_recording_ended(tmp_path, capsys):
+def test_app_warns_of_an_incomplete_recording(tmp_path, capsys):
     record_to = tmp_path / "bus.log"
     join = partial(open_arm, pace=Pace.REAL_TIME, speed=10.0, record_to=record_to)
     choices = Choices(interface="virtual")
     source = Sessions("hinge", choices, root=tmp_path / "sessions", join=join)
     runner = source.new()
 
-    def told() -> list[tuple[Level, str]]:
+    def recording_messages() -> list[tuple[Level, str]]:
         messages = runner.snapshot().messages
         return [(m.level, m.text) for m in messages if "ends early" in m.text]
 
-    # Beside it the journal still has room.
-    with files_end_after(100_000):
+    # The journal stays below this limit.
+    with file_size_limit(100_000):
         runner.submit(TaskKind.CONNECT, "connecting", runner.operations.connect)
-        until(told)
-        until(lambda: runner.snapshot().task is None)
+        wait_until(recording_messages)
+        wait_until(lambda: runner.snapshot().task is None)
         assert runner.snapshot().connected
         source.close("end of the test")
-    ((level, text),) = told()
+    ((level, text),) = recording_messages()
     assert level is Level.WARNING
     assert text.startswith(f"The recording of the bus, {record_to}, ends early: ")
     assert text.endswith("Free some space, or record to another disk")
     assert "ends early" in capsys.readouterr().err
 
 
-def test_sessions_begun_in_one_second_record_into_a_folder_each(tmp_path):
-    """Both have chosen the same name before either has a folder."""
+def test_sessions_started_in_one_second_have_separate_recordings(tmp_path):
+    """Both choose the same folder name before it exists."""
     opening = begin("hinge", Choices(interface="virtual"), root=tmp_path)
     for _ in range(2):
         with open_arm(opening, record_to=opening.folder / "bus.blf") as rig:
@@ -87,14 +87,14 @@ def test_sessions_begun_in_one_second_record_into_a_folder_each(tmp_path):
     ]
 
 
-def test_what_could_not_be_written_at_the_end_of_a_session_is_said_in_the_next(tmp_path):
-    """A .blf is written in pieces, and the last one when the bus is closed."""
-    fate = [""]
+def test_error_at_session_end_is_reported_in_the_next_session(tmp_path):
+    """The last part of a .blf file is written when the bus is closed."""
+    recording_error = [""]
 
     @contextmanager
     def join(opening: Opening) -> Iterator[Rig]:
         with open_arm(opening) as rig:
-            yield replace(rig, recording_ended=lambda: fate[0])
+            yield replace(rig, recording_ended=lambda: recording_error[0])
 
     source = Sessions("hinge", Choices(interface="virtual"), root=tmp_path, join=join)
     first = source.new()
@@ -102,10 +102,10 @@ def test_what_could_not_be_written_at_the_end_of_a_session_is_said_in_the_next(t
 
     def close_on_a_full_disk(reason: str) -> None:
         close(reason)
-        fate[0] = "the recording ends early"
+        recording_error[0] = "the recording ends early"
 
     first.close = close_on_a_full_disk
     second = source.new()
     assert "The recording ends early" in [m.text for m in second.snapshot().messages]
-    fate[0] = ""
+    recording_error[0] = ""
     source.close("end of the test")

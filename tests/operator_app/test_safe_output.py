@@ -1,4 +1,4 @@
-"""What somebody else wrote arrives on a screen, in a pipe and in a page as text, whatever is in it."""
+"""Text from files, devices and arguments is shown without control characters; streams that cannot be written."""
 
 import ast
 import json
@@ -27,8 +27,9 @@ from operator_app.session.store.journal import JOURNAL_NAME
 from operator_app.tui.theme import DARK, look
 from tests.oracles.journals import events, written
 
+SARCOS_HINGE = ("--arm", "sarcos_dextrous", "--fixture", "hinge")
 HOSTILE = "a\x1b[2J\x1b]0;owned\x07b\x9b31mc\u202edlo\u2066x\ry\u2028z\ud800"
-"""Clears a screen, names a window, colours by C1, turns text round, breaks lines, is half a character."""
+"""Clears the screen, sets a title, colours by C1, reverses text, breaks lines, has a lone surrogate."""
 
 texts = st.one_of(
     st.text(),
@@ -36,73 +37,68 @@ texts = st.one_of(
 )
 
 
-def obeyed(text: str, allowed: str = "\n") -> set[str]:
-    """Characters in a text that a terminal or a reader would obey, told by Unicode's own categories."""
-    bad = ("Cc", "Cf", "Cs", "Zl", "Zp")
-    return {c for c in text if unicodedata.category(c) in bad and c not in allowed}
+def control_characters(text: str, allowed: str = "\n") -> set[str]:
+    """Characters of Unicode's control, format, surrogate and separator categories in a text."""
+    categories = ("Cc", "Cf", "Cs", "Zl", "Zp")
+    return {c for c in text if unicodedata.category(c) in categories and c not in allowed}
 
 
 @given(texts)
-def test_what_goes_out_is_text_and_as_long_as_before(text):
+def test_control_characters_are_replaced_one_by_one(text):
     out = sanitized(text)
-    assert obeyed(out, allowed="") == set()
+    assert control_characters(out, allowed="") == set()
     assert len(out) == len(text)
     for before, after in zip(text, out, strict=True):
         assert after == before or (after == MARK and not before.isprintable())
 
 
 @given(st.text(alphabet=st.characters(categories=["L", "M", "N", "P", "S"])))
-def test_letters_marks_numbers_and_signs_stay(text):
+def test_printable_characters_are_unchanged(text):
     assert sanitized(text) == text
 
 
 @given(texts)
-def test_every_way_out_marks_them(text):
-    assert obeyed(look(DARK, ascii_only=False).text(text)) == set()
-    assert obeyed(look(DARK, ascii_only=True).text(text)) == set()
-    assert obeyed(element("p", text, title=text), allowed="\t\r\n") == set()
+def test_every_output_replaces_control_characters(text):
+    assert control_characters(look(DARK, ascii_only=False).text(text)) == set()
+    assert control_characters(look(DARK, ascii_only=True).text(text)) == set()
+    assert control_characters(element("p", text, title=text), allowed="\t\r\n") == set()
     row = table_lines(FactTable(ident="t", title="t", columns=(Column("c"),), rows=((text,),)))
-    assert obeyed("".join(row), allowed="") == set()
+    assert control_characters("".join(row), allowed="") == set()
     assert len(aligned([[text, text], ["a", "b"]]).split("\n")) == 2
     assert "\n" not in lines([text])
+    assert "\n" not in paragraph(f"a {text[:20]} b")
 
 
-@given(texts)
-def test_wrapped_words_break_no_line_of_their_own(text):
-    assert len(paragraph(f"a {text[:20]} b").split("\n")) == 1
-
-
-def test_the_headless_faces_mark_them(capsys):
+def test_console_and_plain_mode_replace_control_characters(capsys):
     ConsoleListener().say(f"one {HOSTILE}")
     StandardTerminal().say(f"one\ntwo {HOSTILE}")
-    found = capsys.readouterr()
-    assert obeyed(found.out + found.err) == set()
-    assert found.err.count("\n") == 1
-    assert found.out.count("\n") == 2
+    captured = capsys.readouterr()
+    assert control_characters(captured.out + captured.err) == set()
+    assert captured.err.count("\n") == 1
+    assert captured.out.count("\n") == 2
 
 
-def test_what_is_typed_is_repeated_as_text(tmp_path, capsys, ends_with):
+def test_error_messages_repeat_arguments_as_text(tmp_path, capsys, ends_with):
     name = str(tmp_path / "no\x1b[31msuch\nsarcal: all is well\u202e")
-    arm = ["--arm", "sarcos_dextrous", "--fixture", "hinge"]
-    for words in (
-        ["solve", name, *arm],
+    for arguments in (
+        ["solve", name, *SARCOS_HINGE],
         ["run", name],
         ["report", name],
         ["compare", name, name],
         ["session", "show", name],
         ["run", "--unsensed", name],
     ):
-        said = ends_with(2, *words).err
-        assert obeyed(said) == set()
-        assert not any(line.startswith("sarcal: all is well") for line in said.splitlines())
+        message = ends_with(2, *arguments).err
+        assert control_characters(message) == set()
+        assert not any(line.startswith("sarcal: all is well") for line in message.splitlines())
     with pytest.raises(SystemExit):
         main(["run", f"--{HOSTILE}"])
-    assert obeyed(capsys.readouterr().err) == set()
+    assert control_characters(capsys.readouterr().err) == set()
 
 
 @pytest.fixture
-def odd_pose(reference_data, tmp_path):
-    """Write a file of poses of which one is odd, its labels beginning with this."""
+def write_outlier_poses(reference_data, tmp_path):
+    """Write a poses file with one outlier and labels with this prefix."""
 
     def write(label: str) -> Path:
         source = (reference_data / "hinge" / "hinge_exact.csv").read_text().splitlines()
@@ -117,28 +113,28 @@ def odd_pose(reference_data, tmp_path):
     return write
 
 
-def test_labels_of_a_poses_file_stay_in_the_file(odd_pose, ends_with):
-    path = odd_pose(HOSTILE.replace("\ud800", "").replace("\x00", ""))
+def test_pose_labels_are_kept_and_shown_as_text(write_outlier_poses, ends_with):
+    path = write_outlier_poses(HOSTILE.replace("\ud800", "").replace("\x00", ""))
     assert "\x1b[2J" in load_poses(path, joint_count=7).poses.label[0]
-    found = ends_with(4, "solve", path, "--arm", "sarcos_dextrous", "--fixture", "hinge")
-    assert "owned" in found.out, "the odd pose is named"
-    assert obeyed(found.out + found.err) == set()
+    answer = ends_with(4, "solve", path, *SARCOS_HINGE)
+    assert "owned" in answer.out, "the outlier is reported by its label"
+    assert control_characters(answer.out + answer.err) == set()
 
 
 def hostile_session(folder: Path) -> Path:
     folder.mkdir(parents=True)
-    found = events()
-    for name, data in found:
+    journal = events()
+    for name, data in journal:
         if name == "connected":
             data["serial_number"] = HOSTILE
             data["nodes"][0]["device_name"] = HOSTILE
         if "note" in data or name == "pose_noted":
             data["text" if name == "pose_noted" else "note"] = HOSTILE
-    (folder / JOURNAL_NAME).write_bytes(written(found))
+    (folder / JOURNAL_NAME).write_bytes(written(journal))
     return folder
 
 
-def test_a_session_keeps_what_was_written_and_shows_it_as_text(tmp_path, ends_with):
+def test_session_texts_are_kept_and_shown_as_text(tmp_path, ends_with):
     folder = hostile_session(tmp_path / "one")
     root = ["--sessions", str(tmp_path)]
     state = read_session(folder).state
@@ -148,27 +144,27 @@ def test_a_session_keeps_what_was_written_and_shows_it_as_text(tmp_path, ends_wi
     assert len(listed.splitlines()) == 2
     shown = ends_with(0, "session", "show", "one", *root).out
     assert "owned" in listed + shown
-    assert obeyed(listed + shown) == set()
-    data = ends_with(0, "session", "show", "one", "--json", *root).out
-    assert obeyed(data) == set()
-    assert json.loads(data)["serial_number"] == HOSTILE
+    assert control_characters(listed + shown) == set()
+    json_text = ends_with(0, "session", "show", "one", "--json", *root).out
+    assert control_characters(json_text) == set()
+    assert json.loads(json_text)["serial_number"] == HOSTILE
 
 
-def full() -> TextIO:
+def stream_on_full_disk() -> TextIO:
     """A stream on a full disk."""
     return Path("/dev/full").open("w", encoding="utf-8", buffering=1)
 
 
-def unread() -> TextIO:
+def stream_without_reader() -> TextIO:
     """A stream whose reader has gone."""
     reader, writer = os.pipe()
     os.close(reader)
     return os.fdopen(writer, "w", buffering=1, encoding="utf-8")
 
 
-@pytest.mark.parametrize("stream", [full, unread])
-def test_progress_that_cannot_be_written_goes_nowhere(monkeypatch, stream):
-    """It ended a calibration in mid-run."""
+@pytest.mark.parametrize("stream", [stream_on_full_disk, stream_without_reader])
+def test_unwritable_progress_is_ignored(monkeypatch, stream):
+    """A calibration must not end because of it."""
     with stream() as broken:
         monkeypatch.setattr("sys.stderr", broken)
         for _ in range(3):
@@ -176,24 +172,24 @@ def test_progress_that_cannot_be_written_goes_nowhere(monkeypatch, stream):
             say("another", err=True)
 
 
-@pytest.mark.parametrize("stream", [full, unread])
-def test_of_results_nobody_reads_the_exit_code_is_what_was_found(odd_pose, monkeypatch, stream):
-    words = ["solve", str(odd_pose("")), "--arm", "sarcos_dextrous", "--fixture", "hinge"]
+@pytest.mark.parametrize("stream", [stream_on_full_disk, stream_without_reader])
+def test_exit_code_with_unwritable_results(write_outlier_poses, monkeypatch, stream):
+    poses = str(write_outlier_poses(""))
     with stream() as broken:
         monkeypatch.setattr("sys.stdout", broken)
-        code = main(words)
-    # An odd pose is not accepted; a result that is to be kept and cannot be is an error of its own.
-    assert code == (4 if stream is unread else 2)
+        code = main(["solve", poses, *SARCOS_HINGE])
+    # 4: not accepted, because of the outlier. 2: the output was to be kept, and could not be written.
+    assert code == (4 if stream is stream_without_reader else 2)
 
 
-def test_help_on_a_full_disk_is_an_error(monkeypatch):
-    with full() as broken:
+def test_help_on_a_full_disk_is_an_error_code(monkeypatch):
+    with stream_on_full_disk() as broken:
         monkeypatch.setattr("sys.stdout", broken)
         assert main(["--help"]) == 2
 
 
-def test_who_watches_ends_by_going(monkeypatch):
-    with unread() as broken:
+def test_streaming_ends_when_its_reader_closes(monkeypatch):
+    with stream_without_reader() as broken:
         monkeypatch.setattr("sys.stdout", broken)
         with pytest.raises(BrokenPipeError):
             say("what was seen", streaming=True)
@@ -201,17 +197,16 @@ def test_who_watches_ends_by_going(monkeypatch):
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", ">&- 2>&-"])
-def test_closed_streams_are_no_defect(closed, tmp_path):
-    """Nor does a file of ours get their numbers."""
+def test_closed_streams_are_no_error(closed, tmp_path):
     command = f"{sys.executable} -m operator_app.cli session list --sessions {tmp_path} {closed}"
-    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
-    assert done.returncode == 0
-    assert "Traceback" not in done.stdout + done.stderr
+    process = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
+    assert process.returncode == 0
+    assert "Traceback" not in process.stdout + process.stderr
 
 
-def test_nothing_prints_but_the_one_function():
+def test_print_is_called_in_one_module_only():
     root = Path(operator_app.__file__).parent
-    found = [
+    calls = [
         f"{path.relative_to(root)}:{node.lineno}"
         for path in root.rglob("*.py")
         if path.name != "words_out.py"
@@ -220,4 +215,4 @@ def test_nothing_prints_but_the_one_function():
         and isinstance(node.func, ast.Name)
         and node.func.id == "print"
     ]
-    assert found == []
+    assert calls == []

@@ -1,4 +1,4 @@
-"""`sarcal check`: all that is wrong with files of any kind at once, else what would be done with them."""
+"""`sarcal check`: all problems of files of any kind, else what a calibration with them would do."""
 
 from importlib.resources import files
 from pathlib import Path
@@ -16,39 +16,39 @@ PROFILE = (files("operator_app") / "data/profiles/sarcos.yaml").read_text()
 
 
 @pytest.fixture(autouse=True)
-def here(tmp_path, monkeypatch):
+def working_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def line_of(file: str, text: str) -> int:
     return next(k for k, line in enumerate(Path(file).read_text().splitlines(), 1) if text in line)
 
 
-def broken(text: str, **changes: str) -> str:
-    for old, new in zip(changes["old"].split("|"), changes["new"].split("|"), strict=True):
+def changed(text: str, changes: dict[str, str]) -> str:
+    for old, new in changes.items():
         assert old in text
         text = text.replace(old, new, 1)
     return text
 
 
-def test_everything_wrong_with_every_file_is_said_at_once(ends_with):
-    arm = broken(
-        ARM, old="row: 2, theta_off_deg|free: [theta_off_1,", new="row: 2, theta_of_deg|free: ["
-    )
-    Path("a.yaml").write_text(arm.replace("home_deg: [", "home_deg: [999, ", 1))
-    # Neither name nor schema line says what these are.
-    Path("two.txt").write_text(
-        broken(HINGE, old="schema: sarcal/fixture/1\n|kind: hinge", new="|kind: hing")
-    )
-    Path("three").write_text(
-        broken(PROCEDURE, old="arm: sarcos_dextrous|poses: 40", new="arm: a.yaml|poses: forty")
-    )
+def test_all_problems_of_all_files_are_listed(ends_with):
+    arm = {
+        "row: 2, theta_off_deg": "row: 2, theta_of_deg",
+        "free: [theta_off_1,": "free: [",
+        "home_deg: [": "home_deg: [999, ",
+    }
+    fixture = {"schema: sarcal/fixture/1\n": "", "kind: hinge": "kind: hing"}
+    procedure = {"arm: sarcos_dextrous": "arm: a.yaml", "poses: 40": "poses: forty"}
+    Path("a.yaml").write_text(changed(ARM, arm))
+    Path("two.txt").write_text(changed(HINGE, fixture))
+    Path("three").write_text(changed(PROCEDURE, procedure))
     Path("four.csv").write_text(POSES.read_text().replace("150.010922737073", "x", 1))
     Path("five.yaml").write_text("answer: 42\n")
-    told = ends_with(2, "check", "four.csv", "five.yaml", "three", "a.yaml", "two.txt", "six.yaml")
-    assert not told.err
-    lines = told.out.splitlines()
+    answer = ends_with(
+        2, "check", "four.csv", "five.yaml", "three", "a.yaml", "two.txt", "six.yaml"
+    )
+    assert not answer.err
+    lines = answer.out.splitlines()
     for start in (
         f"! a.yaml:{line_of('a.yaml', 'theta_of_deg')}: dh[row 2].theta_of_deg: unknown key; did you mean",
         f"! a.yaml:{line_of('a.yaml', 'home_deg')}: home_deg: has 8 angles for 7 joints",
@@ -59,19 +59,19 @@ def test_everything_wrong_with_every_file_is_said_at_once(ends_with):
         "! five.yaml:1: the kind of this file cannot be recognised",
         "! six.yaml: there is no such file",
     ):
-        assert sum(line.startswith(start) for line in lines) == 1, (start, told.out)
-    # What is wrong with the arm is told once, though the procedure names that file too.
+        assert sum(line.startswith(start) for line in lines) == 1, (start, answer.out)
+    # Problems of the arm file are listed once, although the procedure refers to it too.
     assert lines[0] == f"{len(lines) - 1} problems in 6 files:"
 
 
-def test_arm_hinge_and_poses_come_together_and_say_what_would_be_done(ends_with):
+def test_arm_fixture_and_poses_are_checked_together(ends_with):
     Path("one").write_text(ARM.replace("schema: sarcal/arm/1\n", "schema: sarcal/arm/1\n\n"))
     Path("two").write_text(HINGE)
     Path("bus").write_text(PROFILE)
     Path("table").write_bytes(POSES.read_bytes())
-    text = ends_with(0, "check", "table", "two", "one", "bus").out
-    said = " ".join(text.split())
-    for words in (
+    output = ends_with(0, "check", "table", "two", "one", "bus").out
+    message = " ".join(output.split())
+    for fact in (
         "table 60 poses of 7 joints, 1 placement",
         "two fixture hinge: hinge",
         "one arm sarcos_dextrous: 7 joints",
@@ -84,54 +84,47 @@ def test_arm_hinge_and_poses_come_together_and_say_what_would_be_done(ends_with)
         "The poses of table determine all of them; scaled condition number ",
         "_mm millimetres",
     ):
-        assert words in said, (words, text)
-    assert max(map(len, text.splitlines())) <= 100
+        assert fact in message, (fact, output)
+    assert max(map(len, output.splitlines())) <= 100
 
 
-def test_what_cannot_be_calibrated_is_named_with_its_reason(ends_with):
-    """The elbow in a rigid attachment (paper, section 1), and poses that are one and the same."""
+def test_setup_that_cannot_be_calibrated_is_explained(ends_with):
+    """The elbow in a rigid fixture (paper, section 1), and poses that are all equal."""
     Path("rigid.yaml").write_text(RIGID)
-    Path("arm.yaml").write_text(
-        broken(
-            ARM,
-            old=ARM[ARM.index("home_deg:") :].splitlines()[0],
-            new="home_deg: [3.24, 210.87, 116.84, -124.23, -144.53, -172.77, 40.52]",
-        )
-    )
+    home = ARM[ARM.index("home_deg:") :].splitlines()[0]
+    other_home = "home_deg: [3.24, 210.87, 116.84, -124.23, -144.53, -172.77, 40.52]"
+    Path("arm.yaml").write_text(ARM.replace(home, other_home))
     (chain,) = ends_with(5, "check", "arm.yaml", "rigid.yaml", "--json").json["chains"]
     assert chain["mobility"] == 1
     assert "IMMOBILE_4" in {c["code"] for c in chain["checks"] if c["severity"] == "refused"}
     assert [j["sensor"] for j in chain["joints"]] == ["encoder"] * 5 + ["rvdt"] * 2
 
-    head, first, *_ = POSES.read_text().splitlines()
+    header, first, *_ = POSES.read_text().splitlines()
     same = [first.replace("1,1,", f"1,{k},", 1) for k in range(1, 30)]
-    Path("same.csv").write_text("\n".join([head, *same]) + "\n")
-    said = ends_with(5, "check", "same.csv", "--procedure", "hinge").words
-    assert "! not identifiable: theta_off_" in said
-    assert "Joints 1 and 5 would drive (named by the procedure" in said
+    Path("same.csv").write_text("\n".join([header, *same]) + "\n")
+    message = ends_with(5, "check", "same.csv", "--procedure", "hinge").words
+    assert "! not identifiable: theta_off_" in message
+    assert "Joints 1 and 5 would drive (named by the procedure" in message
 
 
-def test_a_procedure_with_too_few_drives_and_a_name_without_its_kind(ends_with):
-    text = broken(
-        PROCEDURE,
-        old="{position: [1, 5]}|    - {joint: 1, from_deg: -30, to_deg: 48}\n",
-        new="{position: [5]}|",
-    )
-    Path("p.yaml").write_text(text)
-    said = ends_with(5, "check", "p.yaml").words
-    assert "joint 5 is in position mode, but a hinge fixture leaves the arm 2 degrees" in said
+def test_too_few_drives_or_name_without_kind_is_an_error(ends_with):
+    one_drive = {
+        "{position: [1, 5]}": "{position: [5]}",
+        "    - {joint: 1, from_deg: -30, to_deg: 48}\n": "",
+    }
+    Path("p.yaml").write_text(changed(PROCEDURE, one_drive))
+    message = ends_with(5, "check", "p.yaml").words
+    assert "joint 5 is in position mode, but a hinge fixture leaves the arm 2 degrees" in message
     assert "use --fixture hinge or --procedure hinge" in ends_with(2, "check", "hinge").err
     ends_with(2, "check")
 
 
-def test_poses_that_are_no_arms_are_said(ends_with):
+def test_poses_without_a_matching_arm_are_reported(ends_with):
     rows = [f"1,{k},{10 * k}" for k in range(1, 9)]
     Path("one.csv").write_text("\n".join(["placement,pose,theta1_deg", *rows]) + "\n")
-    assert "these poses allow a calibration was not checked" in " ".join(
-        ends_with(0, "check", "one.csv").out.split()
-    )
-
+    unchecked = ends_with(0, "check", "one.csv").words
+    assert "these poses allow a calibration was not checked" in unchecked
     Path("six.urdf").write_text(lbr_iiwa.urdf(6))
     ends_with(0, "new", "arm", "--urdf", "six.urdf", "-o", "six.yaml")
-    line = ["check", "one.csv", "six.yaml", "--arm", "sarcos_dextrous", "--fixture", "hinge"]
-    assert "! one.csv:1: poses of 1 joint, the arms have 6 and 7" in ends_with(2, *line).out
+    command = ["check", "one.csv", "six.yaml", "--arm", "sarcos_dextrous", "--fixture", "hinge"]
+    assert "! one.csv:1: poses of 1 joint, the arms have 6 and 7" in ends_with(2, *command).out

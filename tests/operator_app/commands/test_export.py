@@ -1,4 +1,4 @@
-"""`sarcal export --upload`: the session's own arm is given its parameters, and its journal says so."""
+"""`sarcal export`: parameters are uploaded to the session's arm, journalled, and written into its folder."""
 
 import hashlib
 import json
@@ -14,18 +14,18 @@ from operator_app.session.store.replay import session_state
 
 
 @pytest.mark.campaign
-def test_an_upload_is_in_the_journal_and_one_for_a_reason_says_which(tmp_path, ends_with):
+def test_upload_is_journalled_with_its_reason(tmp_path, ends_with):
     options = ["--sessions", str(tmp_path / "sessions")]
     procedure = tmp_path / "strict.yaml"
     packaged = (files("operator_app") / "data/procedures/hinge.yaml").read_text()
-    # No arm meets this limit.
+    # A limit that no arm meets.
     procedure.write_text(packaged.replace("scaled_condition_number: 100", "sigma_pos_mm: 0.000001"))
     ends_with(4, "run", procedure, "--poses", "4", *options)
     (folder,) = (tmp_path / "sessions").iterdir()
     assert "not accepted: " in ends_with(4, "export", folder.name, "--upload", *options).err
     assert not (folder / "parameters.yaml").exists()
-    said = ends_with(0, "compare", folder.name, folder.name, *options).out
-    assert "! A was not accepted (" in said
+    comparison = ends_with(0, "compare", folder.name, folder.name, *options).out
+    assert "! A was not accepted (" in comparison
 
     copy = tmp_path / "copy.yaml"
     forced = ["--upload", "--force", "the demo is tonight", "-o", str(copy)]
@@ -37,29 +37,29 @@ def test_an_upload_is_in_the_journal_and_one_for_a_reason_says_which(tmp_path, e
     exported = session_state(read_journal(folder)).exported
     assert (exported["forced"], exported["uploaded"]["slot"]) == ("the demo is tonight", "A")
 
-    # Solved otherwise for the upload: that is what the journal says was exported.
+    # The journal records the solution of the other estimator as exported.
     other = ["--upload", "--estimator", "paper", "--force", "to compare", "-o", str(copy), "--json"]
-    said = ends_with(4, "export", folder.name, *other, *options)
-    assert "calibrated again" in said.err
-    told = json.loads(said.out)
-    assert told["file"] == str(copy)
-    assert told["forced"] == "to compare"
-    assert told["uploaded"]["sha256"] == hashlib.sha256(copy.read_bytes()).hexdigest()
+    comparison = ends_with(4, "export", folder.name, *other, *options)
+    assert "calibrated again" in comparison.err
+    result = json.loads(comparison.out)
+    assert result["file"] == str(copy)
+    assert result["forced"] == "to compare"
+    assert result["uploaded"]["sha256"] == hashlib.sha256(copy.read_bytes()).hexdigest()
     events = read_journal(folder).events
     assert [e.name for e in events].count("control") == 1, "an upload enables no drive"
     solved, exported = [e for e in events if e.name in ("solved", "exported")][-2:]
     assert solved.data["estimator"] == "paper"
     assert session_state(read_journal(folder)).solution == solved.data["record"]
-    found = load_parameters(copy)
-    assert found.estimator == "paper"
+    document = load_parameters(copy)
+    assert document.estimator == "paper"
     assert exported.data["sha256"] == hashlib.sha256(copy.read_bytes()).hexdigest()
     for name in ("theta_off_2", "theta_off_6"):
-        at = found.theta_off_rad[int(name[-1]) - 1]
-        assert solved.data["parameters"][name] == pytest.approx(at, rel=1e-14)
+        value_rad = document.theta_off_rad[int(name[-1]) - 1]
+        assert solved.data["parameters"][name] == pytest.approx(value_rad, rel=1e-14)
 
 
-def test_links_in_a_session_folder_are_replaced_and_never_followed(tmp_path):
-    """A folder from somebody else may lead anywhere: what is written stays in it."""
+def test_links_in_a_session_folder_are_replaced(tmp_path):
+    """Links in a received folder may point anywhere; nothing outside the folder is written."""
     root = ["--sessions", str(tmp_path / "sessions")]
     hinge = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
     assert main(["import", str(hinge), *root]) == 0

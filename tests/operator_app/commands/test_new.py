@@ -1,4 +1,4 @@
-"""`sarcal new`: files that need nothing but other numbers, with geometry counted out a second time."""
+"""`sarcal new`: complete files, whose geometry a second chain confirms."""
 
 import json
 from pathlib import Path
@@ -18,7 +18,7 @@ S_M, A_M, ALPHA = panda_columns()
 
 
 @pytest.fixture(autouse=True)
-def here(tmp_path, monkeypatch):
+def working_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
@@ -30,73 +30,69 @@ def link(theta: float, s: float, a: float, alpha: float) -> np.ndarray:
     )
 
 
-def hand(q_deg: np.ndarray) -> np.ndarray:
+def flange_pose(q_deg: np.ndarray) -> np.ndarray:
     T = np.eye(4)
     for row in zip(np.deg2rad(q_deg), S_M, A_M, ALPHA, strict=True):
         T = T @ link(*row)
     return T
 
 
-def words(vector: np.ndarray) -> str:
+def joined(vector: np.ndarray) -> str:
     return ",".join(repr(float(v)) for v in vector)
 
 
-def off_the_hinge(file: str, q_deg: np.ndarray) -> tuple[float, float]:
-    """By how far (m) and how much (rad) the hand's axis misses the hinge: rows 0 to 7 come back to z."""
-    found = {
+def hinge_error(file: str, q_deg: np.ndarray) -> tuple[float, float]:
+    """Distance (m) and angle (rad) by which the chain of rows 0 to 7 misses its own z axis."""
+    placement = {
         k.rpartition("_")[0]: np.deg2rad(v) if k.endswith("_deg") else v / 1e3
         for k, v in yaml.safe_load(Path(file).read_text())["placement"].items()
     }
     theta, s, a, alpha = np.deg2rad(q_deg), S_M.copy(), A_M.copy(), ALPHA.copy()
-    theta[0] += found["theta_off_1"]
-    theta[6] += found["theta_off_n"]
-    s[0], s[6], a[6], alpha[6] = (found[k] for k in ("s_1", "s_n", "a_n", "alpha_n"))
-    T = link(0.0, found["s_0"], found["a_0"], found["alpha_0"])
+    theta[0] += placement["theta_off_1"]
+    theta[6] += placement["theta_off_n"]
+    s[0], s[6], a[6], alpha[6] = (placement[k] for k in ("s_1", "s_n", "a_n", "alpha_n"))
+    T = link(0.0, placement["s_0"], placement["a_0"], placement["alpha_0"])
     for row in zip(theta, s, a, alpha, strict=True):
         T = T @ link(*row)
     return float(np.linalg.norm(T[:3, 3])), float(np.arccos(np.clip(T[2, 2], -1.0, 1.0)))
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_hinge_from_two_measured_lines_closes_where_they_coincide(seed):
+def test_hinge_from_two_measured_lines_closes_where_they_coincide(seed):
     rng = np.random.default_rng(seed)
-    point, along = rng.uniform(-150.0, 150.0, 3), rng.normal(size=3)
+    point, direction = rng.uniform(-150.0, 150.0, 3), rng.normal(size=3)
     q_deg = HOME_DEG + rng.uniform(-8.0, 8.0, 7)
-    T = hand(q_deg)
-    # A hinge does not slide: it is one point of it. Which way its direction was read nobody knows.
+    T = flange_pose(q_deg)
+    # The same point of the axis, as a hinge does not slide; the direction in either sense.
     ground = 1e3 * T[:3, 3] + T[:3, :3] @ point
-    way = T[:3, :3] @ along * rng.choice((-2.0, 0.5))
-    options = [f"--hand-point={words(point)}", f"--hand-direction={words(along)}"]
-    base = [f"--base-point={words(ground)}", f"--base-direction={words(way)}"]
+    base_direction = T[:3, :3] @ direction * rng.choice((-2.0, 0.5))
+    options = [f"--hand-point={joined(point)}", f"--hand-direction={joined(direction)}"]
+    base = [f"--base-point={joined(ground)}", f"--base-direction={joined(base_direction)}"]
     new = ["new", "fixture", "--kind", "hinge", "--arm", "franka_panda", "--name"]
     assert main([*new, "there", *options, *base]) == 0
-    length, angle = off_the_hinge("there.yaml", q_deg)
-    # The file's hundredths of a millimetre and thousandths of a degree.
-    assert length < 1e-4
-    assert angle < 1e-4
+    # The file is rounded to 0.01 mm and 0.001 deg.
+    assert max(hinge_error("there.yaml", q_deg)) < 1e-4
     assert main([*new, "home", *options]) == 0
-    length, angle = off_the_hinge("home.yaml", HOME_DEG)
-    assert length < 1e-4
-    assert angle < 1e-4
+    assert max(hinge_error("home.yaml", HOME_DEG)) < 1e-4
 
 
-def test_a_ball_is_where_the_hand_has_it(ends_with):
+def test_ball_is_placed_at_the_tool_point(ends_with):
     new = ["new", "fixture", "--kind", "ball", "--arm", "franka_panda", "--hand-point=30,-20,55.5"]
     ends_with(0, *new, "--name", "home", "--tolerance-mm", "2")
-    made = load_fixture("home.yaml").fixture
-    wanted = hand(HOME_DEG) @ [0.03, -0.02, 0.0555, 1.0]
-    np.testing.assert_allclose(made.ground_m, wanted[:3], atol=1e-5)  # type: ignore[attr-defined]
-    assert made.tolerance.position_m == pytest.approx(2e-3)
+    ball = load_fixture("home.yaml").fixture
+    expected = flange_pose(HOME_DEG) @ [0.03, -0.02, 0.0555, 1.0]
+    np.testing.assert_allclose(ball.ground_m, expected[:3], atol=1e-5)  # type: ignore[attr-defined]
+    assert ball.tolerance.position_m == pytest.approx(2e-3)
     ends_with(0, *new, "--name", "there", "--base-point=400,10,20")
     np.testing.assert_allclose(load_fixture("there.yaml").fixture.ground_m, [0.4, 0.01, 0.02])  # type: ignore[attr-defined]
 
 
-def test_every_file_names_its_schema_which_is_beside_it_and_fits(ends_with):
+def test_new_files_match_the_schema_written_beside_them(ends_with):
     Path("files").mkdir()
     ends_with(0, "new", "arm", "--from", "franka_panda", "--name", "mine", "-o", "files/arm.yaml")
     ends_with(0, "new", "fixture", "--from", "ball", "-o", "files/ball.yaml")
     options = ["--arm", "files/arm.yaml", "--fixture", "files/ball.yaml"]
-    said = ends_with(0, "new", "procedure", *options, "--name", "go", "-o", "files/run.yaml").out
+    output = ends_with(0, "new", "procedure", *options, "--name", "go", "-o", "files/run.yaml").out
     ends_with(0, "new", "procedure", "--from", "hinge", "--name", "copy", "-o", "files/copy.yaml")
     for file, kind, name in (
         ("arm", "arm", "mine"),
@@ -109,13 +105,16 @@ def test_every_file_names_its_schema_which_is_beside_it_and_fits(ends_with):
         assert text.startswith(f"# yaml-language-server: $schema={schema}\n")
         data = yaml.safe_load(text)
         assert data["name"] == name
-        written = json.loads(Path("files", schema).read_text())
-        assert list(complaints(data, written, written)) == []
-    made = load_procedure("files/run.yaml")
-    assert made.arm.name == "mine"
-    # Free in the arm, and hidden by a ball (paper, 2.1): held, with the reason.
-    assert set(made.held) == {"theta_off_1", "theta_off_7"}
-    assert "theta_off_7 is fixed: " in said
+        schema = json.loads(Path("files", schema).read_text())
+        assert list(complaints(data, schema, schema)) == []
+    procedure = load_procedure("files/run.yaml")
+    assert procedure.arm.name == "mine"
+    # Free in the arm, but not identifiable with a ball (paper, 2.1).
+    assert set(procedure.held) == {"theta_off_1", "theta_off_7"}
+    assert "theta_off_7 is fixed: " in output
+    text = Path("files/run.yaml").read_text()
+    assert "virtual is a simulated one" not in text
+    assert "virtual takes the bus of the environment, can.conf or your settings" in text
     before = Path("files/arm.yaml").read_bytes()
     ends_with(2, "new", "arm", "--from", "sarcos_dextrous", "-o", "files/arm.yaml")
     assert Path("files/arm.yaml").read_bytes() == before
@@ -124,16 +123,16 @@ def test_every_file_names_its_schema_which_is_beside_it_and_fits(ends_with):
     assert load_procedure("open.yaml").position_joints == (1, 2, 3, 4, 5, 6, 7)
 
 
-def test_nothing_is_left_in_the_way_where_the_schema_cannot_be_written(tmp_path, ends_with):
+def test_unwritable_schema_leaves_no_file(tmp_path, ends_with):
     (tmp_path / "sarcal-arm.schema.json").mkdir()
-    said = ends_with(2, "new", "arm", "--from", "ur5e", "-o", "mine.yaml").err
-    assert "sarcal-arm.schema.json: cannot be written" in said
+    message = ends_with(2, "new", "arm", "--from", "ur5e", "-o", "mine.yaml").err
+    assert "sarcal-arm.schema.json: cannot be written" in message
     (tmp_path / "sarcal-arm.schema.json").rmdir()
     ends_with(0, "new", "arm", "--from", "ur5e", "-o", "mine.yaml")
 
 
 @pytest.mark.parametrize(
-    ("typed", "says"),
+    ("typed", "expected"),
     [
         ("arm", "give --urdf FILE or --from NAME"),
         ("arm --from franka_panda --kind ball", "--kind is not an option of sarcal new arm"),
@@ -152,28 +151,20 @@ def test_nothing_is_left_in_the_way_where_the_schema_cannot_be_written(tmp_path,
         ("procedure --from hinge --name 7", "begin with a letter"),
     ],
 )  # fmt: skip
-def test_what_does_not_go_together_is_refused_and_nothing_written(typed, says, ends_with):
-    said = ends_with(2, "new", *typed.split()).err
-    assert any(part in said for part in says.split("|")), said
-    assert said.count("sarcal") == 1 + says.count("sarcal"), "the program's name is told once"
+def test_invalid_options_are_refused_and_nothing_is_written(typed, expected, ends_with):
+    message = ends_with(2, "new", *typed.split()).err
+    assert any(part in message for part in expected.split("|")), message
+    assert message.count("sarcal") == 1 + expected.count("sarcal"), "the program's name occurs once"
     assert not list(Path().iterdir())
 
 
 @pytest.mark.parametrize(
     "file", ["arm.yaml", "a #x.yaml", r"a\1 #x.yaml", r"C:\gx.yaml", "'a': b.yaml", "é, ☃.yaml"]
 )
-def test_a_copy_names_the_very_file_it_was_given(file):
+def test_copied_procedure_refers_to_the_given_arm_file(file):
     assert main(["new", "arm", "--from", "franka_panda", "--name", "mine", "-o", file]) == 0
     assert main(["new", "procedure", "--from", "hinge", "--arm", file, "-o", "go.yaml"]) == 0
     assert load_procedure("go.yaml").arm.name == "mine"
     assert yaml.safe_load(Path("go.yaml").read_text())["arm"] == file
     if file == "arm.yaml":
         assert "\narm: arm.yaml\n" in Path("go.yaml").read_text()
-
-
-def test_a_new_procedure_says_what_its_bus_means():
-    line = ["new", "procedure", "--arm", "franka_panda", "--fixture", "hinge", "-o", "go.yaml"]
-    assert main(line) == 0
-    text = Path("go.yaml").read_text()
-    assert "virtual is a simulated one" not in text
-    assert "virtual takes the bus of the environment, can.conf or your settings" in text

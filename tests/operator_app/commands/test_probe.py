@@ -16,7 +16,7 @@ def pdo(*, sent: bool, number: int, valid: bool = True) -> DrivePdo:
     )
 
 
-def test_only_valid_pdos_are_listed_and_all_are_counted():
+def test_json_lists_valid_pdos_and_counts_all():
     pdos = (
         pdo(sent=False, number=1, valid=False),
         pdo(sent=False, number=2),
@@ -25,8 +25,8 @@ def test_only_valid_pdos_are_listed_and_all_are_counted():
     node = FoundNode(
         node=1, device_type=0x20192, drive=True, heard=True, pdos=pdos, widths={0x6064: 32}
     )
-    (shown,) = probe_json(Probe(busy="", heard=(1,), nodes=(node,)))["nodes"]
-    assert shown["pdos"] == [
+    (node_json,) = probe_json(Probe(busy="", heard=(1,), nodes=(node,)))["nodes"]
+    assert node_json["pdos"] == [
         {
             "sent": sent,
             "number": number,
@@ -36,8 +36,8 @@ def test_only_valid_pdos_are_listed_and_all_are_counted():
         }
         for sent, number in ((False, 2), (True, 1))
     ]
-    assert shown["room"] == {"taken": [1, 2], "sent": [1], "bits": [(0x6064, 32)]}
-    assert set(shown) == {
+    assert node_json["room"] == {"taken": [1, 2], "sent": [1], "bits": [(0x6064, 32)]}
+    assert set(node_json) == {
         "node", "device_type", "device_name", "serial_number", "drive", "position_counts", "heard", "problems",
         "pdos", "described", "supervises", "room", "notes", "unread",
     }  # fmt: skip

@@ -1,4 +1,4 @@
-"""`sarcal report` as a script sees it: a page in the session folder, exit codes, words when it cannot."""
+"""`sarcal report`: a page in the session folder, exit codes, errors."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -18,7 +18,7 @@ def make_folder(tmp_path, reference_data):
     """A session folder with poses of the reference set, journaled as a run would."""
     poses = load_poses(reference_data / "hinge" / "hinge_quantised.csv", joint_count=7).poses
 
-    def make(count: int = 20, still: int | None = None, **choices: object) -> Path:
+    def make(count: int = 20, immobile_joint: int | None = None, **choices: object) -> Path:
         choices = {"scenario": "datasheet", **choices}
         opening = begin("hinge", Choices(**choices), root=tmp_path / "sessions")  # type: ignore[arg-type]
         journal = Journal.create(opening.folder)
@@ -28,8 +28,8 @@ def make_folder(tmp_path, reference_data):
         journal.append("connected", {"model": "sarcos_dextrous", "serial_number": "SDA-0009"})
         for k in range(count):
             angles = poses.q_rad[k].copy()
-            if still is not None:
-                angles[still - 1] = poses.q_rad[0, still - 1]
+            if immobile_joint is not None:
+                angles[immobile_joint - 1] = poses.q_rad[0, immobile_joint - 1]
             pose = {
                 "number": k + 1, "waypoint": k, "mean_rad": angles.tolist(),
                 "sd_rad": [0.0] * 7, "samples": 1, "note": "",
@@ -41,7 +41,7 @@ def make_folder(tmp_path, reference_data):
     return make
 
 
-def test_the_page_is_written_into_the_session_folder(make_folder, ends_with):
+def test_page_is_written_into_the_session_folder(make_folder, ends_with):
     folder = make_folder()
     assert ends_with(0, "report", folder).out == f"Report      {folder / 'report.html'}\n"
     page = (folder / "report.html").read_bytes()
@@ -52,7 +52,7 @@ def test_the_page_is_written_into_the_session_folder(make_folder, ends_with):
     assert sorted(p.name for p in folder.iterdir()) == ["journal.jsonl", "report.html"]
 
 
-def test_elsewhere_and_to_standard_output(make_folder, tmp_path, capfdbinary):
+def test_page_is_written_to_a_file_or_standard_output(make_folder, tmp_path, capfdbinary):
     folder = make_folder()
     target = tmp_path / "elsewhere.html"
     assert main(["report", str(folder), "-o", str(target), "--estimator", "paper"]) == 0
@@ -63,8 +63,8 @@ def test_elsewhere_and_to_standard_output(make_folder, tmp_path, capfdbinary):
     assert b"paper (chosen)" in target.read_bytes()
 
 
-def test_what_is_not_identifiable_is_reported_and_ends_in_5(make_folder):
-    folder = make_folder(still=4)
+def test_unidentifiable_parameters_are_reported_with_exit_code_5(make_folder):
+    folder = make_folder(immobile_joint=4)
     assert main(["report", str(folder)]) == 5
     page = (folder / "report.html").read_text()
     assert "Not identifiable" in page
@@ -75,47 +75,43 @@ def test_what_is_not_identifiable_is_reported_and_ends_in_5(make_folder):
     ("poses", "options"),
     [(0, []), (2, []), (4, ["--unsensed", "8"]), (4, ["--unsensed", "6", "--estimator", "paper"])],
 )
-def test_nothing_is_written_when_there_is_nothing_to_say(
+def test_too_few_poses_or_invalid_option_writes_no_page(
     make_folder, poses, options, approve, ends_with
 ):
     folder = make_folder(poses)
-    said = ends_with(2, "report", folder, *options)
-    assert said.out == ""
-    approve(said.err)
+    answer = ends_with(2, "report", folder, *options)
+    assert answer.out == ""
+    approve(answer.err)
     assert not (folder / "report.html").exists()
 
 
-def test_a_folder_that_is_no_session_is_said_to_be_none(tmp_path, ends_with):
-    assert "is not a session" in ends_with(2, "report", tmp_path).err
+def test_page_in_a_missing_folder_is_an_error(make_folder, tmp_path, ends_with):
+    answer = ends_with(2, "report", make_folder(5), "-o", tmp_path / "none" / "r.html")
+    assert "cannot be written" in answer.err
 
 
-def test_a_page_that_cannot_be_written_is_said(make_folder, tmp_path, ends_with):
-    said = ends_with(2, "report", make_folder(5), "-o", tmp_path / "none" / "r.html").err
-    assert "cannot be written" in said
-
-
-def test_a_poses_file_is_named_while_it_holds_the_poses_that_count(make_folder, ends_with):
+def test_poses_file_is_named_while_it_holds_the_included_poses(make_folder, ends_with):
     folder = make_folder()
     file = folder / "poses.csv"
 
-    def named() -> str:
+    def poses_line() -> str:
         state = session_state(read_journal(folder))
-        said = session_text(folder, state, accepted=True).splitlines()
-        return next((row.removeprefix("Poses").strip() for row in said if "Poses" in row), "")
+        lines = session_text(folder, state, accepted=True).splitlines()
+        return next((row.removeprefix("Poses").strip() for row in lines if "Poses" in row), "")
 
-    def add(name: str, data: dict[str, object]) -> None:
+    def append(name: str, data: dict[str, object]) -> None:
         journal = Journal.resume(folder)
         journal.append(name, data)
         journal.close()
 
-    assert named() == ""
+    assert poses_line() == ""
     save_poses(file, session_state(read_journal(folder)).pose_set())
-    assert named() == str(file)
-    add("pose_noted", {"number": 3, "text": "somebody leaned on the table"})
-    assert named() == str(file)
-    add("pose_excluded", {"number": 4, "text": "by the operator"})
-    assert named() == "in the journal; poses.csv was written before they were changed"
-    found = ends_with(0, "report", folder, "--json").json
-    assert (found["poses"], found["session"]["poses"]) == (19, None)
+    assert poses_line() == str(file)
+    append("pose_noted", {"number": 3, "text": "somebody leaned on the table"})
+    assert poses_line() == str(file)
+    append("pose_excluded", {"number": 4, "text": "by the operator"})
+    assert poses_line() == "in the journal; poses.csv was written before they were changed"
+    report = ends_with(0, "report", folder, "--json").json
+    assert (report["poses"], report["session"]["poses"]) == (19, None)
     file.write_text("no poses at all")
-    assert named().startswith("in the journal")
+    assert poses_line().startswith("in the journal")

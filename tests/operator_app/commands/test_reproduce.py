@@ -1,4 +1,4 @@
-"""`sarcal reproduce`: the poses it takes are of the specimen, and its figures are of the paper's size."""
+"""`sarcal reproduce`: its poses close the loop of the specimen, its figures agree with the paper."""
 
 import numpy as np
 import pytest
@@ -13,43 +13,43 @@ PRINTED = {"theta_off_2": -122.8, "s_1": 0.273, "alpha_7": 99.8, "a_0": 0.202}
 """From Table 2."""
 
 
-def test_poses_of_an_exact_specimen_close_its_true_loop():
-    """By an independent chain: at some hinge angle every pose comes back to the hinge."""
+def test_poses_of_exact_specimen_close_its_true_loop():
+    """By an independent chain, with the hinge angle fitted to each pose."""
     procedure = load_procedure("hinge")
-    taken = capture_specimen(procedure, scenario("exact"), poses=3)
+    specimen = capture_specimen(procedure, scenario("exact"), poses=3)
     truth = paper_truth()
-    for q in taken.q_rad:
+    for q in specimen.q_rad:
 
-        def miss(hinge_rad: float, q: np.ndarray = q) -> float:
+        def closure_error(hinge_rad: float, q: np.ndarray = q) -> float:
             angles = np.concatenate(([hinge_rad], q))
             return float(np.linalg.norm(closure(truth, angles)))
 
-        start = min(np.linspace(-np.pi, np.pi, 73), key=miss)
-        found = minimize_scalar(miss, bounds=(start - 0.1, start + 0.1), method="bounded",
+        start = min(np.linspace(-np.pi, np.pi, 73), key=closure_error)
+        optimum = minimize_scalar(closure_error, bounds=(start - 0.1, start + 0.1), method="bounded",
                                 options={"xatol": 1e-9})  # fmt: skip
-        assert found.fun < 5e-5  # rad and m: a count of an encoder is 1.6e-5 rad
-    assert np.ptp(taken.q_rad[:, 0]) > 0.02
-    assert np.ptp(taken.q_rad[:, 2]) > 0.02, "a free joint did not follow"
+        assert optimum.fun < 5e-5  # rad and m: a count of an encoder is 1.6e-5 rad
+    assert np.ptp(specimen.q_rad[:, 0]) > 0.02
+    assert np.ptp(specimen.q_rad[:, 2]) > 0.02, "a free joint did not follow"
 
 
 @pytest.mark.campaign
-def test_the_paper_by_one_command(ends_with):
-    found = ends_with(0, "reproduce", "--json").json
+def test_reproduction_matches_the_paper(ends_with):
+    reproduction = ends_with(0, "reproduce", "--json").json
     for name, value in PRINTED.items():
-        assert found["table_2"][name]["paper"] == pytest.approx(value)
-    assert found["sigma_pos_mm"]["rms"] == pytest.approx(2.7, rel=0.15)
-    assert found["sigma_ori_mrad"]["rms"] == pytest.approx(6.6, rel=0.15)
-    assert found["scaled_condition_number"] < 100
-    shares = {row["source"]: row["sigma_pos_mm"] for row in found["shares"]}
+        assert reproduction["table_2"][name]["paper"] == pytest.approx(value)
+    assert reproduction["sigma_pos_mm"]["rms"] == pytest.approx(2.7, rel=0.15)
+    assert reproduction["sigma_ori_mrad"]["rms"] == pytest.approx(6.6, rel=0.15)
+    assert reproduction["scaled_condition_number"] < 100
+    shares = {row["source"]: row["sigma_pos_mm"] for row in reproduction["shares"]}
     together = shares.pop("all together")
     assert max(shares, key=shares.__getitem__) == "RVDT curves of the wrist"
     assert together > max(shares.values())
-    left = {row["remedy"]: row["offsets_rms_deg"] for row in found["remedies"]}
-    assert min(left, key=left.__getitem__) == "all three"
-    assert left["all three"] < 0.05 < left["as it is, implicit"]
-    assert left["as it is, implicit"] < left["as it is, the paper's estimator"]
+    remaining_deg = {row["remedy"]: row["offsets_rms_deg"] for row in reproduction["remedies"]}
+    assert min(remaining_deg, key=remaining_deg.__getitem__) == "all three"
+    assert remaining_deg["all three"] < 0.05 < remaining_deg["as it is, implicit"]
+    assert remaining_deg["as it is, implicit"] < remaining_deg["as it is, the paper's estimator"]
 
 
 @pytest.mark.parametrize("poses", ["7", "121"])
-def test_a_number_of_poses_that_says_nothing_is_refused(poses, ends_with):
+def test_too_few_or_too_many_poses_are_refused(poses, ends_with):
     assert "between 8 and 120" in ends_with(2, "reproduce", "--poses", poses).err

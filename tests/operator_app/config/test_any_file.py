@@ -1,4 +1,4 @@
-"""JSON Schemas agree with what is read: good files fit, files with one mistake of form do not."""
+"""JSON Schemas agree with the readers: valid files match, files with one mistake of form do not."""
 
 from dataclasses import replace
 from importlib.resources import files
@@ -11,35 +11,31 @@ from operator_app.config.any_file import json_schema
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.resources import Kind, builtin_names, resolve
 from tests.oracles.json_schema import complaints
-from tests.oracles.parameter_documents import make_document
+from tests.oracles.parameter_documents import VALUES, make_document
 
-PACKAGED = [(kind, name) for kind in get_args(Kind) for name in builtin_names(kind)]
+PACKAGED_FILES = [(kind, name) for kind in get_args(Kind) for name in builtin_names(kind)]
 HINGE = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")
 SARCOS = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
 PROCEDURE = resolve("procedure", "hinge").data.decode()
 PROFILE = resolve("profile", "sarcos").data.decode()
+CALIBRATED = ("theta_off_1", "theta_off_2")
 PARAMETERS = format_parameters(
     replace(
-        make_document(without=("theta_off_3", *(f"theta_off_{j}" for j in range(4, 8)), "a_0", "s_0",
-                               "alpha_0", "s_1", "a_7", "s_7", "alpha_7")),
+        make_document(without=set(VALUES) - set(CALIBRATED)),
         correlations={"theta_off_2": (-0.5,)},
         budget={"theta_off_1": {"lengths": 0.25, "sag": 0.75}},
     )
-).decode()  # fmt: skip
+).decode()
 
 
-def found(kind, text):
+def violations(kind, text):
     schema = json_schema(kind)
     return list(complaints(yaml.safe_load(text), schema, schema))
 
 
-@pytest.mark.parametrize(("kind", "name"), PACKAGED)
-def test_packaged_files_fit(kind, name):
-    assert found(kind, resolve(kind, name).data.decode()) == []
-
-
-def test_what_is_written_fits():
-    assert found("parameters", PARAMETERS) == []
+@pytest.mark.parametrize(("kind", "name"), PACKAGED_FILES)
+def test_packaged_files_match_schema(kind, name):
+    assert violations(kind, resolve(kind, name).data.decode()) == []
 
 
 @pytest.mark.parametrize(
@@ -50,9 +46,9 @@ def test_what_is_written_fits():
         ("kind: hinge", "kind: hinge\nstiffness: {n_per_m: 2e6, nm_per_rad: 3e4}"),
     ],
 )
-def test_other_ways_to_write_a_fixture_fit(old, new):
+def test_alternative_fixture_forms_match_schema(old, new):
     assert old in HINGE
-    assert found("fixture", HINGE.replace(old, new, 1)) == []
+    assert violations("fixture", HINGE.replace(old, new, 1)) == []
 
 
 BAD = [
@@ -86,7 +82,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("kind", "good", "old", "new"), BAD)
-def test_mistakes_of_form_do_not(kind, good, old, new):
+def test_one_mistake_violates_schema(kind, good, old, new):
     assert old in good
-    assert found(kind, good) == []
-    assert found(kind, good.replace(old, new, 1))
+    assert violations(kind, good) == []
+    assert violations(kind, good.replace(old, new, 1))

@@ -1,4 +1,4 @@
-"""Arm files: the packaged ones say what Table 1 and the maker say; bad ones get one clear complaint."""
+"""Arm files: packaged arms match the paper and their makers; each mistake gives one problem."""
 
 import math
 from importlib.resources import files
@@ -21,7 +21,7 @@ def parse(text):
 
 
 class TestPackaged:
-    def test_sarcos_is_table_1(self):
+    def test_sarcos_matches_table_1(self):
         arm = load_arm("sarcos_dextrous")
         np.testing.assert_array_equal(arm.table.s_m[1:6], [0.0, 0.355, 0.0, 0.320, 0.0])
         np.testing.assert_array_equal(arm.table.a_m[:6], np.zeros(6))
@@ -33,48 +33,42 @@ class TestPackaged:
         )
         assert [e.name for e in arm.free] == [f"theta_off_{j}" for j in range(1, 8)]
 
-    def test_sarcos_sensors_are_those_of_section_3(self):
+    def test_sarcos_sensors_match_section_3(self):
         arm = load_arm("sarcos_dextrous")
         encoder = Encoder(counts_per_rev=400000, accuracy_rad=math.radians(0.01))
-        assert [j.sensor for j in arm.joints[:5]] == [encoder] * 5
-        for joint in arm.joints[5:]:
-            assert isinstance(joint.sensor, Rvdt)
-            assert joint.sensor.bits == 12
-            assert joint.sensor.linearity == 0.02
-            assert joint.sensor.noise_lsb == 2.0
-            assert joint.sensor.gain == 0.005
-            assert joint.sensor.full_scale_rad == pytest.approx(
-                joint.upper_rad - joint.lower_rad, rel=1e-14
-            )
+        full_scale_rad = math.radians(120.0)
+        rvdt = Rvdt(
+            bits=12, full_scale_rad=full_scale_rad, linearity=0.02, noise_lsb=2.0, gain=0.005
+        )
+        assert [j.sensor for j in arm.joints] == [encoder] * 5 + [rvdt] * 2
+        ranges_rad = [j.upper_rad - j.lower_rad for j in arm.joints[5:]]
+        assert ranges_rad == pytest.approx([full_scale_rad] * 2, rel=1e-14)
 
     @pytest.mark.parametrize("name", sorted(CHAINS))
-    def test_flange_is_where_the_makers_description_has_it(self, name):
+    def test_flange_pose_matches_maker_description(self, name):
         arm, rng = load_arm(name), np.random.default_rng(4)
-        # The Gen3's frame 0 is its base link turned half round about x; the others' are their base links.
+        # Frame 0 of the Gen3 is its base link rotated by 180 deg about x.
         base = np.diag([1.0, -1.0, -1.0, 1.0]) if name == "kinova_gen3" else np.eye(4)
         for q in rng.uniform(arm.lower_rad, arm.upper_rad, (20, arm.joint_count)):
             frames = forward(q + arm.table.theta_off_rad, *arm.table.stacked()[1:])
-            theirs = base @ flange(name, q)
-            np.testing.assert_allclose(frames.p_end, theirs[:3, 3], rtol=0, atol=1e-9)
-            np.testing.assert_allclose(frames.R_end, theirs[:3, :3], rtol=0, atol=1e-9)
+            expected = base @ flange(name, q)
+            np.testing.assert_allclose(frames.p_end, expected[:3, 3], rtol=0, atol=1e-9)
+            np.testing.assert_allclose(frames.R_end, expected[:3, :3], rtol=0, atol=1e-9)
 
     @pytest.mark.parametrize("name", builtin_names("arm"))
-    def test_what_is_packaged_says_from_where_and_knows_parallel_axes(self, name):
+    def test_packaged_arm_is_complete(self, name):
         arm, text = load_arm(name), resolve("arm", name).data.decode()
+        assert arm.name == name
+        assert np.all(arm.home_rad > arm.lower_rad)
+        assert np.all(arm.home_rad < arm.upper_rad)
+        assert not arm.home_rad.flags.writeable
         assert "source: >-" in text
+        assert arm.assumed == ()
         assert [e.name for e in arm.free] == [
             f"theta_off_{j}" for j in range(1, arm.joint_count + 1)
         ]
         parallel = {"ur5e": (2, 3), "ur10e": (2, 3), "xarm6": (2,), "abb_irb120": (2,)}
         assert arm.hayati_rows == parallel.get(name, (2,) if name == "kinova_gen3_lite" else ())
-
-    @pytest.mark.parametrize("name", builtin_names("arm"))
-    def test_home_is_inside_the_ranges(self, name):
-        arm = load_arm(name)
-        assert arm.name == name
-        assert np.all(arm.home_rad > arm.lower_rad)
-        assert np.all(arm.home_rad < arm.upper_rad)
-        assert not arm.home_rad.flags.writeable
 
 
 BAD = [
@@ -120,14 +114,14 @@ BAD = [
 
 
 @pytest.mark.parametrize(("old", "new", "key"), BAD, ids=named(BAD))
-def test_one_mistake_gives_one_complaint_with_line_and_key(old, new, key, approve):
+def test_one_mistake_gives_one_problem_with_line_and_key(old, new, key, approve):
     problem = one_mistake(parse, GOOD, old, new)
     assert problem.key == key
     assert is_at(problem, GOOD, old, new)
     approve(str(problem))
 
 
-def test_everything_wrong_is_listed_at_once_in_file_order():
+def test_all_problems_are_listed_in_file_order():
     text = GOOD
     for old, new in (
         ("s_m: 0.355", "s_m: .nan"),
@@ -150,7 +144,7 @@ def test_everything_wrong_is_listed_at_once_in_file_order():
     ]
 
 
-def test_joints_and_rows_belong_together():
+def test_joint_and_row_numbers_must_correspond():
     start = GOOD.index("  - joint: 7")
     text = GOOD[:start] + GOOD[GOOD.index("# What a calibration") :]
     problems = problems_of(parse, text)
@@ -163,7 +157,7 @@ def test_joints_and_rows_belong_together():
     assert (problem.key, problem.remedy) == ("free[1]", "write theta_off_1")
 
 
-def test_unsensed_joint_has_no_offset_to_free():
+def test_offset_of_joint_without_sensor_cannot_be_free():
     sensor = (
         "{kind: rvdt, bits: 12, full_scale_deg: 120, linearity: 0.02, noise_lsb: 2, gain: 0.005}"
     )
@@ -178,13 +172,11 @@ PARALLEL = GOOD.replace("s_m: 0.0,", "s_m: 0,").replace("alpha_deg: -90", "alpha
 
 
 class TestHayati:
-    """Row 2 of the packaged arm with another twist."""
-
     @pytest.mark.parametrize(
         ("twist", "rows"),
         [("0", (2,)), ("180", (2,)), ("9.9", (2,)), ("-170.1", (2,)), ("10.1", ()), ("-90", ())],
     )
-    def test_a_row_between_parallel_axes_has_beta_in_place_of_s(self, twist, rows):
+    def test_row_between_parallel_axes_has_beta_instead_of_s(self, twist, rows):
         arm = parse(PARALLEL.replace("ROW", twist))
         assert arm.hayati_rows == rows
         assert {e.name for e in arm.maker_entries(2)} == (
@@ -192,7 +184,7 @@ class TestHayati:
         )
         assert not arm.table.beta_rad.any()
 
-    def test_a_stated_beta_makes_one_of_any_row_but_the_last(self):
+    def test_stated_beta_makes_any_row_but_the_last_hayati(self):
         text = PARALLEL.replace("ROW", "-90, beta_deg: 0.25")
         arm = parse(text)
         without_s = parse(text.replace("s_m: 0,", "", 1))
@@ -202,7 +194,7 @@ class TestHayati:
         problem = one_mistake(parse, GOOD, "{row: 7,", "{beta_deg: 0.1, row: 7,")
         assert problem.key == "dh[row 7].beta_deg"
 
-    def test_where_a_file_frees_s_between_parallel_axes_beta_is_free(self):
+    def test_free_s_of_hayati_row_becomes_free_beta(self):
         text = PARALLEL.replace("ROW", "0").replace("free: [", "free: [s_2, beta_2, s_3, ")
         arm = parse(text)
         assert [e.name for e in arm.free[:3]] == ["beta_2", "s_3", "theta_off_1"]

@@ -1,4 +1,4 @@
-"""Columns of a joint log: joints found by their names or numbers."""
+"""Columns of a joint log: joints recognised by their names or numbers."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from operator_app.config.joint_log import load_joint_log
 
 
 @pytest.mark.parametrize(
-    ("header", "places"),
+    ("header", "columns"),
     [
         ("t,q2,q1,q3", (2, 1, 3)),
         ("joint_0,joint_1,joint_2,joint_1_speed", (0, 1, 2)),
@@ -24,21 +24,21 @@ from operator_app.config.joint_log import load_joint_log
         pytest.param(f"q1,q2,q3,q{'9' * 5000}", None, id="thousands of digits"),
     ],
 )
-def test_joints_are_the_one_series_of_numbers(tmp_path, header, places):
+def test_joint_columns_are_recognised_by_name_or_number(tmp_path, header, columns):
     log = tmp_path / "log.csv"
     cells = [str(10 * k) for k in range(len(header.split(",")))]
     log.write_text(f"{header}\n{','.join(cells)}\n")
-    if places is None:
+    if columns is None:
         with pytest.raises(ConfigError, match="for an arm of 3 joints"):
             load_joint_log(log, joint_count=3, unit="deg")
     else:
         arm = ("base", "shoulder", "elbow")
-        read = load_joint_log(log, joint_count=3, unit="deg", joints=arm).poses
-        np.testing.assert_allclose(np.rad2deg(read.q_rad[0]), [10 * k for k in places])
+        poses = load_joint_log(log, joint_count=3, unit="deg", joints=arm).poses
+        np.testing.assert_allclose(np.rad2deg(poses.q_rad[0]), [10 * k for k in columns])
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "fault"),
+    ("text", "line", "message"),
     [
         ("10.5;20.5;30.5\n", 1, "semicolons"),
         ("# by a spreadsheet\nq1;q2;q3\n10;20;30\n", 2, "semicolons"),
@@ -47,10 +47,10 @@ def test_joints_are_the_one_series_of_numbers(tmp_path, header, places):
         ("q1 q2 q3\n10,5\t20,5\t-30,5\n", 2, "decimal commas"),
     ],
 )
-def test_the_marks_of_another_country_are_named(tmp_path, text, line, fault):
+def test_semicolons_and_decimal_commas_are_reported(tmp_path, text, line, message):
     log = tmp_path / "log.csv"
     log.write_text(text)
-    with pytest.raises(ConfigError, match=fault) as refused:
+    with pytest.raises(ConfigError, match=message) as refused:
         load_joint_log(log, joint_count=3, unit="deg")
     (problem,) = refused.value.problems
     assert problem.line == line

@@ -1,4 +1,4 @@
-"""The parameters document: any that is written is read back bit for bit, and a tampered one is refused in words."""
+"""Parameters document: written and read back bit for bit; a modified one is refused."""
 
 import math
 from dataclasses import replace
@@ -34,7 +34,7 @@ from tests.oracles.parameter_documents import GOOD, document, parse
 
 
 class TestContent:
-    def test_an_ordinary_yaml_reader_sees_the_same_numbers(self):
+    def test_plain_yaml_reader_reads_the_same_numbers(self):
         data = yaml.safe_load(GOOD)
         assert next(iter(data)) == "schema"
         assert data["arm"] == {"model": "sarcos_dextrous", "serial": "SDA-0007"}
@@ -45,25 +45,25 @@ class TestContent:
         }  # fmt: skip
         assert [j["theta_off_deg"] for j in data["joints"]] == [10, -120, -20, -10, 30, 120, 90]
 
-    def test_home_offsets_are_whole_counts_of_each_sensor(self):
+    def test_home_offsets_are_rounded_to_sensor_counts(self):
         counts = [joint.home_offset_counts for joint in document().joints]
         encoder = [round(deg / 360.0 * 400000) for deg in (10, -120, -20, -10, 30)]
         rvdt = [round(deg / 120.0 * 4096) for deg in (120, 90)]
         assert counts == encoder + rvdt
 
-    def test_the_table_is_the_loop_s_in_si(self):
+    def test_table_is_that_of_the_loop_in_si(self):
         table = load_fixture("hinge").fixture.model(load_arm("sarcos_dextrous")).table
         np.testing.assert_array_equal(document().table.stacked(), table.stacked())
         np.testing.assert_array_equal(document().theta_off_rad, table.theta_off_rad[1:])
 
-    def test_saved_and_loaded(self, tmp_path):
+    def test_saved_document_is_loaded(self, tmp_path):
         save_parameters(tmp_path / "p.yaml", document())
         assert load_parameters(tmp_path / "p.yaml") == document()
         with pytest.raises(ConfigError, match="no such file"):
             load_parameters(tmp_path / "none.yaml")
 
 
-# Old text, new text; the key of the one complaint.
+# Old text, new text, key of the problem.
 BAD = [
     ("a_m: 0.2,", "a_m: -38.5,", "dh[row 0].a_m"),
     ("a_m: 0.2,", "a_mm: 200,", "dh[row 0].a_mm"),
@@ -100,36 +100,28 @@ BAD = [
 
 
 @pytest.mark.parametrize(("old", "new", "key"), BAD, ids=named(BAD))
-def test_one_mistake_gives_one_complaint(old, new, key, approve):
+def test_one_mistake_gives_one_problem(old, new, key, approve):
     problem = one_mistake(parse, GOOD, old, new)
     assert problem.key == key
     approve(str(problem))
 
 
-class TestResultsThatCannotBeWritten:
-    def test_numbers_that_are_not_finite(self):
-        quality = replace(document().quality, scaled_condition_number=math.inf)
-        with pytest.raises(ConfigError, match="the result: inf cannot be written") as caught:
-            format_parameters(replace(document(), quality=quality))
-        assert len(caught.value.problems) == 1
-
-    def test_an_iteration_that_ran_away(self):
-        rows = (replace(document().dh[0], a_m=1e6), *document().dh[1:])
-        with pytest.raises(
-            ConfigError, match=r"^the result: dh\[row 0\]\.a_m: .*cannot be exported"
-        ):
-            format_parameters(replace(document(), dh=rows))
+def test_infinite_number_or_implausible_length_cannot_be_written():
+    quality = replace(document().quality, scaled_condition_number=math.inf)
+    with pytest.raises(ConfigError, match="the result: inf cannot be written") as caught:
+        format_parameters(replace(document(), quality=quality))
+    assert len(caught.value.problems) == 1
+    rows = (replace(document().dh[0], a_m=1e6), *document().dh[1:])
+    with pytest.raises(ConfigError, match=r"^the result: dh\[row 0\]\.a_m: .*cannot be exported"):
+        format_parameters(replace(document(), dh=rows))
 
 
-class TestWrongCalls:
-    def test_rows_and_joints(self):
-        with pytest.raises(ValueError, match="rows 0 to n"):
-            replace(document(), dh=document().dh[1:])
-
-    @pytest.mark.parametrize("zone", [None, timezone(timedelta(hours=1))])
-    def test_local_time(self, zone):
-        with pytest.raises(ValueError, match="UTC"):
-            replace(document(), utc=datetime(2026, 1, 1, tzinfo=zone))
+@pytest.mark.parametrize("zone", [None, timezone(timedelta(hours=1))])
+def test_document_needs_all_rows_and_utc(zone):
+    with pytest.raises(ValueError, match="rows 0 to n"):
+        replace(document(), dh=document().dh[1:])
+    with pytest.raises(ValueError, match="UTC"):
+        replace(document(), utc=datetime(2026, 1, 1, tzinfo=zone))
 
 
 FLOAT = st.floats(-360.0, 360.0)
@@ -141,7 +133,7 @@ WORD = st.text(min_size=1, max_size=20, alphabet=st.characters(exclude_categorie
 @st.composite
 def documents(draw):
     """Any figures and words in a document of seven joints."""
-    some = document()
+    template = document()
     rows = tuple(
         replace(
             row,
@@ -150,13 +142,13 @@ def documents(draw):
             a_m=draw(LENGTH),
             alpha_deg=draw(FLOAT),
         )
-        for row in some.dh
+        for row in template.dh
     )
-    calibrated = tuple(CalibratedEntry.of(e.entry, draw(SIGMA)) for e in some.calibrated)
+    calibrated = tuple(CalibratedEntry.of(e.entry, draw(SIGMA)) for e in template.calibrated)
     sigma = {e.entry: e.sigma for e in calibrated}
     figures = st.builds(TwoFigures, rms=SIGMA, as_printed=SIGMA)
     return replace(
-        some,
+        template,
         arm=WhichArm(model=draw(WORD), serial=draw(WORD)),
         joints=tuple(
             JointParameters(
@@ -170,7 +162,7 @@ def documents(draw):
         dh=rows,
         calibrated=calibrated,
         quality=replace(
-            some.quality,
+            template.quality,
             scaled_condition_number=draw(st.floats(1.0, 1e300)),
             sigma_pos_mm=draw(figures),
             sigma_ori_mrad=draw(figures),
@@ -186,27 +178,28 @@ def documents(draw):
 
 @settings(max_examples=60, deadline=None)
 @given(documents())
-def test_writing_and_reading_changes_no_bit(original):
+def test_written_document_is_read_back_bit_for_bit(original):
     assert same(parse_parameters(format_parameters(original)), original)
 
 
 @pytest.mark.sample(16)
 @pytest.mark.parametrize(
-    "missing", [k for k, line in enumerate(GOOD.splitlines()) if not line.startswith("#")]
+    "removed", [k for k, line in enumerate(GOOD.splitlines()) if not line.startswith("#")]
 )
-def test_any_line_that_is_cut_out_is_noticed(missing):
+def test_missing_line_is_refused(removed):
     lines = GOOD.splitlines(keepends=True)
-    cut = "".join(lines[:missing] + lines[missing + 1 :]).encode()
+    shortened = "".join(lines[:removed] + lines[removed + 1 :]).encode()
     with pytest.raises(ConfigError):
-        parse_parameters(cut)
+        parse_parameters(shortened)
 
 
-def test_any_table_in_radians_survives_the_document_to_the_last_bit_or_the_next():
-    """Degrees are not as dense as radians everywhere; where they are, nothing changes."""
+def test_conversion_to_degrees_and_back_changes_at_most_one_bit():
     rng = np.random.default_rng(5)
     angles = rng.uniform(-np.pi, np.pi, (2, 500))
     table = DhTable(theta_off_rad=angles[0], s_m=angles[0], a_m=angles[1], alpha_rad=angles[1])
     rows = rows_from_table(table)
-    back = np.deg2rad([row.alpha_deg for row in rows])
-    np.testing.assert_array_less(np.abs(back - angles[1]), 1.01 * np.spacing(np.abs(angles[1])))
+    read_back = np.deg2rad([row.alpha_deg for row in rows])
+    np.testing.assert_array_less(
+        np.abs(read_back - angles[1]), 1.01 * np.spacing(np.abs(angles[1]))
+    )
     assert [row.a_m for row in rows] == angles[1].tolist()

@@ -1,4 +1,4 @@
-"""What version 2 of the parameters document brought: sides, corrections, correlations, budgets; and what it reads."""
+"""Versions of the parameters document: sides, corrections, correlations and budgets since 2, beta since 3."""
 
 from dataclasses import replace
 
@@ -25,12 +25,14 @@ from tests.oracles.mistakes import one_mistake, problems_of
 from tests.oracles.parameter_documents import GOOD, document, parse
 
 
-def test_version_1_is_still_read_and_has_neither_side_nor_correction():
-    found = parse_parameters(GOOD.replace("sarcal/parameters/2", "sarcal/parameters/1", 1).encode())
-    assert found == document()
-    assert {entry.side for entry in found.calibrated} == {None}
-    assert found.rvdt == ()
-    assert (found.correlations, found.budget) == ({}, {})
+def test_version_1_is_read_without_side_and_correction():
+    document_1 = parse_parameters(
+        GOOD.replace("sarcal/parameters/2", "sarcal/parameters/1", 1).encode()
+    )
+    assert document_1 == document()
+    assert {entry.side for entry in document_1.calibrated} == {None}
+    assert document_1.rvdt == ()
+    assert (document_1.correlations, document_1.budget) == ({}, {})
 
 
 KEYS_OF_VERSION_3 = {
@@ -49,48 +51,48 @@ KEYS_OF_VERSION_3 = {
 }
 
 
-def test_a_key_that_comes_raises_the_number_of_the_schema():
+def test_new_key_requires_a_new_schema_version():
     """A program that reads version 3 refuses other keys: with a new one, write VERSIONS (1, 2, 3, 4)."""
     models = json_schema("parameters")["$defs"]
-    found = {
+    keys = {
         name: " ".join(sorted(m["properties"])) for name, m in models.items() if "properties" in m
     }
     assert schema_name("parameters") == "sarcal/parameters/3"
-    assert found == KEYS_OF_VERSION_3
+    assert keys == KEYS_OF_VERSION_3
 
 
-def test_only_a_document_with_a_beta_is_of_version_3():
+def test_only_document_with_beta_has_version_3():
     plain = document()
     rows = (*plain.dh[:2], replace(plain.dh[2], beta_deg=0.05), *plain.dh[3:])
-    twisted = replace(plain, dh=rows)
+    with_beta = replace(plain, dh=rows)
     assert b"schema: sarcal/parameters/2\n" in format_parameters(plain)
-    written = format_parameters(twisted)
+    written = format_parameters(with_beta)
     assert b"schema: sarcal/parameters/3\n" in written
-    assert parse_parameters(written) == twisted
-    assert twisted.table.beta_rad[2] == np.deg2rad(0.05)
+    assert parse_parameters(written) == with_beta
+    assert with_beta.table.beta_rad[2] == np.deg2rad(0.05)
 
 
-def test_a_key_of_a_newer_program_is_told_from_a_misspelt_one():
+def test_key_of_newer_version_differs_from_misspelt_key():
     newer, misspelt = problems_of(parse, GOOD + "thermal: {}\nforcd: no\n")
     assert (newer.key, newer.text) == ("thermal", "unknown key")
     assert "a newer sarcal may have written it" in newer.remedy
     assert misspelt.remedy == "did you mean forced?"
 
 
-def with_a_remedy():
+def document_with_correction():
     rows = ((-260.0, 0.1, 0.01), (-230.5, 1.0 / 3.0, 0.01), (-200.0, -0.2, 0.02))
     table = tuple(Correction(reading_deg=r, add_deg=a, sigma_deg=s) for r, a, s in rows)
     remedy = RvdtRemedy(joint=6, theta_off_deg=116.3, gain=0.98, table=table)
     sides: tuple[Side, ...] = ("arm", "ground", "hand")
-    listed = tuple(
+    calibrated = tuple(
         replace(entry, side=sides[k % 3]) for k, entry in enumerate(document().calibrated)
     )
-    return replace(document(), rvdt=(remedy,), calibrated=listed, forced="the wrist is new")
+    return replace(document(), rvdt=(remedy,), calibrated=calibrated, forced="the wrist is new")
 
 
-def test_what_version_2_brings_reads_back_the_same():
-    written = format_parameters(with_a_remedy())
-    assert parse_parameters(written) == with_a_remedy()
+def test_rvdt_correction_is_read_back():
+    written = format_parameters(document_with_correction())
+    assert parse_parameters(written) == document_with_correction()
     data = yaml.safe_load(written)
     assert data["schema"] == "sarcal/parameters/2"
     assert data["rvdt"][0]["table"][1] == {
@@ -100,26 +102,11 @@ def test_what_version_2_brings_reads_back_the_same():
     assert data["forced"] == "the wrist is new"
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "key"),
-    [
-        ("reading_deg: -230.5", "reading_deg: -270.5", "rvdt[joint 6].table"),
-        ("joint: 6\n", "joint: 8\n", "rvdt[joint 8].joint"),
-        ("gain: 0.98", "gain: 0", "rvdt[joint 6].gain"),
-        ("side: ground", "side: table", "calibrated[theta_off_2].side"),
-    ],
-)  # fmt: skip
-def test_one_mistake_in_a_remedy_gives_one_complaint(old, new, key, approve):
-    problem = one_mistake(parse, format_parameters(with_a_remedy()).decode(), old, new)
-    assert problem.key == key
-    approve(str(problem))
-
-
-def with_correlations():
+def document_with_correlations():
     names = [entry.entry for entry in document().calibrated]
     rng = np.random.default_rng(3)
-    spread = rng.normal(size=(len(names), len(names)))
-    covariance = spread @ spread.T
+    factor = rng.normal(size=(len(names), len(names)))
+    covariance = factor @ factor.T
     parts = {
         "lengths": 0.25 * np.diagonal(covariance),
         "fixture_give": 0.75 * np.diagonal(covariance),
@@ -131,16 +118,16 @@ def with_correlations():
     )
 
 
-def test_correlations_and_budget_read_back_the_same():
-    written = format_parameters(with_correlations())
-    assert parse_parameters(written) == with_correlations()
+def test_correlations_and_budget_are_read_back():
+    written = format_parameters(document_with_correlations())
+    assert parse_parameters(written) == document_with_correlations()
     data = yaml.safe_load(written)
     assert list(data["correlations"]) == [e["entry"] for e in data["calibrated"]][1:]
     assert [len(row) for row in data["correlations"].values()] == list(range(1, 14))
     assert data["budget"]["theta_off_1"] == {"lengths": 0.25, "fixture_give": 0.75}
 
 
-def test_a_parameter_without_variance_goes_with_none_and_has_no_budget():
+def test_parameter_without_variance_is_uncorrelated_without_budget():
     covariance = np.diag([4.0, 0.0, 1.0])
     covariance[0, 2] = covariance[2, 0] = -1.0
     assert correlations_of(("a", "b", "c"), covariance) == {"b": (0.0,), "c": (-0.5, 0.0)}
@@ -154,6 +141,10 @@ def test_a_parameter_without_variance_goes_with_none_and_has_no_budget():
 @pytest.mark.parametrize(
     ("old", "new", "key"),
     [
+        ("reading_deg: -230.5", "reading_deg: -270.5", "rvdt[joint 6].table"),
+        ("joint: 6\n", "joint: 8\n", "rvdt[joint 8].joint"),
+        ("gain: 0.98", "gain: 0", "rvdt[joint 6].gain"),
+        ("side: ground", "side: table", "calibrated[theta_off_2].side"),
         ("  theta_off_3: [", "  theta_off_3: [0.5, ", "correlations.theta_off_3"),
         ("  theta_off_3: [", "  theta_off_9: [", "correlations"),
         ("  theta_off_3: [", "  theta_off_3: [1", "correlations.theta_off_3[1]"),
@@ -162,32 +153,37 @@ def test_a_parameter_without_variance_goes_with_none_and_has_no_budget():
         ("  theta_off_1: {lengths", "  theta_off_8: {lengths", "budget.theta_off_8"),
     ],
 )  # fmt: skip
-def test_one_mistake_in_them_gives_one_complaint(old, new, key, approve):
-    problem = one_mistake(parse, format_parameters(with_correlations()).decode(), old, new)
+def test_one_mistake_gives_one_problem(old, new, key, approve):
+    correction = format_parameters(document_with_correction()).decode()
+    correlations = format_parameters(document_with_correlations()).decode()
+    problem = one_mistake(parse, correction if old in correction else correlations, old, new)
     assert problem.key == key
     approve(str(problem))
 
 
-def test_the_longest_document_there_can_be_fits_into_a_slot():
-    """As many joints as a bus has, every entry calibrated, sixteen sources in each budget."""
+def test_longest_document_fits_into_a_slot():
+    """All joints of a bus, every entry calibrated, sixteen sources in each budget."""
     n = MAX_JOINTS
     names = [f"{kind}_{k}" for kind in ("theta_off", "s", "a", "alpha") for k in range(n + 1)]
-    odd = 1.0 / 3.0
+    value = 1.0 / 3.0
     rows = tuple(
-        DhRow(row=k, theta_off_deg=odd, s_m=odd, a_m=odd, alpha_deg=odd) for k in range(n + 1)
+        DhRow(row=k, theta_off_deg=value, s_m=value, a_m=value, alpha_deg=value)
+        for k in range(n + 1)
     )
     rng = np.random.default_rng(4)
-    spread = rng.normal(size=(len(names), len(names)))
+    factor = rng.normal(size=(len(names), len(names)))
     variance = np.ones(len(names))
     longest = replace(
         document(),
         joints=tuple(
-            JointParameters(joint=k, theta_off_deg=odd, sigma_deg=odd, home_offset_counts=-(2**31))
+            JointParameters(
+                joint=k, theta_off_deg=value, sigma_deg=value, home_offset_counts=-(2**31)
+            )
             for k in range(1, n + 1)
         ),
         dh=rows,
-        calibrated=tuple(CalibratedEntry.of(name, odd, "ground") for name in names),
-        correlations=correlations_of(names, -spread @ spread.T),
+        calibrated=tuple(CalibratedEntry.of(name, value, "ground") for name in names),
+        correlations=correlations_of(names, -factor @ factor.T),
         budget=budget_of(names, variance, {f"a_long_source_{k}": variance / 16 for k in range(16)}),
     )
     assert len(format_parameters(longest)) < LONGEST_DOCUMENT / 2

@@ -1,4 +1,4 @@
-"""Procedure files: the packaged ones fit the packaged arm; references and joints are checked with lines."""
+"""Procedure files: packaged procedures fit their arms; references and joints are checked with lines."""
 
 import math
 from importlib.resources import files
@@ -36,12 +36,12 @@ def parse(text, folder=None):  # type: ignore[no-untyped-def]
     return parse_procedure(Resource(file="p.yaml", folder=folder, data=text.encode()))
 
 
-def unexplored(text, instead=""):
+def without_exploration(text, replacement=""):
     start, end = text.index("  exploration"), text.index("  speed_deg_per_s")
-    return text[:start] + instead + text[end:]
+    return text[:start] + replacement + text[end:]
 
 
-def test_hinge_procedure():
+def test_packaged_hinge_procedure():
     procedure = load_procedure("hinge")
     assert procedure.arm.name == "sarcos_dextrous"
     assert procedure.fixture.kind == "hinge"
@@ -59,7 +59,7 @@ def test_hinge_procedure():
 
 
 @pytest.mark.parametrize("name", builtin_names("procedure"))
-def test_exploration_of_packaged_procedures_stays_in_range_from_home(name):
+def test_packaged_exploration_stays_in_joint_ranges(name):
     procedure = load_procedure(name)
     for box in procedure.capture.exploration:
         home = procedure.arm.home_rad[box.joint - 1]
@@ -67,7 +67,7 @@ def test_exploration_of_packaged_procedures_stays_in_range_from_home(name):
         assert home + box.upper_rad < procedure.arm.upper_rad[box.joint - 1]
 
 
-def test_settle_rule_follows_the_sensors():
+def test_settle_limits_follow_from_the_sensors():
     procedure = load_procedure("hinge")
     spread = procedure.capture.settle.spread_rad(procedure.arm)
     count = 2.0 * math.pi / 400000
@@ -76,44 +76,30 @@ def test_settle_rule_follows_the_sensors():
     assert spread[5:] == pytest.approx([8.0 * lsb * math.sqrt(4.0 + 1.0 / 12.0)] * 2, rel=1e-12)
 
 
-def test_auto_needs_no_exploration():
-    procedure = parse(unexplored(GOOD.replace("modes: {position: [1, 5]}", "modes: auto")))
+def test_automatic_modes_or_a_plan_need_no_exploration():
+    text = GOOD.replace("modes: {position: [1, 5]}", "modes: auto")
+    procedure = parse(without_exploration(text))
     assert procedure.position_joints is None
     assert procedure.capture.exploration == ()
+    too_fast = text.replace("speed_deg_per_s: 20", "speed_deg_per_s: 200")
+    with pytest.raises(ConfigError, match="exceeds the limit of joint"):
+        parse(without_exploration(too_fast))
+    assert parse(without_exploration(GOOD, "  plan: planned\n")).position_joints == (1, 5)
 
 
-def test_planned_procedure_chooses_its_drives_and_its_poses():
-    procedure = load_procedure("hinge_planned")
-    assert procedure.position_joints is None
-    assert not procedure.trial
-    assert procedure.capture.strategy == "planned"
-    assert procedure.capture.poses == 12
-    assert procedure.capture.requested == {}
-
-
-def test_trial_and_requested_precision_in_si():
+def test_trial_and_requested_sigma_are_read_in_si():
     text = GOOD.replace("modes: {position: [1, 5]}", "modes: {position: auto, trial: true}")
-    asked = "  plan: planned\n  requested_sigma: {theta_off_2_deg: 0.9, a_0_mm: 2}\n"
-    procedure = parse(unexplored(text, asked))
+    options = "  plan: planned\n  requested_sigma: {theta_off_2_deg: 0.9, a_0_mm: 2}\n"
+    procedure = parse(without_exploration(text, options))
     assert procedure.trial
     assert procedure.position_joints is None
+    assert procedure.capture.strategy == "planned"
     assert procedure.capture.requested == pytest.approx(
         {"theta_off_2": math.radians(0.9), "a_0": 0.002}
     )
 
 
-def test_named_drives_of_a_plan_need_no_travel():
-    assert parse(unexplored(GOOD, "  plan: planned\n")).position_joints == (1, 5)
-
-
-def test_any_joint_may_drive_where_the_program_chooses():
-    text = GOOD.replace("modes: {position: [1, 5]}", "modes: auto")
-    fast = text.replace("speed_deg_per_s: 20", "speed_deg_per_s: 200")
-    with pytest.raises(ConfigError, match="exceeds the limit of joint"):
-        parse(unexplored(fast))
-
-
-def test_paths_start_from_the_procedure_s_folder(tmp_path):
+def test_relative_paths_start_at_the_procedure_folder(tmp_path):
     arm = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
     (tmp_path / "my_arm.yaml").write_text(arm.replace("name: sarcos_dextrous", "name: mine"))
     (tmp_path / "p.yaml").write_text(GOOD.replace("arm: sarcos_dextrous", "arm: my_arm.yaml"))
@@ -122,18 +108,18 @@ def test_paths_start_from_the_procedure_s_folder(tmp_path):
     assert procedure.sources[1].file == str(tmp_path / "my_arm.yaml")
 
 
-def test_what_is_wrong_in_the_arm_and_in_the_fixture_is_told_together(tmp_path):
+def test_problems_of_arm_and_fixture_are_reported_together(tmp_path):
     (tmp_path / "arm.yaml").write_text("schema: sarcal/arm/1\nname: a\n")
     text = GOOD.replace("arm: sarcos_dextrous", "arm: arm.yaml").replace(
         "fixture: hinge", "fixture: hing"
     )
     with pytest.raises(ConfigError) as caught:
         parse(text, tmp_path)
-    by_file = {problem.file for problem in caught.value.problems}
-    assert by_file == {"p.yaml", str(tmp_path / "arm.yaml")}
-    (own,) = (p for p in caught.value.problems if p.file == "p.yaml")
-    assert (own.key, own.line) == ("fixture", 4)
-    assert "did you mean hinge?" in own.remedy
+    files_with_problems = {problem.file for problem in caught.value.problems}
+    assert files_with_problems == {"p.yaml", str(tmp_path / "arm.yaml")}
+    (fixture_problem,) = (p for p in caught.value.problems if p.file == "p.yaml")
+    assert (fixture_problem.key, fixture_problem.line) == ("fixture", 4)
+    assert "did you mean hinge?" in fixture_problem.remedy
 
 
 BAD = [
@@ -179,7 +165,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("old", "new", "key"), BAD, ids=named(BAD))
-def test_one_mistake_gives_one_complaint(old, new, key, approve):
+def test_one_mistake_gives_one_problem(old, new, key, approve):
     problem = one_mistake(parse, GOOD, old, new)
     assert problem.key == key
     approve(str(problem))

@@ -1,4 +1,4 @@
-"""Bus profiles: what the packaged one says, and one clear complaint with its place for every mistake."""
+"""Bus profiles: all keys are read; each mistake gives one problem with its place."""
 
 import pytest
 from hypothesis import given, settings
@@ -41,11 +41,15 @@ def parse(text, joints=3):
     return parse_profile(text.encode(), "p.yaml", joints=joints)
 
 
-def test_everything_is_read():
-    found = parse(GOOD)
-    assert found.drives == (21, 22, 33)
-    assert (found.supervisor, found.serial_number, found.nodes) == (None, "ACME-7", (21, 22, 33))
-    one, two, three = found.joints
+def test_all_keys_are_read():
+    profile = parse(GOOD)
+    assert profile.drives == (21, 22, 33)
+    assert (profile.supervisor, profile.serial_number, profile.nodes) == (
+        None,
+        "ACME-7",
+        (21, 22, 33),
+    )
+    one, two, three = profile.joints
     assert [pdo.cob_id for pdo in one.commands] == [0x315, 0x415]
     assert one.answers[0].entries == ((0x6077, 0, 16), (0x6064, 0, 32), (0x6041, 0, 16))
     assert (two.direction, two.counts_per_rev, two.zero_counts) == (-1, 65536, -12)
@@ -56,21 +60,21 @@ def test_everything_is_read():
         (5, 0x2A1),
     ]
     assert three.answers[0].entries[1] == (0x2011, 3, 16)
-    assert found.is_drive(0x12340192)
-    assert not found.is_drive(0x00020191)
-    assert found.mode_codes == {JointMode.POSITION: 8, JointMode.FREE: 4}
-    assert (found.slowest_heartbeat_ms, found.heartbeat_timeout_s) == (2000, 4.0)
-    assert found.sdo_timeout_s == 2.5
-    assert found.compared == {0x60C2}
-    assert found.configures_pdos
+    assert profile.is_drive(0x12340192)
+    assert not profile.is_drive(0x00020191)
+    assert profile.mode_codes == {JointMode.POSITION: 8, JointMode.FREE: 4}
+    assert (profile.slowest_heartbeat_ms, profile.heartbeat_timeout_s) == (2000, 4.0)
+    assert profile.sdo_timeout_s == 2.5
+    assert profile.compared == {0x60C2}
+    assert profile.configures_pdos
     for line in ("", "pdo_maps: compared\n"):
         assert not parse(GOOD.replace("pdo_maps: configured\n", line)).configures_pdos
 
 
-def test_the_packaged_profile_is_that_of_an_arm_of_any_number_of_joints():
+def test_packaged_profile_fits_any_number_of_joints():
     for joints in (1, 7, 15):
-        found = load_profile("sarcos", joints=joints)
-        assert found.drives == tuple(range(1, joints + 1))
+        profile = load_profile("sarcos", joints=joints)
+        assert profile.drives == tuple(range(1, joints + 1))
     assert len(load_profile("sarcos").joints) == 15
 
 
@@ -105,26 +109,28 @@ MISTAKES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("old", "new", "words"), MISTAKES)
-def test_one_mistake_gives_one_complaint_with_its_place(old, new, words):
-    assert words in str(one_mistake(parse, GOOD, old, new))
+@pytest.mark.parametrize(("old", "new", "message"), MISTAKES)
+def test_one_mistake_gives_one_problem_with_its_place(old, new, message):
+    assert message in str(one_mistake(parse, GOOD, old, new))
 
 
-def test_a_drive_that_counts_otherwise_needs_an_arm_without_supervisor():
-    stated, otherwise = problems_of(parse, GOOD.replace("supervisor: none", "supervisor: 40"))
-    assert "serial_number: is stated by the supervisor" in str(stated)
-    assert "joints[joint 2]: a supervisor sets home offsets (607Ch)" in str(otherwise)
+def test_rescaled_drive_conflicts_with_supervisor():
+    serial_problem, joint_problem = problems_of(
+        parse, GOOD.replace("supervisor: none", "supervisor: 40")
+    )
+    assert "serial_number: is stated by the supervisor" in str(serial_problem)
+    assert "joints[joint 2]: a supervisor sets home offsets (607Ch)" in str(joint_problem)
 
 
 @given(
     nodes=st.lists(st.integers(1, 126), min_size=1, max_size=15, unique=True),
-    first=st.integers(1, 100),
-    apart=st.booleans(),
+    first_identifier=st.integers(1, 100),
+    own_identifiers=st.booleans(),
 )
 @settings(deadline=None, max_examples=40)
-def test_what_is_written_reads_back_the_same(nodes, first, *, apart):
+def test_written_profile_is_read_back(nodes, first_identifier, *, own_identifiers):
     def joint(k, node):
-        base = 0x100 + first + k if apart else 0x180 + node
+        base = 0x100 + first_identifier + k if own_identifiers else 0x180 + node
 
         def pdo(number, *entries):
             return Pdo(number=number, cob_id=base + 0x100 * number, entries=entries)
@@ -138,12 +144,12 @@ def test_what_is_written_reads_back_the_same(nodes, first, *, apart):
             ),
         )
 
-    made = BusProfile(
+    profile = BusProfile(
         name="made",
         joints=tuple(joint(k, node) for k, node in enumerate(nodes)),
         supervisor=None,
         serial_number="0-1: 2",
-        configures_pdos=apart,
+        configures_pdos=own_identifiers,
         compared=frozenset({0x607D, 0x60C2}),
     )
-    assert parse_profile(format_profile(made, comment="x\ny"), "x", joints=len(nodes)) == made
+    assert parse_profile(format_profile(profile, comment="x\ny"), "x", joints=len(nodes)) == profile

@@ -1,4 +1,4 @@
-"""A calibration put into somebody's own file: what changes, what does not, and where pinocchio has the tip."""
+"""Calibrations written into a user's URDF, xacro or UR file: what changes and what pinocchio computes."""
 
 import re
 import shutil
@@ -65,7 +65,7 @@ def arm_of(data, tip="", base=""):
     return chain, parse_arm(dump_strict(dict(arm_file_of(chain, name="six"))), "six")
 
 
-def off_by(table, entries):
+def with_changes(table, entries):
     columns = {name: np.array(getattr(table, name)) for name in table.__dataclass_fields__}
     for name, change in entries.items():
         column, _, row = name.rpartition("_")
@@ -73,30 +73,30 @@ def off_by(table, entries):
     return DhTable(**columns)
 
 
-EVERY = {
+CHANGES = {
     f"{kind}_{row}": size * (1 + 0.1 * row) * (-1) ** row
     for kind, size in (("theta_off", 0.02), ("a", 1e-3), ("alpha", 3e-3))
     for row in range(1, 7)
 } | {"beta_2": 1e-3, "beta_3": -2e-3, "s_1": 2e-3, "s_4": -1e-3, "s_5": 1e-3, "s_6": 3e-3}
 
 
-def off(data, chain, table):
-    """Largest distance (m, or of entries of a rotation) of the tip by pinocchio from ours, by a table."""
+def tip_error(data, chain, table):
+    """Largest difference of T_base_tip between pinocchio and a D-H table (m, or entries of a rotation)."""
     q = np.random.default_rng(1).uniform(-3.0, 3.0, (POSES, 6))
-    found = places(data, q, chain.tip, base=chain.base, joints=[j.name for j in chain.joints])
-    wanted = chain.T_link_base @ T_base_flange(table, q) @ chain.T_flange_tip
-    return float(np.abs(found - wanted).max())
+    tips = places(data, q, chain.tip, base=chain.base, joints=[j.name for j in chain.joints])
+    expected = chain.T_link_base @ T_base_flange(table, q) @ chain.T_flange_tip
+    return float(np.abs(tips - expected).max())
 
 
 CHAIN, ARM = arm_of(URDF.encode())
 
 
-def written(table, *, text=URDF, file="six.urdf", arm=ARM, comment=()):
+def calibrated_text(table, *, text=URDF, file="six.urdf", arm=ARM, comment=()):
     return with_calibration(text.encode(), file, arm, table, comment).decode()
 
 
 def without_origins(text, joints):
-    """The text without the origins of these joints and without the comment of ours."""
+    """The text without the origins of these joints and without the added comment."""
     text = re.sub(r"<!--\n  calibrated.*?-->\n", "", text, flags=re.DOTALL)
     for name in joints:
         block = re.search(rf'<joint name="{name}" type.*?</joint>', text, re.DOTALL)
@@ -106,147 +106,124 @@ def without_origins(text, joints):
 
 @pytest.mark.parametrize("tip", ["tool", "l6"])
 @pytest.mark.parametrize("base", ["world", "l0"])
-def test_pinocchio_has_the_tip_within_a_nanometre_of_ours(tip, base):
+def test_tip_agrees_with_pinocchio_to_a_nanometre(tip, base):
     chain, arm = arm_of(URDF.encode(), tip, base)
     changes = {
-        k: v for k, v in EVERY.items() if tip == "tool" or k not in ("a_6", "alpha_6", "s_6")
+        k: v for k, v in CHANGES.items() if tip == "tool" or k not in ("a_6", "alpha_6", "s_6")
     }
-    table = off_by(arm.table, changes)
-    assert off(written(table, arm=arm).encode(), chain, table) < 1e-9
-    assert off(URDF.encode(), chain, table) > 5e-3
+    table = with_changes(arm.table, changes)
+    assert tip_error(calibrated_text(table, arm=arm).encode(), chain, table) < 1e-9
+    assert tip_error(URDF.encode(), chain, table) > 5e-3
 
 
-def test_nothing_but_origins_of_the_chains_joints_changes():
-    text = written(off_by(ARM.table, EVERY), comment=["calibrated by somebody", "a -- b"])
+def test_only_origins_of_chain_joints_change():
+    text = calibrated_text(
+        with_changes(ARM.table, CHANGES), comment=["calibrated by somebody", "a -- b"]
+    )
     turning = {"pan", "lift", "elbow", "w1", "w2", "w3", "end"}
     assert without_origins(text, turning) == without_origins(URDF, turning)
     assert text.index("calibrated by somebody") < text.index("<robot")
     assert "a - - b" in text
 
 
-def test_a_joint_that_is_not_calibrated_keeps_its_very_words():
-    text = written(off_by(ARM.table, {"theta_off_3": 0.01}), comment=["calibrated"])
+def test_uncalibrated_joint_keeps_its_text():
+    text = calibrated_text(with_changes(ARM.table, {"theta_off_3": 0.01}), comment=["calibrated"])
     # The elbow turns; the lift's angle was rounded and is written in full.
     assert without_origins(text, {"elbow", "lift"}) == without_origins(URDF, {"elbow", "lift"})
     assert "1.5707963267948966" in text.split('name="lift"')[1].split("</joint>")[0]
 
 
 @pytest.mark.skipif(shutil.which("check_urdf") is None, reason="no check_urdf (liburdfdom-tools)")
-def test_check_urdf_passes(tmp_path):
+def test_check_urdf_accepts_the_result(tmp_path):
     file = tmp_path / "six.urdf"
-    file.write_text(written(off_by(ARM.table, EVERY)))
-    done = subprocess.run(["check_urdf", str(file)], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout
-    assert "Successfully Parsed" in done.stdout
+    file.write_text(calibrated_text(with_changes(ARM.table, CHANGES)))
+    check = subprocess.run(["check_urdf", str(file)], capture_output=True, text=True, check=False)
+    assert check.returncode == 0, check.stdout
+    assert "Successfully Parsed" in check.stdout
 
 
-def test_a_file_of_another_arm_is_refused():
-    longer = off_by(ARM.table, {"a_2": 0.3})
+def test_file_of_another_arm_is_refused():
+    longer = with_changes(ARM.table, {"a_2": 0.3})
     with pytest.raises(ConfigError, match="its a_2 differs from six's 6 times more"):
-        written(longer, arm=replace(ARM, table=longer))
-    named = replace(ARM, joints=(replace(ARM.joints[0], name="elbow"), *ARM.joints[1:]))
+        calibrated_text(longer, arm=replace(ARM, table=longer))
+    renamed = replace(ARM, joints=(replace(ARM.joints[0], name="elbow"), *ARM.joints[1:]))
     with pytest.raises(ConfigError, match="4 revolute joints from l2b to l6; six has 6"):
-        written(ARM.table, arm=named)
+        calibrated_text(ARM.table, arm=renamed)
 
 
-def test_an_arm_with_other_joint_names_gets_the_end_that_fits_it():
-    hand = """<joint name="mount" type="fixed"><parent link="tool"/><child link="hand"/>
+def test_other_joint_names_select_the_matching_tip():
+    tool = """<joint name="mount" type="fixed"><parent link="tool"/><child link="hand"/>
       <origin xyz="0 0 0.1" rpy="0.9 0 0.8"/></joint><link name="hand"/></robot>"""
-    text = URDF.replace("</robot>", hand)
+    text = URDF.replace("</robot>", tool)
     chain, arm = arm_of(text.encode(), tip="tool", base="l0")
     joints = tuple(replace(j, name=f"joint {k}") for k, j in enumerate(arm.joints))
-    table = off_by(arm.table, EVERY)
-    by_names = written(table, text=text, arm=arm)
-    assert written(table, text=text, arm=replace(arm, joints=joints)) == by_names
-    assert off(by_names.encode(), chain, table) < 1e-9
+    table = with_changes(arm.table, CHANGES)
+    by_names = calibrated_text(table, text=text, arm=arm)
+    assert calibrated_text(table, text=text, arm=replace(arm, joints=joints)) == by_names
+    assert tip_error(by_names.encode(), chain, table) < 1e-9
 
 
-def test_a_xacro_without_literal_numbers_says_what_to_do():
+def test_xacro_without_literal_numbers_is_refused():
     text = URDF.replace('xyz="0 0 0.39225"', 'xyz="0 0 ${r}"')
     with pytest.raises(ConfigError, match="expand it with xacro first"):
-        written(ARM.table, text=text, file="six.urdf.xacro")
+        calibrated_text(ARM.table, text=text, file="six.urdf.xacro")
 
 
-UR = """# maker's
-kinematics:
-  shoulder:
-    x: 0
-    y: 0
-    z: 0.1625
-    roll: -0
-    pitch: 0
-    yaw: 0.002
-  upper_arm: {block}
-  forearm:
-    x: -0.425
-    y: 0
-    z: 0
-    roll: 1e-05
-    pitch: 0
-    yaw: 0
-  wrist_1:
-    x: -0.3922
-    y: 0
-    z: 0.1333
-    roll: 0
-    pitch: 0
-    yaw: -0
-  wrist_2:
-    x: 0
-    y: -0.0997
-    z: -2.044881182297852e-11
-    roll: 1.570796327
-    pitch: 0
-    yaw: -0
-  wrist_3:
-    x: 0
-    y: 0.0996
-    z: -2.042830148012698e-11
-    roll: 1.570796326589793
-    pitch: 3.141592653589793
-    yaw: 3.141592653589793
-  hash: calib_1
-""".replace("{block}", "\n" + "\n".join(
-    f"    {k}: {v}" for k, v in zip(("x", "y", "z", "roll", "pitch", "yaw"),
-                                    (0, 0, 0, 1.570796327, 0, -0.0), strict=True)))  # fmt: skip
+UR_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
+UR_ORIGINS = {
+    "shoulder": "0 0 0.1625 -0 0 0.002",
+    "upper_arm": "0 0 0 1.570796327 0 -0.0",
+    "forearm": "-0.425 0 0 1e-05 0 0",
+    "wrist_1": "-0.3922 0 0.1333 0 0 -0",
+    "wrist_2": "0 -0.0997 -2.044881182297852e-11 1.570796327 0 -0",
+    "wrist_3": "0 0.0996 -2.042830148012698e-11 1.570796326589793 3.141592653589793 3.141592653589793",
+}
+UR_LINES = ["# maker's", "kinematics:"]
+for _name, _numbers in UR_ORIGINS.items():
+    UR_LINES.append(f"  {_name}:")
+    UR_LINES += [f"    {k}: {v}" for k, v in zip(UR_KEYS, _numbers.split(), strict=True)]
+UR_KINEMATICS = "\n".join([*UR_LINES, "  hash: calib_1\n"])
 
 
-def urs_urdf(text):
-    """UR's file as a URDF, by a reader of its own."""
+def ur_as_urdf(text):
+    """A UR kinematics file as a URDF, by an independent reader."""
     links, joints, parent = yaml.safe_load(text)["kinematics"], [], "base"
-    for name in ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"):
-        xyz, rpy = (
-            words([links[name][k] for k in keys])
-            for keys in (("x", "y", "z"), ("roll", "pitch", "yaw"))
-        )
+    for name in UR_ORIGINS:
+        xyz, rpy = (words([links[name][k] for k in keys]) for keys in (UR_KEYS[:3], UR_KEYS[3:]))
         joints.append(joint(name, parent, name, xyz, rpy, "0 0 1"))
         parent = name
     return robot(*joints).encode()
 
 
-def test_urs_kinematics_file_gets_the_same_arm():
-    chain, arm = arm_of(urs_urdf(UR))
+def test_ur_kinematics_file_gets_the_same_arm():
+    chain, arm = arm_of(ur_as_urdf(UR_KINEMATICS))
     assert arm.hayati_rows == (2, 3)
-    table = off_by(
-        arm.table, {k: v for k, v in EVERY.items() if k not in ("a_6", "alpha_6", "s_6")}
+    table = with_changes(
+        arm.table, {k: v for k, v in CHANGES.items() if k not in ("a_6", "alpha_6", "s_6")}
     )
-    found = written(table, text=UR, file="default_kinematics.yaml", arm=arm, comment=["by us"])
-    assert off(urs_urdf(found), chain, table) < 1e-9
-    assert found.startswith("# by us\n# maker's\n")
-    bare = [re.sub(r": [-+.\de]+$", "", line) for line in found.splitlines()[1:]]
-    assert bare == [re.sub(r": [-+.\de]+$", "", line) for line in UR.splitlines()]
+    calibrated = calibrated_text(
+        table, text=UR_KINEMATICS, file="default_kinematics.yaml", arm=arm, comment=["by us"]
+    )
+    assert tip_error(ur_as_urdf(calibrated), chain, table) < 1e-9
+    assert calibrated.startswith("# by us\n# maker's\n")
+    without_numbers = [re.sub(r": [-+.\de]+$", "", line) for line in calibrated.splitlines()[1:]]
+    assert without_numbers == [
+        re.sub(r": [-+.\de]+$", "", line) for line in UR_KINEMATICS.splitlines()
+    ]
 
 
 @pytest.mark.parametrize("head", ["# Größe: é\n", "\ufeff", "\ufeff# é\r\n# a\u2028b\n"])
-def test_urs_kinematics_file_keeps_its_text_whatever_stands_before_the_figures(head):
-    _, arm = arm_of(urs_urdf(UR))
-    table = off_by(arm.table, {"theta_off_2": 0.01, "a_2": 0.001})
-    plain, found = (
-        written(table, text=text, file="k.yaml", arm=arm, comment=["by us"])
-        for text in (UR, head + UR)
+def test_ur_kinematics_file_keeps_its_other_text(head):
+    _, arm = arm_of(ur_as_urdf(UR_KINEMATICS))
+    table = with_changes(arm.table, {"theta_off_2": 0.01, "a_2": 0.001})
+    reference, with_head = (
+        calibrated_text(table, text=text, file="k.yaml", arm=arm, comment=["by us"])
+        for text in (UR_KINEMATICS, head + UR_KINEMATICS)
     )
     mark = "\ufeff" if head.startswith("\ufeff") else ""
-    assert found == mark + "# by us\n" + head.removeprefix(mark) + plain.removeprefix("# by us\n")
+    assert with_head == mark + "# by us\n" + head.removeprefix(mark) + reference.removeprefix(
+        "# by us\n"
+    )
 
 
 @pytest.mark.parametrize(
@@ -257,15 +234,17 @@ def test_urs_kinematics_file_keeps_its_text_whatever_stands_before_the_figures(h
         ("    z: .nan\n", "'0 0 .nan'; write 3 numbers"),
     ],
 )
-def test_urs_kinematics_file_without_a_figure_says_which(line, words):
-    _, arm = arm_of(urs_urdf(UR))
+def test_incomplete_ur_kinematics_file_is_refused(line, words):
+    _, arm = arm_of(ur_as_urdf(UR_KINEMATICS))
     with pytest.raises(ConfigError, match=words):
-        written(arm.table, text=UR.replace("    z: 0.1625\n", line), file="k.yaml", arm=arm)
+        calibrated_text(
+            arm.table, text=UR_KINEMATICS.replace("    z: 0.1625\n", line), file="k.yaml", arm=arm
+        )
 
 
-def test_of_two_origins_of_a_joint_the_one_that_counts_is_changed():
+def test_only_the_effective_of_two_origins_changes():
     origin = """<origin  rpy='0 0 0.5'  xyz='0 0 0.0892'/>"""
-    twice = URDF.replace(origin, origin + "<origin xyz='7 7 7'/>")
-    table = off_by(ARM.table, {"theta_off_1": 0.1})
-    both = written(table, text=twice)
-    assert both.replace("<origin xyz='7 7 7'/>", "") == written(table) != URDF
+    two_origins = URDF.replace(origin, origin + "<origin xyz='7 7 7'/>")
+    table = with_changes(ARM.table, {"theta_off_1": 0.1})
+    with_two_origins = calibrated_text(table, text=two_origins)
+    assert with_two_origins.replace("<origin xyz='7 7 7'/>", "") == calibrated_text(table) != URDF

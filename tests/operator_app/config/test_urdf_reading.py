@@ -1,4 +1,4 @@
-"""Chains of URDFs as makers write them: parallel axes, rounded angles, torsos, grippers. Oracle: pinocchio."""
+"""Chains of makers' URDFs: parallel axes, rounded angles, torsos, grippers. Oracle: pinocchio."""
 
 import numpy as np
 import pytest
@@ -16,46 +16,42 @@ HALF = "1.5707963267948966"
 SIX = (("0 0 0.0892", "0 0 0"), ("0 0.1358 0", f"0 {HALF} 0"), ("0 -0.1197 0.425", "0 0 0"),
        ("0 0 0.39225", f"0 {HALF} 0"), ("0 0.093 0", "0 0 0"), ("0 0 0.09465", "0 0 0"))  # fmt: skip
 AXES = ("0 0 1", "0 1 0", "0 1 0", "0 1 0", "0 0 1", "0 1 0")
-"""A six-axis arm of the common kind: axes 2, 3 and 4 are parallel."""
+"""A common six-axis arm: axes 2, 3 and 4 are parallel."""
 
 
-def six(changes=None):
-    """Joints j1..j6 of links l0..l6, some of them with other origins, and a flange."""
+def six_joints(changes=None):
+    """Joints j1 to j6 between links l0 to l6, and a flange; `changes` are other origins by number."""
     origins = dict(enumerate(SIX, 1)) | (changes or {})
-    found = [
+    joints = [
         joint(f"j{k}", f"l{k - 1}", f"l{k}", *origins[k], axis=AXES[k - 1]) for k in range(1, 7)
     ]
-    return [*found, joint("end", "l6", "flange", "0 0.0823 0", f"0 0 {HALF}", kind="fixed")]
+    return [*joints, joint("end", "l6", "flange", "0 0.0823 0", f"0 0 {HALF}", kind="fixed")]
 
 
-def worst_m(data, chain, table=None):
-    """How far our tip, read through an arm file, is from pinocchio's at 50 poses (m, or entries of a rotation)."""
+def largest_error(data, chain, table=None):
+    """Largest difference of T_base_tip from pinocchio's at 50 poses (m, or entries of a rotation)."""
     q = np.random.default_rng(0).uniform(-3.0, 3.0, (50, len(chain.joints)))
     T = T_base_flange(table or chain.table, q)
-    theirs = places(data, q, chain.tip, base=chain.base, joints=[j.name for j in chain.joints])
-    return float(np.abs(chain.T_link_base @ T @ chain.T_flange_tip - theirs).max())
+    expected = places(data, q, chain.tip, base=chain.base, joints=[j.name for j in chain.joints])
+    return float(np.abs(chain.T_link_base @ T @ chain.T_flange_tip - expected).max())
 
 
-@pytest.mark.parametrize("off_rad", [0.0, 1e-10, 1e-5, -2e-3, 0.1])
-def test_axes_that_are_parallel_or_nearly_so_have_rows_of_ordinary_size(off_rad):
-    data = robot(*six({3: ("0 -0.1197 0.425", f"{off_rad!r} 0 {-0.5 * off_rad!r}")})).encode()
+@pytest.mark.parametrize("error_rad", [0.0, 1e-10, 1e-5, -2e-3, 0.1])
+def test_nearly_parallel_axes_have_moderate_lengths(error_rad):
+    data = robot(
+        *six_joints({3: ("0 -0.1197 0.425", f"{error_rad!r} 0 {-0.5 * error_rad!r}")})
+    ).encode()
     chain = parse_urdf(data, "arm.urdf")
     arm = parse_arm(dump_strict(dict(arm_file_of(chain, name="arm"))), "arm")
     assert arm.hayati_rows == (2, 3)
     assert np.abs(chain.table.stacked()[1:3]).max() < 0.5
-    assert worst_m(data, chain, arm.table) < 1e-9
-    # Row 2 has no s; what is off parallel is a twist about x and one about y.
+    assert largest_error(data, chain, arm.table) < 1e-9
+    # Row 2 has no s; the deviation from parallel is a twist about x and one about y.
     assert chain.table.s_m[1] == 0.0
     twist = np.hypot(chain.table.beta_rad[1], chain.table.alpha_rad[1])
-    assert twist == pytest.approx(abs(off_rad) * np.hypot(1.0, 0.5), rel=1e-2, abs=1e-12)
-
-
-def test_what_is_written_of_hayatis_rows_reads_as_the_same_arm():
-    chain = parse_urdf(robot(*six({3: ("0 -0.1197 0.425", "1e-3 0 2e-3")})).encode(), "arm.urdf")
-    arm = parse_arm(dump_strict(dict(arm_file_of(chain, name="arm"))), "arm")
-    assert np.count_nonzero(arm.table.beta_rad) > 0
-    again = parse_urdf(format_urdf(arm, arm.table), "again.urdf")
-    np.testing.assert_allclose(again.table.stacked(), arm.table.stacked(), rtol=0, atol=1e-12)
+    assert twist == pytest.approx(abs(error_rad) * np.hypot(1.0, 0.5), rel=1e-2, abs=1e-12)
+    read_back = parse_urdf(format_urdf(arm, arm.table), "read_back.urdf")
+    np.testing.assert_allclose(read_back.table.stacked(), arm.table.stacked(), rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -65,26 +61,28 @@ def test_what_is_written_of_hayatis_rows_reads_as_the_same_arm():
      ("1.57080632", None), ("0.785", None), ("1.5709", None), ("0.79", None), ("0", None),
      ("0.0", None), ("0.0000", None), ("1.5", None), (HALF, None), ("1e-5", None), ("3.1", None)],
 )  # fmt: skip
-def test_a_rounded_angle_is_taken_for_what_it_means(word, deg):
+def test_rounded_angle_is_read_as_exact(word, deg):
     assert exact_deg(word) == deg
 
 
-def test_a_rounded_half_turn_makes_neighbours_parallel_and_is_reported():
-    chain = parse_urdf(robot(*six({3: ("0 -0.1197 0.425", "-3.1416 0 0")})).encode(), "arm.urdf")
+def test_rounded_half_turn_is_reported():
+    chain = parse_urdf(
+        robot(*six_joints({3: ("0 -0.1197 0.425", "-3.1416 0 0")})).encode(), "arm.urdf"
+    )
     assert chain.rounded == {"-3.1416": -180.0}
     assert abs(chain.table.alpha_rad[1]) == np.pi
     assert not chain.table.beta_rad.any()
 
 
 @pytest.mark.parametrize("pitch", [0.0, 0.3, np.pi / 2, -np.pi / 2, 1.5707, 3.0])
-def test_roll_pitch_yaw_come_back_at_a_pitch_of_90_deg_too(pitch):
+def test_roll_pitch_yaw_is_read_back_at_any_pitch(pitch):
     T = np.eye(4)
     T[:3, :3] = rotation_of_rpy(np.array([0.4, pitch, -2.2]))
     T[:3, 3] = (0.1, -0.2, 1e-18)
     words = origin_words(T)
     assert words["xyz"] == "0.1 -0.2 0"
-    again = rotation_of_rpy(np.array([float(w) for w in words["rpy"].split()]))
-    assert np.abs(again - T[:3, :3]).max() < 1e-15
+    read_back = rotation_of_rpy(np.array([float(w) for w in words["rpy"].split()]))
+    assert np.abs(read_back - T[:3, :3]).max() < 1e-15
 
 
 HAND = (
@@ -110,8 +108,8 @@ HEAD = (joint("neck", "torso", "head", axis="0 0 1"),)
         ((), "l0", "l6", ("l0", "l6")),
     ],
 )
-def test_only_what_stands_between_base_and_tip_counts(more, base, tip, expected):
-    chain = parse_urdf(robot(*six(), *more).encode(), "arm.urdf", base=base, tip=tip)
+def test_chain_has_joints_between_base_and_tip_only(more, base, tip, expected):
+    chain = parse_urdf(robot(*six_joints(), *more).encode(), "arm.urdf", base=base, tip=tip)
     assert (chain.base, chain.tip) == expected
     assert [j.name for j in chain.joints] == ["j1", "j2", "j3", "j4", "j5", "j6"]
 
@@ -123,29 +121,20 @@ def test_only_what_stands_between_base_and_tip_counts(more, base, tip, expected)
         ((), "", "elbow"),
         ((), "elbow", ""),
         (HEAD, "head", "flange"),
-        (
-            (*HEAD, *TORSO),
-            "",
-            "",
-        ),
+        ((*HEAD, *TORSO), "", ""),
         (JAW, "", "l0"),
     ],
 )
-def test_a_wrong_base_or_tip_gets_an_answer_of_its_own(more, base, tip, approve):
-    with pytest.raises(ConfigError) as refused:
-        parse_urdf(robot(*six(), *more).encode(), "arm.urdf", base=base, tip=tip)
-    approve(str(refused.value))
+def test_invalid_base_or_tip_is_refused(more, base, tip, approve):
+    with pytest.raises(ConfigError) as caught:
+        parse_urdf(robot(*six_joints(), *more).encode(), "arm.urdf", base=base, tip=tip)
+    approve(str(caught.value))
 
 
-def test_a_file_without_joints_says_so():
-    with pytest.raises(ConfigError, match="has no joint"):
-        parse_urdf(b'<robot name="ur3"><link name="base"/></robot>', "ur3.urdf")
-
-
-def test_joints_of_a_simulator_and_limits_that_no_arm_has_are_no_part_of_the_arm():
+def test_simulator_joints_and_placeholder_limits_are_ignored():
     nested = "<gazebo><joint name='screw' type='screw'><parent>l1</parent></joint></gazebo>"
-    vast = joint("j1", "l0", "l1", *SIX[0], axis=AXES[0], ends=(-1e6, 1.0), velocity=100)
-    chain = parse_urdf(robot(vast, *six()[1:], nested, nested).encode(), "arm.urdf")
+    unlimited = joint("j1", "l0", "l1", *SIX[0], axis=AXES[0], ends=(-1e6, 1.0), velocity=100)
+    chain = parse_urdf(robot(unlimited, *six_joints()[1:], nested, nested).encode(), "arm.urdf")
     assert [j.name for j in chain.joints] == [f"j{k}" for k in range(1, 7)]
     first = chain.joints[0]
     assert (first.lower_rad, first.upper_rad) == (-np.pi, 1.0)
@@ -155,10 +144,12 @@ def test_joints_of_a_simulator_and_limits_that_no_arm_has_are_no_part_of_the_arm
     parse_arm(dump_strict(dict(arm_file_of(chain, name="arm"))), "arm")
 
 
-def test_a_name_or_a_parent_given_twice_is_refused():
-    joints = six()
-    twice = [*joints[:2], joints[2].replace('"j3"', '"j2"'), *joints[3:]]
+def test_missing_or_duplicate_joints_are_refused():
+    with pytest.raises(ConfigError, match="has no joint"):
+        parse_urdf(b'<robot name="ur3"><link name="base"/></robot>', "ur3.urdf")
+    joints = six_joints()
+    duplicate_names = [*joints[:2], joints[2].replace('"j3"', '"j2"'), *joints[3:]]
     with pytest.raises(ConfigError, match="several joints named 'j2' on the path to 'flange'"):
-        parse_urdf(robot(*twice).encode(), "a.urdf")
+        parse_urdf(robot(*duplicate_names).encode(), "a.urdf")
     with pytest.raises(ConfigError, match="'l3' is the child of two joints, 'j3' and 'other'"):
         parse_urdf(robot(*joints, joint("other", "l0", "l3", axis="0 0 1")).encode(), "a.urdf")

@@ -1,7 +1,7 @@
-"""Every command of the pages runs, from top to bottom of its page, in a folder that has what the page names.
+"""Every command of the manual runs, page by page, in a folder with the files that the pages name.
 
-Here a run is short: ten poses of the exact arm, made once and copied. The campaign types the pages as they
-are. A controller in another process stands at the end of can0.
+By default a run is short: ten poses of the exact arm, captured once and copied. The campaign runs the pages as
+written. A controller in another process simulates the arm at can0.
 """
 
 import contextlib
@@ -26,55 +26,48 @@ from tests.oracles.pty_program import PtyProgram
 from tests.oracles.recorded import recorded_folder
 from tests.oracles.recordings import recorded_arm, write_bag, write_log
 
-HINGE = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
-START = [sys.executable, "-c", "import sys; from operator_app.cli import main; sys.exit(main())"]
+DATA = Path(__file__).parents[2] / "data"
+HINGE, PANDA = DATA / "hinge/hinge_exact.csv", DATA / "panda_ball/panda_1.csv"
+SARCAL = [sys.executable, "-c", "import sys; from operator_app.cli import main; sys.exit(main())"]
 RUN = "sarcal run hinge"
-SHORT = ["run", "hinge", "--scenario", "exact", "--poses", "10"]
-CAN = "-i socketcan -c can0"
-PATIENCE_S = 60.0
+CAN_OPTIONS = "-i socketcan -c can0"
+TIMEOUT_S = 60.0
 REDIRECTED = re.compile(r" > (\S+)$")
 
-TOPICS = [topic for topic in written_topics() if any(b.commands for b in blocks(topic))]
-LONG = (
+TOPICS_WITH_COMMANDS = [
+    topic for topic in written_topics() if any(b.commands for b in blocks(topic))
+]
+SLOW_TOPICS = (
     "mounting", "own-poses", "paper", "real-can", "recordings", "scripting", "still-valid", "tutorial",
 )  # fmt: skip
-"""Pages that take a second or more also where a run is short."""
-FROM_NOTHING = ("paper", "scripting", "still-valid", "tutorial", "wrist-repair")
-"""Pages that make their session themselves."""
+"""Pages that take a second or more even with short runs."""
+TOPICS_WITHOUT_SESSION = ("paper", "scripting", "still-valid", "tutorial", "wrist-repair")
+"""Pages that create their session themselves."""
 
 
 @pytest.fixture(scope="module")
 def prepared():
-    """A folder with a session and with the files that pages call mine. Not to be changed."""
+    """A folder with a session and the files that pages call my_*; read-only."""
     return recorded_folder(prepare)
 
 
 def prepare(folder: Path) -> None:
-    """Write the files that pages call mine, and a session."""
     rows = HINGE.read_text().splitlines()
     (folder / "my_poses.csv").write_text("\n".join(rows[:25]) + "\n")
     (folder / "my_other_poses.csv").write_text("\n".join([rows[0], *rows[25:45]]) + "\n")
     angles = [[float(cell) for cell in row.split(",")[2:9]] for row in rows[1:25]]
     np.savetxt(folder / "my_log.csv", np.deg2rad(angles), delimiter=",")
     sockets, q_rad = panda_readings()
-    long = [
+    rows_of_sockets = [
         f"hole {k},{','.join(map(repr, q.tolist()))}" for k, q in zip(sockets, q_rad, strict=True)
     ]
     head = "socket," + ",".join(f"q{j}" for j in range(1, 8))
-    (folder / "my_long_log.csv").write_text("\n".join([head, *long[:60]]) + "\n")
+    (folder / "my_long_log.csv").write_text("\n".join([head, *rows_of_sockets[:60]]) + "\n")
     for k in (1, 2):
-        there = [q for placement, q in zip(sockets, q_rad, strict=True) if placement == k]
-        np.savetxt(folder / f"socket_{k}.csv", there, delimiter=",")
-    names = ["placement", "pose", *(f"theta{j}_deg" for j in range(1, 8))]
-    numbered = np.column_stack((sockets, np.arange(1, len(sockets) + 1), np.rad2deg(q_rad)))
-    np.savetxt(
-        folder / "my_sockets.csv",
-        numbered[sockets <= 4],
-        "%.12g",
-        ",",
-        header=",".join(names),
-        comments="",
-    )
+        q_of_socket = [q for placement, q in zip(sockets, q_rad, strict=True) if placement == k]
+        np.savetxt(folder / f"socket_{k}.csv", q_of_socket, delimiter=",")
+    first_sockets = [row for row in PANDA.read_text().splitlines() if row[0] in "p1234"]
+    (folder / "my_sockets.csv").write_text("\n".join(first_sockets) + "\n")
     measured_csv(folder / "open_arm.csv")
     names = [f"panda_joint{j}" for j in range(1, 8)]
     for k, storage, bag, log in (
@@ -85,18 +78,13 @@ def prepare(folder: Path) -> None:
         write_bag(folder / f"run_{k}", *run, names, storage=storage, seed=k).rename(folder / bag)
         write_log(folder / log, *run, names)
     with contextlib.chdir(folder):
-        assert quietly(SHORT) == 0
-        assert quietly(["export", "latest", "--format", "urdf", "-o", "my_arm.urdf"]) == 0
-
-
-def quietly(words: list[str]) -> int:
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        return main(words)
+        assert run_line(f"{RUN} --scenario exact --poses 10") == 0
+        assert run_line("sarcal export latest --format urdf -o my_arm.urdf") == 0
 
 
 @pytest.fixture
-def desk(prepared, tmp_path, monkeypatch):
-    """The folder of somebody who reads a page."""
+def working_folder(prepared, tmp_path, monkeypatch):
+    """The current folder, with all files that pages name or show."""
     for file in prepared.iterdir():
         if file.is_file():
             shutil.copy(file, tmp_path)
@@ -111,9 +99,9 @@ def desk(prepared, tmp_path, monkeypatch):
 
 @contextlib.contextmanager
 def controller(*options: str) -> Iterator[str]:
-    """A virtual controller in a process of its own; how it is reached, in options."""
+    """Run a virtual controller in another process; yields the bus options."""
     bus = f"-i loopback -c manual-{os.getpid()}"
-    words = [*START, "controller", *bus.split(), *options]
+    words = [*SARCAL, "controller", *bus.split(), *options]
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
         try:
             assert process.stderr is not None
@@ -123,101 +111,104 @@ def controller(*options: str) -> Iterator[str]:
             process.kill()
 
 
-def typed(command: str, bus: str) -> int:
-    """Type a line; what it says is kept in a file where the line says so."""
+def run_line(command: str, bus: str = "") -> int:
+    """Run a command line, with its output redirected to a file if the line says so."""
     redirected = REDIRECTED.search(command)
-    line = command.replace(CAN, bus)
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said):
-        code = main(shlex.split(REDIRECTED.sub("", line))[1:])
+    line = REDIRECTED.sub("", command).replace(CAN_OPTIONS, bus)
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output):
+        code = main(shlex.split(line)[1:])
     if redirected:
-        Path(redirected[1]).write_text(said.getvalue())
+        Path(redirected[1]).write_text(output.getvalue())
     return code
 
 
-def shortened(command: str, prepared: Path, made: list[Path]) -> str:
-    """Copy the session that was made once where a run is wanted; return what else is to be typed."""
+def shortened(command: str, prepared: Path, sessions: list[Path]) -> str:
+    """Copy the prepared session in place of a run; return the remaining command."""
     if not command.startswith(RUN):
-        # New poses come from the arm on which the session was made.
+        # New poses must come from the arm of the session.
         return command + (" --scenario exact" if "verify latest --poses" in command else "")
     (session,) = (prepared / "sessions").iterdir()
-    target = Path("sessions") / f"{session.name}-{len(made)}"
+    target = Path("sessions") / f"{session.name}-{len(sessions)}"
     shutil.copytree(session, target)
-    made.append(target)
+    sessions.append(target)
     rest = command.removeprefix(RUN)
     return f"sarcal report {target}{rest}" if rest else ""
 
 
-def ours(block: Block) -> list[str]:
-    """The commands of a block that are this program's."""
+def sarcal_commands(block: Block) -> list[str]:
+    """The sarcal commands of a block."""
     return [c for c in block.commands if c.strip() and not c.startswith(NOT_OURS)]
 
 
-def opened_and_left(folder: Path) -> int:
-    """Open the app in a terminal of its own, wait until it shows something, and press q."""
-    program = PtyProgram(START, size=(120, 36), folder=folder)
+def start_and_quit(folder: Path) -> int:
+    """Start the app in a pseudo-terminal, wait for its first screen, and press q."""
+    program = PtyProgram(SARCAL, size=(120, 36), folder=folder)
     try:
         program.seen("Connect", 0)
         program.write(b"q")
-        return program.process.wait(PATIENCE_S)
+        return program.process.wait(TIMEOUT_S)
     finally:
         program.close()
 
 
-def type_page(topic: str, prepared: Path, desk: Path, *, short: bool) -> None:
-    """Type the commands of a page from top to bottom; runs are made short where that is wanted."""
-    made: list[Path] = []
-    if topic not in FROM_NOTHING:
+def run_page(topic: str, prepared: Path, working_folder: Path, *, short: bool) -> None:
+    """Run the commands of a page from top to bottom; `short` replaces captures by a copied session."""
+    sessions: list[Path] = []
+    if topic not in TOPICS_WITHOUT_SESSION:
         shutil.copytree(prepared / "sessions", "sessions")
     with contextlib.ExitStack() as stack:
         bus = ""
         for block in blocks(topic):
             if block.run if short else block.run in ("terminal", "toy"):
                 continue
-            for command in ours(block):
+            for command in sarcal_commands(block):
                 if block.run == "background":
                     options = shlex.split(command)[2:]
                     bus = stack.enter_context(controller(*options[2:]))
                     continue
-                if CAN in command and not bus:
+                if CAN_OPTIONS in command and not bus:
                     bus = stack.enter_context(controller())
                 if command == "sarcal":
-                    assert opened_and_left(desk) == 0
+                    assert start_and_quit(working_folder) == 0
                     continue
-                line = shortened(command, prepared, made) if short else command
-                # Of an arm that errs by more than its files state, a page leaves the verdict open.
-                fine = (0, 4) if block.run == "verdict" else (0,)
-                line = line.replace("-i loopback", CAN) if bus and not short else line
-                assert not line or typed(line, bus) in fine, command
+                line = shortened(command, prepared, sessions) if short else command
+                # The verdict is open for an arm whose errors exceed its files.
+                exit_codes = (0, 4) if block.run == "verdict" else (0,)
+                line = line.replace("-i loopback", CAN_OPTIONS) if bus and not short else line
+                assert not line or run_line(line, bus) in exit_codes, command
 
 
 @pytest.mark.parametrize(
-    "topic", [pytest.param(t, marks=[pytest.mark.campaign] if t in LONG else []) for t in TOPICS]
+    "topic",
+    [
+        pytest.param(t, marks=[pytest.mark.campaign] if t in SLOW_TOPICS else [])
+        for t in TOPICS_WITH_COMMANDS
+    ],
 )
-def test_every_command_of_a_page_runs(topic, prepared, desk):
-    type_page(topic, prepared, desk, short=True)
+def test_shortened_commands_of_a_page_run(topic, prepared, working_folder):
+    run_page(topic, prepared, working_folder, short=True)
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize("topic", TOPICS)
-def test_every_command_of_a_page_runs_as_it_is_written(topic, prepared, desk):
-    type_page(topic, prepared, desk, short=False)
+@pytest.mark.parametrize("topic", TOPICS_WITH_COMMANDS)
+def test_commands_of_a_page_run_as_written(topic, prepared, working_folder):
+    run_page(topic, prepared, working_folder, short=False)
 
 
 @pytest.mark.parametrize(
     "topic",
     [t for t in written_topics() if any(b.language == "python" and not b.file for b in blocks(t))],
 )
-def test_every_piece_of_python_runs(topic, desk, capsys):
+def test_python_blocks_run(topic, working_folder, capsys):
     for block in blocks(topic):
         if block.language == "python" and not block.file:
             exec(compile(block.text, topic, "exec"), {})  # noqa: S102 - the page
     assert "theta_off_2" in capsys.readouterr().out
 
 
-def test_nothing_is_written_that_no_test_runs():
-    """Every line of a shell block is a command of ours or one of the system's."""
-    for topic in TOPICS:
+def test_every_block_is_of_a_kind_that_tests_run():
+    for topic in TOPICS_WITH_COMMANDS:
         for block in blocks(topic):
             assert block.language in ("sh", "yaml", "toml", "python", "text"), topic
             # The toy's are run by tests/system/test_outside_arm.py.
@@ -227,18 +218,20 @@ def test_nothing_is_written_that_no_test_runs():
             assert block.language != "yaml" or block.file
 
 
-def test_commands_have_parsers_that_take_them():
-    """What a page has typed, or a sentence or a table quotes as a command, is one with options that it has."""
+def test_quoted_commands_have_valid_options():
+    """Commands in shell blocks, sentences and tables."""
     from operator_app.commands.table import APP, COMMANDS, parser_of
     from operator_app.manual.pages import FOLDER
 
     for topic in written_topics():
         prose = re.sub(r"```.*?```", "", (FOLDER / f"{topic}.md").read_text(), flags=re.DOTALL)
-        typed = [c.removeprefix("sarcal") for block in blocks(topic) for c in ours(block)]
-        for quoted in typed + re.findall(r"`sarcal(?: ([^`]*))?`", " ".join(prose.split())):
+        run_line = [
+            c.removeprefix("sarcal") for block in blocks(topic) for c in sarcal_commands(block)
+        ]
+        for quoted in run_line + re.findall(r"`sarcal(?: ([^`]*))?`", " ".join(prose.split())):
             words = shlex.split(quoted)
             name = words[0] if words and not words[0].startswith("-") else APP
             assert name in {APP, *COMMANDS}, f"{topic}: {quoted}"
-            known = {o for a in parser_of(name)._actions for o in a.option_strings}
-            unknown = {w for w in words if w.startswith("-")} - known
+            options = {o for a in parser_of(name)._actions for o in a.option_strings}
+            unknown = {w for w in words if w.startswith("-")} - options
             assert not unknown, f"{topic}: {quoted}"

@@ -1,4 +1,4 @@
-"""The notebooks' cells run from top to bottom, by the plain interpreter: no Jupyter is in the test extra."""
+"""The cells of the notebooks run from top to bottom, in the plain interpreter without Jupyter."""
 
 import ast
 import json
@@ -16,8 +16,8 @@ from operator_app.manual.pages import NOTEBOOKS
 NAMES = sorted(f.name for f in NOTEBOOKS.iterdir() if f.name.endswith(".ipynb"))
 
 
-def shown_by(source: str, names: dict[str, Any]) -> Any:
-    """Run a cell; the value of its last line, where that is an expression, as a notebook shows it."""
+def run_cell(source: str, names: dict[str, Any]) -> Any:
+    """Run a cell and return the value of a final expression, as a notebook shows it."""
     tree = ast.parse(source)
     last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
     exec(compile(tree, "cell", "exec"), names)  # noqa: S102 - the notebook
@@ -28,42 +28,42 @@ def shown_by(source: str, names: dict[str, Any]) -> Any:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_its_cells_run_in_order(name, tmp_path, monkeypatch, capsys):
+def test_cells_run_in_order(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}
-    shown = []
+    values = []
     for cell in json.loads((NOTEBOOKS / name).read_text())["cells"]:
         if cell["cell_type"] == "code":
-            shown.append(shown_by("".join(cell["source"]), names))
-    said = capsys.readouterr().out
+            values.append(run_cell("".join(cell["source"]), names))
+    output = capsys.readouterr().out
     match name:
         case "own_readings.ipynb":
             result = names["result"]
             assert result.accepted
-            tables = [s._repr_html_() for s in shown if hasattr(s, "_repr_html_")]
+            tables = [s._repr_html_() for s in values if hasattr(s, "_repr_html_")]
             assert any("<table" in table for table in tables)
-            off = abs(result.values["theta_off_2_deg"] - names["made"].truth["theta_off_2_deg"])
-            assert off < 4 * result.sigmas["theta_off_2_deg"]
-            assert "theta_off_2_deg" in said
+            error = abs(result.values["theta_off_2_deg"] - names["made"].truth["theta_off_2_deg"])
+            assert error < 4 * result.sigmas["theta_off_2_deg"]
+            assert "theta_off_2_deg" in output
             assert main(["report", "my_calibration", "--text"]) == 0
         case "what_moved.ipynb":
             assert "theta_off_3" in str(names["found"].drifted)
-            moved, sigma = (float(n) for n in re.findall(r"-?\d\.\d+", said))
+            moved, sigma = (float(n) for n in re.findall(r"-?\d\.\d+", output))
             assert moved == pytest.approx(-0.5, abs=3 * sigma)
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_it_is_a_notebook_without_results(name):
-    """As nbformat 4.5 has it: ids, and nothing run."""
-    found = json.loads((NOTEBOOKS / name).read_text())
-    assert (found["nbformat"], found["nbformat_minor"]) == (4, 5)
-    assert len({cell["id"] for cell in found["cells"]}) == len(found["cells"])
-    for cell in found["cells"]:
+def test_notebook_is_valid_without_outputs(name):
+    """Format 4.5, with unique ids."""
+    notebook = json.loads((NOTEBOOKS / name).read_text())
+    assert (notebook["nbformat"], notebook["nbformat_minor"]) == (4, 5)
+    assert len({cell["id"] for cell in notebook["cells"]}) == len(notebook["cells"])
+    for cell in notebook["cells"]:
         assert cell["cell_type"] in ("code", "markdown")
         assert cell.get("outputs", []) == []
 
 
-def test_they_are_written_where_somebody_wants_them(tmp_path):
+def test_help_writes_the_notebooks(tmp_path):
     code = "import sys; from operator_app.cli import main; sys.exit(main())"
     words = [sys.executable, "-c", code, "help", "notebooks", "--files", str(tmp_path / "here")]
     subprocess.run(words, check=True, capture_output=True, env=os.environ)

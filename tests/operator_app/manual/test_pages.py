@@ -1,4 +1,4 @@
-"""Pages that code makes hold what the code has: against --help, the packaged files, the EDS as plain text."""
+"""Generated pages are complete, compared with --help, packaged files and the EDS files as text."""
 
 import configparser
 import re
@@ -25,13 +25,13 @@ def keys(node: object) -> set[str]:
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
-def test_every_option_that_a_command_prints_is_on_its_page(command, capsys):
+def test_every_option_is_in_the_manual(command, capsys):
     with pytest.raises(SystemExit):
         cli.main([*command.split(), "--help"])
-    said = capsys.readouterr().out
-    wanted = set(re.findall(r"(?<=[ \[])--[a-z][a-z-]+", said)) - {"--help", "--version"}
+    help_text = capsys.readouterr().out
+    options = set(re.findall(r"(?<=[ \[])--[a-z][a-z-]+", help_text)) - {"--help", "--version"}
     page = manual().page("commands").markdown
-    missing = {option for option in wanted if f"`{option}" not in page}
+    missing = {option for option in options if f"`{option}" not in page}
     assert not missing
     assert f"## sarcal {command}".strip() in page
 
@@ -45,34 +45,40 @@ def test_every_option_that_a_command_prints_is_on_its_page(command, capsys):
         ("profile-file", "operator_app/data/profiles"),
     ],
 )
-def test_every_key_of_a_packaged_file_is_explained(topic, folder):
+def test_every_key_of_packaged_files_is_in_the_manual(topic, folder):
     page = manual().page(topic).markdown
-    free = {"theta_off_1", "theta_off_4", "theta_off_7"}  # parameters, which `held` has for keys
+    parameters = {
+        "theta_off_1",
+        "theta_off_4",
+        "theta_off_7",
+    }  # parameters, which `held` has for keys
     for file in (ROOT / folder).glob("*.yaml"):
         missing = {
-            k for k in keys(yaml.safe_load(file.read_text())) - free if f"| `{k}` |" not in page
+            k
+            for k in keys(yaml.safe_load(file.read_text())) - parameters
+            if f"| `{k}` |" not in page
         }
         assert not missing, file.name
 
 
 @pytest.mark.parametrize("kind", get_args(FileKind))
-def test_every_key_of_a_file_has_a_meaning(kind):
+def test_every_key_has_a_meaning(kind):
     page = manual().page(f"{kind}-file").markdown
     assert not re.findall(r"^\| `\w+` .*\|\s*\|$", page, re.MULTILINE)
-    # And nothing is explained that there is not, or that its model explains.
-    given = yaml.safe_load((ROOT / "operator_app/data/key_meanings.yaml").read_text())[kind]
+    # No meaning is stated for unknown keys, or for keys that their model describes.
+    meanings = yaml.safe_load((ROOT / "operator_app/data/key_meanings.yaml").read_text())[kind]
     models = json_schema(kind)["$defs"]
-    shown = {
+    used = {
         name
         for model, spec in models.items()
         for key, value in spec["properties"].items()
         for name in (key, f"{model}.{key}")
-        if value.get("description") == given.get(name)
+        if value.get("description") == meanings.get(name)
     }
-    assert set(given) <= shown
+    assert set(meanings) <= used
 
 
-def test_every_object_of_the_eds_files_is_on_the_page():
+def test_every_eds_object_is_in_the_manual():
     joint, supervisor = manual().page("objects").markdown.split("## Supervisor")
     for name, text in (("joint", joint), ("supervisor", supervisor)):
         eds = configparser.ConfigParser(strict=False, interpolation=None)
@@ -85,14 +91,14 @@ def test_every_object_of_the_eds_files_is_on_the_page():
             assert place in text, section
 
 
-def test_every_exit_code_has_a_meaning_and_is_in_the_help():
+def test_every_exit_code_has_a_meaning():
     assert set(MEANING) == set(ExitCode)
     for code in ExitCode:
         assert f"| `{int(code)}` |" in manual().page("exit-codes").markdown
         assert re.search(rf"\b{int(code)} \w", cli.EPILOG)
 
 
-def test_every_key_of_the_app_and_every_fault_is_listed():
+def test_every_app_key_and_fault_is_in_the_manual():
     from hardware.virtual.faults import FAULT_KINDS
     from operator_app.session.ui.action_table import ACTIONS
 

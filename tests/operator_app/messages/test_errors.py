@@ -1,4 +1,4 @@
-"""Errors as what happened and what to do now: sentences that end once, and never say less than was done."""
+"""Texts of errors: what happened, then the remedy."""
 
 import pytest
 
@@ -17,7 +17,7 @@ from operator_app.errors import SessionError
 from operator_app.messages.errors import REMEDIES, words
 from solver.errors import TooFewPosesError, UnidentifiableDirection, UnidentifiableError
 
-UNSEEN = UnidentifiableDirection(parameters=("theta_off_3", "alpha_3"), weights=(0.8, 0.6))
+UNIDENTIFIABLE = UnidentifiableDirection(parameters=("theta_off_3", "alpha_3"), weights=(0.8, 0.6))
 STUCK = (
     "reads the same count as at pose 4, but according to the other joints it has turned by about 12 deg: "
     "its sensor is stuck. "
@@ -37,15 +37,15 @@ STUCK = (
     ],
     ids=lambda error: type(error).__name__,
 )
-def test_what_happened_and_what_to_do_are_sentences(error):
-    said = words(error)
-    assert ".." not in str(said)
-    # Poses were left out, or what a drive counts is in doubt.
-    assert "Nothing was changed" not in said.remedy
+def test_text_has_no_doubled_full_stop(error):
+    text = words(error)
+    assert ".." not in str(text)
+    # Poses were excluded, or the counter of a drive is uncertain.
+    assert "Nothing was changed" not in text.remedy
 
 
 @pytest.mark.parametrize(
-    ("code", "said"),
+    ("code", "expected"),
     [
         (0x5441, "Release the external stop"),
         (0x5442, "Release the external stop"),
@@ -56,9 +56,9 @@ def test_what_happened_and_what_to_do_are_sentences(error):
         (0x4210, "Find the cause of this fault"),
     ],
 )
-def test_a_trip_is_told_by_what_brought_it_about(code, said):
+def test_remedy_of_drive_fault_follows_from_its_code(code, expected):
     remedy = words(DriveFault(1, code, "as it says")).remedy
-    assert said in remedy
+    assert expected in remedy
     assert "reset (R)" in remedy
 
 
@@ -70,14 +70,16 @@ def test_a_trip_is_told_by_what_brought_it_about(code, said):
         SensorFault(3, "jumped by +2223 counts", since_sync=1),
         SensorFault(3, STUCK, stuck=True),
         *(DriveFault(1, code, emergency_text(code)) for code in (0x5441, 0x7305, 0x8130, 0x8311)),
-        UnidentifiableError((UNSEEN,), stuck_joint=3, note="the sensor of joint 3 is stuck"),
-        UnidentifiableError((UNSEEN,), note="joint 4 does not move"),
+        UnidentifiableError(
+            (UNIDENTIFIABLE,), stuck_joint=3, note="the sensor of joint 3 is stuck"
+        ),
+        UnidentifiableError((UNIDENTIFIABLE,), note="joint 4 does not move"),
         TooFewPosesError(poses=3, needed=5, parameters=14, equations_per_pose=3),
         FixtureError("the axes are parallel"),
     ],
     ids=lambda error: type(error).__name__,
 )
-def test_errors_are_told_as_approved(error, approve):
+def test_error_text_is_approved(error, approve):
     approve(str(words(error)))
 
 
@@ -88,12 +90,12 @@ def test_errors_are_told_as_approved(error, approve):
         ("a_0 cannot be determined", "pip install the arm's package"),
     ],
 )
-def test_paths_names_and_commands_keep_their_spelling(happened, remedy):
-    said = words(SessionError(happened, remedy))
-    assert (said.happened, said.remedy) == (happened, remedy)
+def test_paths_and_names_keep_their_case(happened, remedy):
+    text = words(SessionError(happened, remedy))
+    assert (text.happened, text.remedy) == (happened, remedy)
     assert words(SessionError("the arm moved", "wait")).happened == "The arm moved"
 
 
 @pytest.mark.parametrize("kind", REMEDIES, ids=lambda kind: kind.__name__)
-def test_the_remedy_of_every_kind_is_as_approved(kind, approve):
+def test_remedy_of_every_error_is_approved(kind, approve):
     approve(REMEDIES[kind])

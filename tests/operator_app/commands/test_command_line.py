@@ -1,4 +1,4 @@
-"""What people expect of a command in a terminal: a hint, completion, tables, files for other tools."""
+"""Command line conventions: suggestions, usage, completion, tables, files for other tools."""
 
 import os
 import subprocess
@@ -14,65 +14,56 @@ from operator_app.commands.table import APP, parser_of
 HINGE = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
 
 
-@pytest.mark.parametrize(
-    ("typed", "meant"),
-    [
+def test_unknown_command_gets_a_suggestion_or_the_list(ends_with):
+    for misspelt, suggestion in (
         ("runn", "run"),
         ("sovle", "solve"),
         ("exprot", "export"),
         ("upload", "export SESSION --upload"),
-    ],
-)
-def test_a_misspelt_command_gets_the_right_one(typed, meant, ends_with):
-    assert f"did you mean {meant}?" in ends_with(2, typed, "hinge").err
+    ):
+        assert f"did you mean {suggestion}?" in ends_with(2, misspelt, "hinge").err
+    message = ends_with(2, "xyzzy\x1b[2J").err
+    assert "did you mean" not in message
+    assert all(command in message for command in COMMANDS)
+    assert "\x1b" not in message
 
 
-def test_nonsense_gets_no_guess_but_the_list(ends_with):
-    said = ends_with(2, "xyzzy\x1b[2J").err
-    assert "did you mean" not in said
-    assert all(command in said for command in COMMANDS)
-    assert "\x1b" not in said
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["session", "show", "--json", "none_such"],
-        ["session", "--json", "show", "none_such"],
-        ["verify", "none_such", "--json", "poses.csv"],
-        ["run", "--json", "none_such"],
-        ["help", "--", "none_such"],
-    ],
-)
-def test_options_may_stand_anywhere(words, tmp_path, monkeypatch, ends_with):
+def test_options_are_accepted_at_any_position(tmp_path, monkeypatch, ends_with):
     monkeypatch.chdir(tmp_path)
-    assert "none_such" in ends_with(2, *words).err
+    for command in (
+        "session show --json none_such",
+        "session --json show none_such",
+        "verify none_such --json poses.csv",
+        "run --json none_such",
+        "help -- none_such",
+    ):
+        assert "none_such" in ends_with(2, *command.split()).err
 
 
-def test_what_a_command_does_not_know_brings_its_own_usage(ends_with):
-    said = ends_with(2, "session", "list", "one", "more").err
-    assert said.startswith("usage: sarcal session")
-    assert "unrecognized arguments: more" in said
+def test_unknown_argument_shows_the_usage_of_its_command(ends_with):
+    message = ends_with(2, "session", "list", "one", "more").err
+    assert message.startswith("usage: sarcal session")
+    assert "unrecognized arguments: more" in message
 
 
-def test_a_terminal_that_passes_on_whole_lines_only_gets_the_plain_mode(monkeypatch, ends_with):
-    """As in an editor's shell: a key such as STOP would not arrive."""
+def test_dumb_terminal_is_referred_to_plain_mode(monkeypatch, ends_with):
+    """A line-buffered terminal, such as an editor's shell, does not deliver the STOP key."""
     monkeypatch.setenv("TERM", "dumb")
-    said = ends_with(2).err
-    assert "TERM=dumb" in said
-    assert "--plain" in said
+    message = ends_with(2).err
+    assert "TERM=dumb" in message
+    assert "--plain" in message
 
 
-def test_every_command_that_opens_a_bus_can_record_it():
+def test_every_command_with_a_bus_can_record_it():
     options = {
         command: {word for action in parser_of(command)._actions for word in action.option_strings}
         for command in (*COMMANDS, APP)
     }
-    open_a_bus = {command for command, words in options.items() if "--interface" in words}
-    assert open_a_bus == {
+    with_bus = {command for command, words in options.items() if "--interface" in words}
+    assert with_bus == {
         "app", "arm-check", "controller", "export", "monitor", "probe", "reset", "run", "verify",
     }  # fmt: skip
-    assert {command for command, words in options.items() if "--record" in words} == open_a_bus
+    assert {command for command, words in options.items() if "--record" in words} == with_bus
 
 
 def test_eds_files_are_read_by_canopen(tmp_path, ends_with):
@@ -87,8 +78,8 @@ def test_eds_files_are_read_by_canopen(tmp_path, ends_with):
 
 
 def completions(line: str, folder: Path) -> list[str]:
-    """What a shell is offered; argcomplete's own protocol, answered on a file."""
-    answer = folder / "answer"
+    """Completions by argcomplete's protocol, answered in a file."""
+    answer_file = folder / "answer"
     subprocess.run(
         [sys.executable, "-c", "from operator_app.cli import main; main()"],
         cwd=folder,
@@ -96,7 +87,7 @@ def completions(line: str, folder: Path) -> list[str]:
         | {
             "PYTHONPATH": str(Path(__file__).parents[3]),
             "_ARGCOMPLETE": "1",
-            "_ARGCOMPLETE_STDOUT_FILENAME": str(answer),
+            "_ARGCOMPLETE_STDOUT_FILENAME": str(answer_file),
             "_ARGCOMPLETE_IFS": "\n",
             "COMP_LINE": line,
             "COMP_POINT": str(len(line)),
@@ -104,10 +95,10 @@ def completions(line: str, folder: Path) -> list[str]:
         check=False,
         timeout=60,
     )
-    return [word.strip() for word in answer.read_text().split("\n")]
+    return [word.strip() for word in answer_file.read_text().split("\n")]
 
 
-def test_a_shell_completes_commands_options_and_names(tmp_path):
+def test_shell_completes_commands_options_and_names(tmp_path):
     pytest.importorskip("argcomplete")
     (tmp_path / "sessions/20260101-hinge").mkdir(parents=True)
     assert set(completions("sarcal re", tmp_path)) == {"report", "reproduce", "reset"}
@@ -116,23 +107,22 @@ def test_a_shell_completes_commands_options_and_names(tmp_path):
     assert "hinge_planned" in completions("sarcal run h", tmp_path)
     assert "20260101-hinge" in completions("sarcal report 2", tmp_path)
     assert "arm-file" in completions("sarcal help arm", tmp_path)
-    copied = completions("sarcal new arm --from ", tmp_path)
-    assert {"franka_panda", "sarcos_dextrous", "ur5e"} <= set(copied)
+    arms = completions("sarcal new arm --from ", tmp_path)
+    assert {"franka_panda", "sarcos_dextrous", "ur5e"} <= set(arms)
 
 
-def test_a_session_is_shown_as_a_table(tmp_path, ends_with):
+def test_session_show_prints_a_table(tmp_path, ends_with):
     root = ["--sessions", str(tmp_path / "sessions")]
     ends_with(0, "import", HINGE, "--serial", "SDA-9", *root)
-    said = ends_with(0, "session", "show", *root).out
-    lines = {" ".join(line.split()) for line in said.splitlines()}
+    output = ends_with(0, "session", "show", *root).out
+    lines = {" ".join(line.split()) for line in output.splitlines()}
     assert "arm, serial number SDA-9" in lines
     assert f"poses read from {HINGE}" in lines
     assert "poses 60 poses that count" in lines
     assert "exported nothing that its journal records" in lines
-    assert any(
-        line.startswith("solved accepted by implicit, scaled condition number") for line in lines
-    )
+    (solved,) = (line for line in lines if line.startswith("solved"))
+    assert solved.startswith("solved accepted by implicit, scaled condition number")
     assert "pose j1 j2 j3 j4 j5 j6 j7 sd note" in lines
-    first = next(line for line in said.splitlines() if line.split()[:1] == ["1"])
+    first = next(line for line in output.splitlines() if line.split()[:1] == ["1"])
     assert len(first.split()) == 9
-    assert max(len(line) for line in said.split("Poses:")[1].splitlines()) <= 80
+    assert max(len(line) for line in output.split("Poses:")[1].splitlines()) <= 80

@@ -1,0 +1,58 @@
+"""The message when the app ends: state of the arm, session folder, command to continue."""
+
+import pytest
+
+from operator_app.commands.app import farewell
+from tests.oracles.live_source import FakeSource
+
+
+def close_and_report(source: FakeSource, reason: str = "left", *, plain: bool = False) -> str:
+    source.close(reason)
+    assert source.last is not None
+    return farewell(source, source.last, reason, plain=plain)
+
+
+@pytest.fixture
+def source(source):
+    """A session with one pose."""
+    runner = source.new()
+    runner.operations.connect()
+    runner.operations.set_modes((1, 5))
+    runner.operations.capture(0)
+    return source
+
+
+def test_connected_arm_is_reported_as_held(source):
+    message = close_and_report(source, "SIGTERM")
+    assert message.startswith("sarcal: ended by SIGTERM; the arm is held. Session ")
+    assert message.endswith(f"\nGo on with: sarcal --resume {source.last}")
+    assert "parameters.yaml" not in message
+
+
+def test_unresponsive_arm_is_not_reported_as_held(source, monkeypatch):
+    monkeypatch.setattr(source.arm, "close", lambda: False)
+    message = close_and_report(source)
+    assert "held" not in message
+    assert "the arm did not answer: keep clear" in message
+
+
+def test_disconnected_arm_is_not_mentioned(source):
+    assert source.runner is not None
+    source.runner.session.release_holding()
+    assert close_and_report(source).startswith("sarcal: Session ")
+
+
+def test_written_files_are_named(source):
+    runner = source.runner
+    assert runner is not None
+    runner.operations.automatic()
+    runner.operations.results.calibrate("implicit", ())
+    runner.operations.results.write()
+    message = close_and_report(source)
+    assert "parameters.yaml and poses.csv are in it" in message
+    assert f"sarcal report {source.last}" in message
+
+
+def test_plain_mode_is_continued_in_plain_mode(source):
+    message = close_and_report(source, plain=True)
+    assert message.endswith(f"\nGo on with: sarcal --plain --resume {source.last}")

@@ -1,0 +1,81 @@
+"""`sarcal verify --open-loop`: another instrument confirms a calibration, or reports what disagrees."""
+
+import numpy as np
+import pytest
+
+from tests.oracles.open_arm import measured_csv
+
+
+@pytest.fixture
+def folder(journalled):
+    return journalled["run"]
+
+
+def test_open_loop_measurement_of_calibrated_arm_agrees(folder, tmp_path, ends_with):
+    csv = measured_csv(tmp_path / "open.csv")
+    verification = ends_with(0, "verify", folder, csv, "--open-loop", "--json").json
+    assert (verification["verdict"], verification["disagree"]) == ("agrees", [])
+    assert verification["poses"] == 40
+    assert {"theta_off_1", "theta_off_7"} == set(verification["not_compared"])
+    compared = verification["parameters"]
+    assert {f"theta_off_{j}" for j in range(2, 7)} < set(compared)
+    for name, value in (("theta_off_2", -122.8), ("theta_off_5", 27.1), ("s_5", 0.320)):
+        row = compared[name]
+        assert abs(row["open_loop"] - value) < 3.0 * row["sigma"], name
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize(
+    ("planted", "name", "size"),
+    [
+        ({"wrong_rad": {3: np.deg2rad(1.0)}}, "theta_off_3", 1.0),
+        ({"longer_m": {5: 0.010}}, "s_5", 0.010),
+    ],
+)
+def test_disagreeing_parameter_is_reported(folder, tmp_path, ends_with, planted, name, size):
+    csv = measured_csv(tmp_path / "open.csv", **planted)
+    verification = ends_with(4, "verify", folder, csv, "--open-loop", "--json").json
+    assert (verification["verdict"], verification["disagree"]) == ("disagrees", [name])
+    row = verification["parameters"][name]
+    assert abs(row["change"] - size) < 3.0 * row["sigma"]
+    assert f"of {name}." in ends_with(4, "verify", folder, csv, "--open-loop").words
+
+
+def test_instrument_worse_than_specified_is_not_accepted(folder, tmp_path, ends_with):
+    csv = measured_csv(tmp_path / "open.csv", sigma_m=5e-3)
+    verification = ends_with(4, "verify", folder, csv, "--open-loop", "--json").json
+    assert verification["verdict"] == "open loop not accepted"
+    assert verification["reasons"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["{csv}"],
+        ["--open-loop", "--procedure", "hinge"],
+        ["--open-loop", "--tracker", "lab"],
+        ["{csv}", "--open-loop", "--instrument", "hinge"],
+    ],
+)
+def test_options_that_would_ignore_endpoints_are_refused(
+    folder, tmp_path, ends_with, arguments, approve
+):
+    csv = measured_csv(tmp_path / "open.csv")
+    approve(ends_with(2, "verify", folder, *(text.format(csv=csv) for text in arguments)).err)
+
+
+@pytest.mark.campaign
+def test_free_arm_is_verified_by_the_tracker(folder, tmp_path, ends_with):
+    options = ["--open-loop", "--json", "--poses", "8", "--sessions", tmp_path]
+    answer = ends_with(0, "verify", folder, *options)
+    verification = answer.json
+    assert (verification["verdict"], verification["disagree"], verification["poses"]) == (
+        "agrees",
+        [],
+        8,
+    )
+    for name, planted in (("theta_off_2", -122.8), ("theta_off_5", 27.1)):
+        row = verification["parameters"][name]
+        assert abs(row["open_loop"] - planted) < 4.0 * row["sigma"], name
+    (session,) = tmp_path.iterdir()
+    assert f"kept in {session}" in answer.err

@@ -18,9 +18,8 @@ def make_folder(tmp_path, reference_data):
     """A session folder with poses of the reference set, journaled as a run would."""
     poses = load_poses(reference_data / "hinge" / "hinge_quantised.csv", joint_count=7).poses
 
-    def make(count: int = 20, immobile_joint: int | None = None, **choices: object) -> Path:
-        choices = {"scenario": "datasheet", **choices}
-        opening = begin("hinge", Choices(**choices), root=tmp_path / "sessions")  # type: ignore[arg-type]
+    def make(count: int = 20, immobile_joint: int | None = None) -> Path:
+        opening = begin("hinge", Choices(scenario="datasheet"), root=tmp_path / "sessions")
         journal = Journal.create(opening.folder)
         journal.append(
             "opened", {"sources": dict(opening.sources), "settings": asdict(opening.choices)}

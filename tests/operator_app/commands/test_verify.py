@@ -13,11 +13,11 @@ def folder(journalled):
 
 def test_open_loop_measurement_of_calibrated_arm_agrees(folder, tmp_path, ends_with):
     csv = measured_csv(tmp_path / "open.csv")
-    verification = ends_with(0, "verify", folder, csv, "--open-loop", "--json").json
-    assert (verification["verdict"], verification["disagree"]) == ("agrees", [])
-    assert verification["poses"] == 40
-    assert {"theta_off_1", "theta_off_7"} == set(verification["not_compared"])
-    compared = verification["parameters"]
+    result = ends_with(0, "verify", folder, csv, "--open-loop", "--json").json
+    assert (result["verdict"], result["disagree"]) == ("agrees", [])
+    assert result["poses"] == 40
+    assert {"theta_off_1", "theta_off_7"} == set(result["not_compared"])
+    compared = result["parameters"]
     assert {f"theta_off_{j}" for j in range(2, 7)} < set(compared)
     for name, value in (("theta_off_2", -122.8), ("theta_off_5", 27.1), ("s_5", 0.320)):
         row = compared[name]
@@ -34,18 +34,18 @@ def test_open_loop_measurement_of_calibrated_arm_agrees(folder, tmp_path, ends_w
 )
 def test_disagreeing_parameter_is_reported(folder, tmp_path, ends_with, planted, name, size):
     csv = measured_csv(tmp_path / "open.csv", **planted)
-    verification = ends_with(4, "verify", folder, csv, "--open-loop", "--json").json
-    assert (verification["verdict"], verification["disagree"]) == ("disagrees", [name])
-    row = verification["parameters"][name]
+    result = ends_with(4, "verify", folder, csv, "--open-loop", "--json").json
+    assert (result["verdict"], result["disagree"]) == ("disagrees", [name])
+    row = result["parameters"][name]
     assert abs(row["change"] - size) < 3.0 * row["sigma"]
     assert f"of {name}." in ends_with(4, "verify", folder, csv, "--open-loop").words
 
 
 def test_instrument_worse_than_specified_is_not_accepted(folder, tmp_path, ends_with):
     csv = measured_csv(tmp_path / "open.csv", sigma_m=5e-3)
-    verification = ends_with(4, "verify", folder, csv, "--open-loop", "--json").json
-    assert verification["verdict"] == "open loop not accepted"
-    assert verification["reasons"]
+    result = ends_with(4, "verify", folder, csv, "--open-loop", "--json").json
+    assert result["verdict"] == "open loop not accepted"
+    assert result["reasons"]
 
 
 @pytest.mark.parametrize(
@@ -68,14 +68,10 @@ def test_options_that_would_ignore_endpoints_are_refused(
 def test_free_arm_is_verified_by_the_tracker(folder, tmp_path, ends_with):
     options = ["--open-loop", "--json", "--poses", "8", "--sessions", tmp_path]
     answer = ends_with(0, "verify", folder, *options)
-    verification = answer.json
-    assert (verification["verdict"], verification["disagree"], verification["poses"]) == (
-        "agrees",
-        [],
-        8,
-    )
+    result = answer.json
+    assert (result["verdict"], result["disagree"], result["poses"]) == ("agrees", [], 8)
     for name, planted in (("theta_off_2", -122.8), ("theta_off_5", 27.1)):
-        row = verification["parameters"][name]
+        row = result["parameters"][name]
         assert abs(row["open_loop"] - planted) < 4.0 * row["sigma"], name
     (session,) = tmp_path.iterdir()
     assert f"kept in {session}" in answer.err

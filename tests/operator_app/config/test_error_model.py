@@ -21,11 +21,11 @@ from tests.oracles.mistakes import one_mistake
 
 SARCOS = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
 HINGE = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")
-STATED_ERRORS = re.compile(
+ERROR_KEYS = re.compile(
     r"^tolerance: .*\n|^    (?:backlash|sag)_deg: .*\n|, accuracy_deg: 0.01|, gain: 0.005",
     re.MULTILINE,
 )
-ARM_WITHOUT_ERRORS = STATED_ERRORS.sub("", SARCOS)
+ARM_WITHOUT_ERRORS = ERROR_KEYS.sub("", SARCOS)
 HINGE_WITHOUT_COMPLIANCE = re.sub(r"^give: .*\n", "", HINGE, flags=re.MULTILINE)
 
 
@@ -107,9 +107,8 @@ def test_arm_built_in_code_is_exact():
 
 
 def test_rvdt_has_gain_instead_of_accuracy():
-    problem = one_mistake(
-        parse_sarcos, SARCOS, "noise_lsb: 2,", "noise_lsb: 2, accuracy_deg: 0.01,"
-    )
+    noise = "noise_lsb: 2,"
+    problem = one_mistake(parse_sarcos, SARCOS, noise, f"{noise} accuracy_deg: 0.01,")
     assert "joints[joint 6].sensor.accuracy_deg: unknown key" in str(problem)
     exact = parse_sarcos(SARCOS.replace("gain: 0.005", "gain: 0"))
     assert [joint.sensor.gain for joint in exact.joints[5:]] == [0.0, 0.0]
@@ -163,9 +162,7 @@ def test_invalid_compliance_is_refused(compliance, message):
         parse_hinge_with(f"give: {compliance}\n")
 
 
-ARM_WITHOUT_MASSES = re.sub(
-    r"^(?:gravity: |links:|  - \{link: ).*\n", "", SARCOS, flags=re.MULTILINE
-)
+NO_MASSES = re.sub(r"^(?:gravity: |links:|  - \{link: ).*\n", "", SARCOS, flags=re.MULTILINE)
 
 
 def test_gravity_loads_panda_joints_2_and_4():
@@ -185,7 +182,7 @@ def test_gravity_loads_panda_joints_2_and_4():
 
 
 def test_arm_file_without_masses_is_accepted():
-    arm = parse_sarcos(ARM_WITHOUT_MASSES)
+    arm = parse_sarcos(NO_MASSES)
     assert arm.masses is None
     assert arm.assumed == ()
 

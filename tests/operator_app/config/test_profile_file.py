@@ -115,9 +115,8 @@ def test_one_mistake_gives_one_problem_with_its_place(old, new, message):
 
 
 def test_rescaled_drive_conflicts_with_supervisor():
-    serial_problem, joint_problem = problems_of(
-        parse, GOOD.replace("supervisor: none", "supervisor: 40")
-    )
+    text = GOOD.replace("supervisor: none", "supervisor: 40")
+    serial_problem, joint_problem = problems_of(parse, text)
     assert "serial_number: is stated by the supervisor" in str(serial_problem)
     assert "joints[joint 2]: a supervisor sets home offsets (607Ch)" in str(joint_problem)
 

@@ -47,18 +47,10 @@ def test_every_option_is_in_the_manual(command, capsys):
 )
 def test_every_key_of_packaged_files_is_in_the_manual(topic, folder):
     page = manual().page(topic).markdown
-    parameters = {
-        "theta_off_1",
-        "theta_off_4",
-        "theta_off_7",
-    }  # parameters, which `held` has for keys
+    parameters = {"theta_off_1", "theta_off_4", "theta_off_7"}  # keys of `held`
     for file in (ROOT / folder).glob("*.yaml"):
-        missing = {
-            k
-            for k in keys(yaml.safe_load(file.read_text())) - parameters
-            if f"| `{k}` |" not in page
-        }
-        assert not missing, file.name
+        in_file = keys(yaml.safe_load(file.read_text()))
+        assert not {k for k in in_file - parameters if f"| `{k}` |" not in page}, file.name
 
 
 @pytest.mark.parametrize("kind", get_args(FileKind))

@@ -33,19 +33,9 @@ def test_site_has_every_page_and_needs_no_network(tmp_path):
     pytest.importorskip("material", reason="needs the extra [docs]")
     config = ROOT / "operator_app/manual/mkdocs.yml"
     # mkdocs.yml is strict: an invalid link or anchor fails the build.
-    command = [
-        sys.executable,
-        "-m",
-        "mkdocs",
-        "build",
-        "-q",
-        "-f",
-        str(config),
-        "-d",
-        str(tmp_path),
-    ]
+    options = ["build", "-q", "-f", str(config), "-d", str(tmp_path)]
     build = subprocess.run(
-        command,
+        [sys.executable, "-m", "mkdocs", *options],
         cwd=ROOT,
         env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
         capture_output=True,
@@ -58,7 +48,6 @@ def test_site_has_every_page_and_needs_no_network(tmp_path):
         page = (tmp_path / f"{topic}.html").read_text()
         parser = FetchedAddresses()
         parser.feed(page)
-        assert not [
-            address for address in parser.addresses if re.match(r"(https?:)?//", address)
-        ], topic
+        external = [a for a in parser.addresses if re.match(r"(https?:)?//", a)]
+        assert not external, topic
     assert "--remounted" in (tmp_path / "commands.html").read_text()

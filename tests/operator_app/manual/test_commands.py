@@ -220,7 +220,7 @@ def test_nothing_is_written_that_no_test_runs():
     for topic in TOPICS:
         for block in blocks(topic):
             assert block.language in ("sh", "yaml", "toml", "python", "text"), topic
-            # The toy's are run by tests/system/test_outside_arm.py.
+            # The toy's are run by tests/system/test_arm_plugin.py.
             assert block.run in ("", "campaign", "verdict", "background", "terminal", "toy"), topic
             for command in filter(str.strip, block.commands):
                 assert command.startswith(("sarcal ", *NOT_OURS)) or command == "sarcal", command

@@ -56,11 +56,11 @@ def answer(t: Terminal, question: str, *keys: str) -> None:
     t.keys(*keys)
 
 
-def start_capture(t: Terminal) -> None:
-    """Start automatic capture and wait for two poses or more."""
+def start_capture(t: Terminal, *, poses: int = 2) -> None:
+    """Start automatic capture and wait for this many poses."""
     walk_to_capture(t)
     t.keys("Enter")
-    t.until(lambda screen: re.search(r"Poses +[2-9]/10", screen) is not None)
+    t.until(lambda screen: re.search(rf"Poses +[{poses}-9]/10", screen) is not None)
 
 
 def walk_to_capture(t: Terminal) -> None:
@@ -81,13 +81,13 @@ def apply_modes(t: Terminal) -> None:
 @pytest.mark.parametrize("size", [SIZE, (80, 24)])
 def test_session_killed_during_capture_is_resumed_and_exported(terminal, tmp_path, size):
     t = terminal(size=size)
-    start_capture(t)
+    start_capture(t, poses=3)
     t.kill(signal.SIGKILL)
     t.exit_code()
     t.close()
     folder = only_session(tmp_path)
     accepted = read_session(folder).state.poses
-    assert 2 <= len(accepted) < POSES
+    assert 3 <= len(accepted) < POSES
 
     t = terminal(size=size)
     answer(t, "Resume?", "y")
@@ -130,7 +130,8 @@ def test_signal_during_capture_closes_the_journal(terminal, tmp_path, number):
     assert "--resume" in t.screen()
 
 
-def assert_closed(journal: JournalContents) -> None:
+def assert_journal_closed(root: Path) -> None:
+    journal = read_journal(only_session(root))
     assert not journal.torn
     assert journal.events[-1].name == "closed"
 
@@ -148,7 +149,7 @@ def capturing(folder: Path) -> Iterator[PtyProgram]:
     finally:
         program.process.kill()
         program.close()
-    assert_closed(read_journal(only_session(folder)))
+    assert_journal_closed(folder)
 
 
 @pytest.mark.campaign
@@ -240,7 +241,7 @@ def test_silent_bus_and_restarted_controller_lose_no_pose(terminal, tmp_path):
         t.keys("q")
         answer(t, "Leave?", "y")
         assert t.exit_code() == 0
-    assert_closed(read_journal(only_session(tmp_path)))
+    assert_journal_closed(tmp_path)
     poses = read_session(only_session(tmp_path)).state.poses
     assert [p.number for p in poses] == list(range(1, POSES + 1))
     for before, after in zip(accepted, poses, strict=False):

@@ -1,4 +1,4 @@
-"""One idea, one name: class, module and constant names across the product, and words that are no names of the field."""
+"""Class, module and constant names are unique in the product, and contain no words from outside the field."""
 
 import ast
 import re
@@ -8,22 +8,22 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("operator_app", "hardware", "fixtures", "solver")
-NO_NAMES = {
+FORBIDDEN_WORDS = {
     "anew", "astray", "belief", "believe", "believed", "deaf", "desk", "disbelieved", "flexure", "foreseen", "foretell",
     "foretold", "halving", "halvings", "judgement", "leftover", "parting", "perhaps", "rival", "rivals", "sameness",
     "soften", "softened", "stray", "told", "unreturned", "unsteady", "untold", "watchman",
 }  # fmt: skip
 """Words without a meaning in metrology, robotics or CiA 301/402; each has a standard word."""
 
-FACES = (
+INTERFACE_FOLDERS = (
     "operator_app/api",
     "operator_app/commands",
     "operator_app/report/results",
     "operator_app/tui/steps",
 )
-"""Folders whose modules have the names of what they show or offer: `sarcal compare` shows `calibration.comparison`."""
+"""Folders whose modules are named like what they show: `sarcal compare` shows `calibration.comparison`."""
 
-NAMED_TWICE = {
+REPEATED_MODULES = {
     "errors": "of each package",
     "cross_validation": "calibration's, by the solver's of the same name",
     "error_model": "calibration's, by the solver's; config has what files state of it",
@@ -32,17 +32,15 @@ NAMED_TWICE = {
     "placements": "calibration's, by the solver's",
     "rvdt": "calibration's, by the solver's",
 }
-"""Module names of two modules, with the reason."""
 
-CONSTANTS_TWICE = {
+REPEATED_CONSTANTS = {
     "CHUNK", "CENTRES", "DEFLECTION_COLUMNS", "SAG_COLUMNS",  # sizes of the solver's own bases, each by one module
     "FREE", "NEAR_RAD", "SEEN", "TIMES", "TINY",  # limits of its iterations
     "MAX_ITERATIONS", "RANK_TOLERANCE", "STEP_TOLERANCE",  # likewise
 }  # fmt: skip
-"""Constants of two modules with two values, with the reason."""
 
 EXCEPTIONS = {"test_a_drive_joint_goes_where_it_is_told_and_back"}
-"""A test of the contract that other packages run: its name is public."""
+"""A public name: a test of the contract that other packages run."""
 
 
 @cache
@@ -55,17 +53,17 @@ def modules() -> list[tuple[Path, ast.Module]]:
 
 
 def identifiers(path: Path, module: ast.Module) -> set[str]:
-    """Return every name that a module defines or uses, its own among them."""
-    found = {path.stem}
+    """Return every name that a module defines or uses, and its own."""
+    names = {path.stem}
     for node in ast.walk(module):
         match node:
-            case ast.Name(id=name) | ast.Attribute(attr=name) | ast.arg(arg=name):
-                found.add(name)
-            case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name):
-                found.add(name)
-            case ast.ClassDef(name=name) | ast.keyword(arg=str(name)):
-                found.add(name)
-    return found
+            case ast.Name(id=name) | ast.Attribute(attr=name):
+                names.add(name)
+            case ast.arg(arg=name) | ast.keyword(arg=str(name)):
+                names.add(name)
+            case ast.FunctionDef() | ast.AsyncFunctionDef() | ast.ClassDef():
+                names.add(node.name)
+    return names
 
 
 def words(name: str) -> set[str]:
@@ -73,28 +71,23 @@ def words(name: str) -> set[str]:
     return set(re.findall(r"[a-z]+", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()))
 
 
-def test_a_class_name_is_defined_once():
-    places = defaultdict(list)
+def test_module_and_class_names_are_unique():
+    module_paths, class_paths = defaultdict(list), defaultdict(list)
     for path, module in modules():
+        if path.stem != "__init__" and not str(path).startswith(INTERFACE_FOLDERS):
+            module_paths[path.stem].append(str(path))
         for node in module.body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                places[node.name].append(str(path))
-    twice = {name: found for name, found in places.items() if len(found) > 1}
-    assert not twice, twice
-
-
-def test_a_module_name_stands_once():
-    places = defaultdict(list)
-    for path, _ in modules():
-        if path.stem != "__init__" and not str(path).startswith(FACES):
-            places[path.stem].append(str(path))
-    twice = {name: found for name, found in places.items() if len(found) > 1}
-    assert set(twice) == set(NAMED_TWICE), twice
+                class_paths[node.name].append(str(path))
+    repeated = {name: paths for name, paths in module_paths.items() if len(paths) > 1}
+    assert set(repeated) == set(REPEATED_MODULES), repeated
+    repeated = {name: paths for name, paths in class_paths.items() if len(paths) > 1}
+    assert not repeated, repeated
 
 
 def constants(module: ast.Module) -> dict[str, str]:
-    """Return the values of the constants that a module defines for itself and others."""
-    found = {}
+    """Return the constants that a module defines, other than aliases and type variables, with their values."""
+    constant_values = {}
     for node in module.body:
         match node:
             case ast.Assign(targets=[ast.Tuple(elts=names)], value=ast.Tuple(elts=values)):
@@ -105,35 +98,27 @@ def constants(module: ast.Module) -> dict[str, str]:
                 continue
         for name, value in pairs:
             alias = isinstance(value, ast.Name) or "TypeVar" in ast.dump(value or node)
-            if (
-                isinstance(name, ast.Name)
-                and re.fullmatch("[A-Z][A-Z0-9_]+", name.id)
-                and not alias
-            ):
-                found[name.id] = ast.unparse(value or node)
-    return found
+            upper = isinstance(name, ast.Name) and re.fullmatch("[A-Z][A-Z0-9_]+", name.id)
+            if upper and not alias:
+                constant_values[name.id] = ast.unparse(value or node)
+    return constant_values
 
 
-def test_a_constant_has_one_meaning():
+def test_constants_with_one_name_have_one_value():
     values = defaultdict(lambda: defaultdict(list))
     for path, module in modules():
         for name, value in constants(module).items():
             values[name][value].append(str(path))
-    twice = {name: dict(found) for name, found in values.items() if len(found) > 1}
-    assert set(twice) == CONSTANTS_TWICE, {
-        n: f for n, f in twice.items() if n not in CONSTANTS_TWICE
-    }
+    repeated = {name: dict(paths) for name, paths in values.items() if len(paths) > 1}
+    assert set(repeated) == REPEATED_CONSTANTS, repeated
 
 
-def test_names_are_words_of_the_field():
-    found = defaultdict(set)
-    for path, module in modules():
-        for name in identifiers(path, module):
-            if words(name) & NO_NAMES:
-                found[name].add(str(path))
-    assert set(found) == EXCEPTIONS, {n: p for n, p in found.items() if n not in EXCEPTIONS}
-
-
-def test_words_are_split_by_case_and_underscore():
+def test_names_contain_no_forbidden_word():
     assert words("_AS_FORETOLD") == {"as", "foretold"}
     assert words("DriveAstray") == {"drive", "astray"}
+    paths = defaultdict(set)
+    for path, module in modules():
+        for name in identifiers(path, module):
+            if words(name) & FORBIDDEN_WORDS:
+                paths[name].add(str(path))
+    assert set(paths) == EXCEPTIONS, paths

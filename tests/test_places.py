@@ -1,4 +1,4 @@
-"""A module's tests stand where the module stands: solver/chain/poses.py -> tests/solver/chain/test_poses.py."""
+"""Tests are in the folder of their module: solver/chain/poses.py -> tests/solver/chain/test_poses.py."""
 
 import json
 from pathlib import Path
@@ -61,16 +61,16 @@ solver/loops/test_endpoints.py
 solver/test_errors_travel.py
 solver/test_map.py
 """
-"""Files that are about several modules of their folder. The list may only get shorter."""
+"""Files on several modules of their folder. The list may only get shorter."""
 
 
-def named(file: Path) -> bool:
-    """Whether a module or package has the file's name, or its folder is all about one module."""
+def names_a_module(file: Path) -> bool:
+    """Whether a module or package has the name of the file or of its folder."""
     stem, folder = file.stem.removeprefix("test_"), ROOT / file.parent
-    own = folder / stem
+    package = folder / stem
     return (
-        own.with_suffix(".py").is_file()
-        or (own / "__init__.py").is_file()
+        package.with_suffix(".py").is_file()
+        or (package / "__init__.py").is_file()
         or folder.with_suffix(".py").is_file()
         or (folder.name == stem and folder.is_dir())
     )
@@ -80,13 +80,15 @@ def test_every_test_file_names_a_module_or_package_or_is_listed():
     tests = ROOT / "tests"
     files = [f.relative_to(tests) for p in PACKAGES for f in (tests / p).rglob("test_*.py")]
     assert len(files) > 200
-    unnamed = {f.as_posix() for f in files if not named(f)}
+    unnamed = {f.as_posix() for f in files if not names_a_module(f)}
     topics = set(TOPICS.split())
-    assert sorted(unnamed - topics) == [], "give it the name of its module, where that stands"
-    assert sorted(topics - unnamed) == [], "gone or named by now: take it from the list"
+    assert sorted(unnamed - topics) == [], (
+        "name it after its module and move it to the folder of that module"
+    )
+    assert sorted(topics - unnamed) == [], "removed or renamed: delete it from the list"
 
 
-def test_every_approved_sentence_is_a_test_s():
+def test_every_approved_sentence_belongs_to_a_test():
     for name in json.loads((ROOT / "tests" / "approved_words.json").read_text("utf-8")):
         file, function = name.partition("[")[0].split(" #")[0].rsplit("::", 1)
         assert f"def {function}(" in (ROOT / "tests" / file.split("::")[0]).read_text("utf-8"), name

@@ -407,13 +407,13 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
 
 OPERATOR_SIDE: Mapping[str, FaultDescription] = MappingProxyType(
     {
-        # tests/system/test_after_a_fault.py, test_a_freeze_of_0_3_s_costs_nothing
+        # tests/system/test_fault_recovery.py, test_freeze_of_0_3_s_trips_no_drive_and_loses_no_pose
         "frozen for 0.3 s": FaultDescription(
             broken="the operator's program freezes for less than the drives' heartbeat time-out (0.5 s)",
             goes_on=True,
             remedy="Nothing.",
         ),
-        # tests/system/test_after_a_fault.py, test_after_a_freeze_the_same_command_goes_on
+        # tests/system/test_fault_recovery.py, test_resume_succeeds_after_frozen_operator_trips_drives
         "frozen for longer": FaultDescription(
             broken="the operator's program freezes for longer than that",
             texts=("operator's heartbeat lost",),
@@ -433,7 +433,7 @@ OPERATOR_SIDE: Mapping[str, FaultDescription] = MappingProxyType(
             texts=("cannot write",),
             remedy="Free disk space, then go on: a pose that was not written was not accepted.",
         ),
-        # tests/system/test_fault_campaign.py, a wall clock that is set back and forth
+        # tests/system/test_fault_campaign.py, test_changes_of_the_wall_clock_lose_no_pose
         "clock set back": FaultDescription(
             broken="somebody sets the computer's clock",
             goes_on=True,

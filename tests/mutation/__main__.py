@@ -1,11 +1,11 @@
-# ruff: noqa: T201 - prints what it found
-"""Do the tests of the limits and of CiA 402 notice when these modules are wrong? Needs the extra 'mutation'.
+# ruff: noqa: T201 - prints its result
+"""Mutation tests of the modules of command limits and CiA 402. Needs the extra 'mutation'.
 
     python -m tests.mutation [MODULE ...] [--processes 2]
 
-Every mutant of a module is put in its place, one at a time, and the module's own tests run on it until
-one fails. Those that no test notices have to be in ``survivors.toml`` beside this file, with the reason why
-they are no faults; any other, and any reason without its survivor, is exit code 1.
+The module's own tests run on each of its mutants until one fails. Mutants that no test detects must be in
+``survivors.toml`` beside this file, with the reason why they are no faults; any other survivor, and any reason
+without its survivor, is exit code 1.
 """
 
 import argparse
@@ -18,11 +18,10 @@ from pathlib import Path
 
 os.environ["CI"] = "1"  # hypothesis: the same examples for all mutants, and no files
 
+from tests.mutation.mutant_run import MutantRun, start_tests
 from tests.mutation.mutants import Mutant, mutants_of
-from tests.mutation.trial import Trial, begin, passes
 
-HERE = Path(__file__).parent
-ROOT = HERE.parents[1]
+ROOT = Path(__file__).parents[2]
 TESTS = {
     "hardware/command_limits.py": ["tests/hardware/test_command_limits.py"],
     "hardware/canopen/cia402.py": ["tests/hardware/canopen/test_cia402.py"],
@@ -31,57 +30,55 @@ TESTS = {
 
 
 def main() -> int:
-    """Try all mutants; say which no test notices."""
+    """Test all mutants and print the survivors."""
     parser = argparse.ArgumentParser(prog="python -m tests.mutation")
     parser.add_argument("modules", nargs="*", default=list(TESTS), metavar="MODULE")
     parser.add_argument("--processes", type=int, default=1)
     args = parser.parse_args()
     if unknown := set(args.modules) - set(TESTS):
-        parser.error(
-            f"no tests are named for {', '.join(sorted(unknown))}; there are: {', '.join(TESTS)}"
-        )
+        parser.error(f"unknown modules: {', '.join(sorted(unknown))}; known: {', '.join(TESTS)}")
     failed = False
     for module in args.modules:
         source = (ROOT / module).read_text()
-        if not passes(ROOT, module, source, TESTS[module]):
+        if not start_tests(ROOT, module, source, TESTS[module]).passed():
             print(f"{module}: its tests fail without a mutant")
             return 2
-        began = time.monotonic()
+        start_s = time.monotonic()
         mutants = list(mutants_of(source))
-        survivors = [m for m, noticed in _tried(module, mutants, args.processes) if not noticed]
-        explained = _explained(module)
+        survivors = [m for m, passed in _test(module, mutants, args.processes) if passed]
+        reasons = _reasons(module)
         print(
-            f"{module}: {len(mutants)} mutants, {len(mutants) - len(survivors)} noticed, "
-            f"{time.monotonic() - began:.0f} s"
+            f"{module}: {len(mutants)} mutants, {len(mutants) - len(survivors)} detected, "
+            f"{time.monotonic() - start_s:.0f} s"
         )
         for mutant in survivors:
-            why = explained.get(mutant.change)
+            reason = reasons.pop(mutant.change, None)
             print(
-                f"  line {mutant.line}: {mutant.change}\n    {why or 'NOT NOTICED, NOT EXPLAINED'}"
+                f"  line {mutant.line}: {mutant.change}\n    {reason or 'NOT DETECTED, NO REASON'}"
             )
-            failed |= why is None
-        for change in sorted(set(explained) - {m.change for m in survivors}):
-            print(f"  explained, but noticed or not made any more: {change}")
+            failed |= reason is None
+        for change in sorted(reasons):
+            print(f"  has a reason, but is detected or no longer a mutant: {change}")
             failed = True
     return int(failed)
 
 
-def _tried(module: str, mutants: Iterable[Mutant], processes: int) -> Iterator[tuple[Mutant, bool]]:
-    """Each mutant and whether a test noticed it, in their order."""
-    running: list[tuple[Mutant, Trial]] = []
+def _test(module: str, mutants: Iterable[Mutant], processes: int) -> Iterator[tuple[Mutant, bool]]:
+    """Yield each mutant and whether all tests passed on it."""
+    running: list[tuple[Mutant, MutantRun]] = []
     for mutant in mutants:
         if len(running) >= processes:
-            first, trial = running.pop(0)
-            yield first, not trial.passed()
-        running.append((mutant, begin(ROOT, module, mutant.source, TESTS[module])))
-    for first, trial in running:
-        yield first, not trial.passed()
+            first, run = running.pop(0)
+            yield first, run.passed()
+        running.append((mutant, start_tests(ROOT, module, mutant.source, TESTS[module])))
+    for first, run in running:
+        yield first, run.passed()
 
 
-def _explained(module: str) -> dict[str, str]:
-    """Why a mutant is no fault, by what it changes."""
-    listed = tomllib.loads((HERE / "survivors.toml").read_text())
-    return {change: group["why"] for group in listed.get(module, []) for change in group["changes"]}
+def _reasons(module: str) -> dict[str, str]:
+    """Return why a mutant is no fault, by its change."""
+    groups = tomllib.loads(Path(__file__).with_name("survivors.toml").read_text()).get(module, [])
+    return {change: group["why"] for group in groups for change in group["changes"]}
 
 
 if __name__ == "__main__":

@@ -1,8 +1,7 @@
-"""Faults that somebody could have written into a module, one a mutant. Knows source text, no module and no test.
+"""Mutants of a source text, with one fault each.
 
-Operators, numbers and conditions are changed by `cosmic-ray`. What it lets alone is what a table is made
-of: entries, which are left out here one by one, and names of constants, which are exchanged for the next
-one of their kind.
+`cosmic-ray` changes operators, numbers and conditions. Tables are changed here: entries are removed one by one,
+and constants are replaced by the next one of their kind.
 """
 
 import ast
@@ -17,7 +16,7 @@ from cosmic_ray.operators.provider import OperatorProvider
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mutant:
-    """A module with one change, `change` being its lines before and after it."""
+    """A module with one change: `change` has its lines before and after."""
 
     line: int
     change: str
@@ -25,16 +24,15 @@ class Mutant:
 
 
 def mutants_of(source: str) -> Iterator[Mutant]:
-    """All mutants that may behave differently; annotations and docstrings do nothing."""
-    meaning = _meaning(source)
-    seen = {meaning}
+    """Yield mutants that may behave differently, by code without annotations and docstrings."""
+    known = {_code(source)}
     for mutated in (*_by_operator(source), *_by_name(source), *_by_entry(source)):
         try:
-            found = _meaning(mutated)
+            code = _code(mutated)
         except SyntaxError:
             continue
-        if found not in seen:
-            seen.add(found)
+        if code not in known:
+            known.add(code)
             yield Mutant(**_difference(source, mutated), source=mutated)
 
 
@@ -42,10 +40,10 @@ def _by_operator(source: str) -> Iterator[str]:
     provider = OperatorProvider()
     tree = get_ast(source)
     for name in provider:
-        kind = provider[name]
-        if kind.arguments():
+        # Members of an enumeration are one object each: `is` and `==` agree.
+        if name.endswith(("Is_Eq", "IsNot_NotEq")) or provider[name].arguments():
             continue
-        operator = kind()
+        operator = provider[name]()
         places = sum(1 for node in ast_nodes(tree) for _ in operator.mutation_positions(node))
         for place in range(places):
             mutated = mutate_code(source, operator, place)
@@ -54,7 +52,7 @@ def _by_operator(source: str) -> Iterator[str]:
 
 
 def _by_name(source: str) -> Iterator[str]:
-    """Constants exchanged: `_S.FAULT` for the next name used with `_S`, CONTROLWORD_X for the next."""
+    """Replace constants: `_S.FAULT` by the next name used with `_S`, CONTROLWORD_X by the next."""
     tree = ast.parse(source)
     kinds: dict[str, list[str]] = {}
     uses: list[tuple[ast.expr, str, str]] = []
@@ -77,39 +75,39 @@ def _by_name(source: str) -> Iterator[str]:
 
 
 def _by_entry(source: str) -> Iterator[str]:
-    """Entries of dictionaries and tuples of constants left out."""
+    """Remove entries of dictionaries, sets and tuples."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Dict):
             for at in range(len(node.keys)):
-                kept = ast.Dict(
+                shorter_dict = ast.Dict(
                     [key for k, key in enumerate(node.keys) if k != at],
                     [value for k, value in enumerate(node.values) if k != at],
                 )
-                yield _replaced(source, node, ast.unparse(kept))
+                yield _replaced(source, node, ast.unparse(shorter_dict))
         elif isinstance(node, (ast.Set, ast.Tuple)) and len(node.elts) > 1:
             if isinstance(node, ast.Tuple) and not isinstance(node.ctx, ast.Load):
                 continue
             for at in range(len(node.elts)):
                 rest = [item for k, item in enumerate(node.elts) if k != at]
-                kept_items = (
+                shorter = (
                     ast.Set(rest) if isinstance(node, ast.Set) else ast.Tuple(rest, ast.Load())
                 )
-                yield _replaced(source, node, ast.unparse(kept_items))
+                yield _replaced(source, node, ast.unparse(shorter))
 
 
 def _replaced(source: str, node: ast.expr, text: str) -> str:
-    """The source with a node's text exchanged."""
-    lines = source.encode().splitlines(keepends=True)
+    """Return the source with another text of a node."""
+    encoded = source.encode()
+    lines = encoded.splitlines(keepends=True)
     assert node.end_lineno is not None
     assert node.end_col_offset is not None
     start = sum(map(len, lines[: node.lineno - 1])) + node.col_offset
     end = sum(map(len, lines[: node.end_lineno - 1])) + node.end_col_offset
-    whole = source.encode()
-    return (whole[:start] + text.encode() + whole[end:]).decode()
+    return (encoded[:start] + text.encode() + encoded[end:]).decode()
 
 
-def _meaning(source: str) -> str:
-    """What is run: the tree without annotations and docstrings."""
+def _code(source: str) -> str:
+    """Return the syntax tree without annotations and docstrings."""
 
     class Strip(ast.NodeTransformer):
         def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AST:

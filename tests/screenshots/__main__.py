@@ -1,9 +1,8 @@
-# ruff: noqa: T201 - says what it wrote
-"""The pictures of README and manual, from the running app. Run: python -m tests.screenshots
+# ruff: noqa: T201 - prints the files that it wrote
+"""Takes the screenshots of README and manual. Run: python -m tests.screenshots
 
-The app itself, without a terminal, on the virtual arm over its bus: keys are pressed from Connect to
-Results, and what the screen shows is written as SVG into the manual: every step as it is first seen,
-Capture in the middle of a planned move.
+The app runs without a terminal on the virtual arm over its bus. Keys are pressed from Connect to Results, and the
+screen of every step is written to the manual as SVG, that of Capture during a planned move.
 """
 
 import asyncio
@@ -34,59 +33,57 @@ POSES_SHOWN = 12
 
 
 async def main() -> None:
-    """Walk through, and write the pictures."""
-    with (
-        TemporaryDirectory() as folder,
-        chdir(folder),
-    ):  # a user sees sessions/, not a folder of this machine
+    """Go through all steps and write the screenshots."""
+    # The screen shows the relative path sessions/.
+    with TemporaryDirectory() as folder, chdir(folder):
         join = partial(open_arm, pace=Pace.REAL_TIME, speed=SPEED)
         source = Sessions("hinge_planned", Choices(seed=SEED), root=Path("sessions"), join=join)
         app = SarcalApp(lambda: source)
         try:
             async with app.run_test(size=SIZE) as pilot:
-                await until(pilot, lambda: app.picture is not None)
+                await wait_until(pilot, lambda: app.picture is not None)
                 await pilot.press("enter")
-                await until(pilot, lambda: connected(app))
+                await wait_until(pilot, lambda: connected(app))
                 write(app, "connect")
                 for step in (Step.FIXTURE, Step.MODES):
-                    await walk(app, pilot, step)
+                    await go_to_step(app, pilot, step)
                     write(app, step.title.lower())
-                await walk(app, pilot, Step.CAPTURE)
+                await go_to_step(app, pilot, Step.CAPTURE)
                 await pilot.press("enter")
-                await until(pilot, lambda: under_way(app))
+                await wait_until(pilot, lambda: in_planned_move(app))
                 write(app, "capture")
-                await until(pilot, lambda: idle(app))
-                await walk(app, pilot, Step.CALIBRATE)
+                await wait_until(pilot, lambda: idle(app))
+                await go_to_step(app, pilot, Step.CALIBRATE)
                 await pilot.press("enter")
-                await until(pilot, lambda: app.step is Step.RESULTS and idle(app))
+                await wait_until(pilot, lambda: app.step is Step.RESULTS and idle(app))
                 await pilot.pause()
                 write(app, "results")
         finally:
             source.close("pictures taken")
 
 
-async def walk(app: SarcalApp, pilot: Pilot[str], step: Step) -> None:
-    """Follow the footer."""
+async def go_to_step(app: SarcalApp, pilot: Pilot[str], step: Step) -> None:
+    """Press Enter until this step is shown."""
     while app.step is not step:
         await pilot.press("enter")
         if app.screen is not app.main:
             await pilot.press("y")
-        await until(pilot, lambda: idle(app))
+        await wait_until(pilot, lambda: idle(app))
 
 
-async def until(pilot: Pilot[str], holds: Callable[[], bool]) -> None:
-    """Wait, with the screen repainted meanwhile."""
+async def wait_until(pilot: Pilot[str], condition: Callable[[], bool]) -> None:
+    """Wait while the screen is repainted."""
     end = time.monotonic() + PATIENCE_S
-    while not holds():
+    while not condition():
         if time.monotonic() > end:
             raise TimeoutError(str(app_state(pilot)))
         await asyncio.sleep(0.02)
-    # A moment to paint, no more: the arm goes on.
+    # Long enough to paint; the arm moves on.
     await pilot.pause(0.03)
 
 
 def app_state(pilot: Pilot[str]) -> object:
-    """What the session said last."""
+    """Return the last messages of the session."""
     picture = getattr(pilot.app, "picture", None)
     return None if picture is None else picture.messages[-3:]
 
@@ -97,25 +94,26 @@ def idle(app: SarcalApp) -> bool:
 
 
 def connected(app: SarcalApp) -> bool:
-    """Whether the arm is found, and its joints are on the screen."""
+    """Whether the arm is connected and its joints are shown."""
     s = app.picture
     return idle(app) and s is not None and s.connected and s.arm is not None
 
 
-def under_way(app: SarcalApp) -> bool:
-    """Whether the arm is well on its way to a planned pose, seen beforehand."""
+def in_planned_move(app: SarcalApp) -> bool:
+    """Whether the arm is in the middle of a shown planned move."""
     s = app.picture
     if s is None or len(s.state.used_poses) < POSES_SHOWN or s.heading is None or s.arm is None:
         return False
-    way = s.heading.trace_rad
-    if way is None or s.motion is None or s.motion.still:
+    trace = s.heading.trace_rad
+    if trace is None or s.motion is None or s.motion.still:
         return False
-    left = abs(way[-1] - s.arm.positions_rad).max() / abs(way[-1] - way[0]).max()
-    return bool(0.3 < left < 0.7 and abs(way[-1] - way[0]).max() > 0.5)
+    length = abs(trace[-1] - trace[0]).max()
+    remaining = abs(trace[-1] - s.arm.positions_rad).max() / length
+    return bool(0.3 < remaining < 0.7 and length > 0.5)
 
 
 def write(app: SarcalApp, name: str) -> None:
-    """Write what the screen shows, without fonts to be fetched from elsewhere."""
+    """Write the screen as SVG without remote fonts."""
     svg = re.sub(r"@font-face\s*{[^}]*}\s*", "", app.export_screenshot(title="sarcal"))
     path = PICTURES / f"{name}.svg"
     path.write_text(svg)

@@ -1,4 +1,4 @@
-"""A session on a bus that others fill: SYNC keeps its time by the kernel's clock, nothing is lost, poses are right.
+"""A session on a bus with foreign traffic: SYNC keeps its period, no frame is lost, poses are right.
 
 Ten minutes of it, and beside a busy machine: python -m tests.benchmarks.busy_bus
 """
@@ -13,19 +13,17 @@ from tests.oracles.loaded_session import session_under_load
 
 @pytest.mark.real_time
 @pytest.mark.campaign
-def test_eight_thousand_foreign_frames_a_second_do_not_keep_sync(tmp_path):
-    came = session_under_load(
+def test_sync_keeps_its_period_under_8000_foreign_frames_per_second(tmp_path):
+    outcome = session_under_load(
         tmp_path, f"busy-test-{os.getpid()}", poses=3, samples=100, rate=8000.0, patience_s=120.0
     )
-    assert came.wrong == ()
-    if why := came.ended_by_the_machine():
-        pytest.skip(why)
-    assert came.code in (0, 4, 5), came.said
-    assert came.poses == 3
-    assert came.foreign / came.took_s > 4000
-    # Of 8 MB: nothing piled up, so that nothing was dropped.
-    assert came.backlog_bytes < 1_000_000
-    # The largest one is the benchmark's to judge, on a machine that does nothing else. When a machine of
-    # which there is but a share stands still, nobody on it keeps time.
-    own_s = np.subtract(came.rhythm.gaps_s(), came.away_s())
-    assert np.percentile(own_s, 99) < 0.050
+    assert outcome.wrong == ()
+    if reason := outcome.ended_by_the_machine():
+        pytest.skip(reason)
+    assert outcome.code in (0, 4, 5), outcome.said
+    assert outcome.poses == 3
+    assert outcome.foreign / outcome.took_s > 4000
+    assert outcome.backlog_bytes < 1_000_000  # the kernel drops frames from 8 MB on
+    # The largest gap is judged by the benchmark, on an idle machine; pauses of the machine itself do not count.
+    gaps_s = np.subtract(outcome.rhythm.gaps_s(), outcome.away_s())
+    assert np.percentile(gaps_s, 99) < 0.050

@@ -1,4 +1,4 @@
-"""The table of faults: `--fault help` prints all of it, and the program can say what it says that it says."""
+"""The fault table: help and manual print all of it, and its messages are ones that the program can print."""
 
 import ast
 import re
@@ -6,53 +6,56 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from hardware.virtual.fault_messages import FAULTS, OPERATOR_SIDE
+from hardware.virtual.faults import FAULT_KINDS
 from operator_app.manual.code_pages import faults_page
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 GAP = "\0"
-"""Stands for a value in a sentence."""
+"""Stands for a value in a message."""
 
 
-def strings_of(*folders: str) -> Iterator[str]:
-    """Every sentence written in these packages, but for the table itself."""
-    for folder in folders:
-        for path in sorted((REPOSITORY / folder).rglob("*.py")):
-            if path.name == "fault_messages.py":
-                continue
-            for node in ast.walk(ast.parse(path.read_text())):
-                if isinstance(node, ast.JoinedStr):
-                    yield "".join(
-                        str(part.value) if isinstance(part, ast.Constant) else GAP
-                        for part in node.values
-                    ).lower()
-                elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-                    # Templates of operator_app/messages: {certain:drifts|may drift}, {joint}.
-                    certain = re.sub(r"\{certain:([^|}]*)\|[^}]*\}", r"\1", node.value)
-                    yield re.sub(r"\{[^}]*\}", GAP, certain).lower()
+def messages(*folders: str) -> Iterator[str]:
+    """Yield every string in these packages in lower case, except those of the table itself."""
+    for path in (path for folder in folders for path in (REPOSITORY / folder).rglob("*.py")):
+        if path.name == "fault_messages.py":
+            continue
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.JoinedStr):
+                parts = (p.value if isinstance(p, ast.Constant) else GAP for p in node.values)
+                yield "".join(map(str, parts)).lower()
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                # Templates of operator_app/messages: {certain:drifts|may drift}, {joint}.
+                certain = re.sub(r"\{certain:([^|}]*)\|[^}]*\}", r"\1", node.value)
+                yield re.sub(r"\{[^}]*\}", GAP, certain).lower()
 
 
-def test_every_fault_is_told_by_help_with_what_is_seen_and_what_to_do(ends_with):
-    said = ends_with(0, "controller", "--fault", "help").words
-    for kind, words in FAULTS.items():
-        arm = f"arm {words.does()} kept {words.kept}"
-        row = f"{kind} broken {words.broken} you see {words.symptom()} {arm} do {words.remedy}"
-        assert " ".join(row.split()) in said
+def test_table_has_a_row_with_a_message_for_every_fault():
+    assert list(FAULTS) == list(FAULT_KINDS)
+    assert all(row.goes_on or row.texts for row in FAULTS.values())
 
 
-def test_what_the_table_says_is_what_the_program_can_say():
-    sentences = list(strings_of("hardware", "operator_app"))
-    for kind, words in {**FAULTS, **OPERATOR_SIDE}.items():
-        for part in words.texts:
+def test_help_prints_every_row(ends_with):
+    printed = ends_with(0, "controller", "--fault", "help").words
+    for kind, row in FAULTS.items():
+        arm = f"arm {row.does()} kept {row.kept}"
+        text = f"{kind} broken {row.broken} you see {row.symptom()} {arm} do {row.remedy}"
+        assert " ".join(text.split()) in printed
+
+
+def test_program_can_print_every_message_of_the_table():
+    printable = list(messages("hardware", "operator_app"))
+    for kind, row in {**FAULTS, **OPERATOR_SIDE}.items():
+        for message in row.texts:
             pattern = "".join(
                 f"(?:{piece}|{GAP})" if piece.isdigit() else re.escape(piece)
-                for piece in re.split(r"([0-9]+)", part.replace("{joint}", GAP).lower())
+                for piece in re.split(r"([0-9]+)", message.replace("{joint}", GAP).lower())
             )
-            assert any(re.search(pattern, text) for text in sentences), (kind, part)
+            assert any(re.search(pattern, text) for text in printable), (kind, message)
 
 
-def test_the_manual_says_what_the_arm_does_and_what_is_kept_of_both_sides():
+def test_manual_page_has_reaction_and_kept_data_of_every_row():
     page = faults_page()
     assert page.count("| the arm | what is kept |") == 2
-    for words in (*FAULTS.values(), *OPERATOR_SIDE.values()):
-        assert words.kept in page
-        assert words.does() in page
+    for row in (*FAULTS.values(), *OPERATOR_SIDE.values()):
+        assert row.kept in page
+        assert row.does() in page

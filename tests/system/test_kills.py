@@ -1,27 +1,24 @@
-"""Programs killed at random instants: nothing accepted is lost or wrong, and the next command goes on.
+"""Programs killed at random instants: no accepted pose is lost or wrong, and the next command continues.
 
-A share of it; all of it, with figures: python -m tests.benchmarks.campaign
+All kills, with statistics: python -m tests.benchmarks.campaign
 """
 
 import pytest
 
-from tests.oracles.killing import chain
+from tests.oracles.killing import POSES, chain
 
-pytestmark = pytest.mark.real_time
-
-
-@pytest.mark.campaign
-def test_an_operator_killed_with_its_arm_loses_nothing(tmp_path):
-    found = chain(str(tmp_path / "day"), 101, 1, embedded=True)
-    assert found.faults == []
-    assert (found.total, found.poses) == (1, found.sessions * 6)
-    assert found.sessions
+pytestmark = [pytest.mark.real_time, pytest.mark.campaign, pytest.mark.timeout(900)]
 
 
-@pytest.mark.campaign
-@pytest.mark.timeout(900)
-def test_operators_and_controllers_killed_on_a_bus_lose_nothing(tmp_path):
-    found = chain(str(tmp_path / "day"), 201, 8, embedded=False)
-    assert found.faults == []
-    assert (found.total, found.poses) == (8, found.sessions * 6)
-    assert found.sessions
+@pytest.mark.parametrize(
+    ("seed", "kills", "embedded"),
+    [
+        pytest.param(101, 1, True, id="operator with embedded arm"),
+        pytest.param(201, 8, False, id="operators and controllers on a bus"),
+    ],
+)
+def test_killed_programs_lose_no_pose(tmp_path, seed, kills, embedded):
+    statistics = chain(str(tmp_path / "day"), seed, kills, embedded=embedded)
+    assert statistics.faults == []
+    assert statistics.sessions
+    assert (statistics.total, statistics.poses) == (kills, statistics.sessions * POSES)

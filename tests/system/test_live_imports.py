@@ -1,11 +1,11 @@
-"""Nothing compiled is loaded while an arm is live: opening a library keeps the interpreter, and SYNC waits."""
+"""No compiled library is loaded while an arm is live: loading blocks the interpreter and delays SYNC."""
 
-import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+
+from tests.oracles.own_process import environment
 
 PROGRAM = """
 import sys
@@ -32,10 +32,7 @@ print("arms", len(live), "exit code", code)
 @pytest.mark.campaign
 @pytest.mark.parametrize("procedure", ["hinge", "hinge_planned"])
 def test_no_library_is_loaded_while_an_arm_is_live(procedure, tmp_path):
-    ended = subprocess.run(
-        [sys.executable, "-c", PROGRAM, "run", procedure, "--seed", "1"],
-        capture_output=True, text=True, check=True, cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).resolve().parents[2])},
-    )  # fmt: skip
-    assert "arms 1 exit code 0" in ended.stdout
-    assert [line for line in ended.stdout.splitlines() if line.startswith("LIVE")] == []
+    command = [sys.executable, "-c", PROGRAM, "run", procedure, "--seed", "1"]
+    out = subprocess.check_output(command, text=True, cwd=tmp_path, env=environment())
+    assert "arms 1 exit code 0" in out
+    assert [line for line in out.splitlines() if line.startswith("LIVE")] == []

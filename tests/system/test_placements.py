@@ -1,7 +1,4 @@
-"""One session, several mountings of its fixture: shared offsets, entries of each, and no death loses a pose.
-
-The virtual arm's truth in every placement is asked of the controller's side.
-"""
+"""One session with several placements of its fixture: shared offsets, entries of each, no pose lost by a kill."""
 
 import csv
 import re
@@ -21,72 +18,67 @@ from tests.oracles.planted_values import planted_values
 POSES = 10
 
 
-def killed_after(folder: Path, poses: int, *arguments: str) -> None:
-    """Run a program and kill it as soon as its session has so many poses."""
+def kill_at_pose(folder: Path, poses: int, *arguments: str) -> None:
+    """Run a program and kill it when its journal has this many poses."""
     process = start(folder, *arguments)
     wait_for_poses(folder / "sessions", poses, process)
     process.kill()
     process.communicate()
 
 
-def truth(placement: int) -> dict[str, float]:
+def journalled_poses(folder: Path) -> list[dict]:
+    return [e.data for e in read_journal(folder).events if e.name == "pose"]
+
+
+def true_values(placement: int) -> dict[str, float]:
     procedure = begin("hinge", Choices(), root=Path()).procedure
     arm = virtual_arm(procedure.arm, procedure.fixture, Choices(), placement)
     return planted_values(arm.true_loop())
 
 
 @pytest.mark.campaign
-def test_two_placements_are_one_calibration_though_killed_in_either(tmp_path, ends_with):
+def test_two_placements_are_one_calibration_despite_kills(tmp_path, ends_with):
     sessions = ["--sessions", str(tmp_path / "sessions")]
-    new = ["run", "hinge", "--placements", "2", "--poses", str(POSES)]
-    killed_after(tmp_path, 4, *new)
-    killed_after(tmp_path, POSES + 4, "run", "--resume", "latest")
+    kill_at_pose(tmp_path, 4, "run", "hinge", "--placements", "2", "--poses", str(POSES))
+    kill_at_pose(tmp_path, POSES + 4, "run", "--resume", "latest")
     (folder,) = (tmp_path / "sessions").iterdir()
-    before = [e.data for e in read_journal(folder).events if e.name == "pose"]
-    found = ends_with(0, "run", "--resume", "latest", *sessions, "--json").json
-    assert found["verdict"] in ("accepted", "accepted_with_warnings")
-    assert found["poses"] == 2 * POSES
+    poses_at_kill = journalled_poses(folder)
+    result = ends_with(0, "run", "--resume", "latest", *sessions, "--json").json
+    estimates = result["parameters"]
+    assert result["verdict"] in ("accepted", "accepted_with_warnings")
+    assert result["poses"] == 2 * POSES
 
-    # Nothing was taken twice or lost; each pose says in which placement it was taken.
-    poses = [e.data for e in read_journal(folder).events if e.name == "pose"]
-    assert poses[: len(before)] == before
-    with (folder / "poses.csv").open(newline="") as file:
-        assert [row["placement"] for row in csv.DictReader(file)] == ["1"] * POSES + ["2"] * POSES
+    assert journalled_poses(folder)[: len(poses_at_kill)] == poses_at_kill
+    rows = list(csv.reader((folder / "poses.csv").read_text().splitlines()))
+    column = [row[rows[0].index("placement")] for row in rows[1:]]
+    assert column == ["1"] * POSES + ["2"] * POSES
 
-    # One arm, two mountings: every value within 4 sigma of what was planted, which differ between them.
-    planted = {k: truth(k) for k in (1, 2)}
-    assert planted[1]["theta_off_3"] == planted[2]["theta_off_3"]
-    assert abs(planted[1]["s_0"] - planted[2]["s_0"]) > 0.0005
-    own = {name for name in found["parameters"] if "[" in name}
-    assert {re.sub(r"\[.\]", "", name) for name in own} == {
+    # The true values of one arm and two placements, of which each has its own hinge.
+    true = {k: true_values(k) for k in (1, 2)}
+    assert true[1]["theta_off_3"] == true[2]["theta_off_3"]
+    assert abs(true[1]["s_0"] - true[2]["s_0"]) > 0.0005
+    assert {re.sub(r"\[.\]", "", name) for name in estimates if "[" in name} == {
         "theta_off_1", "a_0", "s_0", "alpha_0", "s_1", "theta_off_7", "a_7", "s_7", "alpha_7",
     }  # fmt: skip
-    for name, value in found["parameters"].items():
-        plain, _, number = name.rstrip("]").partition("[")
-        wanted = planted[int(number or 1)][plain]
-        assert abs(value - wanted) < 4.0 * found["sigma"][name], name
+    for name, value in estimates.items():
+        plain, _, placement = name.rstrip("]").partition("[")
+        error = abs(value - true[int(placement or 1)][plain])
+        assert error < 4.0 * result["sigma"][name], name
 
-    # The file says what is mounted now.
+    # The parameters file and new poses are of the present placement.
     document = load_parameters(folder / "parameters.yaml")
-    here = found["parameters"]
-    assert document.table.a_m[0] == pytest.approx(here["a_0[2]"], abs=1e-15)
-    assert np.rad2deg(document.theta_off_rad[0]) == pytest.approx(here["theta_off_1[2]"])
+    assert document.table.a_m[0] == pytest.approx(estimates["a_0[2]"], abs=1e-15)
+    assert np.rad2deg(document.theta_off_rad[0]) == pytest.approx(estimates["theta_off_1[2]"])
     assert "PLACEMENTS" in {w.code for w in document.warnings}
-
-    # And so do new poses: on the arm in the second placement, and as a file of the first.
     verified = ends_with(0, "verify", "latest", "--poses", "3", *sessions, "--json").json
     assert verified["verdict"] == "holds"
     state = read_session(folder).state
     assert state is not None
     assert [r.placement for r in state.readings if r.kind == "verification"] == [2, 2, 2]
-    rows = list(csv.reader((folder / "poses.csv").read_text().splitlines()))
-    few = tmp_path / "few.csv"
+
+    # A file with poses of the first placement, measured again (0.002 deg), under each number.
+    file = tmp_path / "few.csv"
     for placement, code in (("1", 0), ("2", 4), ("3", 2)):
-        # Poses of the first placement, as if taken again (0.002 deg), said to be of each.
-        few.write_text(
-            "\n".join(
-                ",".join(r if k == 0 else [placement, r[1], repr(float(r[2]) + 0.002), *r[3:]])
-                for k, r in enumerate(rows[:5])
-            )
-        )
-        ends_with(code, "verify", "latest", few, *sessions)
+        poses = [[placement, r[1], repr(float(r[2]) + 0.002), *r[3:]] for r in rows[1:5]]
+        file.write_text("\n".join(map(",".join, [rows[0], *poses])))
+        ends_with(code, "verify", "latest", file, *sessions)

@@ -1,4 +1,4 @@
-"""The main job over kernel CAN, inside User-Mode Linux: two processes of ours and candump listening."""
+"""A calibration over kernel CAN inside User-Mode Linux: operator and controller, recorded by candump."""
 
 import json
 import sys
@@ -26,17 +26,17 @@ echo "JSON $(tr -d '\\n' < out.json)"
 
 @pytest.mark.campaign
 @pytest.mark.needs("linux.uml", "candump", "ip")
-def test_a_run_on_vcan0_with_candump_as_witness():
-    # A kernel that is a program, on one processor, which the bus has first: minutes for seconds of solving.
-    said = in_user_mode_linux("bash", "-c", SCRIPT, sys.executable, patience_s=900.0)
-    lines = {line.split()[0]: line for line in said.splitlines() if line.strip()}
-    # Three poses determine the arm but not well: solved, and accepted or not.
-    assert lines["CODE"] in ("CODE 0", "CODE 4"), said[-3000:]
-    found = json.loads(lines["JSON"][5:])
-    assert found["poses"] == 3
-    assert found["rank"] == 14
+def test_run_on_vcan0_has_the_frames_that_candump_recorded():
+    # On one processor, on which the bus has priority, solving takes minutes.
+    out = in_user_mode_linux("bash", "-c", SCRIPT, sys.executable, patience_s=900.0)
+    lines = {line.split()[0]: line for line in out.splitlines() if line.strip()}
+    # Three poses may be too few for acceptance.
+    assert lines["CODE"] in ("CODE 0", "CODE 4"), out[-3000:]
+    result = json.loads(lines["JSON"][5:])
+    assert result["poses"] == 3
+    assert result["rank"] == 14
     _, syncs, _, answers, _, uploads = lines["SYNC"].split()
     assert int(syncs) > 300
-    # From joint 7's first answer to its last candump saw one to every SYNC.
+    # From joint 7's first answer to its last, it answers every SYNC.
     assert 0.99 * int(syncs) <= int(answers) <= int(syncs)
     assert int(uploads) > 0

@@ -1,4 +1,4 @@
-"""The real program in a real terminal, on the virtual arm over its bus: Connect to Export, and worse."""
+"""The program in a real terminal, on the virtual arm over its bus: Connect to Export, kills, lost terminals."""
 
 import os
 import re
@@ -22,39 +22,45 @@ pytestmark = [pytest.mark.needs("tmux"), pytest.mark.real_time]
 
 SARCAL = (str(Path(sys.executable).with_name("sarcal")), "--seed", "1", "--speed", "8")
 POSES = 10
+SIZE = (120, 36)
 
 
 @pytest.fixture
 def terminal(tmp_path):
     opened: list[Terminal] = []
 
-    def open_terminal(*options: str, size=(120, 36), environment=None) -> Terminal:
-        made = Terminal(
-            tmp_path, [*SARCAL, "--poses", str(POSES), *options], size=size, environment=environment
-        )
-        opened.append(made)
-        return made
+    def open_terminal(*options: str, size=SIZE, environment=None) -> Terminal:
+        command = [*SARCAL, "--poses", str(POSES), *options]
+        opened.append(Terminal(tmp_path, command, size=size, environment=environment))
+        return opened[-1]
 
     yield open_terminal
     for one in opened:
         one.close()
 
 
-def the_session(root: Path) -> Path:
+def only_session(root: Path) -> Path:
     (folder,) = [p.parent for p in root.glob(f"sessions/*/{JOURNAL_NAME}")]
     return folder
 
 
 def follow(t: Terminal, *shown: str) -> None:
-    """Press Enter each time that the footer, or the screen, shows this."""
-    for words in shown:
-        t.until(words)
+    """Press Enter each time that the footer, or the screen, shows the next text."""
+    for text in shown:
+        t.until(text)
         t.keys("Enter")
 
 
 def answer(t: Terminal, question: str, *keys: str) -> None:
     t.until(question)
     t.keys(*keys)
+
+
+def start_capture(t: Terminal, *, poses: int = 2) -> None:
+    """Start automatic capture and wait for this many poses."""
+    walk_to_capture(t)
+    t.keys("Enter")
+    t.until(lambda screen: re.search(rf"Poses +[{poses}-9]/10", screen) is not None)
 
 
 def walk_to_capture(t: Terminal) -> None:
@@ -72,18 +78,14 @@ def apply_modes(t: Terminal) -> None:
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize(
-    "size", [pytest.param((120, 36), id="120x36"), pytest.param((80, 24), id="80x24")]
-)
-def test_connect_to_export_killed_in_mid_capture_and_resumed(terminal, tmp_path, size):
+@pytest.mark.parametrize("size", [SIZE, (80, 24)])
+def test_session_killed_during_capture_is_resumed_and_exported(terminal, tmp_path, size):
     t = terminal(size=size)
-    walk_to_capture(t)
-    t.keys("Enter")
-    t.until(lambda screen: re.search(r"Poses +[3-9]/10", screen) is not None)
+    start_capture(t, poses=3)
     t.kill(signal.SIGKILL)
     t.exit_code()
     t.close()
-    folder = the_session(tmp_path)
+    folder = only_session(tmp_path)
     accepted = read_session(folder).state.poses
     assert 3 <= len(accepted) < POSES
 
@@ -108,7 +110,7 @@ def test_connect_to_export_killed_in_mid_capture_and_resumed(terminal, tmp_path,
 
 
 @pytest.mark.campaign
-def test_enter_pressed_before_there_is_a_screen_connects(terminal):
+def test_enter_before_the_first_screen_connects(terminal):
     t = terminal()
     t.keys("Enter")
     t.until("Enter Fixture")
@@ -116,24 +118,28 @@ def test_enter_pressed_before_there_is_a_screen_connects(terminal):
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_in_mid_capture_ends_it_in_order(terminal, tmp_path, number):
+def test_signal_during_capture_closes_the_journal(terminal, tmp_path, number):
     t = terminal()
-    walk_to_capture(t)
-    t.keys("Enter")
-    t.until(lambda screen: re.search(r"Poses +[2-9]/10", screen) is not None)
+    start_capture(t)
     t.kill(number)
     assert t.exit_code() == 130
-    events = read_journal(the_session(tmp_path)).events
+    events = read_journal(only_session(tmp_path)).events
     assert events[-1].name == "closed"
     assert events[-1].data["reason"] == number.name
     assert "sessions" in t.screen()
     assert "--resume" in t.screen()
 
 
+def assert_journal_closed(root: Path) -> None:
+    journal = read_journal(only_session(root))
+    assert not journal.torn
+    assert journal.events[-1].name == "closed"
+
+
 @contextmanager
 def capturing(folder: Path) -> Iterator[PtyProgram]:
-    """The program in a pseudo-terminal, in automatic capture; it must end held, its journal closed."""
-    program = PtyProgram([*SARCAL, "--poses", "40"], size=(120, 36), folder=folder)
+    """Run automatic capture in a pseudo-terminal; it must end with exit code 130 and a closed journal."""
+    program = PtyProgram([*SARCAL, "--poses", "40"], size=SIZE, folder=folder)
     try:
         program.seen("Enter connects", 0)
         for key, text in WALK:
@@ -143,14 +149,12 @@ def capturing(folder: Path) -> Iterator[PtyProgram]:
     finally:
         program.process.kill()
         program.close()
-    contents = read_journal(the_session(folder))
-    assert not contents.torn
-    assert contents.events[-1].name == "closed"
+    assert_journal_closed(folder)
 
 
 @pytest.mark.campaign
-def test_a_program_without_a_terminal_ends(tmp_path):
-    """The kernel's SIGCONT makes Textual begin anew, on a terminal that is not there any more."""
+def test_sigcont_after_terminal_loss_ends_the_program(tmp_path):
+    """SIGCONT makes Textual restart on a terminal that no longer exists."""
     with capturing(tmp_path) as program:
         program.hang_up()
         program.process.send_signal(signal.SIGCONT)
@@ -158,12 +162,12 @@ def test_a_program_without_a_terminal_ends(tmp_path):
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("after_s", [0.2, 1.0, 4.0])
-def test_a_terminal_that_goes_without_a_signal_ends_the_program(tmp_path, after_s):
-    program = PtyProgram([*SARCAL, "--poses", "40"], size=(120, 36), folder=tmp_path)
+def test_terminal_loss_without_a_signal_ends_the_program(tmp_path, after_s):
+    program = PtyProgram([*SARCAL, "--poses", "40"], size=SIZE, folder=tmp_path)
     try:
         select(after_s)
         program.hang_up()
-        # 2: it had not even looked whether there is a terminal.
+        # 2: the terminal was lost before the program looked for one.
         assert program.process.wait(PATIENCE_S) in (2, 130)
     finally:
         program.process.kill()
@@ -171,29 +175,25 @@ def test_a_terminal_that_goes_without_a_signal_ends_the_program(tmp_path, after_
 
 
 @pytest.mark.campaign
-def test_a_terminal_that_is_not_read_ends_the_motion_and_a_signal_the_program(tmp_path):
+def test_unread_terminal_ends_motion_and_signals_end_the_program(tmp_path):
     with capturing(tmp_path) as program:
         program.stop_reading()
         wait_for_poses(tmp_path / "sessions", 1, program.process)
-        taken = -1
-        while len(read_session(the_session(tmp_path)).state.poses) != taken:
-            taken = len(read_session(the_session(tmp_path)).state.poses)
+        count = -1
+        while len(read_session(only_session(tmp_path)).state.poses) != count:
+            count = len(read_session(only_session(tmp_path)).state.poses)
             select(5.0)
-        assert taken < 40
-        # The first of those who close must finish, whoever else wants to close meanwhile.
-        send_again_and_again(program, signal.SIGTERM)
+        assert count < 40
+        # Repeated signals do not interrupt the first close.
+        for _ in range(int(PATIENCE_S / POLL_S)):
+            program.process.send_signal(signal.SIGTERM)
+            if program.process.poll() is not None:
+                break
+            select(POLL_S)
 
 
-def send_again_and_again(program: PtyProgram, number: signal.Signals) -> None:
-    for _ in range(int(PATIENCE_S / POLL_S)):
-        program.process.send_signal(number)
-        if program.process.poll() is not None:
-            return
-        select(POLL_S)
-
-
-def test_what_cannot_be_opened_is_said_and_nothing_is_left_on_the_screen(tmp_path):
-    program = PtyProgram([SARCAL[0], "--procedure", "nope"], size=(120, 36), folder=tmp_path)
+def test_unknown_procedure_is_reported_without_a_screen(tmp_path):
+    program = PtyProgram([SARCAL[0], "--procedure", "nope"], size=SIZE, folder=tmp_path)
     program.seen("neither a built-in procedure nor a file", 0)
     assert program.process.wait(PATIENCE_S) == 2
     program.close()
@@ -209,21 +209,19 @@ WALK = [
     (b"\r", "What the poses determine"),
     (b"\r", "ANY KEY STOPS"),
 ]
-"""From Connect to automatic capture: what is pressed and what is written then."""
+"""From Connect to automatic capture: keys and the text that each one shows."""
 
 
 @pytest.mark.campaign
-def test_a_silent_bus_and_a_restarted_controller_lose_nothing(terminal, tmp_path):
+def test_silent_bus_and_restarted_controller_lose_no_pose(terminal, tmp_path):
     bus = ("-i", "loopback", "-c", f"app-{os.getpid()}")
     with controller(tmp_path, *bus, "--seed", "1") as (node, _):
         t = terminal(*bus)
-        walk_to_capture(t)
-        t.keys("Enter")
-        t.until(lambda screen: re.search(r"Poses +[2-9]/10", screen) is not None)
+        start_capture(t)
         node.send_signal(signal.SIGSTOP)
         t.until("no data from the arm")
         t.until("DATA LOST quick stop sent")
-        accepted = read_session(the_session(tmp_path)).state.poses
+        accepted = read_session(only_session(tmp_path)).state.poses
         node.send_signal(signal.SIGCONT)
         t.until("the data are back")
         t.keys("R")
@@ -234,7 +232,7 @@ def test_a_silent_bus_and_a_restarted_controller_lose_nothing(terminal, tmp_path
     t.until("Enter Connect again")
     with controller(tmp_path, *bus, "--seed", "1"):
         t.keys("Enter")
-        # The quick stop that the silence was answered with is latched still.
+        # The quick stop that was sent during the silence is still latched.
         follow(t, "Enter Reset STOP")
         t.until("Enter Fixture")
         apply_modes_again(t)
@@ -243,35 +241,34 @@ def test_a_silent_bus_and_a_restarted_controller_lose_nothing(terminal, tmp_path
         t.keys("q")
         answer(t, "Leave?", "y")
         assert t.exit_code() == 0
-    contents = read_journal(the_session(tmp_path))
-    assert not contents.torn
-    assert contents.events[-1].name == "closed"
-    poses = read_session(the_session(tmp_path)).state.poses
+    assert_journal_closed(tmp_path)
+    poses = read_session(only_session(tmp_path)).state.poses
     assert [p.number for p in poses] == list(range(1, POSES + 1))
     for before, after in zip(accepted, poses, strict=False):
         assert before.mean_rad.tolist() == after.mean_rad.tolist()
 
 
 def apply_modes_again(t: Terminal) -> None:
-    """Modes are forgotten with a stop or a restart; from any step to Capture."""
+    """Go from any step to Capture: a stop or restart resets the modes."""
     t.keys("3")
     apply_modes(t)
 
 
 @pytest.mark.campaign
-def test_no_colour_means_none_and_ascii_means_ascii(terminal):
+def test_no_color_and_ascii_are_respected(terminal):
     t = terminal("--ascii", environment={"NO_COLOR": "1"})
     walk_to_capture(t)
     screen = t.screen(with_colours=True)
-    codes = {code for found in re.findall(r"\x1b\[([0-9;]*)m", screen) for code in found.split(";")}
-    # Bold, underline, reverse and their ends, and the default colours: nothing else.
+    sequences = re.findall(r"\x1b\[([0-9;]*)m", screen)
+    codes = {code for sequence in sequences for code in sequence.split(";")}
+    # Bold, underline, reverse and their ends, and the default colours.
     assert codes <= {"", "0", "1", "4", "7", "22", "24", "27", "39", "49"}, codes
     assert screen.isascii()
 
 
-def test_without_a_terminal_it_says_what_to_do():
-    done = subprocess.run(
+def test_app_without_a_terminal_suggests_plain_mode():
+    result = subprocess.run(
         SARCAL, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False
     )
-    assert done.returncode == 2
-    assert "--plain" in done.stderr
+    assert result.returncode == 2
+    assert "--plain" in result.stderr

@@ -1,4 +1,4 @@
-"""`sarcal verify`: a sound calibration holds on poses it has not seen, a spoilt one does not."""
+"""`sarcal verify`: a calibration holds on new poses, and not after a step change of a joint."""
 
 import csv
 import shutil
@@ -14,7 +14,7 @@ from tests.oracles.recorded import recorded_folder
 
 @pytest.fixture(scope="module")
 def sessions(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("sessions") / "made"
+    folder = tmp_path_factory.mktemp("verify") / "sessions"
     shutil.copytree(recorded_folder(hinge_session), folder)
     return folder
 
@@ -24,58 +24,58 @@ def hinge_session(folder: Path) -> None:
     assert main(["run", "hinge", "--poses", "15", "--sessions", str(folder)]) == 0
 
 
-def test_new_poses_on_the_arm_confirm_the_calibration(sessions, ends_with):
+def test_calibration_holds_on_new_poses_of_the_arm(sessions, ends_with):
     options = ["--sessions", str(sessions), "--poses", "6", "--json"]
     (session,) = sessions.iterdir()
-    found = ends_with(0, "verify", session.name, *options).json
-    assert found["verdict"] == "holds"
-    assert found["poses"] == 6
-    assert found["odd_poses"] == []
-    assert found["sigma_pos_mm"]["rms"] < 0.2 * found["nominal"]["sigma_pos_mm"]["rms"]
+    result = ends_with(0, "verify", session.name, *options).json
+    assert result["verdict"] == "holds"
+    assert result["poses"] == 6
+    assert result["odd_poses"] == []
+    assert result["sigma_pos_mm"]["rms"] < 0.2 * result["nominal"]["sigma_pos_mm"]["rms"]
 
-    # They are in the journal of the session, readings and all, and no part of its calibration.
+    # The journal of the session has them; its calibration does not use them.
     assert list(sessions.iterdir()) == [session]
     state = read_session(session).state
     assert state is not None
     assert [r.kind for r in state.readings] == ["return", *["verification"] * 6]
     assert len(state.used_poses) == 15
-    apart = [
+    distances_rad = [
         np.abs(r.mean_rad - p.mean_rad).max() for r in state.readings[1:] for p in state.used_poses
     ]
-    assert min(apart) > np.deg2rad(0.5)
+    assert min(distances_rad) > np.deg2rad(0.5)
 
 
 @pytest.mark.campaign
-def test_a_joint_that_slipped_since_is_noticed_and_the_poses_named(sessions, tmp_path, ends_with):
+def test_poses_after_a_step_change_of_a_joint_are_named(sessions, tmp_path, ends_with):
     (session,) = sessions.iterdir()
     with (session / "poses.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    # A pose that is taken again never reads the very same; the calibration's own are refused.
+    # Without the 0.002 deg they would be refused as the calibration's own.
     for k, row in enumerate(rows):
         row["theta3_deg"] = repr(float(row["theta3_deg"]) + (0.5 if k < 2 else 0.002))
-    changed = tmp_path / "new.csv"
+    file = tmp_path / "new.csv"
 
     def write() -> None:
-        with changed.open("w", newline="") as file:
-            writer = csv.DictWriter(file, rows[0].keys())
+        with file.open("w", newline="") as stream:
+            writer = csv.DictWriter(stream, rows[0].keys())
             writer.writeheader()
             writer.writerows(rows)
 
     write()
     options = ["--sessions", str(sessions), "--json"]
-    found = ends_with(4, "verify", session.name, changed, *options).json
-    assert found["verdict"] == "does not hold"
-    assert sorted(found["odd_poses"]) == ["1", "2"]
-    said = ends_with(4, "verify", session.name, changed, "--sessions", sessions)
-    assert said.out.startswith(f"DOES NOT HOLD: 2 of {len(rows)} new poses deviate by more")
-    assert "check pose" in said.out
-    assert said.err == ""
+    result = ends_with(4, "verify", session.name, file, *options).json
+    assert result["verdict"] == "does not hold"
+    assert sorted(result["odd_poses"]) == ["1", "2"]
+    answer = ends_with(4, "verify", session.name, file, "--sessions", sessions)
+    assert answer.out.startswith(f"DOES NOT HOLD: 2 of {len(rows)} new poses deviate by more")
+    assert "check pose" in answer.out
+    assert answer.err == ""
     for row in rows:
         row |= {f"theta{j}_deg": repr(float(row[f"theta{j}_deg"]) / 57.29578) for j in range(1, 8)}
     write()
-    said = ends_with(4, "verify", session.name, changed, "--sessions", sessions).err
-    assert f"sarcal: {changed}: no joint angle" in said
+    errors = ends_with(4, "verify", session.name, file, "--sessions", sessions).err
+    assert f"sarcal: {file}: no joint angle" in errors
 
 
-def test_a_session_without_poses_has_nothing_to_verify(tmp_path, ends_with):
+def test_verify_without_a_session_is_refused(tmp_path, ends_with):
     assert "no session" in ends_with(2, "verify", "latest", "--sessions", tmp_path).err

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Run a command under a User-Mode Linux kernel that has a real vcan0: ``in_user_mode_linux.py COMMAND...``.
 
-The host's file system is the guest's, read-only; this file is the guest's first process as well. The
-exit code is the command's, 99 if the kernel never got that far.
+The guest mounts the host's file system read-only; this file is also its first process. The exit code is the
+command's, 99 if the kernel did not run it.
 """
 
 import ctypes
@@ -15,10 +15,10 @@ from pathlib import Path
 KERNEL = os.environ.get("UML", "/usr/bin/linux.uml")
 MODULES = os.environ.get("UML_MODULES", "/usr/lib/uml/modules")
 PATIENCE_S = 900.0
-NEVER_RAN = 99
-VERDICT = "UML_RC="
+NOT_RUN = 99
+EXIT_CODE = "UML_RC="
 
-# In the order in which they need each other.
+# In the order of their dependencies.
 CAN_MODULES = (
     "net/can/can",
     "net/can/can-raw",
@@ -40,11 +40,11 @@ def host(command: list[str]) -> int:
         "init": str(Path(__file__).resolve()),
         "con": "null",
         "con0": "fd:0,fd:1",
-        # Whatever the kernel does not know becomes a variable of its init.
+        # Parameters unknown to the kernel become environment variables of its init.
         "UML_MODULES": MODULES,
         "COMMAND": shlex.join(command).encode().hex(),
     }
-    done = subprocess.run(
+    result = subprocess.run(
         [KERNEL, *(f"{key}={value}" for key, value in settings.items()), "ro", "quiet"],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
@@ -53,18 +53,18 @@ def host(command: list[str]) -> int:
         env={key: os.environ[key] for key in ("HOME", "PATH", "TMPDIR") if key in os.environ},
         check=False,
     )
-    return passed_on(done.stdout)
+    return forward_output(result.stdout)
 
 
-def passed_on(said: str) -> int:
-    """Print what the guest said; return its command's exit code."""
-    sys.stdout.write(said)
-    verdicts = [line for line in said.splitlines() if line.startswith(VERDICT)]
-    return int(verdicts[-1].removeprefix(VERDICT)) if verdicts else NEVER_RAN
+def forward_output(output: str) -> int:
+    """Print the guest's output and return its command's exit code."""
+    sys.stdout.write(output)
+    codes = [line for line in output.splitlines() if line.startswith(EXIT_CODE)]
+    return int(codes[-1].removeprefix(EXIT_CODE)) if codes else NOT_RUN
 
 
 def guest(*modules: str) -> None:
-    """Mount, load modules, bring vcan0 up, run the command, switch off."""
+    """Mount file systems, load modules, set vcan0 up, run the command, power off."""
     libc = ctypes.CDLL(None, use_errno=True)
     for source, target, kind in (
         ("proc", "/proc", "proc"),
@@ -80,12 +80,12 @@ def guest(*modules: str) -> None:
     os.environ["PATH"] = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
     for line in ("link add vcan0 type vcan", "link set vcan0 up", "link set lo up"):
         subprocess.run(["ip", *line.split()], check=True)
-    done = subprocess.run(
+    result = subprocess.run(
         shlex.split(bytes.fromhex(os.environ["COMMAND"]).decode()),
         env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
         check=False,
     )
-    print(f"{VERDICT}{done.returncode}", flush=True)
+    print(f"{EXIT_CODE}{result.returncode}", flush=True)
     os.sync()
     libc.reboot(POWER_OFF)
 

@@ -4,8 +4,8 @@
  * A CANopen master on a loopback channel, by the npm package `canopen` (node-canopen): CHANNEL JOINT COUNTS.
  *
  * It starts all nodes, reads their identity, samples every joint on SYNC, drives one joint by COUNTS, stops
- * it, and prints what it was told as one JSON object. Of this project it knows what is written down for
- * anybody: the datagrams of hardware/buses/loopback.py, the node numbers and the PDOs.
+ * it, and prints all replies as one JSON object. It uses the documented interface of this project only: the
+ * datagrams of hardware/buses/loopback.py, the node numbers and the PDOs.
  */
 
 const crypto = require('crypto');
@@ -85,12 +85,12 @@ async function main() {
     const command = [
         add(0x3000, DataType.UNSIGNED16), add(0x3001, DataType.INTEGER32), add(0x3002, DataType.INTEGER8),
     ];
-    // Acyclic and synchronous: it goes out when it is written, and never by itself.
+    // Transmitted when it is written, and at no other time.
     eds.addTransmitPdo({ cobId: 0x200 + JOINT, transmissionType: 0xFF, dataObjects: command });
 
     master.addListener('message', (message) => bus.send(message));
-    // The first goes out a whole producer time after the start, and control is given to who was heard.
-    const beaten = new Promise((resolve) => {
+    // The supervisor grants control to an operator with a heartbeat; the first is one producer time after the start.
+    const heartbeatSent = new Promise((resolve) => {
         master.on('message', ({ id }) => id === 0x700 + OPERATOR && resolve());
     });
     await bus.start((message) => {
@@ -102,7 +102,7 @@ async function main() {
 
     let answers = new Set();
     let answered = () => {};
-    const late = (what) => new Promise((_, reject) => {
+    const timeout = (what) => new Promise((_, reject) => {
         setTimeout(() => reject(new Error(`${what}: no answer`)), PATIENCE_MS).unref();
     });
     const read = (serverId, index, subIndex, dataType) => master.sdo.upload({
@@ -112,13 +112,13 @@ async function main() {
         serverId, index, data, dataType, timeout: PATIENCE_MS,
     });
     const sync = async () => {
-        const whole = new Promise((resolve) => { answered = resolve; });
+        const complete = new Promise((resolve) => { answered = resolve; });
         answers = new Set(JOINTS.map((joint) => 0x180 + joint));
         master.sync.write();
-        await Promise.race([whole, late('SYNC')]);
+        await Promise.race([complete, timeout('SYNC')]);
         return Object.values(mapped).map(({ objects }) => objects.map((object) => object.value));
     };
-    const order = async (controlword, target) => {
+    const drive = async (controlword, target) => {
         for (const [at, value] of [controlword, target, 8].entries())
             command[at].value = value;
         master.pdo.write(0x200 + JOINT);
@@ -126,9 +126,9 @@ async function main() {
     };
 
     master.start();
-    const told = { identity: {} };
+    const replies = { identity: {} };
     for (const node of [...JOINTS, SUPERVISOR]) {
-        told.identity[node] = {
+        replies.identity[node] = {
             deviceType: await read(node, 0x1000, 0, DataType.UNSIGNED32),
             name: await read(node, 0x1008, 0, DataType.VISIBLE_STRING),
             vendor: await read(node, 0x1018, 1, DataType.UNSIGNED32),
@@ -137,52 +137,52 @@ async function main() {
         };
     }
     const operational = Promise.all([...JOINTS, SUPERVISOR].map((node) => new Promise((resolve) => {
-        const look = ({ deviceId, state }) => {
+        const resolveWhenOperational = ({ deviceId, state }) => {
             if (deviceId === node && state === 5)
                 resolve();
         };
-        master.nmt.on('heartbeat', look);
+        master.nmt.on('heartbeat', resolveWhenOperational);
     })));
     master.nmt.startNode(0);
-    await Promise.race([operational, late('NMT start')]);
+    await Promise.race([operational, timeout('NMT start')]);
 
-    told.first = await sync();
-    await beaten;
+    replies.first = await sync();
+    await heartbeatSent;
     await write(SUPERVISOR, 0x2010, OPERATOR, DataType.UNSIGNED32);
-    told.token = await read(SUPERVISOR, 0x2010, 0, DataType.UNSIGNED32);
+    replies.token = await read(SUPERVISOR, 0x2010, 0, DataType.UNSIGNED32);
 
-    // Three blocks of 127 segments and a bit; block transfer is the client's choice, and each way its own protocol.
+    // Block transfer of more than three blocks of 127 segments, in both directions.
     const document = Buffer.from(Array.from({ length: 3000 }, (_, k) => 32 + k % 90));
     const block = { serverId: SUPERVISOR, index: 0x2000, timeout: PATIENCE_MS, blockTransfer: true };
-    told.blocks = 'the same';
+    replies.blocks = 'the same';
     try {
         await master.sdo.download({ ...block, data: document, blockInterval: 0 });
-        const back = await master.sdo.upload(block);
-        if (!document.equals(back))
-            told.blocks = `${back.length} bytes, others than were sent`;
+        const received = await master.sdo.upload(block);
+        if (!document.equals(received))
+            replies.blocks = `${received.length} bytes, others than were sent`;
     } catch (error) {
-        told.blocks = error.message;
+        replies.blocks = error.message;
     }
     await write(SUPERVISOR, 0x2002, 3, DataType.UNSIGNED8);
 
-    const here = told.first[JOINT - 1][1];
-    told.enabling = [];
+    const start = replies.first[JOINT - 1][1];
+    replies.enabling = [];
     for (const controlword of [0x06, 0x07, 0x0F])
-        told.enabling.push((await order(controlword, here))[0]);
-    told.mode = await read(JOINT, 0x6061, 0, DataType.INTEGER8);
+        replies.enabling.push((await drive(controlword, start))[0]);
+    replies.mode = await read(JOINT, 0x6061, 0, DataType.INTEGER8);
     for (let step = 1; step <= 10; ++step)
-        told.driven = await order(0x0F, here + Math.round(COUNTS * step / 10));
+        replies.driven = await drive(0x0F, start + Math.round(COUNTS * step / 10));
     await write(JOINT, 0x6040, 0x02, DataType.UNSIGNED16);
-    told.stopped = (await sync())[JOINT - 1];
-    told.statusword = await read(JOINT, 0x6041, 0, DataType.UNSIGNED16);
-    // A stopped drive is not moved any more.
-    told.afterwards = await order(0x02, here);
+    replies.stopped = (await sync())[JOINT - 1];
+    replies.statusword = await read(JOINT, 0x6041, 0, DataType.UNSIGNED16);
+    // A stopped drive ignores its target.
+    replies.afterwards = await drive(0x02, start);
 
-    told.refused = await read(JOINT, 0x5FFF, 0, DataType.UNSIGNED8).catch((error) => error.message);
+    replies.refused = await read(JOINT, 0x5FFF, 0, DataType.UNSIGNED8).catch((error) => error.message);
     await write(SUPERVISOR, 0x2010, 0, DataType.UNSIGNED32);
     master.stop();
     bus.stop();
-    console.log(JSON.stringify(told));
+    console.log(JSON.stringify(replies));
 }
 
 main().then(() => process.exit(0), (error) => {

@@ -211,7 +211,7 @@ def test_every_block_is_of_a_kind_that_tests_run():
     for topic in TOPICS_WITH_COMMANDS:
         for block in blocks(topic):
             assert block.language in ("sh", "yaml", "toml", "python", "text"), topic
-            # The toy's are run by tests/system/test_outside_arm.py.
+            # The toy's are run by tests/system/test_arm_plugin.py.
             assert block.run in ("", "campaign", "verdict", "background", "terminal", "toy"), topic
             for command in filter(str.strip, block.commands):
                 assert command.startswith(("sarcal ", *NOT_OURS)) or command == "sarcal", command

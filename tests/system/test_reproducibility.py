@@ -1,4 +1,4 @@
-"""The same poses give the same digits with any number of BLAS threads and on any kind of processor."""
+"""The same poses give the same digits with any number of BLAS threads and on any processor."""
 
 import os
 import subprocess
@@ -10,39 +10,39 @@ import yaml
 
 from operator_app.session.store.journal import read_journal
 
-OTHER_MACHINES = (
+ENVIRONMENTS = (
     {"OPENBLAS_NUM_THREADS": "1"},
     {"OPENBLAS_NUM_THREADS": "8"},
     {"OPENBLAS_CORETYPE": "Nehalem"},
     {"OPENBLAS_CORETYPE": "Haswell"},
 )
-"""Kernels of other processors add in another order: what another machine would do."""
+"""BLAS kernels of other processors add in another order."""
 
 
 @pytest.mark.campaign
-def test_threads_and_processors_change_no_printed_character(reference_data):
+def test_blas_threads_and_kernels_change_no_printed_character(reference_data):
     csv = reference_data / "hinge" / "hinge_rvdt1pct.csv"
-    said = {
+    outputs = {
         subprocess.run(
             [sys.executable, "-m", "operator_app.cli", "solve", str(csv)],
-            env=os.environ | other,
+            env=os.environ | environment,
             capture_output=True,
             text=True,
             check=False,
         ).stdout
-        for other in OTHER_MACHINES
+        for environment in ENVIRONMENTS
     }
-    assert len(said) == 1
-    assert "theta_off_7" in said.pop()
+    assert len(outputs) == 1
+    assert "theta_off_7" in outputs.pop()
 
 
-def test_journal_and_parameters_say_what_they_were_made_with(reference_data, tmp_path, ends_with):
+def test_journal_and_parameters_have_software_versions(reference_data, tmp_path, ends_with):
+    libraries = {name: version(name) for name in ("numpy", "scipy")}
     csv = reference_data / "hinge" / "hinge_exact.csv"
     ends_with(0, "import", csv, "--sessions", tmp_path)
     (folder,) = tmp_path.iterdir()
     (solved,) = (e.data for e in read_journal(folder).events if e.name == "solved")
-    assert solved["made_with"]["numpy"] == version("numpy")
-    assert solved["made_with"]["scipy"] == version("scipy")
+    assert {name: solved["made_with"][name] for name in libraries} == libraries
     ends_with(0, "export", folder, "--sessions", tmp_path)
-    written = yaml.safe_load((folder / "parameters.yaml").read_text())["software_version"]
-    assert written.startswith(f"{version('sarcal')} (numpy {version('numpy')}, scipy ")
+    software = yaml.safe_load((folder / "parameters.yaml").read_text())["software_version"]
+    assert software.startswith(f"{version('sarcal')} (numpy {libraries['numpy']}, scipy ")

@@ -1,7 +1,7 @@
-"""Runs tests on a module whose source is another than its file's. Knows pytest; no mutation.
+"""Runs tests on a module with other source text than its file.
 
-Every trial is a fork of this process, which has loaded everything that tests need except the packages
-under test: what takes two seconds is done once.
+Every run is a fork of this process, which has imported everything but the packages under test: this takes two
+seconds and is done once.
 """
 
 import importlib.abc
@@ -15,26 +15,26 @@ from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
 
-import can  # noqa: F401 - loaded once
+import can  # noqa: F401 - imported once
 import canopen  # noqa: F401
 import hypothesis.stateful  # noqa: F401
 import numpy as np  # noqa: F401
 import pytest
 
-LONGEST_CPU_S = 60
-"""A mutant that runs for ever is noticed too."""
+CPU_LIMIT_S = 60
+"""A mutant with an endless loop is detected too."""
 
 OPTIONS = (
     *("-x", "-q", "-p", "no:cacheprovider"),
-    # No plugin, and so none of their settings: these tests are plain ones.
+    # No plugins, and so no settings of plugins.
     *("-c", os.devnull, "--rootdir", ".", "--import-mode=importlib", "-o", "pythonpath=."),
-    # What is loaded above is not pytest's to rewrite.
+    # Modules imported above are not rewritten by pytest.
     *("-W", "error", "-W", "ignore::pytest.PytestAssertRewriteWarning"),
 )
 
 
-class _Instead(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Finds one module, with the source it is given."""
+class _SourceFinder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+    """Finds one module, with the given source."""
 
     def __init__(self, name: str, path: Path, source: str) -> None:
         self._name, self._path, self._source = name, path, source
@@ -52,36 +52,31 @@ class _Instead(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
-    """Tests that run in a process of their own."""
+class MutantRun:
+    """Tests in a process of their own."""
 
     pid: int
 
     def passed(self) -> bool:
-        """Wait for the end; whether all of them passed."""
+        """Wait for the end and return whether all tests passed."""
         return os.waitpid(self.pid, 0)[1] == 0
 
 
-def begin(root: Path, module: str, source: str, tests: Sequence[str]) -> Trial:
-    """Run tests until one fails, `module` (a path below `root`) having that source."""
+def start_tests(root: Path, module: str, source: str, tests: Sequence[str]) -> MutantRun:
+    """Run tests until one fails, with this source of `module` (a path below `root`)."""
     pid = os.fork()
     if pid:
-        return Trial(pid)
+        return MutantRun(pid)
     code = 3
     try:
-        resource.setrlimit(resource.RLIMIT_CPU, (LONGEST_CPU_S, LONGEST_CPU_S))
+        resource.setrlimit(resource.RLIMIT_CPU, (CPU_LIMIT_S, CPU_LIMIT_S))
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, 1)
         os.dup2(null, 2)
         name = module.removesuffix(".py").replace("/", ".")
-        sys.meta_path.insert(0, _Instead(name, root / module, source))
+        sys.meta_path.insert(0, _SourceFinder(name, root / module, source))
         os.chdir(root)
         os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
         code = int(pytest.main([*OPTIONS, *tests]))
     finally:
         os._exit(code)
-
-
-def passes(root: Path, module: str, source: str, tests: Sequence[str]) -> bool:
-    """Whether the tests pass on that source."""
-    return begin(root, module, source, tests).passed()

@@ -1,4 +1,4 @@
-"""However a program is made to end, its exit code says why, and it does end."""
+"""Signals, pipes and threads at the end of the program: it ends, and its exit code gives the reason."""
 
 import signal
 import subprocess
@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-SARCAL = (sys.executable, "-m", "operator_app.cli")
+from tests.oracles.own_process import SARCAL
 
 
-def test_a_tracker_that_still_writes_changes_no_exit_code(tmp_path):
+def test_tracker_still_writing_does_not_change_exit_code(tmp_path):
     with subprocess.Popen(
         [*SARCAL, "run", "open_loop", "--poses", "4", "--tracker", "stdin"],
         stdin=subprocess.PIPE,
@@ -28,28 +28,28 @@ def test_a_tracker_that_still_writes_changes_no_exit_code(tmp_path):
             while process.poll() is None:
                 process.stdin.write('{"error": "no light"}\n')
                 time.sleep(0.02)
-        said = process.stdout.read()
-        with suppress(BrokenPipeError):  # what it did not read is flushed
+        output = process.stdout.read()
+        with suppress(BrokenPipeError):  # unread input is flushed
             process.stdin.close()
-    assert process.returncode == 3, said
-    assert "no light" in said
+    assert process.returncode == 3, output
+    assert "no light" in output
 
 
-def twice_interrupted(
+def run_with_two_signals(
     folder: Path, first: signal.Signals, second: signal.Signals, wait_s: float, gap_s: float
 ) -> tuple[int, str]:
-    """Exit code and messages of a run that gets two signals as soon as it has begun, or later."""
+    """Return exit code and messages; the first signal is sent `wait_s` after the first message."""
     with subprocess.Popen(
         [*SARCAL, "run", "--poses", "40"], stderr=subprocess.PIPE, text=True, cwd=folder
     ) as process:
         assert process.stderr is not None
-        begun = process.stderr.readline()
+        first_message = process.stderr.readline()
         time.sleep(wait_s)
         process.send_signal(first)
         time.sleep(gap_s)
         process.send_signal(second)
-        said = begun + process.stderr.read()
-    return process.returncode, said
+        errors = first_message + process.stderr.read()
+    return process.returncode, errors
 
 
 PAIRS = (
@@ -57,27 +57,25 @@ PAIRS = (
     (signal.SIGHUP, signal.SIGTERM),
     (signal.SIGINT, signal.SIGINT),
 )
-
-
-SOON = (0.0,), (0.1,)
-ANY_TIME = (0.0, 0.1, 0.3, 0.7, 1.5, 3.0), (0.0, 0.001, 0.01, 0.05, 0.1, 0.4)
+WAITS_S = (0.0, 0.1, 0.3, 0.7, 1.5, 3.0)
+GAPS_S = (0.0, 0.001, 0.01, 0.05, 0.1, 0.4)
 
 
 @pytest.mark.parametrize(
     ("pair", "waits_s", "gaps_s"),
     [
-        (PAIRS[0], *SOON),
-        *(pytest.param(pair, *ANY_TIME, marks=pytest.mark.campaign) for pair in PAIRS),
+        (PAIRS[0], (0.0,), (0.1,)),
+        *(pytest.param(pair, WAITS_S, GAPS_S, marks=pytest.mark.campaign) for pair in PAIRS),
     ],
 )
-def test_a_second_signal_at_any_time_does_not_change_the_exit_code(tmp_path, pair, waits_s, gaps_s):
+def test_second_signal_does_not_change_exit_code(tmp_path, pair, waits_s, gaps_s):
     for wait_s in waits_s:
         for gap_s in gaps_s:
-            code, said = twice_interrupted(tmp_path, *pair, wait_s, gap_s)
-            assert code == 130, (wait_s, gap_s, said)
+            code, errors = run_with_two_signals(tmp_path, *pair, wait_s, gap_s)
+            assert code == 130, (wait_s, gap_s, errors)
 
 
-STUCK = """
+WITH_BLOCKED_THREAD = """
 import sys, threading
 from operator_app.cli import main
 threading.Thread(target=threading.Event().wait).start()
@@ -87,13 +85,13 @@ sys.exit(main())
 
 
 @pytest.mark.parametrize(("arguments", "code"), [(["--version"], 0), (["report", "nothing"], 2)])
-def test_a_thread_that_stays_does_not_keep_the_process(arguments, code):
-    done = subprocess.run([sys.executable, "-c", STUCK, *arguments], check=False, timeout=60)
-    assert done.returncode == code
+def test_program_ends_despite_a_blocked_thread(arguments, code):
+    program = [sys.executable, "-c", WITH_BLOCKED_THREAD, *arguments]
+    assert subprocess.run(program, check=False, timeout=60).returncode == code
 
 
 @pytest.mark.campaign
-def test_who_ignores_a_hang_up_goes_on(tmp_path):
+def test_run_under_nohup_ignores_a_hang_up(tmp_path):
     with subprocess.Popen(
         ["nohup", *SARCAL, "run", "--poses", "3"], stderr=subprocess.PIPE, text=True, cwd=tmp_path,
         stdout=subprocess.DEVNULL, stdin=subprocess.DEVNULL,
@@ -101,5 +99,5 @@ def test_who_ignores_a_hang_up_goes_on(tmp_path):
         assert process.stderr is not None
         process.stderr.readline()
         process.send_signal(signal.SIGHUP)
-        said = process.stderr.read()
-    assert process.returncode in (0, 4), said
+        errors = process.stderr.read()
+    assert process.returncode in (0, 4), errors

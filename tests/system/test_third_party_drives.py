@@ -1,4 +1,4 @@
-"""An arm set up in a way of its own: refused, probed, and calibrated with the profile that was drafted."""
+"""An arm with third-party drives: refused, probed, and calibrated with the drafted profile."""
 
 import math
 import os
@@ -24,78 +24,74 @@ from tests.oracles.parameter_documents import VALUES
 pytestmark = pytest.mark.real_time
 
 NODES = (21, 22, 24, 25, 26, 28, 29)
-BACKWARDS = 5
 MODES = {8: JointMode.POSITION, 10: JointMode.FREE}
 
 
-def plant() -> Physics:
-    """The closed chain of the virtual arm behind drives that are not ours; one of them counts backwards."""
-    arm = scenario("exact").arm(load_arm("sarcos_dextrous"))
-    body = scenario("exact").build(load_arm("sarcos_dextrous"))
-    per_rad = [axis.scale.counts_per_rad for axis in arm_axes(arm)]
+def closed_chain() -> Physics:
+    """Return the closed chain of the virtual arm as the plant of third-party drives."""
+    arm_file = load_arm("sarcos_dextrous")
+    exact = scenario("exact")
+    plant = exact.build(arm_file)
+    scales = [axis.scale.counts_per_rad for axis in arm_axes(exact.arm(arm_file))]
 
     def step(axes: list[Axis]) -> None:
-        reading = body.step(
-            [
-                JointCommand(
-                    mode=MODES[axis.mode] if axis.status == 0x27 else None,
-                    target_rad=axis.direction * axis.target / scale,
-                )
-                for axis, scale in zip(axes, per_rad, strict=True)
-            ]
-        )
-        for axis, counts in zip(axes, reading.position_counts, strict=True):
+        commands = [
+            JointCommand(
+                mode=MODES[axis.mode] if axis.status == 0x27 else None,
+                target_rad=axis.direction * axis.target / scale,
+            )
+            for axis, scale in zip(axes, scales, strict=True)
+        ]
+        for axis, counts in zip(axes, plant.step(commands).position_counts, strict=True):
             axis.counts = axis.direction * counts
 
     return step
 
 
 @pytest.mark.campaign
-def test_a_foreign_arm_is_refused_then_probed_then_calibrated(tmp_path, ends_with, monkeypatch):
+def test_third_party_arm_is_refused_then_calibrated_with_drafted_profile(
+    tmp_path, ends_with, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     settings = BusSettings(interface="loopback", channel=f"foreign-{os.getpid()}")
     bus = ["-i", "loopback", "-c", settings.channel]
-    step, axes = plant(), [Axis(counts=0) for _ in NODES]
-    axes[BACKWARDS - 1].direction = -1
+    step, axes = closed_chain(), [Axis(counts=0) for _ in NODES]
+    axes[4].direction = -1
     step(axes)
     with foreign_arm(open_bus(settings), NODES, axes, step):
-        assert (
-            "node 21: a drive that is not in the bus profile sarcos"
-            in ends_with(3, "probe", *bus).out
-        )
-        assert (
-            "no answer from nodes 1, 2, 3, 4, 5, 6, 7, 16" in ends_with(3, "run", "hinge", *bus).err
-        )
+        unknown = ends_with(3, "probe", *bus).out
+        assert "node 21: a drive that is not in the bus profile sarcos" in unknown
+        refused = ends_with(3, "run", "hinge", *bus).err
+        assert "no answer from nodes 1, 2, 3, 4, 5, 6, 7, 16" in refused
 
         assert "joint 3 = node 24" in ends_with(0, "probe", *bus, "--draft", "acme.yaml").out
-        drafted = Path("acme.yaml").read_text()
-        assert drafted.startswith("# yaml-language-server: $schema=sarcal-profile.schema.json\n")
+        profile = Path("acme.yaml").read_text()
+        assert profile.startswith("# yaml-language-server: $schema=sarcal-profile.schema.json\n")
         assert Path("sarcal-profile.schema.json").is_file()
         ends_with(0, "probe", *bus, "--profile", "acme.yaml")
         ends_with(2, "probe", *bus, "--draft", "acme.yaml")
-        assert Path("acme.yaml").read_text() == drafted
-        own = "{joint: 5, node: 26}"
-        assert own in drafted
-        Path("acme.yaml").write_text(drafted.replace(own, own[:-1] + ", direction: -1}"))
+        assert Path("acme.yaml").read_text() == profile
+        assert "{joint: 5, node: 26}" in profile
+        reversed_joint = "{joint: 5, node: 26, direction: -1}"
+        Path("acme.yaml").write_text(profile.replace("{joint: 5, node: 26}", reversed_joint))
 
         result, session = calibrate(settings)
     assert result.solution.accepted, result.solution.reasons
     assert result.exported is not None
-    assert result.exported.receipt is None, "nobody there keeps parameters"
+    assert result.exported.receipt is None, "this arm has no parameter store"
     estimate = result.solution.estimate
     for parameter, value, sd in zip(
         estimate.parameters, estimate.x, estimate.standard_deviation, strict=True
     ):
         if parameter.name.startswith("theta_off"):
             assert sd < math.radians(0.5)
-            assert math.degrees(value) == pytest.approx(
-                VALUES[parameter.name], abs=4 * math.degrees(sd)
-            )
+            true_rad = math.radians(VALUES[parameter.name])
+            assert value == pytest.approx(true_rad, abs=4 * sd), parameter.name
     assert session.state.serial_number.startswith("50021-50022-")
 
 
 def calibrate(settings: BusSettings) -> tuple[RunResult, Session]:
-    """As `sarcal run` does, but with SYNCs as fast as the arm answers: no clock of a busy machine."""
+    """Run as `sarcal run` does, but with SYNCs as fast as the arm answers."""
     choices = Choices(
         poses=14,
         scenario="exact",
@@ -105,8 +101,8 @@ def calibrate(settings: BusSettings) -> tuple[RunResult, Session]:
     )
     opening = begin("hinge", choices, root=Path("sessions"))
     procedure = replace(effective_procedure(opening), upload=False)
-    waits = {"patience_s": 10.0, "answers_s": 5.0, "sdo_timeout_s": 5.0}
-    arm = fast_arm(procedure.arm, settings, procedure.profile, **waits)
+    timeouts = {"patience_s": 10.0, "answers_s": 5.0, "sdo_timeout_s": 5.0}
+    arm = fast_arm(procedure.arm, settings, procedure.profile, **timeouts)
     rig = Rig(arm=arm, opening=replace(opening, procedure=procedure), simulated=False)
     session = open_session(rig)
     try:

@@ -1,4 +1,4 @@
-"""Several mountings in one journal: what each says of where the arm stands, what is asked between them."""
+"""Several placements of a fixture in one session: what the journal keeps of each, and what the operator confirms."""
 
 import io
 import signal
@@ -13,20 +13,21 @@ from operator_app.errors import DrivesNotOffError, GuardError, SessionError
 from operator_app.exit_codes import exit_code
 from operator_app.headless.console import ConsoleListener
 from operator_app.headless.procedure_run import next_placement, require_mounted, words
-from operator_app.session.store.journal import Journal, read_journal
+from operator_app.session.store.journal import JOURNAL_NAME, read_journal
 from operator_app.session.store.replay import replay, session_state
 from operator_app.session.store.state import SessionState
-from operator_app.session.workflow.opening import Choices, begin, resume
+from operator_app.session.workflow.opening import Choices, Opening, begin, resume
 from operator_app.session.workflow.session import Session
-from tests.oracles.journals import POSE, an_event, sources
+from tests.oracles.journals import POSE, Named, an_event, sources, written
 
 Q = [0.1, -0.2, 0.3, 1.4, -0.5, 0.6, 0.7]
 SETTINGS = {"poses": 12, "placements": 2, "interface": "loopback", "channel": "bench"}
 READING = {"mean_rad": Q, "sd_rad": [0.0] * 7, "samples": 8}
-Named = tuple[str, dict[str, Any]]
+REMOUNTED = ("remounted", {"placement": 2})
 
 
 def first_placement(poses: int = 12) -> list[Named]:
+    """Events of a complete first placement."""
     return [
         ("opened", {"sources": sources(), "settings": SETTINGS}),
         ("control", {"start_rad": Q, "home_rad": Q}),
@@ -37,8 +38,8 @@ def first_placement(poses: int = 12) -> list[Named]:
 
 
 @pytest.fixture
-def types(monkeypatch):
-    """Type this, and nothing after it."""
+def type_lines(monkeypatch):
+    """Type this text, and nothing after it."""
     return lambda text: monkeypatch.setattr("sys.stdin", io.StringIO(text))
 
 
@@ -47,26 +48,39 @@ def session(make_session):
     return make_session(begin("hinge", Choices(poses=3), root=Path()).procedure)
 
 
-def of(events: list[Named]) -> SessionState:
+@pytest.fixture
+def write_session(tmp_path):
+    """Write a session folder with these events, by default of a complete first placement."""
+
+    def write(events: list[Named] | None = None, name: str = "a") -> Path:
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / JOURNAL_NAME).write_bytes(written(events or first_placement()))
+        return folder
+
+    return write
+
+
+def resume_in(folder: Path, **choices: Any) -> Opening:
+    return resume(str(folder), Choices(**choices), root=folder.parent)
+
+
+def last_event(folder: Path) -> str:
+    return read_journal(folder).events[-1].name
+
+
+def state_after(events: list[Named]) -> SessionState:
     return replay(an_event(*named) for named in events)
 
 
-def written(folder: Path, events: list[Named]) -> Path:
-    journal = Journal.create(folder)
-    for name, data in events:
-        journal.append(name, data)
-    journal.close()
-    return folder
-
-
-def test_a_new_mounting_begins_anew_and_keeps_the_poses():
-    before = of(first_placement())
-    state = of([*first_placement(), ("remounted", {"placement": 2})])
+def test_new_placement_resets_the_arm_state_and_keeps_the_poses():
+    before = state_after(first_placement())
+    state = state_after([*first_placement(), REMOUNTED])
     assert (state.placement, len(state.used_poses), state.poses_here) == (2, 12, ())
     assert state.start_rad is None
     assert (state.modes, state.next_waypoint) == ((), 0)
     assert before.here is before
-    # Of where the arm stands in the new one, the others' poses and solution say nothing.
+    # The first placement's poses and repeats do not apply to the arm's position in the second one.
     assert state.here.used_poses == ()
     assert state.here.repeats == ()
     procedure = begin("hinge", Choices(poses=12, placements=2), root=Path()).procedure
@@ -74,60 +88,56 @@ def test_a_new_mounting_begins_anew_and_keeps_the_poses():
     assert state.required_poses(procedure.capture) == 24
 
 
-def test_poses_of_the_second_mounting_are_told_apart():
-    second = {**POSE, "number": 13, "mean_rad": Q, "waypoint": 0, "placement": 2}
-    again = {"number": 2, "kind": "return", "of": 13, "placement": 2, **READING}
-    events = [
-        *first_placement(),
-        ("remounted", {"placement": 2}),
-        ("pose", second),
-        ("reading", again),
-    ]
-    state = of(events)
+def test_poses_and_repeats_belong_to_their_placement():
+    pose = {**POSE, "number": 13, "mean_rad": Q, "waypoint": 0, "placement": 2}
+    repeat = {"number": 2, "kind": "return", "of": 13, "placement": 2, **READING}
+    state = state_after([*first_placement(), REMOUNTED, ("pose", pose), ("reading", repeat)])
     assert state.pose_set().placements == (1, 2)
     assert [p.number for p in state.poses_here] == [13]
     assert state.next_waypoint == 1
-    here = state.here
-    assert here.pose_set().placements == (1,)
-    assert [r.first.number for r in here.repeats] == [13]
+    assert state.here.pose_set().placements == (1,)
+    assert [r.first.number for r in state.here.repeats] == [13]
     assert len(state.repeats) == 2
 
 
-def test_the_next_is_due_once_the_first_has_all_its_poses(tmp_path):
-    unread, short = first_placement()[:-1], first_placement(11)
-    for k, (events, due) in enumerate(((first_placement(), True), (unread, False), (short, False))):
-        folder = written(tmp_path / str(k), events)
-        opening = resume(str(folder), Choices(), root=tmp_path)
-        assert (opening.placement, opening.next_due) == (1, due)
-    more = [*first_placement(), ("remounted", {"placement": 2})]
-    opening = resume(str(written(tmp_path / "second", more)), Choices(), root=tmp_path)
-    assert (opening.placement, opening.next_due) == (2, False)
+@pytest.mark.parametrize(
+    ("events", "placement", "due"),
+    [
+        (first_placement(), 1, True),
+        (first_placement()[:-1], 1, False),
+        (first_placement(11), 1, False),
+        ([*first_placement(), REMOUNTED], 2, False),
+    ],
+    ids=["complete", "no repeat", "pose missing", "remounted"],
+)
+def test_next_placement_is_due_once_the_first_is_complete(write_session, events, placement, due):
+    opening = resume_in(write_session(events))
+    assert (opening.placement, opening.next_due) == (placement, due)
 
 
-def test_the_operator_is_told_what_to_do_and_has_to_confirm(tmp_path, types, approve):
-    folder = written(tmp_path / "a", first_placement())
-    opening = resume(str(folder), Choices(), root=tmp_path)
+def test_operator_must_confirm_the_next_placement(write_session, type_lines, approve):
+    folder = write_session()
+    opening = resume_in(folder)
     approve(" ".join(words(opening, drives_off=True)))
-    # Nobody named the bus on the command line: what it was, the journal knows.
-    # Lines that were typed before it was asked for are no answer.
-    for typed, asked in (
+    # The bus comes from the journal if not from the command line. Lines typed before the question do not count.
+    for text, asked in (
         ("", opening),
         ("", replace(opening, choices=Choices())),
         ("\n\n", opening),
     ):
-        types(typed)
-        with pytest.raises(SessionError, match="was not confirmed") as refused:
-            next_placement(asked, ConsoleListener(), root=tmp_path)
-        assert f"sarcal run --resume {folder}" in refused.value.remedy
-        assert resume(str(folder), Choices(), root=tmp_path).next_due
-    types("\nmounted\n")
-    going_on = next_placement(opening, ConsoleListener(), root=tmp_path)
-    assert (going_on.placement, going_on.next_due, going_on.procedure.placements) == (2, False, 2)
-    assert read_journal(folder).events[-1].name == "remounted"
+        type_lines(text)
+        with pytest.raises(SessionError, match="was not confirmed") as error:
+            next_placement(asked, ConsoleListener(), root=folder.parent)
+        assert f"sarcal run --resume {folder}" in error.value.remedy
+        assert resume_in(folder).next_due
+    type_lines("\nmounted\n")
+    second = next_placement(opening, ConsoleListener(), root=folder.parent)
+    assert (second.placement, second.next_due, second.procedure.placements) == (2, False, 2)
+    assert last_event(folder) == "remounted"
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words_said"),
+    ("arguments", "message"),
     [
         (["hinge_planned", "--placements", "2"], "one placement"),
         (["open_loop", "--placements", "2"], "no fixture to remount"),
@@ -135,47 +145,40 @@ def test_the_operator_is_told_what_to_do_and_has_to_confirm(tmp_path, types, app
         (["hinge", "--placements", "0"], "not a whole number"),
     ],
 )
-def test_what_cannot_be_mounted_so_often_is_refused_before_anything(
-    arguments, words_said, tmp_path, ends_with
-):
-    assert words_said in ends_with(2, "run", *arguments, "--sessions", tmp_path).err
+def test_invalid_number_of_placements_is_refused(arguments, message, tmp_path, ends_with):
+    assert message in ends_with(2, "run", *arguments, "--sessions", tmp_path).err
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_was_chosen_on_resuming_holds_in_the_next_placement(tmp_path, types):
-    """Else the third placement was forgotten, and what should not be uploaded was."""
-    folder = written(tmp_path / "a", first_placement())
-    chosen = Choices(placements=3, upload=False, channel="other")
-    opening = resume(str(folder), chosen, root=tmp_path)
-    types("mounted\n")
-    going_on = next_placement(opening, ConsoleListener(), root=tmp_path)
-    assert going_on.procedure.placements == 3
-    assert not going_on.procedure.upload
-    assert (going_on.choices.interface, going_on.choices.channel) == ("loopback", "other")
+def test_options_of_a_resume_apply_to_the_next_placement(write_session, type_lines):
+    folder = write_session()
+    opening = resume_in(folder, placements=3, upload=False, channel="other")
+    type_lines("mounted\n")
+    second = next_placement(opening, ConsoleListener(), root=folder.parent)
+    assert second.procedure.placements == 3
+    assert not second.procedure.upload
+    assert (second.choices.interface, second.choices.channel) == ("loopback", "other")
 
 
-@pytest.mark.parametrize("left", ["remounting", "remounted"])
-def test_a_placement_that_nobody_confirmed_is_asked_for_before_anything_moves(
-    tmp_path, types, left
-):
-    """In a journal of an earlier version `remounted` may be what somebody was still to do."""
-    folder = written(tmp_path / "a", [*first_placement(), (left, {"placement": 2})])
-    opening = resume(str(folder), Choices(), root=tmp_path)
-    types("\n")
+@pytest.mark.parametrize("last", ["remounting", "remounted"])
+def test_unconfirmed_placement_is_confirmed_before_any_motion(write_session, type_lines, last):
+    """Earlier versions wrote `remounted` before the operator had confirmed it."""
+    folder = write_session([*first_placement(), (last, {"placement": 2})])
+    opening = resume_in(folder)
+    type_lines("\n")
     with pytest.raises(SessionError, match="was not confirmed"):
         require_mounted(opening, ConsoleListener())
-    assert read_journal(folder).events[-1].name == left
-    types("mounted\n")
+    assert last_event(folder) == last
+    type_lines("mounted\n")
     require_mounted(opening, ConsoleListener())
-    assert read_journal(folder).events[-1].name == "remounted"
+    assert last_event(folder) == "remounted"
     assert session_state(read_journal(folder)).mounted
-    types("")
-    require_mounted(resume(str(written(tmp_path / "b", first_placement())), Choices(), root=tmp_path),
-                    ConsoleListener())  # fmt: skip
+    type_lines("")
+    require_mounted(resume_in(write_session(name="b")), ConsoleListener())
 
 
-class Signalled(io.StringIO):
-    """A keyboard at which nobody types: a signal comes instead."""
+class SignallingInput(io.StringIO):
+    """A standard input at which a signal arrives instead of a line."""
 
     def __init__(self, number: signal.Signals) -> None:
         super().__init__()
@@ -187,27 +190,27 @@ class Signalled(io.StringIO):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize("more", [[], [("remounted", {"placement": 2})]])
-def test_a_signal_while_the_fixture_is_being_mounted_ends_in_words(
-    tmp_path, monkeypatch, ends_with, number, more
+@pytest.mark.parametrize("more", [[], [REMOUNTED]], ids=["due", "unconfirmed"])
+def test_signal_during_the_confirmation_changes_nothing(
+    write_session, monkeypatch, ends_with, number, more
 ):
-    folder = written(tmp_path / "a", [*first_placement(), *more])
-    before = (folder / "journal.jsonl").read_bytes()
-    monkeypatch.setattr("sys.stdin", Signalled(number))
-    # Where nobody heeds it, it is noted and passes.
-    passed = signal.signal(number, lambda *_: None)
+    folder = write_session([*first_placement(), *more])
+    before = (folder / JOURNAL_NAME).read_bytes()
+    monkeypatch.setattr("sys.stdin", SignallingInput(number))
+    # Without a handler of the program, the signal would end the tests.
+    handler = signal.signal(number, lambda *_: None)
     try:
-        said = ends_with(130, "run", "--resume", folder, "--sessions", tmp_path).words
+        text = ends_with(130, "run", "--resume", folder, "--sessions", folder.parent).words
     finally:
-        signal.signal(number, passed)
-    assert "interrupted while the fixture was being mounted" in said
-    assert f"Go on with: sarcal run --resume {folder}" in said
-    assert (folder / "journal.jsonl").read_bytes() == before
-    opening = resume(str(folder), Choices(), root=tmp_path)
+        signal.signal(number, handler)
+    assert "interrupted while the fixture was being mounted" in text
+    assert f"Go on with: sarcal run --resume {folder}" in text
+    assert (folder / JOURNAL_NAME).read_bytes() == before
+    opening = resume_in(folder)
     assert (opening.next_due, opening.unconfirmed_placement) == (not more, bool(more))
 
 
-def test_nobody_is_sent_to_an_arm_that_did_not_answer(session):
+def test_silent_arm_is_not_confirmed_to_be_off(session):
     session.arm.close = lambda: False
     session.close("the fixture is mounted anew")
     with pytest.raises(SessionError, match="did not answer"):
@@ -215,50 +218,48 @@ def test_nobody_is_sent_to_an_arm_that_did_not_answer(session):
 
 
 @pytest.mark.parametrize("held", [True, False])
-def test_nobody_is_sent_to_an_arm_with_power_in_it(session, held):
-    """Where STOP holds its drives as well."""
+def test_powered_drives_prevent_remounting(session, held):
+    """Also if STOP holds the drives."""
     session.arm.left_powered = (2, 5)
     session.arm.close = lambda: held
     assert session.close("the fixture is mounted anew") is held
-    with pytest.raises(
-        DrivesNotOffError, match="drives of joints 2, 5 are still powered"
-    ) as refused:
+    with pytest.raises(DrivesNotOffError, match="drives of joints 2, 5 are still powered") as error:
         session.require_drives_off()
-    assert "hardware stop" in refused.value.remedy
-    assert exit_code(refused.value) == 3
+    assert "hardware stop" in error.value.remedy
+    assert exit_code(error.value) == 3
     assert (session.not_held is None) is held
 
 
-def test_that_drives_are_off_is_said_only_where_somebody_has_looked(tmp_path, types, ends_with):
-    folder = written(tmp_path / "a", first_placement())
-    types("")
-    said = ends_with(2, "run", "--resume", folder, "--sessions", tmp_path).words
-    assert "its drives are off" not in said
-    assert "make sure that they are off" in said
+def test_drives_are_reported_off_only_if_checked(write_session, type_lines, ends_with):
+    folder = write_session()
+    type_lines("")
+    text = ends_with(2, "run", "--resume", folder, "--sessions", folder.parent).words
+    assert "its drives are off" not in text
+    assert "make sure that they are off" in text
 
 
-def test_the_app_does_not_call_an_arm_held_that_is_not(tmp_path, types, monkeypatch, ends_with):
-    def powered(arm):
+def test_powered_arm_is_not_reported_as_held(tmp_path, type_lines, monkeypatch, ends_with):
+    def leave_powered(arm):
         arm.left_powered = (1,)
         return False
 
-    monkeypatch.setattr(CanopenArm, "close", powered)
-    types("")
-    said = ends_with(3, "--plain", "--sessions", tmp_path).err
-    assert "the drive of joint 1 is still powered" in said
-    assert "arm is held" not in said
+    monkeypatch.setattr(CanopenArm, "close", leave_powered)
+    type_lines("")
+    stderr = ends_with(3, "--plain", "--sessions", tmp_path).err
+    assert "the drive of joint 1 is still powered" in stderr
+    assert "arm is held" not in stderr
 
 
-def one_pose_then(session: Session, event: str) -> Session:
+def record_pose_and(session: Session, event: str) -> Session:
     session.record("control", {"start_rad": Q, "home_rad": Q})
     session.record("pose", {**POSE, "number": 1, "mean_rad": Q, "waypoint": 0})
     session.record(event, {"placement": 2})
     return session
 
 
-def test_nothing_connects_while_the_fixture_is_off(session):
-    """For verify and export as well: somebody may be holding the arm."""
-    state = one_pose_then(session, "remounting").state
+def test_unmounted_fixture_prevents_connecting(session):
+    """Also for verify and export: somebody may be holding the arm."""
+    state = record_pose_and(session, "remounting").state
     assert (state.placement, state.mounted, state.unconfirmed_placement) == (2, False, True)
     with pytest.raises(GuardError, match="its mounting for placement 2"):
         session.connect()
@@ -267,6 +268,6 @@ def test_nothing_connects_while_the_fixture_is_off(session):
     assert session.connect() is session.identity
 
 
-def test_undo_takes_back_no_pose_of_another_placement(session):
+def test_undo_removes_no_pose_of_another_placement(session):
     with pytest.raises(GuardError, match="this placement has no pose"):
-        one_pose_then(session, "remounted").undo()
+        record_pose_and(session, "remounted").undo()

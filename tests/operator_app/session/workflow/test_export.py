@@ -1,4 +1,4 @@
-"""A calibration goes to the controller if it is accepted, or for a reason that is kept; the journal says so."""
+"""Export of accepted and forced calibrations to the controller, and its journal entries."""
 
 import errno
 import os
@@ -9,102 +9,99 @@ import pytest
 from hardware.errors import BusError, UploadUnknown
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses
-from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError, JournalError
 from operator_app.headless.procedure_run import run
 from operator_app.report.results.session import session_text
-from operator_app.session.store.journal import read_journal
 from operator_app.session.ui.operations import Operations
 from operator_app.session.workflow.export import export, recorded_export
 from operator_app.session.workflow.listener import Listener
+from tests.oracles.journal_events import journal_events
 from tests.oracles.journalled_sessions import Quiet
 from tests.oracles.short_procedure import short_procedure
 
 
+def failing(error: type[Exception]):
+    """A method of the arm that raises this error."""
+
+    def method(*_: object) -> None:
+        raise error("lost at the commit")
+
+    return method
+
+
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("silent", ["upload_parameters", "active_parameters"])
-def test_an_upload_of_which_nobody_knows_the_outcome_is_in_the_journal(
-    make_session, monkeypatch, silent
-):
-    """The controller may have it: that nothing was written and nothing uploaded would be wrong."""
+@pytest.mark.parametrize(
+    ("method", "error"), [("upload_parameters", UploadUnknown), ("active_parameters", BusError)]
+)
+def test_upload_with_unknown_outcome_is_journalled(make_session, monkeypatch, method, error):
+    """The controller may have the parameters: neither "uploaded" nor "not uploaded" is known."""
     session = make_session(short_procedure(8))
-
-    def lost(*_: object) -> None:
-        raise (UploadUnknown if silent == "upload_parameters" else BusError)("lost at the commit")
-
-    monkeypatch.setattr(session.arm, silent, lost)
+    monkeypatch.setattr(session.arm, method, failing(error))
     with pytest.raises(UploadUnknown, match="lost at the commit"):
         run(session, Listener(), forced="a test of the upload")
     session.close("failed")
-    told = session.state.exported
-    assert told["uploaded"] is None
-    assert "lost at the commit" in told["unknown"]
-    folder = session.journal.path.parent
-    assert [e.name for e in read_journal(folder).events][-2:] == ["exported", "closed"]
-    assert "Controller  not known: " in session_text(folder, session.state, accepted=True)
+    exported = session.state.exported
+    assert exported["uploaded"] is None
+    assert "lost at the commit" in exported["unknown"]
+    assert [e.name for e in journal_events(session)][-2:] == ["exported", "closed"]
+    text = session_text(session.journal.path.parent, session.state, accepted=True)
+    assert "Controller  not known: " in text
 
 
 @pytest.mark.parametrize(
-    ("lost", "told"),
+    ("lost", "upload"),
     [
-        (True, "lost at the commit. Then: cannot write"),
-        (False, "the parameters were uploaded to slot A and read back. Then: cannot write"),
+        (True, "lost at the commit"),
+        (False, "the parameters were uploaded to slot A and read back"),
     ],
 )
-def test_what_the_controller_was_given_is_said_without_a_journal(
-    make_session, monkeypatch, lost, told
-):
+def test_upload_outcome_is_reported_if_the_journal_fails(make_session, monkeypatch, lost, upload):
     session = make_session(short_procedure(8))
     write = os.write
 
-    def full(descriptor: int, data: bytes) -> int:
+    def write_to_full_disk(descriptor: int, data: bytes) -> int:
         if b'"exported"' in data:
             raise OSError(errno.ENOSPC, "No space left on device")
         return write(descriptor, data)
 
-    def unknown(*_: object) -> None:
-        raise UploadUnknown("lost at the commit")
-
-    monkeypatch.setattr(os, "write", full)
+    monkeypatch.setattr(os, "write", write_to_full_disk)
     if lost:
-        monkeypatch.setattr(session.arm, "upload_parameters", unknown)
-    with pytest.raises(JournalError) as met:
+        monkeypatch.setattr(session.arm, "upload_parameters", failing(UploadUnknown))
+    with pytest.raises(JournalError) as error:
         run(session, Listener(), forced="a test of the upload")
     session.close("failed")
-    assert met.value.happened == f"{told} {session.journal.path}: No space left on device"
-    assert str(met.value).startswith(f"{met.value.happened}. Free space")
+    happened = f"{upload}. Then: cannot write {session.journal.path}: No space left on device"
+    assert error.value.happened == happened
+    assert str(error.value).startswith(f"{happened}. Free space")
 
 
-def strict(procedure: Procedure) -> Procedure:
-    """A procedure whose limits no arm meets."""
-    return replace(procedure, acceptance=replace(procedure.acceptance, sigma_pos_mm=1e-6))
-
-
-def test_what_is_not_accepted_is_exported_for_a_reason_only_and_the_reason_is_kept(make_session):
-    session = make_session(strict(short_procedure(5)))
+def test_export_of_a_calibration_not_accepted_needs_a_reason(make_session):
+    procedure = short_procedure(5)
+    limits = replace(procedure.acceptance, sigma_pos_mm=1e-6)
+    session = make_session(replace(procedure, acceptance=limits))
     result = run(session, Listener())
     assert not result.solution.accepted
     assert result.exported is None
-    # Whoever is not content with the result wants the poses.
-    kept = load_poses(session.journal.path.parent / "poses.csv", joint_count=7).poses
-    assert kept.sha256() == session.state.pose_set().sha256()
-    with pytest.raises(GuardError, match=r"was not accepted: .*sigma_pos") as refused:
+    # The poses are written for the search for the cause.
+    poses = load_poses(session.journal.path.parent / "poses.csv", joint_count=7).poses
+    assert poses.sha256() == session.state.pose_set().sha256()
+    with pytest.raises(GuardError, match=r"was not accepted: .*sigma_pos") as error:
         export(session, result.solution, upload_too=True)
-    assert "--force" in refused.value.remedy
+    assert "--force" in error.value.remedy
     assert session.arm.active_parameters() == b""
     assert not session.state.exported
 
     forced = run(session, Listener(), forced="the demo\nis tonight")
     assert forced.exported is not None
     assert session.state.exported["forced"] == "the demo\nis tonight"
-    document = load_parameters(forced.exported.parameters)
-    assert document.warnings[0].code == "FORCED"
-    assert document.warnings[0].text.endswith("exported because: the demo is tonight")
-    assert "sigma_pos" in document.warnings[0].text
+    warning = load_parameters(forced.exported.parameters).warnings[0]
+    assert warning.code == "FORCED"
+    assert warning.text.endswith("exported because: the demo is tonight")
+    assert "sigma_pos" in warning.text
     assert session.arm.active_parameters() == forced.exported.parameters.read_bytes()
 
 
-def test_what_is_accepted_needs_no_reason_and_keeps_none(make_session):
+def test_reason_for_an_accepted_calibration_is_not_recorded(make_session):
     session = make_session(short_procedure(20))
     result = run(session, Listener(), forced="just in case")
     assert result.solution.accepted

@@ -1,4 +1,4 @@
-"""Which bus a session is on is decided once: what was really opened is journalled, and resumed."""
+"""The bus of a session is chosen once: the bus that was opened is journalled and resumed."""
 
 import os
 from dataclasses import replace
@@ -23,64 +23,64 @@ CHANNEL = f"test-opening-{os.getpid()}"
 def source(tmp_path):
     """The sessions of the terminal app and of plain mode, without options."""
     join = partial(open_arm, pace=Pace.REAL_TIME)
-    made = Sessions("hinge", Choices(), root=tmp_path / "sessions", join=join)
-    yield made
-    made.close("end of the test")
+    sessions = Sessions("hinge", Choices(), root=tmp_path / "sessions", join=join)
+    yield sessions
+    sessions.close("end of the test")
 
 
 @pytest.fixture
 def loopback(monkeypatch):
-    """Another bus than the default, named by the environment only."""
+    """A bus that only the environment names."""
     monkeypatch.setenv("CAN_INTERFACE", "loopback")
     monkeypatch.setenv("CAN_CHANNEL", CHANNEL)
     return monkeypatch
 
 
-def test_what_the_terminal_app_journals_is_the_bus_it_opened(source, loopback):
-    begun = source.new()
-    folder = begun.session.journal.path.parent
-    assert begun.session.state.settings["interface"] == "loopback"
-    assert begun.session.state.settings["channel"] == CHANNEL
-    assert begun.snapshot().bus == f"loopback {CHANNEL}"
-    assert not begun.snapshot().simulated
-    begun.session.record("connected", {"serial_number": "SDA-0001"})
+def test_app_journals_and_resumes_the_bus_it_opened(source, loopback):
+    runner = source.new()
+    folder = runner.session.journal.path.parent
+    assert runner.session.state.settings["interface"] == "loopback"
+    assert runner.session.state.settings["channel"] == CHANNEL
+    assert runner.snapshot().bus == f"loopback {CHANNEL}"
+    assert not runner.snapshot().simulated
+    runner.session.record("connected", {"serial_number": "SDA-0001"})
     source.close("left")
     assert read_session(folder).state is not None
 
     loopback.delenv("CAN_INTERFACE")
     loopback.delenv("CAN_CHANNEL")
-    again = source.resumed(folder.name)
-    assert again.snapshot().bus == f"loopback {CHANNEL}"
-    assert not again.snapshot().simulated
+    resumed = source.resumed(folder.name)
+    assert resumed.snapshot().bus == f"loopback {CHANNEL}"
+    assert not resumed.snapshot().simulated
 
 
-def test_a_run_journals_the_same(tmp_path, loopback, ends_with):
+def test_run_journals_the_bus_it_opened(tmp_path, loopback, ends_with):
     sessions = tmp_path / "sessions"
     with unattended(begin("hinge", Choices(), root=sessions)) as session:
         state = read_session(session.journal.path.parent).state
     assert state is not None
-    assert not sessions.exists()  # nothing was connected: it held nothing
+    assert not sessions.exists()  # an empty session leaves no folder
     assert "no pose was captured" in ends_with(3, "run", "hinge", "--sessions", sessions).err
     assert not sessions.exists()
     assert (state.settings["interface"], state.settings["channel"]) == ("loopback", CHANNEL)
 
 
-def test_the_embedded_arm_is_journalled_by_scenario_and_seed(source):
+def test_virtual_arm_is_journalled_by_scenario_and_seed(source):
     settings = source.new().session.state.settings
     assert (settings["interface"], settings["scenario"], settings["seed"]) == (
         "virtual", "datasheet", 0,
     )  # fmt: skip
 
 
-def test_the_patience_for_an_object_is_the_procedures(tmp_path):
+def test_sdo_timeout_is_the_procedures(tmp_path):
     opening = begin("hinge", Choices(), root=tmp_path)
-    slow = replace(opening.procedure, bus=replace(opening.procedure.bus, sdo_timeout_s=7.5))
-    with open_arm(opening) as usual, open_arm(replace(opening, procedure=slow)) as patient:
-        timings = [rig.arm.on_bus.timing for rig in (usual, patient)]
+    procedure = replace(opening.procedure, bus=replace(opening.procedure.bus, sdo_timeout_s=7.5))
+    with open_arm(opening) as default, open_arm(replace(opening, procedure=procedure)) as slow:
+        timings = [rig.arm.on_bus.timing for rig in (default, slow)]
     assert [timing.sdo_timeout_s for timing in timings] == [10.0, 7.5]
 
 
-def test_a_session_goes_on_with_the_bus_profile_it_began_with_and_no_other(tmp_path):
+def test_resumed_session_keeps_its_bus_profile_and_refuses_another(tmp_path):
     own, other = tmp_path / "own.yaml", tmp_path / "other.yaml"
     packaged = resolve("profile", "sarcos").data.decode()
     own.write_text(packaged.replace("name: sarcos", "name: own"))
@@ -89,25 +89,25 @@ def test_a_session_goes_on_with_the_bus_profile_it_began_with_and_no_other(tmp_p
     with open_arm(opening) as rig:
         session = open_session(rig)
         session.close("done")
-    own.unlink()  # the journal has it
-    again = resume(str(opening.folder), Choices(), root=tmp_path)
-    assert again.procedure.profile == opening.procedure.profile
-    assert again.procedure.profile.name == "own"
+    own.unlink()  # the journal has a copy
+    resumed = resume(str(opening.folder), Choices(), root=tmp_path)
+    assert resumed.procedure.profile == opening.procedure.profile
+    assert resumed.procedure.profile.name == "own"
     with pytest.raises(SessionError, match=r"other\.yaml differs from it\. Leave --profile out"):
         resume(str(opening.folder), Choices(profile=str(other)), root=tmp_path)
 
 
-def test_sessions_begun_in_one_second_have_a_folder_each(tmp_path):
-    """Each looked which name was free before any of them was there."""
+def test_sessions_begun_in_one_second_have_separate_folders(tmp_path):
+    """Each name was free when its session was prepared."""
     now = datetime(2026, 11, 23, 8, tzinfo=UTC)
     openings = [begin("hinge", Choices(), root=tmp_path, clock=lambda: now) for _ in range(3)]
     arms = [PlantArm(opening.procedure, "exact") for opening in openings]
-    made = [
+    sessions = [
         open_session(Rig(arm=arm, opening=opening, simulated=True))
         for arm, opening in zip(arms, openings, strict=True)
     ]
-    names = [session.journal.path.parent.name for session in made]
-    assert names == [f"20261123-080000-hinge{more}" for more in ("", "-2", "-3")]
-    for session in made:
+    names = [session.journal.path.parent.name for session in sessions]
+    assert names == [f"20261123-080000-hinge{suffix}" for suffix in ("", "-2", "-3")]
+    for session in sessions:
         session.close("done")
         assert read_session(session.journal.path.parent).problem == ""

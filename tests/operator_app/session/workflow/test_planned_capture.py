@@ -1,4 +1,4 @@
-"""Planned captures on the real plant without a bus: whole, interrupted, moved, withdrawn, stopped."""
+"""Planned captures on the real plant without a bus: complete, interrupted, stopped, with poses withdrawn."""
 
 import math
 from collections.abc import Sequence
@@ -15,12 +15,13 @@ from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.result import Solution
 from operator_app.config.procedure import Procedure
 from operator_app.errors import Cancelled, GuardError
-from operator_app.session.store.journal import Journal, JournalEvent, read_journal
+from operator_app.session.store.journal import Journal, JournalEvent
 from operator_app.session.workflow.campaign_replay import is_same_action
 from operator_app.session.workflow.drive_selection import choose
 from operator_app.session.workflow.planned_capture import CampaignEnd, PlannedCapture
 from operator_app.session.workflow.session import Session
 from tests.oracles.hearing import Hearing
+from tests.oracles.journal_events import event_data, journal_events
 from tests.oracles.opened import opened
 from tests.oracles.plant_arm import PlantArm
 from tests.oracles.short_procedure import short_procedure
@@ -29,14 +30,15 @@ CANDIDATES = 300
 """A tenth of what the product uses: these tests are about the session, not about the best poses."""
 
 
-def procedure(poses: int, **capture: object) -> Procedure:
-    """The packaged planned procedure with few poses, for the arm that scenario `exact` carries."""
-    found = short_procedure(poses, packaged="hinge_planned")
-    return replace(found, position_joints=(1, 5), capture=replace(found.capture, **capture))
+def planned_procedure(poses: int, **capture: object) -> Procedure:
+    """The packaged planned procedure with few poses, for the arm of scenario `exact`."""
+    procedure = short_procedure(poses, packaged="hinge_planned")
+    capture_settings = replace(procedure.capture, **capture)
+    return replace(procedure, position_joints=(1, 5), capture=capture_settings)
 
 
-class Planned(Hearing):
-    """A capture on a session, with what it said."""
+class PlannedRun(Hearing):
+    """A planned capture of a session, with its reports."""
 
     def __init__(self, session: Session, drives: tuple[int, ...] = (1, 5)) -> None:
         super().__init__()
@@ -49,230 +51,212 @@ class Planned(Hearing):
         return self.capture.run()
 
 
-def interrupted(session: Session, at_sync: int) -> Session:
-    """Begin a capture, and end it by Ctrl-C at that SYNC."""
+def interrupt(session: Session, at_sync: int) -> Session:
+    """Begin a capture, interrupt it by Ctrl-C at that SYNC, and close the session."""
     session.arm.interrupt_at_sync = at_sync
     with pytest.raises(KeyboardInterrupt):
-        Planned(session).run()
+        PlannedRun(session).run()
     session.arm.interrupt_at_sync = None
     session.close("interrupted")
     return session
 
 
-def events(session: Session) -> tuple[JournalEvent, ...]:
-    return read_journal(session.journal.path.parent).events
-
-
-def named(session: Session, name: str) -> list[dict]:
-    return [dict(e.data) for e in events(session) if e.name == name]
-
-
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    """A planned capture from start to end on the exact arm."""
-    wanted = procedure(4)
-    session = opened(
-        tmp_path_factory.mktemp("whole") / "session", PlantArm(wanted, "exact"), wanted
-    )
-    told = Planned(session)
-    end = told.run()
+def complete_run(tmp_path_factory):
+    """A complete planned capture on the exact arm."""
+    folder, procedure = tmp_path_factory.mktemp("complete") / "session", planned_procedure(4)
+    session = opened(folder, PlantArm(procedure, "exact"), procedure)
+    run = PlannedRun(session)
+    end = run.run()
     session.close("done")
-    return SimpleNamespace(session=session, told=told, end=end, events=events(session))
+    return SimpleNamespace(session=session, run=run, end=end, events=journal_events(session))
 
 
-def true_of(solution: Solution, truth: LoopTruth) -> np.ndarray:
+def true_parameters(solution: Solution, truth: LoopTruth) -> np.ndarray:
     table = truth.table.stacked()
     return np.array([table[e.kind, e.row] for e in solution.model.entries])
 
 
-def test_the_whole_way_takes_the_planned_poses_and_recovers_the_arm(whole):
-    state = whole.session.state
-    assert whole.end.complete
-    assert [p.planned for p in state.poses] == [False] * (len(state.poses) - 4) + [True] * 4
-    assert whole.told.heard == list(range(1, len(state.poses) + 1))
-    assert any("Explored" in text and "joints 1 and 5 drive" in text for text in whole.told.said)
-    solution = calibrate(whole.session.model, whole.session.fixture, state.pose_set())
-    error = np.abs(solution.estimate.x - true_of(solution, paper_loop()))
+def test_complete_run_takes_the_planned_poses_and_recovers_the_arm(complete_run):
+    session, run = complete_run.session, complete_run.run
+    poses = session.state.poses
+    assert complete_run.end.complete
+    assert [p.planned for p in poses] == [False] * (len(poses) - 4) + [True] * 4
+    assert run.heard == list(range(1, len(poses) + 1))
+    assert any("Explored" in text and "joints 1 and 5 drive" in text for text in run.said)
+    solution = calibrate(session.model, session.fixture, session.state.pose_set())
+    error = np.abs(solution.estimate.x - true_parameters(solution, paper_loop()))
     assert np.all(error < 5.0 * solution.estimate.standard_deviation)
 
 
 @pytest.mark.campaign
-def test_an_arm_far_from_its_files_is_explored_planned_and_known_within_its_range(make_session):
-    described = scenario("wild", seed=3)
-    session = make_session(procedure(5), described)
-    assert Planned(session).run().complete
-    read = np.array([pose.mean_rad for pose in session.state.poses])
-    assert np.all((session.model.lower_rad < read) & (read < session.model.upper_rad))
+def test_arm_far_from_its_nominal_values_is_calibrated_within_its_range(make_session):
+    wild = scenario("wild", seed=3)
+    session = make_session(planned_procedure(5), wild)
+    assert PlannedRun(session).run().complete
+    q_rad = np.array([pose.mean_rad for pose in session.state.poses])
+    assert np.all((session.model.lower_rad < q_rad) & (q_rad < session.model.upper_rad))
     solution = session.calibrate()
-    error = solution.estimate.x - true_of(solution, described.true_loop())
+    error = solution.estimate.x - true_parameters(solution, wild.true_loop())
     assert np.abs(error)[:5].max() < 2e-4
 
 
 @pytest.mark.campaign
-def test_it_goes_to_its_first_pose_and_back_on_ways_that_the_plan_knows(make_session):
-    session = make_session(procedure(4))
-    told = Planned(session)
-    told.run()
+def test_return_to_the_first_pose_uses_known_paths_and_changes_no_plan(make_session):
+    session = make_session(planned_procedure(4))
+    run = PlannedRun(session)
+    run.run()
     before, drives = session.arm.snapshot().positions_rad, session.position_joints
-    moves = len(named(session, "campaign_move"))
+    moves = len(event_data(session, "campaign_move"))
 
-    missed, way = told.capture.to_first()
+    missed, path = run.capture.to_first()
     assert missed == ""
-    assert len(way) >= 1
+    assert len(path) >= 1
     first = session.state.used_poses[0].mean_rad
-    here = session.arm.snapshot().positions_rad
-    assert np.abs(here - first).max() < math.radians(0.1)
+    assert np.abs(session.arm.snapshot().positions_rad - first).max() < math.radians(0.1)
 
-    told.capture.retrace(way)
+    run.capture.retrace(path)
     assert session.position_joints == drives
     assert np.abs(session.arm.snapshot().positions_rad - before).max() < math.radians(0.1)
-    # The plan knows nothing of it: a resumed session replays what it proposed, and no more.
-    assert len(named(session, "campaign_move")) == moves
+    # A resumed session replays only what the plan proposed.
+    assert len(event_data(session, "campaign_move")) == moves
 
 
-class Standing:
-    """An arm that can only be looked at."""
+class FixedArm:
+    """An arm at a fixed position."""
 
     def __init__(self, q_rad: Sequence[float]) -> None:
-        self.q = np.array(q_rad)
+        self.q_rad = np.array(q_rad)
 
     def snapshot(self) -> SimpleNamespace:
-        return SimpleNamespace(positions_rad=self.q)
+        return SimpleNamespace(positions_rad=self.q_rad)
 
 
-def cut(whole: SimpleNamespace, count: int, folder: Path) -> Session:
-    """The session as its journal's first `count` events leave it, with the arm where it was then."""
+def session_from(events: Sequence[JournalEvent], procedure: Procedure, folder: Path) -> Session:
+    """A session resumed from these events, its arm where the last of them left it."""
     journal = Journal.create(folder)
-    for event in whole.events[:count]:
+    for event in events:
         journal.append(event.name, event.data)
     journal.close()
-    left = [e.data for e in whole.events[:count] if "q_rad" in e.data or "mean_rad" in e.data]
-    last = left[-1].get("q_rad") or left[-1]["mean_rad"]
-    return Session(
-        journal=Journal.resume(folder), arm=Standing(last), procedure=whole.session.procedure
-    )
+    positions = [e.data.get("q_rad") or e.data.get("mean_rad") for e in events]
+    last = [q_rad for q_rad in positions if q_rad][-1]
+    return Session(journal=Journal.resume(folder), arm=FixedArm(last), procedure=procedure)
 
 
-def steps(whole: SimpleNamespace) -> list[int]:
-    """Where the journal has something that a campaign proposed."""
-    wanted = ("campaign_move", "campaign_drives", "pose")
-    return [k for k, e in enumerate(whole.events) if e.name in wanted]
+def action_indices(events: Sequence[JournalEvent]) -> list[int]:
+    """Indices of the actions that the campaign proposed."""
+    actions = ("campaign_move", "campaign_drives", "pose")
+    return [k for k, e in enumerate(events) if e.name in actions]
 
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("share", [0.05, 0.4, 0.6, 0.8, 0.99])
-def test_replayed_from_the_journal_it_decides_what_it_decided_then(whole, tmp_path, share):
-    places = steps(whole)
-    k = places[max(1, int(share * len(places)))]
-    told = Planned(cut(whole, k, tmp_path / "cut"))
-    told.capture.ready()
-    assert told.said == []
-    campaign = told.capture.campaign
+def test_replay_of_a_journal_repeats_the_decisions(complete_run, tmp_path, share):
+    events = complete_run.events
+    indices = action_indices(events)
+    k = indices[max(1, int(share * len(indices)))]
+    run = PlannedRun(session_from(events[:k], complete_run.session.procedure, tmp_path / "s"))
+    run.capture.ready()
+    assert run.said == []
+    campaign = run.capture.campaign
     assert campaign is not None
-    assert is_same_action(campaign.propose(), whole.events[k].name, whole.events[k].data)
+    assert is_same_action(campaign.propose(), events[k].name, events[k].data)
 
 
-def test_a_finished_capture_is_not_begun_again(whole, tmp_path):
-    told = Planned(cut(whole, len(whole.events), tmp_path / "cut"))
-    told.capture.ready()
-    assert told.capture.run() == whole.end
+def test_complete_capture_is_not_repeated(complete_run, tmp_path):
+    procedure = complete_run.session.procedure
+    run = PlannedRun(session_from(complete_run.events, procedure, tmp_path / "s"))
+    run.capture.ready()
+    assert run.capture.run() == complete_run.end
 
 
-def test_a_journal_that_cannot_be_repeated_is_planned_anew(whole, tmp_path):
-    places = steps(whole)
-    k = places[len(places) // 2]
-    strange = [
-        replace(e, data={**e.data, "targets_rad": {"1": 0.5, "5": 0.5}}) if i == places[3] else e
-        for i, e in enumerate(whole.events)
-    ]
-    told = Planned(cut(SimpleNamespace(events=strange, session=whole.session), k, tmp_path / "cut"))
-    assert told.capture.ready() == (1, 5)
-    assert "cannot be replayed" in told.said[0]
-    assert told.capture.campaign is None
+def test_journal_that_cannot_be_replayed_is_planned_again(complete_run, tmp_path):
+    events = list(complete_run.events)
+    indices = action_indices(events)
+    changed = events[indices[3]]
+    targets = {"targets_rad": {"1": 0.5, "5": 0.5}}
+    events[indices[3]] = replace(changed, data={**changed.data, **targets})
+    k = indices[len(indices) // 2]
+    run = PlannedRun(session_from(events[:k], complete_run.session.procedure, tmp_path / "s"))
+    assert run.capture.ready() == (1, 5)
+    assert "cannot be replayed" in run.said[0]
+    assert run.capture.campaign is None
 
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("sync", [3, 700, 1500, 3700])
-def test_interrupted_anywhere_it_goes_on_with_nothing_lost(make_session, sync):
-    wanted = procedure(3)
-    session = interrupted(make_session(wanted), sync)
-    kept = session.state.poses
+def test_interrupted_capture_is_completed_without_loss(make_session, sync):
+    procedure = planned_procedure(3)
+    poses_before = interrupt(make_session(procedure), sync).state.poses
 
-    # A virtual arm stands at its home again: farther from where it was than any real one would be.
-    again = make_session(wanted, resume=True)
-    told = Planned(again)
-    end = told.run()
+    # A new virtual arm starts at home: farther from the last position than any real arm.
+    resumed = make_session(procedure, resume=True)
+    run = PlannedRun(resumed)
+    end = run.run()
     assert end.complete, end.text
-    exploring = bool(kept) and not any(p.planned for p in kept)
-    assert any("last position first" in text for text in told.said) is exploring
-    poses = again.state.poses
+    exploring = bool(poses_before) and not any(p.planned for p in poses_before)
+    assert any("last position first" in text for text in run.said) is exploring
+    poses = resumed.state.poses
     assert [p.number for p in poses] == list(range(1, len(poses) + 1))
     assert sum(p.planned for p in poses) == 3
-    for before, after in zip(kept, poses, strict=False):
+    for before, after in zip(poses_before, poses, strict=False):
         np.testing.assert_array_equal(before.mean_rad, after.mean_rad)
-    assert again.calibrate().accepted
+    assert resumed.calibrate().accepted
 
 
 @pytest.mark.campaign
-def test_an_arm_that_stayed_where_it_was_goes_on_with_the_same_plan(make_session):
-    wanted = procedure(3)
-    session = interrupted(make_session(wanted), 3800)
+def test_arm_that_did_not_move_continues_the_same_plan(make_session):
+    procedure = planned_procedure(3)
+    session = interrupt(make_session(procedure), 3800)
     assert any(p.planned for p in session.state.poses)
 
-    again = make_session(wanted, resume=True, arm=session.arm)
-    told = Planned(again)
-    assert told.run().complete
-    assert not any("anew" in text or "going back" in text for text in told.said)
-    assert len(named(again, "campaign")) == 1
+    resumed = make_session(procedure, resume=True, arm=session.arm)
+    run = PlannedRun(resumed)
+    assert run.run().complete
+    assert not any("anew" in text or "going back" in text for text in run.said)
+    assert len(event_data(resumed, "campaign")) == 1
 
 
 @pytest.mark.campaign
-def test_the_operator_ends_a_move_and_goes_on(make_session):
-    session = make_session(procedure(3))
-    told, moves = Planned(session), 0
+def test_cancelled_move_continues_the_same_plan(make_session):
+    session = make_session(planned_procedure(3))
+    run, calls = PlannedRun(session), 0
 
     def cancelled() -> bool:
         """In the middle of the second move after the third pose."""
-        nonlocal moves
-        moves += len(session.state.poses) == 3
-        return moves > 40
+        nonlocal calls
+        calls += len(session.state.poses) == 3
+        return calls > 40
 
     session.cancelled = cancelled
     with pytest.raises(Cancelled):
-        told.run()
+        run.run()
     assert len(session.state.poses) == 3
-    assert not any(m["stopped"] for m in named(session, "campaign_move"))
+    assert not any(m["stopped"] for m in event_data(session, "campaign_move"))
     session.cancelled = lambda: False
-    assert told.run().complete
-    assert len(named(session, "campaign")) == 1
+    assert run.run().complete
+    assert len(event_data(session, "campaign")) == 1
 
 
 @pytest.mark.campaign
-def test_a_withdrawn_pose_no_longer_counts_in_the_plan(make_session):
-    session = make_session(procedure(2))
-    told = Planned(session)
-    told.run()
-    first = len(session.state.poses)
+def test_withdrawn_and_additional_poses_are_planned_beside_those_taken(make_session):
+    session = make_session(planned_procedure(2))
+    run = PlannedRun(session)
+    run.run()
+    captured = len(session.state.poses)
     session.undo()
     session.exclude(2, "bumped")
-    end = told.run()
-    assert end.complete
-    begun = named(session, "campaign")
-    assert begun[-1]["captured"] == [n for n in range(1, first) if n != 2]
+    assert run.run().complete
+    expected = [n for n in range(1, captured) if n != 2]
+    assert event_data(session, "campaign")[-1]["captured"] == expected
     assert sum(p.planned for p in session.state.used_poses) == 2
-
-
-@pytest.mark.campaign
-def test_more_poses_wanted_on_resuming_are_planned_beside_those_taken(make_session):
-    session = make_session(procedure(2))
-    Planned(session).run()
     session.close("done")
+
     explored = sum(not p.planned for p in session.state.poses)
-    again = make_session(procedure(4), resume=True)
-    end = Planned(again).run()
-    assert end.complete
-    assert sum(p.planned for p in again.state.poses) == 4
-    assert sum(not p.planned for p in again.state.poses) == explored
+    resumed = make_session(planned_procedure(4), resume=True)
+    assert PlannedRun(resumed).run().complete
+    assert sum(p.planned for p in resumed.state.poses) == 4
+    assert sum(not p.planned for p in resumed.state.poses) == explored
 
 
 @pytest.mark.campaign
@@ -284,68 +268,62 @@ def test_more_poses_wanted_on_resuming_are_planned_beside_those_taken(make_sessi
     ],
     ids=["reached", "out of reach"],
 )
-def test_precision_asked_for_ends_it_early_and_what_stays_weak_is_named(
-    make_session, poses, requested, weak
-):
-    session = make_session(procedure(poses, requested_sigma=requested))
-    end = Planned(session).run()
+def test_requested_precision_ends_the_capture_or_is_reported(make_session, poses, requested, weak):
+    session = make_session(planned_procedure(poses, requested_sigma=requested))
+    end = PlannedRun(session).run()
     assert [w.name for w in end.weak] == weak
     assert all(w.sigma > w.requested == 1e-12 and w.name in end.text for w in end.weak)
     assert end.complete
     assert (sum(p.planned for p in session.state.poses) < poses) is not bool(weak)
-    assert named(session, "campaign_ended")[-1]["text"] == end.text
+    assert event_data(session, "campaign_ended")[-1]["text"] == end.text
 
 
 @pytest.mark.campaign
-def test_the_drives_change_in_the_middle_and_are_read_back(make_session):
-    wanted = replace(procedure(6), position_joints=None)
-    session = make_session(wanted, connect=True)
+def test_drives_change_during_the_capture_after_confirmed_modes(make_session):
+    procedure = replace(planned_procedure(6), position_joints=None)
+    session = make_session(procedure, connect=True)
     session.record("drives_chosen", {"drives": [2, 5], "sets": [[2, 5], [1, 5]], "reasons": []})
-    told = Planned(session, (2, 5))
-    assert told.run().complete
-    changes = named(session, "campaign_drives")
+    run = PlannedRun(session, (2, 5))
+    assert run.run().complete
+    assert any("the drive joints from now on" in text for text in run.said)
+    names = [e.name for e in journal_events(session) if e.name in ("modes", "campaign_drives")]
+    changes = [k for k, name in enumerate(names) if name == "campaign_drives"]
     assert changes
-    assert any("the drive joints from now on" in text for text in told.said)
-    # Every change was a change of modes on the arm, confirmed, before it was told to the campaign.
-    order = [e.name for e in events(session) if e.name in ("modes", "campaign_drives")]
-    for k, name in enumerate(order):
-        if name == "campaign_drives":
-            assert order[k - 1] == "modes"
-    modes = [m["modes"] for m in named(session, "modes")]
+    assert all(names[k - 1] == "modes" for k in changes)
+    modes = [m["modes"] for m in event_data(session, "modes")]
     assert ["position", "free", "free", "free", "position", "free", "free"] in modes
 
 
-def test_chosen_drives_come_with_reasons(make_session):
-    session = make_session(replace(procedure(2), position_joints=None), connect=True)
+def test_chosen_drives_are_journalled_with_reasons(make_session):
+    procedure = replace(planned_procedure(2), position_joints=None)
+    session = make_session(procedure, connect=True)
     choice = choose(session)
-    assert choice.drives == (1, 5) == session.state.drives
-    assert choice.drives == choice.sets[0]
+    assert choice.drives == (1, 5) == session.state.drives == choice.sets[0]
     assert "reaches" in choice.reasons[0]
-    kept = named(session, "drives_chosen")[0]
-    assert kept["reasons"] == list(choice.reasons)
-    assert kept["region"][0]["drives"] == [1, 5]
+    (event,) = event_data(session, "drives_chosen")
+    assert event["reasons"] == list(choice.reasons)
+    assert event["region"][0]["drives"] == [1, 5]
 
 
 @pytest.mark.campaign
-def test_a_trial_moves_the_arm_and_counts(make_session):
-    session = make_session(replace(procedure(2), position_joints=None, trial=True), connect=True)
+def test_trial_of_drives_moves_the_arm_and_back(make_session):
+    procedure = replace(planned_procedure(2), position_joints=None, trial=True)
+    session = make_session(procedure, connect=True)
     start = session.arm.snapshot().positions_rad
     choice = choose(session)
     assert len(choice.trial) > 1
     assert choice.drives in [r.drives for r in choice.trial if r.usable]
     assert any(reason.startswith("on the arm:") for reason in choice.reasons)
-    # There and back.
     assert np.abs(session.arm.snapshot().positions_rad - start).max() < np.deg2rad(0.5)
 
 
-def test_an_arm_that_does_not_come_back_is_said(make_session):
-    wanted = procedure(3)
-    interrupted(make_session(wanted), 700)
-    again = make_session(wanted, resume=True)
-    # Joint 3 stands elsewhere with the drives in place: another branch of the loop, or another arm.
-    told = Planned(again)
-    again.connect()
-    again.set_modes(told.capture.ready())
-    told.capture.campaign._q = told.capture.campaign.at_rad + np.deg2rad([0, 0, 9, 0, 0, 0, 0])
+def test_resumed_arm_on_another_branch_is_refused(make_session):
+    procedure = planned_procedure(3)
+    interrupt(make_session(procedure), 700)
+    resumed = make_session(procedure, resume=True, connect=True)
+    capture = PlannedRun(resumed).capture
+    resumed.set_modes(capture.ready())
+    # With the drives in place, joint 3 is elsewhere: another branch of the loop, or another arm.
+    capture.campaign._q = capture.campaign.at_rad + np.deg2rad([0, 0, 9, 0, 0, 0, 0])
     with pytest.raises(GuardError, match="joint 3 is 9 deg off"):
-        told.capture.run()
+        capture.run()

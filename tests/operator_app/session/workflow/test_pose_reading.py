@@ -1,13 +1,15 @@
-"""What a reading is refused for, on an arm that a test brings."""
+"""Errors of a pose reading, with a test's own arm, and of the ports of instruments."""
 
 import contextlib
+import itertools
 import json
 import os
 import socket
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,57 +24,57 @@ from operator_app.session.workflow.pose_reading import Instrument, TargetLostErr
 from tests.oracles.plant_arm import PlantArm
 
 
-class Creeping(PlantArm):
-    """Joint 3 creeps on, by a tenth of a degree a reading."""
+class DriftingArm(PlantArm):
+    """Joint 3 drifts by 0.1 deg per reading."""
 
-    crept_rad = 0.0
+    drift_rad = 0.0
 
-    def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
+    def settle(self, **_: Any) -> bool:
         return False
 
     def capture(self, samples: int) -> Reading:
-        self.crept_rad += np.deg2rad(0.1)
+        self.drift_rad += np.deg2rad(0.1)
         reading = super().capture(samples)
-        return replace(reading, mean_rad=reading.mean_rad + self.crept_rad * (np.arange(7) == 2))
+        return replace(reading, mean_rad=reading.mean_rad + self.drift_rad * (np.arange(7) == 2))
 
 
-def test_of_an_arm_that_does_not_come_to_rest_joint_spread_and_limit_are_said(make_session):
+def test_reading_a_drifting_joint_reports_spread_and_limit(make_session):
     procedure = load_procedure("hinge")
-    session = make_session(procedure, arm=Creeping(procedure, "exact"), connect=True)
-    with pytest.raises(GuardError) as refused:
+    session = make_session(procedure, arm=DriftingArm(procedure, "exact"), connect=True)
+    with pytest.raises(GuardError) as error:
         session.read()
-    said = refused.value.happened
-    window = session.procedure.capture.settle.window_syncs
-    spread_deg = 0.1 * (window - 1)
-    assert f"joint 3 spreads by {spread_deg:.3f} deg" in said
-    limit_rad = session.procedure.capture.settle.spread_rad(session.model)[2]
-    assert f"(limit {np.rad2deg(limit_rad):.3f} deg)" in said
+    settle = session.procedure.capture.settle
+    spread_deg = 0.1 * (settle.window_syncs - 1)
+    limit_deg = np.rad2deg(settle.spread_rad(session.model)[2])
+    assert f"joint 3 spreads by {spread_deg:.3f} deg" in error.value.happened
+    assert f"(limit {limit_deg:.3f} deg)" in error.value.happened
 
 
 POSE = {"x_m": 1.0, "y_m": 2.0, "z_m": 3.0, "rx_deg": 0.0, "ry_deg": 0.0, "rz_deg": 90.0}
-TURNED = [1.0, 2.0, 3.0, 0.0, 0.0, np.pi / 2]
+ENDPOINT = [1.0, 2.0, 3.0, 0.0, 0.0, np.pi / 2]
 
 
-def says(*lines: dict | str, full_pose: bool = True, patience_s: float = 0.0) -> Instrument:
-    """An instrument that answers any question with these lines, then is silent."""
+def instrument_sending(
+    lines: Iterable[dict | str], *, full_pose: bool = True, patience_s: float = 0.0
+) -> Instrument:
+    """An instrument that sends these lines, then nothing."""
+    remaining = iter(lines)
 
     class Port(CalledLines):
-        def ask(self, question: str) -> None:
-            self.left = [line if isinstance(line, str) else json.dumps(line) for line in lines]
-
         def line(self, wait_s: float) -> str | None:
             del wait_s
-            return self.left.pop(0) if self.left else None
+            line = next(remaining, None)
+            return json.dumps(line) if isinstance(line, dict) else line
 
     port = Port(lambda _: "", "tcp:lab:7327")
     return Instrument(port, full_pose=full_pose, patience_s=patience_s)
 
 
-def test_a_measurement_of_another_pose_is_not_taken_for_this_one():
-    lines = ({"pose": "11", **POSE, "x_m": 9.0}, "", {"pose": "12", **POSE})
-    found = says(*lines, patience_s=60.0).measure("12")
-    assert found is not None
-    assert found.tolist() == pytest.approx(TURNED)
+def test_lines_of_other_poses_and_empty_lines_are_skipped():
+    lines = [{"pose": "11", **POSE, "x_m": 9.0}, "", {"pose": "12", **POSE}]
+    endpoint = instrument_sending(lines, patience_s=60.0).measure("12")
+    assert endpoint is not None
+    assert endpoint.tolist() == pytest.approx(ENDPOINT)
 
 
 @pytest.mark.parametrize(
@@ -84,69 +86,63 @@ def test_a_measurement_of_another_pose_is_not_taken_for_this_one():
         [{"x_m": 1000, "y_m": 2, "z_m": 3}],
         ["hello"],
     ],
+    ids=["silent", "other pose", "no orientation", "out of range", "not JSON"],
 )
-def test_silence_and_what_is_missing_are_said_with_the_pose(lines, approve):
-    with pytest.raises(InstrumentError) as caught:
-        says(*lines).measure("12")
-    approve(str(caught.value))
+def test_missing_or_invalid_measurement_is_reported_with_the_pose(lines, approve):
+    with pytest.raises(InstrumentError) as error:
+        instrument_sending(lines).measure("12")
+    approve(str(error.value))
 
 
-def test_one_that_never_stops_speaking_of_other_poses_measures_nothing_either():
-    class Streaming(CalledLines):
-        def line(self, wait_s: float) -> str | None:
-            del wait_s
-            return json.dumps({"pose": "11", **POSE})
-
-    instrument = Instrument(Streaming(lambda _: "", "tcp:lab:1"), full_pose=True, patience_s=0.05)
+def test_measurements_of_other_poses_time_out():
+    instrument = instrument_sending(itertools.repeat({"pose": "11", **POSE}), patience_s=0.05)
     with pytest.raises(
         InstrumentError, match=r"no measurement of pose 12 .* it sent one for pose 11"
     ):
         instrument.measure("12")
 
 
-def test_where_positions_are_wanted_a_turn_is_left_out():
-    found = says(POSE, full_pose=False).measure("1")
-    assert found is not None
-    assert found.tolist() == [1.0, 2.0, 3.0]
+def test_orientation_is_dropped_if_only_the_position_is_required():
+    endpoint = instrument_sending([POSE], full_pose=False).measure("1")
+    assert endpoint is not None
+    assert endpoint.tolist() == [1.0, 2.0, 3.0]
 
 
-def test_a_lost_target_is_no_broken_instrument_and_the_operator_may_end_the_waiting():
+def test_lost_target_has_its_own_error_and_waiting_can_be_cancelled():
     with pytest.raises(TargetLostError, match="beam broken"):
-        says({"lost": "beam broken"}).measure("1")
-    assert says(patience_s=60.0).measure("1", lambda: True) is None
+        instrument_sending([{"lost": "beam broken"}]).measure("1")
+    assert instrument_sending([], patience_s=60.0).measure("1", lambda: True) is None
 
 
 @pytest.fixture
-def served():
-    """A port, the questions that came to it, and what sets its answer."""
-    asked: list[str] = []
-    answer = [json.dumps(POSE)]
+def tracker():
+    """The port of a tracker, the questions that it received, and a function that sets its answer."""
+    questions: list[str] = []
+    answers = [json.dumps(POSE)]
 
-    def answered(question: str) -> str:
-        asked.append(question.strip())
-        return answer[0]
+    def answer(question: str) -> str:
+        questions.append(question.strip())
+        return answers[-1]
 
-    with serve_tracker(answered, 0) as port:
-        yield port, asked, lambda text: answer.__setitem__(0, text)
+    with serve_tracker(answer, 0) as port:
+        yield port, questions, answers.append
 
 
-def test_over_tcp_it_is_asked_and_what_came_before_is_forgotten(served):
-    port, asked, answer = served
-    instrument = Instrument(TcpLines("127.0.0.1", port), full_pose=True)
-    instrument.open()
-    # Two lines for one question: the second one is of a time before the next.
-    answer(json.dumps({**POSE, "x_m": 5.0}) + "\n" + json.dumps({**POSE, "x_m": 7.0}))
-    first = instrument.measure("1")
-    answer(json.dumps(POSE))
-    second = instrument.measure("2")
-    instrument.close()
+def test_tcp_instrument_discards_lines_from_before_the_question(tracker):
+    port, questions, set_answer = tracker
+    set_answer(json.dumps({**POSE, "x_m": 5.0}) + "\n" + json.dumps({**POSE, "x_m": 7.0}))
+    with contextlib.closing(Instrument(TcpLines("127.0.0.1", port), full_pose=True)) as instrument:
+        instrument.open()
+        first = instrument.measure("1")
+        set_answer(json.dumps(POSE))
+        second = instrument.measure("2")
     assert first is not None
     assert second is not None
     assert (first[0], second[0]) == (5.0, 1.0)
-    assert asked == ['{"measure": "1"}', '{"measure": "2"}']
+    assert questions == ['{"measure": "1"}', '{"measure": "2"}']
 
 
-def test_nobody_there_and_somebody_gone_are_said_with_the_remedy():
+def test_refused_and_closed_connections_are_reported():
     with serve_tracker(lambda _: "x", 0) as port:
         instrument = Instrument(TcpLines("127.0.0.1", port), full_pose=True)
     with pytest.raises(InstrumentError, match="Start the tracker's program"):
@@ -160,52 +156,79 @@ def test_nobody_there_and_somebody_gone_are_said_with_the_remedy():
 
 
 @contextlib.contextmanager
-def flooded(data: bytes) -> Iterator[TcpLines]:
-    """A port, open, at whose other end a program sends without pause until it is closed."""
+def repeating(send: Callable[[bytes], object], data: bytes) -> Iterator[None]:
+    """Send the data again and again in a thread, until the block ends."""
     ended = threading.Event()
 
-    def flood(server: socket.socket) -> None:
-        with contextlib.suppress(OSError), server.accept()[0] as client:
+    def repeat() -> None:
+        with contextlib.suppress(OSError):
             while not ended.is_set():
-                client.sendall(data)
+                send(data)
 
+    thread = threading.Thread(target=repeat)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+@contextlib.contextmanager
+def flooded_tcp(data: bytes) -> Iterator[TcpLines]:
+    """An open port to a program that sends the data without pause."""
     with socket.create_server(("127.0.0.1", 0)) as server:
-        thread = threading.Thread(target=flood, args=(server,))
-        thread.start()
         port = TcpLines("127.0.0.1", server.getsockname()[1])
         port.open()
-        try:
+        client = server.accept()[0]
+        with client, repeating(client.sendall, data), contextlib.closing(port):
             yield port
-        finally:
-            ended.set()
-            port.close()
-            thread.join()
 
 
-def test_one_that_sends_without_end_is_said_and_fills_no_memory():
-    with flooded(b"y" * 65536) as port, pytest.raises(InstrumentError, match="sends no lines"):
+@contextlib.contextmanager
+def flooded_stdin(data: bytes) -> Iterator[StdinLines]:
+    """Standard input to which a program writes the data without pause."""
+    read_end, write_end = os.pipe()
+    port = StdinLines(read_end)
+    port.open()
+    try:
+        with os.fdopen(write_end, "wb", buffering=0) as file, repeating(file.write, data):
+            yield port
+    finally:
+        close_after_reader(read_end)
+
+
+def close_after_reader(descriptor: int) -> None:
+    """Close a pipe once the thread that reads its lines has ended."""
+    for thread in threading.enumerate():
+        if thread.name == "sarcal-lines":
+            thread.join(5.0)
+    os.close(descriptor)
+
+
+def test_endless_data_without_lines_is_refused():
+    with flooded_tcp(b"y" * 65536) as port, pytest.raises(InstrumentError, match="sends no lines"):
         Instrument(port, full_pose=True).measure("1")
 
 
-def test_a_port_that_is_taken_is_said_with_another(served):
+def test_occupied_tracker_port_is_reported(tracker):
     with (
         pytest.raises(InstrumentError, match="another program does"),
-        serve_tracker(lambda _: "", served[0]),
+        serve_tracker(lambda _: "", tracker[0]),
     ):
         pass
 
 
-def test_of_a_file_that_grows_only_new_whole_rows_count(tmp_path):
+def test_growing_file_returns_only_new_complete_rows(tmp_path):
     path = tmp_path / "seen.csv"
     path.write_text("x_m,y_m,z_m,rx_deg,ry_deg,rz_deg\n5,5,5,0,0,0\n6,6,6,0,0,")
     port = GrowingFile(path)
-    instrument = Instrument(port, full_pose=True)
-    instrument.open()
+    port.open()
     port.ask("")
     with path.open("a") as file:
         file.write("0\n1,2,3,0,0,9")
         file.flush()
-        # The row that was half written when it was asked is of before; the new one is not whole.
+        # The first row was begun before the question, the second one is incomplete.
         assert port.line(0.0) is None
         assert port.line(0.0) is None
         file.write("0\n")
@@ -216,81 +239,52 @@ def test_of_a_file_that_grows_only_new_whole_rows_count(tmp_path):
 
 
 @pytest.mark.parametrize("text", [None, "x_m,y_m", "x_m,y_m\n"])
-def test_a_file_without_a_heading_is_refused_at_once(tmp_path, text, approve):
+def test_file_without_a_valid_heading_is_refused(tmp_path, text, approve):
     path = tmp_path / "seen.csv"
     if text is not None:
         path.write_bytes(text.encode())
-    with pytest.raises(InstrumentError) as refused:
+    with pytest.raises(InstrumentError) as error:
         Instrument(GrowingFile(path), full_pose=True).open()
-    approve(str(refused.value))
+    approve(str(error.value))
 
 
-def test_a_pipe_a_folder_and_a_device_are_no_file_that_grows(tmp_path):
-    """A pipe would be waited for without end: who writes to it may never come."""
+def test_pipe_folder_device_and_unreadable_file_are_refused(tmp_path):
+    """A pipe without a writer would block for ever."""
     pipe = tmp_path / "rows.csv"
     os.mkfifo(pipe)
-    for place in (pipe, tmp_path, Path("/dev/zero")):
-        with pytest.raises(InstrumentError, match="is a folder, a pipe or a device, not a file"):
+    not_a_file = "is a folder, a pipe or a device, not a file"
+    for place, message in (
+        (pipe, not_a_file),
+        (tmp_path, not_a_file),
+        (Path("/dev/zero"), not_a_file),
+        ("x\0y", "cannot be read"),
+        ("/proc/self/mem", "cannot be read"),
+    ):
+        with pytest.raises(InstrumentError, match=message):
             port_of(f"file:{place}").open()
-    with pytest.raises(InstrumentError, match="cannot be read"):
-        port_of("file:x\0y").open()
-    # A file by its kind, whose bytes nobody can have.
-    with pytest.raises(InstrumentError, match="cannot be read"):
-        port_of("file:/proc/self/mem").open()
 
 
-def test_a_file_that_becomes_a_pipe_on_the_way_is_said(tmp_path):
-    file = tmp_path / "rows.csv"
-    file.write_text("x_m,y_m,z_m\n")
-    port = GrowingFile(file)
+def test_file_replaced_by_a_pipe_is_reported(tmp_path):
+    path = tmp_path / "rows.csv"
+    path.write_text("x_m,y_m,z_m\n")
+    port = GrowingFile(path)
     port.open()
     port.ask("")
-    file.unlink()
-    os.mkfifo(file)
+    path.unlink()
+    os.mkfifo(path)
     with pytest.raises(InstrumentError, match=r"shorter|a pipe"):
         port.line(0.0)
 
 
-def test_a_carriage_return_in_a_line_is_said(tmp_path):
-    file = tmp_path / "rows.csv"
-    file.write_bytes(b"x_m,y_\rm,z_m\n")
+def test_carriage_return_in_the_heading_is_refused(tmp_path):
+    path = tmp_path / "rows.csv"
+    path.write_bytes(b"x_m,y_\rm,z_m\n")
     with pytest.raises(InstrumentError, match=r"the heading of file:.* is not a line of CSV"):
-        Instrument(GrowingFile(file), full_pose=False).open()
+        Instrument(GrowingFile(path), full_pose=False).open()
 
 
-def read_to_the_end(descriptor: int) -> None:
-    """Wait for the reader of lines; only then may another have the descriptor."""
-    for thread in threading.enumerate():
-        if thread.name == "sarcal-lines":
-            thread.join(5.0)
-    os.close(descriptor)
-
-
-@contextlib.contextmanager
-def sent(data: bytes) -> Iterator[StdinLines]:
-    """Standard input into which a tracker has begun to write without pause, until it is closed."""
-    here, there = os.pipe()
-    ended = threading.Event()
-
-    def write() -> None:
-        with contextlib.suppress(OSError), os.fdopen(there, "wb", buffering=0) as file:
-            while not ended.is_set():
-                file.write(data)
-
-    thread = threading.Thread(target=write)
-    thread.start()
-    port = StdinLines(here)
-    port.open()
-    try:
-        yield port
-    finally:
-        ended.set()
-        thread.join()
-        read_to_the_end(here)
-
-
-def test_standard_input_gives_lines_until_it_ends():
-    with sent(b'{"a": 1}\n\xff\n') as port:
+def test_standard_input_returns_lines_until_it_ends():
+    with flooded_stdin(b'{"a": 1}\n\xff\n') as port:
         assert {port.line(5.0), port.line(5.0)} == {'{"a": 1}', "\ufffd"}
     for _ in range(2):
         port.ask("")
@@ -298,36 +292,36 @@ def test_standard_input_gives_lines_until_it_ends():
             port.line(5.0)
 
 
-def test_a_line_without_end_is_refused():
-    here, there = os.pipe()
-    port = StdinLines(here)
+def test_overlong_line_is_refused():
+    read_end, write_end = os.pipe()
+    port = StdinLines(read_end)
     port.open()
-    with os.fdopen(there, "wb") as file:
+    with os.fdopen(write_end, "wb") as file:
         file.write(b"x" * (LONGEST - 1) + b"\n" + b"x" * (LONGEST + 1))
     assert len(port.line(5.0) or "") == LONGEST - 1
     with pytest.raises(InstrumentError, match="without an end of line"):
         port.line(5.0)
-    read_to_the_end(here)
+    close_after_reader(read_end)
 
 
-def test_one_that_sends_whole_lines_without_pause_is_understood_and_starts_with_a_whole_one():
-    line = json.dumps(POSE | {"note": "x" * 300})[:-1].replace(', "note', ', "utc') + "}"
-    with sent((line + "\n").encode() * 300) as port:
+def test_lines_sent_without_pause_are_read_from_a_line_start():
+    line = json.dumps(POSE | {"utc": "x" * 300})
+    data = (line + "\n").encode() * 300
+    with flooded_stdin(data) as port:
         for _ in range(20):
             port.ask("")
             assert [port.line(5.0), port.line(5.0)] == [line, line]
-
-    with flooded((line + "\n").encode() * 300) as flood:
-        instrument = Instrument(flood, full_pose=True)
+    with flooded_tcp(data) as port:
+        instrument = Instrument(port, full_pose=True)
         for k in range(5):
-            found = instrument.measure(str(k))
-            assert found is not None
-            assert found.tolist() == pytest.approx(TURNED)
+            endpoint = instrument.measure(str(k))
+            assert endpoint is not None
+            assert endpoint.tolist() == pytest.approx(ENDPOINT)
 
 
-def test_more_programs_than_a_tracker_serves_are_refused_in_words(served):
-    port = served[0]
-    before = threading.active_count()
+def test_tracker_refuses_clients_beyond_its_limit(tracker):
+    port = tracker[0]
+    threads_before = threading.active_count()
     idle = [socket.create_connection(("127.0.0.1", port)) for _ in range(CLIENTS)]
     with contextlib.closing(Instrument(TcpLines("127.0.0.1", port), full_pose=True)) as instrument:
         try:
@@ -335,27 +329,27 @@ def test_more_programs_than_a_tracker_serves_are_refused_in_words(served):
                 instrument.open()
                 with pytest.raises(InstrumentError, match=f"{CLIENTS} programs are connected"):
                     instrument.measure("1")
-            # One for each place, and the instrument's own reader: who is refused gets none.
-            assert threading.active_count() <= before + CLIENTS + 1
+            # One thread per served client and the instrument's own reader; a refused client gets none.
+            assert threading.active_count() <= threads_before + CLIENTS + 1
         finally:
-            for one in idle:
-                one.close()
-        # A place that was left is another's.
+            for client in idle:
+                client.close()
+        # A closed connection makes room for another client.
         for _ in range(200):
             with contextlib.suppress(InstrumentError):
                 instrument.open()
                 assert instrument.measure("1") is not None
                 break
         else:
-            pytest.fail("no place was given back")
+            pytest.fail("no client was served after the others had left")
 
 
 @pytest.mark.parametrize("source", ["", "tcp:lab", "tcp:lab:0", "tcp:lab:99999", "file:", "usb:1"])
-def test_what_names_no_port_is_refused_with_those_there_are(source):
+def test_invalid_instrument_source_is_refused(source):
     with pytest.raises(SessionError, match="Write tcp:HOST:PORT"):
         port_of(source)
 
 
-def test_ports_are_named_in_the_words_they_were_asked_for():
-    for source in ("tcp:lab:7327", "file:a.csv", "stdin"):
-        assert port_of(source).name == source
+@pytest.mark.parametrize("source", ["tcp:lab:7327", "file:a.csv", "stdin"])
+def test_port_name_is_its_source(source):
+    assert port_of(source).name == source

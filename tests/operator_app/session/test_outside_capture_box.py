@@ -1,4 +1,4 @@
-"""An arm that stands outside its box is moved by nothing but an agreement: nor by the way back to its first pose."""
+"""An arm outside its box is moved only after the operator agrees, not even back to the first pose of a session."""
 
 import shutil
 from contextlib import suppress
@@ -27,8 +27,8 @@ OUTSIDE_RAD = float(np.deg2rad(102.5))
 """Of joint 1, whose box ends at 88.5 deg."""
 
 
-def standing_outside(procedure: Procedure) -> PlantArm:
-    """The plant, its joint 1 truly out of its box, as after somebody else moved it; nothing of it counts."""
+def arm_outside_box(procedure: Procedure) -> PlantArm:
+    """The plant with joint 1 moved out of its box before the session."""
     arm = PlantArm(procedure, DATASHEET)
     arm.take_control()
     arm.set_modes([JointMode.POSITION if j in (1, 5) else JointMode.FREE for j in range(1, 8)])
@@ -40,22 +40,22 @@ def standing_outside(procedure: Procedure) -> PlantArm:
     return arm
 
 
-def procedure_of(case: str) -> Procedure:
-    """Of `planned`, which explores round its home, and of `whole` all poses are taken that were wanted."""
+def case_procedure(case: str) -> Procedure:
+    """The procedure of a case; `planned` explores round home, `complete` has all its poses after a session."""
     procedure = load_procedure("hinge_planned" if case == "planned" else "hinge")
     capture = replace(procedure.capture, samples_per_pose=8)
     if case != "planned":
-        capture = replace(capture, poses=POSES if case == "whole" else 40)
+        capture = replace(capture, poses=POSES if case == "complete" else 40)
     return replace(procedure, position_joints=(1, 5), capture=capture)
 
 
 @pytest.fixture(scope="module")
-def left(tmp_path_factory):
-    """Folders of sessions that were left, each made once."""
+def session_folder(tmp_path_factory):
+    """Folders of closed sessions by case."""
 
     @cache
     def make(case: str) -> Path:
-        folder, procedure = tmp_path_factory.mktemp(case) / "s", procedure_of(case)
+        folder, procedure = tmp_path_factory.mktemp(case) / "s", case_procedure(case)
         session = opened(folder, PlantArm(procedure, DATASHEET), procedure)
         session.connect()
         take_until(session, 3 if case == "planned" else POSES)
@@ -66,48 +66,45 @@ def left(tmp_path_factory):
 
 
 CASES = pytest.mark.parametrize(
-    ("case", "withdrawn"),
-    [
-        ("more poses to come", False),
-        ("whole", False),
-        ("planned", False),
-        # A new campaign.
-        ("planned", True),
-    ],
+    ("case", "undone"),
+    [("incomplete", False), ("complete", False), ("planned", False), ("planned", True)],
+    ids=["incomplete", "complete", "planned", "new plan"],
 )
 
 
 @pytest.fixture
-def resumed(left, make_session, tmp_path, case, withdrawn):
-    """A session that goes on; meanwhile joint 1 was moved out of its box."""
-    procedure = procedure_of(case)
-    shutil.copytree(left(case), tmp_path / "session")
-    session = make_session(procedure, arm=standing_outside(procedure), resume=True, connect=True)
-    if withdrawn:
+def resumed(session_folder, make_session, tmp_path, case, undone):
+    """A resumed session whose arm is outside its box."""
+    procedure = case_procedure(case)
+    shutil.copytree(session_folder(case), tmp_path / "session")
+    session = make_session(procedure, arm=arm_outside_box(procedure), resume=True, connect=True)
+    if undone:
         session.undo()
     return session
 
 
 @pytest.mark.sample(2)
 @CASES
-def test_a_resume_does_not_drive_it_back_to_its_first_pose(resumed):
+def test_resume_without_agreement_moves_nothing(resumed):
     before = len(resumed.state.poses)
-    with pytest.raises(GuardError, match=r"joint 1 is at \+102\.\d+ deg, outside") as refused:
+    with pytest.raises(GuardError, match=r"joint 1 is at \+102\.\d+ deg, outside") as error:
         take_poses(resumed, Listener(), (1, 5))
-    assert "--go-home" in refused.value.remedy
+    assert "--go-home" in error.value.remedy
     assert resumed.arm.moves == []
     assert len(resumed.state.poses) == before
 
 
 @pytest.mark.sample(2)
 @CASES
-def test_with_an_agreement_it_goes_home_slowly_first(resumed):
-    state = resumed.state
-    before = (len(state.repeats), len(state.poses))
-    resumed.cancelled = lambda: (len(resumed.state.repeats), len(resumed.state.poses)) != before
+def test_resume_with_agreement_moves_home_slowly_first(resumed):
+    def measured() -> tuple[int, int]:
+        return len(resumed.state.repeats), len(resumed.state.poses)
+
+    before = measured()
+    resumed.cancelled = lambda: measured() != before
     with suppress(Cancelled):
         take_poses(resumed, Listener(), (1, 5), homing=True)
-    assert (len(resumed.state.repeats), len(resumed.state.poses)) != before
+    assert measured() != before
     speeds = [speed for _, speed in resumed.arm.moves]
     assert speeds[0] == HOMING_SPEED_RAD_PER_S
     assert len(speeds) > 1

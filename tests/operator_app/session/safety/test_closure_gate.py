@@ -1,0 +1,162 @@
+"""The closure gate of a session: before a drive is enabled, the loop must be able to close with the joint readings."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fixtures.base import Tolerance
+from operator_app.config.procedure import Procedure
+from operator_app.config.procedure_file import load_procedure
+from operator_app.errors import GuardError
+from operator_app.session.store.journal import read_journal
+from operator_app.session.store.replay import session_state
+from operator_app.session.workflow.capture import take_poses
+from operator_app.session.workflow.listener import Listener
+from tests.oracles.hearing import take_until
+from tests.oracles.journal_events import event_data
+from tests.oracles.opened import MakeSession
+from tests.oracles.short_procedure import short_procedure
+from tests.oracles.wrong_zero import WrongZero
+
+PROCEDURE = replace(load_procedure("hinge"), capture=short_procedure(40).capture)
+
+
+def refuse(
+    make_session: MakeSession, arm: WrongZero, *, homing: bool, resume: bool = False
+) -> tuple[str, dict[str, Any]]:
+    """The error of a session that is refused before any drive is enabled, and its journal entry."""
+    session = make_session(PROCEDURE, arm=arm, resume=resume, connect=True)
+    arm.enabled = 0
+    arm.moves.clear()
+    with pytest.raises(GuardError) as error:
+        take_poses(session, Listener(), (1, 5), homing=homing)
+    assert (arm.enabled, arm.moves) == (0, [])
+    # The plant enables its drives as it is closed.
+    session.close("refused")
+    event = event_data(session, "standing")[-1]
+    assert event["refused"] is True
+    assert event["told"] in str(error.value)
+    return str(error.value), event
+
+
+def shift(joint: int, degrees: float) -> Callable[[WrongZero], None]:
+    return lambda arm: arm.off_rad.__setitem__(joint - 1, np.deg2rad(degrees))
+
+
+def reset_counter(joint: int) -> Callable[[WrongZero], None]:
+    return lambda arm: arm.reset_counter(joint)
+
+
+def reverse_direction(arm: WrongZero) -> None:
+    arm.off_rad[1] = -2.0 * arm.snapshot().positions_rad[1]
+
+
+def exchange_joints(arm: WrongZero) -> None:
+    q_rad = arm.snapshot().positions_rad
+    arm.off_rad[[1, 2]] = q_rad[[2, 1]] - q_rad[[1, 2]]
+
+
+OPEN_LOOP = "the loop cannot close with the present joint readings"
+
+
+@pytest.mark.parametrize("homing", [False, True])
+@pytest.mark.parametrize(
+    ("fault", "parts"),
+    [
+        (reset_counter(1), ("the counter of joint 1 is at zero", "Home joint 1")),
+        (reset_counter(2), ("the counter of joint 2 is at zero", "Home joint 2")),
+        (shift(1, -60.0), (OPEN_LOOP, "it closes with joint 1 near")),
+        (shift(2, 60.0), (OPEN_LOOP, "it closes with joint 2 near")),
+        (shift(3, 60.0), (OPEN_LOOP, "it closes with joint 3 near")),
+        (shift(4, -60.0), (OPEN_LOOP, "it closes with joint 4 near")),
+        (reverse_direction, ("it closes with joint 2 near", "direction")),
+        (
+            exchange_joints,
+            ("ignoring any one joint's reading does not help", "order of the joints"),
+        ),
+    ],
+    ids=["reset 1", "reset 2", "shift 1", "shift 2", "shift 3", "shift 4", "direction", "order"],
+)
+def test_impossible_reading_is_refused_even_with_homing(make_session, fault, parts, homing):
+    arm = WrongZero(PROCEDURE)
+    fault(arm)
+    message, event = refuse(make_session, arm, homing=homing)
+    assert all(part in message for part in parts), message
+    assert "go-home" not in message
+    assert (event["probability"] is None) is ("counter" in parts[0])
+
+
+def arm_after(make_session: MakeSession, poses: int) -> WrongZero:
+    """The arm of a session that was closed after so many poses, at rest at the last one."""
+    arm = WrongZero(PROCEDURE)
+    session = make_session(PROCEDURE, arm=arm, connect=True)
+    if poses:
+        take_until(session, poses)
+    session.close("left")
+    arm.capture(500)
+    return arm
+
+
+@pytest.mark.sample(4)
+@pytest.mark.parametrize("poses", [1, 2])
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        pytest.param(shift(joint, degrees), OPEN_LOOP, id=f"shift {joint} by {degrees:+.0f} deg")
+        for joint in (1, 2, 3, 4)
+        for degrees in (-60.0, 60.0)
+    ]
+    + [pytest.param(reset_counter(1), "the counter of joint 1 is at zero", id="reset 1")],
+)
+def test_impossible_reading_is_refused_after_few_poses(make_session, poses, fault, message):
+    arm = arm_after(make_session, poses)
+    fault(arm)
+    assert message in refuse(make_session, arm, homing=True, resume=True)[0]
+
+
+def test_sound_arm_resumes_after_few_poses(make_session):
+    arm = arm_after(make_session, 2)
+    session = make_session(PROCEDURE, arm=arm, resume=True, connect=True)
+    take_until(session, 3)
+    assert len(session.state.poses) == 3
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("poses", [0, 1, 20])
+def test_passed_and_refused_checks_are_journalled(make_session, tmp_path, poses):
+    folder, arm = tmp_path / "session", arm_after(make_session, poses)
+
+    def checks() -> list[dict[str, Any]]:
+        return [dict(e.data) for e in read_journal(folder).events if e.name == "standing"]
+
+    before = checks()
+    if poses:
+        # The first check, by the files alone, passed.
+        (passed,) = before
+        assert passed["refused"] is False
+        assert 1e-12 < passed["probability"] <= 1.0
+        assert "within the tolerances of the files" in passed["told"]
+    shift(2, 60.0)(arm)
+    _, refused = refuse(make_session, arm, homing=True, resume=True)
+    # After one pose: that it is too few for a check by the poses, then the check by the files.
+    assert len(checks()) == len(before) + (2 if poses == 1 else 1)
+    assert refused["probability"] < 1e-4
+    assert session_state(read_journal(folder)).captured == poses
+
+
+def test_counter_at_zero_outside_the_box_is_refused_if_tolerances_are_wide(make_session):
+    """The loop closes with any reading then, but the procedure's box excludes zero."""
+    wide = Tolerance(position_m=1.0, orientation_rad=np.deg2rad(120.0))
+    nominal: Any = PROCEDURE.fixture
+    fixture = replace(nominal, fixture=replace(nominal.fixture, tolerance=wide))
+    procedure: Procedure = replace(PROCEDURE, fixture=fixture)
+    arm = WrongZero(procedure)
+    arm.reset_counter(1)
+    session = make_session(procedure, arm=arm, connect=True)
+    with pytest.raises(GuardError, match="joint 1 reads zero, outside the box") as error:
+        take_poses(session, Listener(), (1, 5), homing=True)
+    assert "go-home" not in str(error.value)
+    assert arm.moves == []

@@ -1,0 +1,182 @@
+"""Faults during a capture: a stuck sensor, a count jump, an arm that cannot start to move, an arm that stops."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from hardware.arm import ArmSnapshot, MoveResult, Reading
+from hardware.errors import DriveDiverged, SensorFault
+from operator_app.errors import GuardError, SessionError
+from operator_app.session.workflow.capture import take_poses
+from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.opening import Choices, begin
+from operator_app.session.workflow.session import Session
+from tests.oracles.hearing import take_until
+from tests.oracles.journal_events import event_data
+from tests.oracles.plant_arm import PlantArm
+from tests.oracles.short_procedure import short_procedure
+
+
+class FaultyArm(PlantArm):
+    """The plant with a stuck sensor, a count jump or a stop, reported as the hardware reports them."""
+
+    stuck_joint = 0
+    jumps_at_capture = 0
+    captures = 0
+    overloaded = False
+    stopped_by: SensorFault | None = None
+    _stuck_at: float | None = None
+
+    def capture(self, samples: int) -> Reading:
+        self.captures += 1
+        if self.captures == self.jumps_at_capture:
+            raise SensorFault(3, "jumped by +500 counts", since_sync=self._syncs)
+        if self.stopped_by is not None:
+            raise self.stopped_by
+        reading = super().capture(samples)
+        if not self.stuck_joint:
+            return reading
+        k = self.stuck_joint - 1
+        if self._stuck_at is None:
+            self._stuck_at = float(reading.mean_rad[k])
+        mean, sd = reading.mean_rad.copy(), reading.sd_rad.copy()
+        mean[k], sd[k] = self._stuck_at, 0.0
+        return replace(reading, mean_rad=mean, sd_rad=sd)
+
+    def snapshot(self) -> ArmSnapshot:
+        snapshot = super().snapshot()
+        cause = "" if self.stopped_by is None else str(self.stopped_by)
+        joints = tuple(
+            replace(j, torque_nm=95.0 if self.overloaded and j.joint == 2 else 0.0)
+            for j in snapshot.joints
+        )
+        return replace(snapshot, joints=joints, stopped_for=cause)
+
+    def move(self, targets_rad: Mapping[int, float], **options: Any) -> MoveResult:
+        if self.overloaded:
+            reason, q_rad = "joint 2 needed 95 N m", self._positions()
+            return MoveResult(reached=False, reason=reason, positions_rad=q_rad, syncs=3)
+        return super().move(targets_rad, **options)
+
+
+@pytest.fixture
+def connected(make_session):
+    def make(scenario_name: str = "datasheet") -> Session:
+        procedure = short_procedure(8, scenario_name)
+        return make_session(procedure, arm=FaultyArm(procedure, scenario_name), connect=True)
+
+    return make
+
+
+@pytest.fixture
+def session(connected):
+    """A session with the modes set."""
+    session = connected()
+    session.set_modes((1, 5))
+    return session
+
+
+@pytest.mark.parametrize(
+    ("scenario_name", "joint"), [("datasheet", 3), ("datasheet", 6), ("exact", 7)]
+)
+def test_stuck_sensor_is_reported_and_its_pose_excluded(connected, scenario_name, joint):
+    session = connected(scenario_name)
+    session.arm.stuck_joint = joint
+    with pytest.raises(SensorFault, match=rf"joint {joint} reads the same count") as error:
+        take_poses(session, Listener(), (1, 5))
+    assert error.value.joint == joint
+    assert "--unsensed" in str(error.value)
+    assert len(session.state.poses) <= 3
+    # The sensor may have been stuck at the last pose as well.
+    assert "read wrong at that time" in session.state.poses[-1].excluded
+    assert [fault["joint"] for fault in event_data(session, "sensor_fault")] == [joint]
+
+
+def test_captures_after_a_jump_need_the_first_pose_repeated(connected):
+    session = connected()
+    session.arm.jumps_at_capture = 5  # the first capture is that of taking control
+    with pytest.raises(SensorFault):
+        take_poses(session, Listener(), (1, 5))
+    captured = len(session.state.poses)
+    assert session.state.sensor_jump
+    with pytest.raises(GuardError, match="captures are refused: joint 3 jumped"):
+        session.capture()
+    assert len(session.state.poses) == captured
+
+    # The first pose reads as before: the jump is over.
+    take_until(session, captured + 1)
+    assert not session.state.sensor_jump
+    assert session.state.repeats[-1].first.number == 1
+
+
+def test_pose_captured_during_a_jump_is_excluded(session):
+    session.capture()
+    assert len(session.state.used_poses) == 1
+    since_sync = session.arm.snapshot().sync_count - 3
+
+    def report_jump(targets_rad: object, **_: object) -> MoveResult:
+        raise SensorFault(4, "jumped", since_sync=since_sync)
+
+    session.arm.move = report_jump
+    with pytest.raises(SensorFault):
+        session.go_to({1: 0.0})
+    assert session.state.used_poses == ()
+    assert "joint 4 read wrong at that time" in session.state.poses[0].excluded
+
+
+def test_arm_that_cannot_start_to_move_skips_no_waypoint(session):
+    session.arm.overloaded = True
+    with pytest.raises(GuardError, match=r"cannot start to move: joint 2 needed 95 N m"):
+        take_poses(session, Listener())
+    assert session.state.visited == frozenset()
+    session.arm.overloaded = False
+    take_until(session, 2)
+    assert {p.waypoint for p in session.state.poses} == {0, 1}
+
+
+def test_skipped_waypoint_is_tried_again_after_a_resume(session, make_session):
+    session.record("waypoint_skipped", {"waypoint": 0, "reason": "joint 2 needed 95 N m"})
+    assert session.state.next_waypoint == 1
+    session.close("left")
+    assert make_session(session.procedure, resume=True).state.next_waypoint == 0
+
+
+@pytest.mark.parametrize("poses", [10**6, 10**30])
+def test_too_many_poses_are_refused(tmp_path, poses):
+    with pytest.raises(SessionError, match="at most 100000"):
+        begin("hinge", Choices(poses=poses), root=tmp_path)
+
+
+def stop_after_pose(session: Session) -> DriveDiverged:
+    """Capture a pose, at which the arm stops by itself."""
+    session.capture()
+    since_sync = session.arm.snapshot().sync_count - 3
+    session.arm.stopped_by = DriveDiverged(5, 1300, since_sync=since_sync)
+    return session.arm.stopped_by
+
+
+def test_stop_cause_is_journalled_once_and_its_pose_excluded(session):
+    session.record_stop_cause()
+    cause = stop_after_pose(session)
+    for request in (session.record_stop_cause, session.record_stop_cause, session.read):
+        with pytest.raises(DriveDiverged):
+            request()
+    assert event_data(session, "sensor_fault") == [{"joint": 5, "text": str(cause)}]
+    assert "joint 5 read wrong at that time" in session.state.poses[0].excluded
+    assert session.state.sensor_jump
+
+
+@pytest.mark.parametrize(
+    "clear",
+    [Session.reset_stop, Session.release_holding, lambda session: session.close("left")],
+    ids=["reset", "reconnect", "close"],
+)
+def test_stop_cause_is_journalled_before_the_arm_clears_it(session, clear):
+    """The operator may press the key before the supervisor looks."""
+    stop_after_pose(session)
+    clear(session)
+    assert [fault["joint"] for fault in event_data(session, "sensor_fault")] == [5]
+    assert session.state.sensor_jump
+    assert session.state.used_poses == ()

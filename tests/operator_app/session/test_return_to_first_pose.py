@@ -1,0 +1,230 @@
+"""The return to the first pose, at the end and after each resume, and what a step change there leads to."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fixtures.base import RIGID
+from hardware.arm import Reading
+from operator_app.calibration.acceptance import Verdict, not_yet_named, proven_by_return
+from operator_app.calibration.repeat_measurement import compare_readings
+from operator_app.calibration.result import Solution
+from operator_app.messages.finding import Finding
+from operator_app.messages.finding import FindingKind as Kind
+from operator_app.session.store.stored_calibration import NO_WAY_BACK, missing_repeat_notices
+from operator_app.session.workflow.capture import take_poses
+from operator_app.session.workflow.drive_selection import visit
+from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.planned_capture import PlannedCapture
+from operator_app.session.workflow.session import Session
+from solver.diagnostics.hypothesis_tests import HypothesisTest
+from tests.oracles.hearing import Hearing, take_until
+from tests.oracles.journal_events import journal_events
+from tests.oracles.short_procedure import short_procedure
+
+
+def test_capture_ends_with_a_repeat_of_the_first_pose(make_session):
+    session = make_session(short_procedure(6), connect=True)
+    take_poses(session, Listener(), (1, 5))
+    (repeat,) = session.state.repeats
+    assert (repeat.first.number, repeat.again.kind, repeat.again.after) == (1, "return", 6)
+    assert len(session.state.used_poses) == 6
+    # The arm is not exactly there, but on the motions that the loop allows.
+    solution = session.calibrate()
+    reread = session.state.rereads[-1]
+    difference = compare_readings(session.model, solution.model, solution.estimate.x, reread, RIGID)
+    assert np.abs(difference.difference_rad).max() > np.deg2rad(0.005)
+    assert difference.dof == 5
+    assert difference.chi2_left < difference.chi2 < 0.1
+    # A second request measures nothing more.
+    take_poses(session, Listener())
+    assert len(session.state.readings) == 1
+
+
+def test_resumed_session_repeats_the_first_pose_before_new_ones(make_session):
+    session = make_session(short_procedure(5), connect=True)
+    take_until(session, 2)
+    session.close("left")
+    assert not session.state.repeats
+
+    resumed = make_session(short_procedure(5), resume=True, connect=True)
+    take_poses(resumed, Listener(), (1, 5))
+    names = [e.name for e in journal_events(resumed)]
+    measured = [n for n in names[names.index("resumed") :] if n in ("reading", "pose")]
+    assert measured == ["reading", "pose", "pose", "pose", "reading"]
+    assert [r.again.after for r in resumed.state.repeats] == [2, 5]
+    assert {r.first.number for r in resumed.state.repeats} == {1}
+    # An excluded pose has no repeats.
+    resumed.exclude(1, "bumped")
+    assert resumed.state.repeats == ()
+
+
+def test_unreachable_first_pose_is_reported_and_the_capture_complete(make_session):
+    session = make_session(short_procedure(4), connect=True)
+
+    def narrow_range_of_joint_7(count: int) -> None:
+        if count == 4:
+            *others, last = session.model.joints
+            q_rad = session.arm.snapshot().positions_rad[6]
+            last = replace(last, lower_rad=q_rad - 0.04, upper_rad=q_rad + 0.04)
+            session.model = replace(session.model, joints=(*others, last))
+
+    listener = Hearing(narrow_range_of_joint_7)
+    take_poses(session, listener, (1, 5))
+    assert len(session.state.used_poses) == 4
+    assert session.state.repeats == ()
+    assert "joint 7" in listener.said[-1]
+    assert journal_events(session)[-1].name == "return_missed"
+    (notice,) = missing_repeat_notices(session.state)
+    assert notice.code == "NO_RETURN"
+    assert notice.poses == ("1", "1", "4")
+    assert notice.reported[0].startswith("joint 7")
+
+
+def test_capture_ended_early_warns_of_the_missing_repeat(make_session):
+    session = make_session(short_procedure(7), connect=True)
+    take_until(session, 6)
+    session.cancelled = lambda: False
+    (notice,) = (w for w in session.calibrate().warnings if w.code == "NO_RETURN")
+    assert notice.poses == ("1", "1", "6")
+    assert notice.kind is Kind.NOT_REPEATED
+    take_poses(session, Listener(), (1, 5))
+    assert missing_repeat_notices(session.state) == ()
+    assert "NO_RETURN" not in {w.code for w in session.calibrate().warnings}
+
+
+def test_missing_path_back_requires_verification_not_a_resume(make_session):
+    """A planned capture without a path back has none after a resume either."""
+    session = make_session(short_procedure(4), connect=True)
+    session.set_modes((1, 5))
+    for k in range(4):
+        visit(session, k)
+        session.capture(k)
+    missed, path = PlannedCapture(session, (1, 5), Listener()).to_first()
+    assert (missed, list(path)) == (NO_WAY_BACK, [])
+    session.record("return_missed", {"of": 1, "reason": missed})
+    (notice,) = missing_repeat_notices(session.state)
+    assert notice.reported == (NO_WAY_BACK,)
+    assert notice.kind is Kind.NEVER_REPEATED
+    # Another cause may be gone after a resume.
+    session.record("return_missed", {"of": 1, "reason": "joint 3 needed 95 N m"})
+    (notice,) = missing_repeat_notices(session.state)
+    assert notice.kind is Kind.NOT_REPEATED
+
+
+def calibrate_with_step(session: Session, *, step_rad: float = 0.0, joint: int = 3) -> Solution:
+    """Calibrate from all poses, a joint's reading shifted between the last one and the return."""
+
+    def shift_reading(count: int) -> None:
+        if count == session.procedure.capture.poses:
+            session.arm.off_rad[joint - 1] = step_rad
+
+    session.connect()
+    take_poses(session, Hearing(shift_reading), (1, 5))
+    return session.calibrate()
+
+
+def return_test(solution: Solution) -> HypothesisTest:
+    (test,) = (t for t in solution.adjudication.tests if t.code.startswith("RETURN"))
+    return test
+
+
+def return_causes(solution: Solution) -> list[str]:
+    return [c.code for c in solution.causes if c.code.startswith("RETURN")]
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("name", ["exact", "datasheet"])
+def test_sound_session_has_no_cause_from_its_return(make_session, name):
+    procedure = short_procedure(20, name, samples=32)
+    solution = calibrate_with_step(make_session(procedure, name))
+    test = return_test(solution)
+    assert test.code == "RETURN_20"
+    assert 0.0 < test.statistic < test.threshold
+    assert return_causes(solution) == []
+    assert solution.accepted
+
+
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("joint", [2, 3, 5, 7])
+@pytest.mark.parametrize("name", ["exact", "datasheet"])
+def test_step_before_the_return_is_reported_with_joint_and_size(make_session, name, joint):
+    session = make_session(short_procedure(20, name, samples=32), name)
+    solution = calibrate_with_step(session, step_rad=np.deg2rad(0.5), joint=joint)
+    assert return_test(solution).fires
+    assert return_causes(solution) == [f"RETURN_JOINT_{joint}"]
+    assert solution.verdict is Verdict.NOT_ACCEPTED
+    (cause,) = (c for c in solution.causes if c.code == f"RETURN_JOINT_{joint}")
+    assert cause.blocking
+    assert cause.probability > 0.9
+    assert cause.size == pytest.approx(np.deg2rad(0.5), abs=3.0 * cause.sigma + 2e-5)
+    assert (cause.poses, cause.figures["after"]) == (("1",), 20)
+
+
+@pytest.mark.campaign
+def test_compliant_fixture_is_not_reported_as_a_joint_step(make_session):
+    procedure = short_procedure(20, "as_reported", samples=32)
+    solution = calibrate_with_step(make_session(procedure, "as_reported"))
+    assert return_test(solution).fires
+    assert not [code for code in return_causes(solution) if code.startswith("RETURN_JOINT")]
+    assert any("fixture" in c.text for c in solution.causes)
+    assert solution.verdict is not Verdict.ACCEPTED
+
+
+def test_repeat_after_a_calibration_requires_a_new_calibration(make_session):
+    session = make_session(short_procedure(20, "exact", samples=32))
+    calibrate_with_step(session)
+    assert session.recorded_calibration() is not None
+    session.take_check_reading("return", of=session.state.used_poses[0].number)
+    assert session.recorded_calibration() is None
+
+
+@pytest.mark.parametrize(
+    ("from_poses", "from_return", "reported"),
+    [
+        (Kind.LENGTH_OFF, Kind.REPEAT_READING_STEP, True),
+        (Kind.FIXTURE_DEFLECTS_MORE, Kind.REPEAT_FIXTURE_MOVED, True),
+        (Kind.READING_STEP, Kind.REPEAT_READING_STEP, False),
+        (Kind.FIXTURE_SLIPPED, Kind.REPEAT_FIXTURE_MOVED, False),
+    ],
+)
+def test_return_reports_only_steps_that_the_poses_do_not_show(from_poses, from_return, reported):
+    def finding(kind: Kind) -> Finding:
+        return Finding(kind=kind, joint=3, names=("s_3",), blocking=True)
+
+    new = not_yet_named((finding(from_return),), (finding(from_poses),))
+    assert new == (finding(from_return),) * reported
+
+
+def test_step_proven_by_the_return_blocks_acceptance():
+    step = Finding(kind=Kind.READING_STEP, joint=1)
+    length = Finding(kind=Kind.LENGTH_OFF, names=("s_3",))
+    returned = Finding(kind=Kind.REPEAT_READING_STEP, joint=1, blocking=True)
+    blocking_step = replace(step, blocking=True)
+    assert proven_by_return((returned,), (length, step)) == ((blocking_step,), (length,))
+    other = replace(returned, joint=2)
+    assert proven_by_return((other,), (length, step)) == ((other,), (length, step))
+    assert proven_by_return((replace(other, blocking=False),), (step,)) == ((), (step,))
+
+
+def test_step_among_few_poses_is_refused_because_of_the_return(make_session):
+    """With seven poses the step makes the sigmas so large that no parameter is off by two of them."""
+    session = make_session(short_procedure(7, "datasheet"), "datasheet", connect=True)
+    capture = session.arm.capture
+
+    def capture_shifted(samples: int) -> Reading:
+        reading = capture(samples)
+        shift_rad = np.deg2rad(0.45) * (np.arange(7) == 0)
+        return replace(reading, mean_rad=reading.mean_rad - shift_rad)
+
+    def shift_after_pose_4(count: int) -> None:
+        if count == 4:
+            session.arm.capture = capture_shifted
+
+    take_poses(session, Hearing(shift_after_pose_4), (1, 5))
+    solution = session.calibrate()
+    assert return_test(solution).fires
+    assert solution.verdict is Verdict.NOT_ACCEPTED
+    assert solution.causes[0].code in {"STEP_JOINT_1", "RETURN_JOINT_1"}
+    assert solution.causes[0].blocking

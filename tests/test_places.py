@@ -56,8 +56,6 @@ solver/estimators/test_mixed_model.py
 solver/estimators/test_monte_carlo.py
 solver/estimators/test_panda.py
 solver/loops/test_endpoints.py
-solver/test_errors_travel.py
-solver/test_map.py
 """
 """Files on several modules of their folder. The list may only get shorter."""
 

@@ -21,7 +21,7 @@ from solver.loops.closure import nearest_equivalent
 from solver.loops.dh import DhLoop
 from solver.search.global_start import GlobalStart, global_start
 from tests.oracles.wild_loops import wild_problem, with_sensors
-from tests.solver.search.test_global_start import nothing_known
+from tests.solver.search.test_global_start import model_without_initial_guess
 
 GOAL_SOLVED, GOAL_SECONDS = 0.99, 5.0
 
@@ -40,7 +40,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("count", nargs="?", type=int, default=200)
     count = parser.parse_args().count
-    model = nothing_known()
+    model = model_without_initial_guess()
     rows: dict[str, list[tuple[bool, float, float, int]]] = {"exact": [], "sensors": []}
     conditions, failed = [], []
     for seed in range(count):

@@ -40,6 +40,11 @@ def files(name: str, urdf: Path | None, tip_mm: float, folder: Path) -> tuple[st
     return str(arm), str(fixture)
 
 
+def files_of(real: RealArm, folder: Path) -> tuple[str, str]:
+    """Arm file and fixture file of a data set of the oracle."""
+    return files(real.name, FOLDER / real.urdf if real.urdf else None, real.tip_mm, folder)
+
+
 def with_every_entry(arm: str, folder: Path) -> str:
     """The arm file with every entry free."""
     document = yaml.safe_load(resolve("arm", arm).data)

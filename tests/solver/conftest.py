@@ -1,4 +1,4 @@
-"""The loop of the paper as the solver sees it, and its truth from the oracle."""
+"""The solver's models of the paper's closed loop and arm, and the oracle's true parameters."""
 
 from pathlib import Path
 
@@ -18,12 +18,12 @@ def loop_of(
     truth: Truth, *, names: tuple[str, ...] = NAMES, unsensed: tuple[int, ...] = ()
 ) -> DhLoop:
     """Build the solver's model of the oracle's loop, with the truth as nominal values."""
-    lost = {f"theta_off_{j}" for j in unsensed}
+    unsensed_offsets = {f"theta_off_{j}" for j in unsensed}
     return DhLoop(
         table=DhTable(
             theta_off_rad=truth.theta_off, s_m=truth.s, a_m=truth.a, alpha_rad=truth.alpha
         ),
-        entries=entries([n for n in names if n not in lost]),
+        entries=entries([n for n in names if n not in unsensed_offsets]),
         hinge=True,
         unsensed_joints=unsensed,
     )

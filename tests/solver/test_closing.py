@@ -1,4 +1,4 @@
-"""The reduction and the closer against least squares that know neither."""
+"""Null-space reduction and loop closing against NumPy's and SciPy's least squares."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def random_loops(seed: int, unsensed: int, poses: int = 20) -> LoopError:
 
 
 @pytest.mark.parametrize("unsensed", [0, 1, 2, 3, 5])
-def test_e_is_an_orthonormal_basis_of_the_left_null_space(unsensed):
+def test_left_null_space_is_orthonormal(unsensed):
     N = random_loops(unsensed, unsensed).jac_u
     E = left_null_space(N)
     assert E.shape == (20, 6, 6 - unsensed)
@@ -50,31 +50,31 @@ def test_e_is_an_orthonormal_basis_of_the_left_null_space(unsensed):
         (1e150, -1e150, 0, 0, 0, 0),
     ],
 )
-def test_e_at_hard_columns(column):
+def test_left_null_space_of_extreme_columns(column):
     N = np.array(column)[:, None]
     E = left_null_space(N)
     assert np.abs(E.T @ E - np.eye(5)).max() < 1e-15
     assert np.abs(E.T @ N).max() < 1e-15 * np.abs(N).max()
 
 
-def test_a_column_of_zeros_leaves_five_equations_all_the_same():
+def test_left_null_space_of_a_zero_column():
     E = left_null_space(np.zeros((6, 1)))
     assert E.shape == (6, 5)
     assert np.abs(E.T @ E - np.eye(5)).max() == 0.0
 
 
 @pytest.mark.parametrize("unsensed", [1, 2, 3])
-def test_left_inverse_is_the_least_squares_answer(unsensed):
+def test_left_inverse_solves_least_squares(unsensed):
     error = random_loops(unsensed, unsensed)
-    for N, c, found in zip(error.jac_u, error.residual, left_inverse(error.jac_u), strict=True):
-        np.testing.assert_allclose(found @ c, np.linalg.lstsq(N, c, rcond=None)[0], atol=1e-12)
+    for N, c, inverse in zip(error.jac_u, error.residual, left_inverse(error.jac_u), strict=True):
+        np.testing.assert_allclose(inverse @ c, np.linalg.lstsq(N, c, rcond=None)[0], atol=1e-12)
 
 
 @pytest.mark.parametrize("unsensed", [0, 1, 3])
-@pytest.mark.parametrize("held", [(), (2,)])
-def test_newton_step_is_the_smallest_that_closes(unsensed, held):
+@pytest.mark.parametrize("fixed", [(), (2,)])
+def test_newton_step_is_the_smallest_closing_step(unsensed, fixed):
     error = random_loops(7 + unsensed, unsensed)
-    sigma = SIGMA * measure_with_fixed(held, 7)
+    sigma = SIGMA * measure_with_fixed(fixed, 7)
     dq, du = newton_step(error, sigma)
     moving = [j for j in range(7) if sigma[j] > 0.0]
     for k in range(20):
@@ -82,29 +82,35 @@ def test_newton_step_is_the_smallest_that_closes(unsensed, held):
         c, N = error.residual[k], error.jac_u[k]
         J = error.jac_q[k][:, moving]
         Z = null_space(N.T) if unsensed else np.eye(6)
-        known = lstsq(Z.T @ J * sigma[moving], -Z.T @ c, cond=1e-13)[0] * sigma[moving]
-        # In the measure in which it is the smallest. Normal equations lose the square of the sensors'
-        # ratio, 1e6, times that of J; Newton's next step mends it.
-        off = (dq[k][moving] - known) / sigma[moving]
-        assert np.linalg.norm(off) < 1e-5 * np.linalg.norm(known / sigma[moving])
+        expected = lstsq(Z.T @ J * sigma[moving], -Z.T @ c, cond=1e-13)[0] * sigma[moving]
+        # Weighted as in the minimisation. Normal equations lose the squared ratio of the sensors' sigmas,
+        # 1e6, times the condition of J; the next Newton step corrects it.
+        deviation = (dq[k][moving] - expected) / sigma[moving]
+        assert np.linalg.norm(deviation) < 1e-5 * np.linalg.norm(expected / sigma[moving])
         np.testing.assert_allclose(c + error.jac_q[k] @ dq[k] + N @ du[k], 0.0, atol=1e-5)
         assert not dq[k][[j for j in range(7) if j not in moving]].any()
 
 
-def test_what_no_free_joint_closes_stays_open_and_moves_as_little_as_possible():
+def test_newton_step_with_two_free_joints_minimises_the_misclosure():
     error = random_loops(3, 1)
     sigma = measure_with_fixed((1, 2, 3, 4, 5), 7)
     dq, _ = newton_step(error, sigma)
     reduced = reduced_equations(error)
     for k in range(20):
-        known = np.linalg.lstsq(reduced.B[k][:, 5:], -reduced.w[k], rcond=None)[0]
-        np.testing.assert_allclose(dq[k][5:], known, rtol=1e-9, atol=1e-12)
+        expected = np.linalg.lstsq(reduced.B[k][:, 5:], -reduced.w[k], rcond=None)[0]
+        np.testing.assert_allclose(dq[k][5:], expected, rtol=1e-9, atol=1e-12)
 
 
-def test_a_pose_does_not_depend_on_the_others_in_its_batch():
+@pytest.fixture(scope="module")
+def loop():
+    """The paper's loop: truth, model and nominal parameters."""
     truth = paper_truth()
     model = loop_of(truth)
-    x = nominal_vector(model.parameters)
+    return truth, model, nominal_vector(model.parameters)
+
+
+def test_closed_pose_is_independent_of_its_batch(loop):
+    truth, model, x = loop
     rng = np.random.default_rng(4)
     q = closed_poses(truth, rng, 12)[:, 1:] + rng.normal(size=(12, 7)) * 0.05
     together = close_loops(model, x, q)
@@ -115,18 +121,14 @@ def test_a_pose_does_not_depend_on_the_others_in_its_batch():
         np.testing.assert_allclose(alone.q[0], together.q[k], rtol=0, atol=1e-13)
 
 
-def test_all_joints_held_leaves_only_the_hinge_to_turn():
-    truth = paper_truth()
-    model = loop_of(truth)
-    x = nominal_vector(model.parameters)
+def test_with_all_joints_fixed_only_the_hinge_turns(loop):
+    truth, model, x = loop
     q = closed_poses(truth, np.random.default_rng(5), 4)[:, 1:] + 1e-3
-    found = close_loops(model, x, q, sigma_rad=np.zeros(7))
-    np.testing.assert_array_equal(found.q, q)
-    assert not found.closed.any()
-    for k in range(4):
+    poses = close_loops(model, x, q, sigma_rad=np.zeros(7))
+    np.testing.assert_array_equal(poses.q, q)
+    assert not poses.closed.any()
 
-        def left(turn: float, k: int = k) -> float:
-            error = model.loop(x, q[k : k + 1], found.u[k : k + 1] + turn)
-            return float((error.residual**2).sum())
+    def misclosure(turn: float) -> np.ndarray:
+        return (model.loop(x, q, poses.u + turn).residual ** 2).sum(-1)
 
-        assert left(0.0) <= min(left(1e-6), left(-1e-6))
+    assert np.all(misclosure(0.0) <= np.minimum(misclosure(1e-6), misclosure(-1e-6)))

@@ -1,4 +1,4 @@
-"""Pose sets: shapes, read-only arrays, and a digest of what a calibration uses."""
+"""Pose sets: validation, read-only arrays, digest; estimates do not depend on the order of poses."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ from tests.oracles.simulated_loops import Simulation
 from tests.solver.conftest import loop_of, paper_arm
 
 
-def poses(**changes: Any) -> PoseSet:
+def pose_set(**changes: Any) -> PoseSet:
     values: dict[str, Any] = {
         "placement": np.array([1, 1, 2]),
         "label": ("1", "2", "1"),
@@ -31,8 +31,8 @@ def poses(**changes: Any) -> PoseSet:
     return PoseSet(**(values | changes))
 
 
-def test_facts():
-    p = poses()
+def test_counts_keys_and_placements():
+    p = pose_set()
     assert len(p) == 3
     assert p.joint_count == 2
     assert p.keys == ((1, "1"), (1, "2"), (2, "1"))
@@ -41,7 +41,7 @@ def test_facts():
 
 def test_arrays_are_copies_and_read_only():
     q = np.zeros((3, 2))
-    p = poses(q_rad=q)
+    p = pose_set(q_rad=q)
     q[0, 0] = 7.0
     assert p.q_rad[0, 0] == 0.0
     for array in (p.q_rad, p.sd_rad, p.samples, p.endpoint, p.placement):
@@ -71,15 +71,15 @@ def test_arrays_are_copies_and_read_only():
         {"notes": ("a",)},
     ],
 )
-def test_wrong_calls(change, approve):
-    with pytest.raises(ValueError) as refused:  # noqa: PT011 - its words are approved
-        poses(**change)
-    approve(str(refused.value))
+def test_invalid_arguments_are_rejected(change, approve):
+    with pytest.raises(ValueError) as error:  # noqa: PT011 - its text is approved
+        pose_set(**change)
+    approve(str(error.value))
 
 
-def test_digest_does_not_depend_on_order_notes_or_times():
-    p, order = poses(), [2, 0, 1]
-    turned = poses(
+def test_digest_ignores_order_notes_and_times():
+    p, order = pose_set(), [2, 0, 1]
+    reordered = pose_set(
         **{
             name: getattr(p, name)[order]
             for name in ("placement", "q_rad", "sd_rad", "samples", "endpoint")
@@ -88,8 +88,8 @@ def test_digest_does_not_depend_on_order_notes_or_times():
         notes=None,
         utc=None,
     )
-    assert turned.sha256() == p.sha256()
-    assert poses(q_rad=-0.0 * p.q_rad).sha256() == poses(q_rad=0.0 * p.q_rad).sha256()
+    assert reordered.sha256() == p.sha256()
+    assert pose_set(q_rad=-0.0 * p.q_rad).sha256() == pose_set(q_rad=0.0 * p.q_rad).sha256()
 
 
 @pytest.mark.parametrize(
@@ -106,12 +106,12 @@ def test_digest_does_not_depend_on_order_notes_or_times():
         {"placement": np.array([1, 1, 3])},
     ],
 )
-def test_digest_sees_every_number_a_calibration_uses(change):
-    assert poses(**change).sha256() != poses().sha256()
+def test_digest_depends_on_every_number_a_calibration_uses(change):
+    assert pose_set(**change).sha256() != pose_set().sha256()
 
 
-def test_digest_is_the_same_on_every_machine():
-    assert poses().sha256() == "4ab8a7e8f212833502b7ad33b333e0a0407ff08a94ed61ab3d66d1470b9f52d3"
+def test_digest_is_independent_of_the_machine():
+    assert pose_set().sha256() == "4ab8a7e8f212833502b7ad33b333e0a0407ff08a94ed61ab3d66d1470b9f52d3"
 
 
 SIMULATION = Simulation(poses=30, wrist_sd=6e-3)
@@ -119,19 +119,19 @@ Q = SIMULATION.readings(0)
 NOISE = NoiseModel(joint_variance=SIMULATION.sigma() ** 2)
 
 
-def fitted(by: str, truth: Truth, order: np.ndarray) -> tuple[Estimate, list[float]]:
-    """The estimate of the readings in that order, and what it found of the sizes of errors."""
+def fit(estimator: str, truth: Truth, order: np.ndarray) -> tuple[Estimate, list[float]]:
+    """The estimate of the readings in that order, and the estimated sizes of errors."""
     model, q = loop_of(truth), Q[order]
-    match by:
+    match estimator:
         case "paper":
             return estimate_paper(model, q), []
         case "implicit":
-            own = NOISE.joint_variance * np.linspace(0.5, 2.0, len(Q))[:, None]
-            return estimate_implicit(model, q, NoiseModel(joint_variance=own[order])), []
+            variance = NOISE.joint_variance * np.linspace(0.5, 2.0, len(Q))[:, None]
+            return estimate_implicit(model, q, NoiseModel(joint_variance=variance[order])), []
         case _:
             errors = stated_errors(paper_arm(truth), samples=np.ones(len(Q), dtype=np.int64))
-            whole = estimate_with_errors(model, q, errors.at_poses(order))
-            return whole.estimate, [c.sd for c in whole.components.components]
+            result = estimate_with_errors(model, q, errors.at_poses(order))
+            return result.estimate, [c.sd for c in result.components.components]
 
 
 @pytest.fixture(params=range(3))
@@ -139,21 +139,25 @@ def shuffle(request):
     return np.random.default_rng(request.param).permutation(len(Q))
 
 
-@pytest.mark.parametrize("by", ["paper", "implicit", "components"])
-def test_no_estimator_knows_the_order_of_its_poses(by, truth, shuffle):
-    (one, sizes), (other, others) = (fitted(by, truth, o) for o in (np.arange(len(Q)), shuffle))
-    assert other.x == pytest.approx(one.x, rel=1e-12)
-    assert other.covariance == pytest.approx(one.covariance, rel=1e-12)
-    assert other.sigmas.position_m.rms == pytest.approx(one.sigmas.position_m.rms, rel=1e-12)
-    assert other.residual == pytest.approx(one.residual[shuffle], rel=1e-12)
-    assert others == pytest.approx(sizes, rel=1e-12)
-    if one.chi2 is not None:
-        assert other.chi2 == pytest.approx(one.chi2, rel=1e-12)
-        assert other.pose_chi2 == pytest.approx(one.pose_chi2[shuffle], rel=1e-12)
-        assert other.corrections == pytest.approx(one.corrections[shuffle], rel=1e-12)
+@pytest.mark.parametrize("estimator", ["paper", "implicit", "components"])
+def test_estimate_is_independent_of_pose_order(estimator, truth, shuffle):
+    (estimate, sizes), (shuffled, shuffled_sizes) = (
+        fit(estimator, truth, o) for o in (np.arange(len(Q)), shuffle)
+    )
+    assert shuffled.x == pytest.approx(estimate.x, rel=1e-12)
+    assert shuffled.covariance == pytest.approx(estimate.covariance, rel=1e-12)
+    assert shuffled.sigmas.position_m.rms == pytest.approx(
+        estimate.sigmas.position_m.rms, rel=1e-12
+    )
+    assert shuffled.residual == pytest.approx(estimate.residual[shuffle], rel=1e-12)
+    assert shuffled_sizes == pytest.approx(sizes, rel=1e-12)
+    if estimate.chi2 is not None:
+        assert shuffled.chi2 == pytest.approx(estimate.chi2, rel=1e-12)
+        assert shuffled.pose_chi2 == pytest.approx(estimate.pose_chi2[shuffle], rel=1e-12)
+        assert shuffled.corrections == pytest.approx(estimate.corrections[shuffle], rel=1e-12)
 
 
-def test_nor_do_the_parts_that_are_held_out(shuffle):
-    for one, other in zip(fold_poses(Q, 5), fold_poses(Q[shuffle], 5), strict=True):
-        assert set(shuffle[other]) == set(one)
+def test_held_out_parts_are_independent_of_pose_order(shuffle):
+    for part, shuffled in zip(fold_poses(Q, 5), fold_poses(Q[shuffle], 5), strict=True):
+        assert set(shuffle[shuffled]) == set(part)
     assert set(shuffle[far_block(Q[shuffle])]) == set(far_block(Q))

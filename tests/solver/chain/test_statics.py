@@ -1,4 +1,6 @@
-"""Gravity's torques against pinocchio and against the slope of the potential energy."""
+"""Gravity torques against pinocchio and against differences of its potential energy."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from tests.oracles.pinocchio_gravity import PinocchioGravity
 LINKS = 7
 
 
-def drawn(seed: int):
+def random_masses(seed: int):
     rng = np.random.default_rng(seed)
     table = (rng.normal(size=LINKS), 0.3 * rng.normal(size=LINKS), rng.normal(size=LINKS))
     down = rng.normal(size=3)
@@ -26,64 +28,62 @@ def drawn(seed: int):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_torques_are_pinocchios_and_the_slope_of_its_energy(seed):
-    theta, (s, a, alpha), masses = drawn(seed)
+def test_torques_agree_with_pinocchio(seed):
+    theta, (s, a, alpha), masses = random_masses(seed)
     rates = torque_rates(forward(theta, s, a, alpha), masses.down)
-    found = np.einsum("...jka,ka->...j", rates, masses.moments)
+    torque = np.einsum("...jka,ka->...j", rates, masses.moments)
     oracle = PinocchioGravity(
         masses.mass_kg, masses.centre_m, STANDARD_GRAVITY_M_PER_S2 * masses.down
     )
     for k, angles in enumerate(theta):
         np.testing.assert_allclose(
-            found[k], -oracle.holding_torque(angles, s, a, alpha), rtol=1e-10, atol=1e-10
+            torque[k], -oracle.holding_torque(angles, s, a, alpha), rtol=1e-10, atol=1e-10
         )
         for joint in range(LINKS):
             step = 1e-6 * np.eye(LINKS)[joint]
             up, low = (oracle.energy(angles + d, s, a, alpha) for d in (step, -step))
-            assert found[k, joint] == pytest.approx(-(up - low) / 2e-6, abs=1e-6)
+            assert torque[k, joint] == pytest.approx(-(up - low) / 2e-6, abs=1e-6)
 
 
-def test_a_link_weighs_on_the_joints_before_it_only():
-    theta, (s, a, alpha), masses = drawn(9)
+def test_link_loads_only_joints_before_it():
+    theta, (s, a, alpha), masses = random_masses(9)
     rates = torque_rates(forward(theta, s, a, alpha), masses.down)
     assert rates.shape == (6, LINKS, LINKS, 4)
     for joint in range(LINKS):
         assert np.all(rates[:, joint, :joint] == 0.0)
         assert np.all(np.any(rates[:, joint, joint:, 1:] != 0.0, axis=(0, 2)))
-        # The mass of the joint's own link is where its centre is: it has no lever of its own.
+        # The lever of the joint's own link is in its first moments.
         assert np.all(rates[:, joint, joint, 0] == 0.0)
 
 
-def test_uncertain_masses_and_centres_have_the_covariance_of_their_draws():
-    _, _, masses = drawn(3)
+def test_covariance_of_moments_agrees_with_draws():
+    _, _, masses = random_masses(3)
     rng = np.random.default_rng(4)
     count = 200_000
     mass = masses.mass_kg + masses.mass_sd_kg * rng.normal(size=(count, LINKS))
     centre = masses.centre_m + masses.centre_sd_m[:, None] * rng.normal(size=(count, LINKS, 3))
-    drawn_moments = np.concatenate((mass[..., None], mass[..., None] * centre), axis=-1)
+    moments = np.concatenate((mass[..., None], mass[..., None] * centre), axis=-1)
     for link, root in enumerate(masses.moments_sd):
-        got = np.cov(drawn_moments[:, link].T)
-        # First order: the product of both deviations, a few per cent of either, is left out.
-        np.testing.assert_allclose(root @ root.T, got, atol=0.06 * np.diagonal(got).max())
+        expected = np.cov(moments[:, link].T)
+        # To first order: without the product of both deviations, a few per cent of either.
+        np.testing.assert_allclose(root @ root.T, expected, atol=0.06 * np.diagonal(expected).max())
 
 
-def test_a_tilt_keeps_down_a_unit_vector_to_first_order():
-    _, _, masses = drawn(1)
+def test_tilts_are_perpendicular_to_down():
+    _, _, masses = random_masses(1)
     assert masses.tilted.shape == (2, 3)
     np.testing.assert_allclose(masses.tilted @ masses.down, 0.0, atol=1e-15)
     np.testing.assert_allclose(np.linalg.norm(masses.tilted, axis=1), 0.05)
 
 
-def test_what_does_not_fit_together_is_refused():
-    fine = {
-        "mass_kg": np.ones(2), "centre_m": np.zeros((2, 3)), "mass_sd_kg": np.zeros(2),
-        "centre_sd_m": np.zeros(2), "down": np.array([0.0, 0.0, -1.0]),
-    }  # fmt: skip
-    LinkMasses(**fine)
-    for key, bad in (
+@pytest.mark.parametrize(
+    ("key", "invalid"),
+    [
         ("centre_m", np.zeros((3, 3))),
         ("mass_sd_kg", np.zeros(3)),
         ("down", np.array([0.0, 0.0, -9.81])),
-    ):
-        with pytest.raises(ValueError, match=r"down|mass"):
-            LinkMasses(**{**fine, key: bad})
+    ],
+)
+def test_inconsistent_masses_are_rejected(key, invalid):
+    with pytest.raises(ValueError, match=r"down|mass"):
+        replace(random_masses(0)[2], **{key: invalid})

@@ -1,4 +1,4 @@
-"""Table 2's arm with its joint ranges, and the planned region around home."""
+"""The paper's arm (table 2) with its joint ranges, and the region of closed poses around home."""
 
 import numpy as np
 import pytest
@@ -21,14 +21,14 @@ SIGMA = np.array([ENCODER_SD] * 5 + [6e-3] * 2)
 
 
 def of_noise(sigma_rad: np.ndarray):
-    """Errors of readings with independent noise (n,), and nothing else that is not exact."""
+    """Errors of readings with independent noise (n,) and no other error."""
     return lambda q_rad: ErrorModel(joint_variance=np.broadcast_to(sigma_rad**2, q_rad.shape))
 
 
 def known(task: PlanningTask, x: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Information of captured poses `q` (c, n) and of what files state."""
-    none = close_loops(task.model, x, q[:0])
-    return information_of(task, x, q, none.q, none.u)[0]
+    no_candidates = close_loops(task.model, x, q[:0])
+    return information_of(task, x, q, no_candidates.q, no_candidates.u)[0]
 
 
 def paper_ranges() -> Ranges:
@@ -70,6 +70,6 @@ def task(loop):
 
 
 @pytest.fixture(scope="session")
-def told(loop, x, region):
+def pose_data(loop, x, region):
     errors = of_noise(SIGMA)(region.q)
     return pose_information(loop, x, region.q, region.q, region.u, errors)

@@ -20,10 +20,10 @@ def task(task):
     return replace(task, candidates=250)
 
 
-def at_plan(
+def planned_campaign(
     task: PlanningTask, x, captured: Sequence[np.ndarray] = (), taken: int = 0, **settings
 ) -> Campaign:
-    """A campaign whose interim calibration knows the truth, of which some poses were taken before."""
+    """A campaign whose interim calibration is the truth, with some poses captured before."""
     known = InterimEstimate(x=x, covariance=np.eye(14) * 1e-12, trusted=True, text="known")
     return Campaign(
         task=task,
@@ -35,10 +35,10 @@ def at_plan(
     )
 
 
-def drive(campaign: Campaign, task, x, *, stop_planned: int = 0):
-    """Carry out what is proposed on the exact loop; the first planned moves can be stopped half-way."""
-    held = np.ones(7)
-    held[[0, 4]] = 0.0
+def carry_out(campaign: Campaign, task, x, *, stop_planned: int = 0):
+    """Carry out all proposals on the exact loop; stop the first planned moves half-way."""
+    free = np.ones(7)
+    free[[0, 4]] = 0.0
     q, actions = HOME.copy(), []
     while not actions or isinstance(actions[-1], GoTo | Capture):
         action = campaign.propose()
@@ -55,61 +55,60 @@ def drive(campaign: Campaign, task, x, *, stop_planned: int = 0):
             goal = np.array([action.targets_rad.get(j, q[j - 1]) for j in (1, 5)])
             for part in np.linspace(0.0, share, 12)[1:]:
                 q[[0, 4]] = start + part * (goal - start)
-                q = close_loops(task.model, x, q[None, :], sigma_rad=held).q[0]
+                q = close_loops(task.model, x, q[None, :], sigma_rad=free).q[0]
             campaign.observe(q, stopped)
     return actions
 
 
 @pytest.mark.campaign
-def test_precision_asked_for_ends_it_early(task, x):
-    campaign = at_plan(task, x, poses=12, requested={"theta_off_1": 1e-3, "a_0": 1e-3})
-    actions = drive(campaign, task, x)
+def test_campaign_ends_early_at_the_requested_precision(task, x):
+    campaign = planned_campaign(task, x, poses=12, requested={"theta_off_1": 1e-3, "a_0": 1e-3})
+    actions = carry_out(campaign, task, x)
     assert actions[-1].complete
     assert "as well as requested" in actions[-1].text
     assert len(campaign.readings_rad) < 12
 
 
 @pytest.mark.campaign
-def test_precision_out_of_reach_is_said(task, x):
-    campaign = at_plan(task, x, poses=3, requested={"alpha_0": 1e-9})
-    actions = drive(campaign, task, x)
+def test_unreachable_precision_is_reported(task, x):
+    campaign = planned_campaign(task, x, poses=3, requested={"alpha_0": 1e-9})
+    actions = carry_out(campaign, task, x)
     assert actions[-1].text.startswith("all 3 planned poses are taken; alpha_0")
     assert actions[-1].weak[0].name == "alpha_0"
 
 
 @pytest.mark.campaign
-def test_stopped_move_is_taken_back_and_planned_round(task, x):
-    campaign = at_plan(task, x, poses=3)
-    actions = drive(campaign, task, x, stop_planned=1)
-    whys = [a.why for a in actions if isinstance(a, GoTo)]
-    assert any("(an obstacle)" in why for why in whys)
+def test_stopped_move_is_reversed_and_avoided(task, x):
+    campaign = planned_campaign(task, x, poses=3)
+    actions = carry_out(campaign, task, x, stop_planned=1)
+    reasons = [a.why for a in actions if isinstance(a, GoTo)]
+    assert any("(an obstacle)" in reason for reason in reasons)
     assert actions[-1].complete
 
 
 @pytest.mark.campaign
-def test_stopped_again_and_again_gives_up(task, x):
-    campaign = at_plan(task, x, poses=3)
-    actions = drive(campaign, task, x, stop_planned=99)
+def test_campaign_fails_after_repeated_stops(task, x):
+    campaign = planned_campaign(task, x, poses=3)
+    actions = carry_out(campaign, task, x, stop_planned=99)
     assert not actions[-1].complete
     assert actions[-1].text.endswith("repeatedly: an obstacle")
 
 
 @pytest.mark.campaign
-def test_goes_on_from_poses_taken_before_without_exploring_again(task, x):
-    first = at_plan(task, x, poses=3)
-    drive(first, task, x)
+def test_campaign_continues_from_captured_poses(task, x):
+    first = planned_campaign(task, x, poses=3)
+    carry_out(first, task, x)
     taken = first.readings_rad[:-2]
-    again = at_plan(task, x, taken, 1, poses=3)
-    assert np.array_equal(again.at_rad, HOME)
-    actions = drive(again, task, x)
+    continued = planned_campaign(task, x, taken, 1, poses=3)
+    assert np.array_equal(continued.at_rad, HOME)
+    actions = carry_out(continued, task, x)
     assert [a.planned for a in actions if isinstance(a, Capture)] == [True, True]
-    assert np.array_equal(again.readings_rad[: len(taken)], taken)
+    assert np.array_equal(continued.readings_rad[: len(taken)], taken)
     assert actions[-1].complete
-    # All were taken before: nothing is left to do.
-    assert at_plan(task, x, first.readings_rad, 3, poses=3).propose().complete
+    assert planned_campaign(task, x, first.readings_rad, 3, poses=3).propose().complete
 
 
-def test_wrong_reports_are_wrong_calls(task):
+def test_observation_without_a_proposal_is_rejected(task):
     campaign = Campaign(task=task, start_rad=HOME, poses=1)
     with pytest.raises(ValueError, match="no move"):
         campaign.observe(HOME)
@@ -118,28 +117,28 @@ def test_wrong_reports_are_wrong_calls(task):
         campaign.captured(HOME)
 
 
-def test_interim_calibration_of_a_giving_fixture_is_not_overconfident(loop, x):
+def test_interim_sigmas_include_fixture_compliance(loop, x):
     simulation = Simulation(poses=14, flexure_m=2e-3, flexure_rad=3e-3, wrist_sd=6e-3)
-    found = implicit_interim(loop, NoiseModel(joint_variance=SIGMA**2))(simulation.readings(3))
-    assert found.trusted
-    pull = np.abs(found.x - nominal_vector(loop.parameters)) / np.sqrt(np.diag(found.covariance))
-    assert pull.max() < 6.0
+    estimate = implicit_interim(loop, NoiseModel(joint_variance=SIGMA**2))(simulation.readings(3))
+    assert estimate.trusted
+    deviation = np.abs(estimate.x - nominal_vector(loop.parameters)) / np.sqrt(np.diag(estimate.covariance))
+    assert deviation.max() < 6.0
 
 
-def test_watch_names_the_joint_and_the_reason():
+def test_path_watch_names_joint_and_reason():
     ranges = paper_ranges()
     trace = HOME + np.linspace(0.0, 0.2, 5)[:, None] * np.array([1.0, 1, 1, 0, 1, 1, 1])
     watch = path_watch(trace, np.deg2rad(5.0), ranges)
     assert watch(trace[2]) is None
-    off = trace[2].copy()
-    off[3] += np.deg2rad(8.0)
-    assert watch(off) == "joint 4 is 8.0 deg from its predicted angle"
-    out = HOME.copy()
-    out[2] = ranges.upper_rad[2] + 0.01
-    assert watch(out) == "joint 3 came close to the end of its range"
+    deviating = trace[2].copy()
+    deviating[3] += np.deg2rad(8.0)
+    assert watch(deviating) == "joint 4 is 8.0 deg from its predicted angle"
+    out_of_range = HOME.copy()
+    out_of_range[2] = ranges.upper_rad[2] + 0.01
+    assert watch(out_of_range) == "joint 3 came close to the end of its range"
 
 
-def test_watch_lets_a_joint_leave_the_end_of_its_range():
+def test_path_watch_allows_leaving_the_end_of_a_range():
     ranges = paper_ranges()
     q = HOME.copy()
     q[5] = ranges.lower_rad[5] - 0.01

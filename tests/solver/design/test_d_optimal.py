@@ -27,24 +27,23 @@ def efficiency(first: float, second: float, parameters: int) -> float:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_exchange_is_as_good_as_exhaustive_search(seed):
+def test_exchange_is_near_exhaustive_search(seed):
     root = np.random.default_rng(seed).normal(size=(16, 2, 6))
     best = exhaustive(root, 5)
-    # In determinant terms, which is far stricter than 1 % of the logarithm.
     assert efficiency(value(root, choose_poses(root, 5)), best, 6) > 0.99
 
 
-def test_captured_poses_are_taken_into_account():
+def test_choice_depends_on_captured_poses():
     rng = np.random.default_rng(1)
     root = rng.normal(size=(15, 2, 6))
-    # What is known already: everything but the last two parameters.
+    # All but the last two parameters are known.
     fixed = np.diag([1e4] * 4 + [0.0] * 2)
     chosen = choose_poses(root, 3, fixed=fixed)
     assert value(root, chosen, fixed) == pytest.approx(exhaustive(root, 3, fixed), abs=0.03)
     assert set(chosen) != set(choose_poses(root, 3))
 
 
-def test_gain_is_the_change_of_the_determinant():
+def test_gain_is_the_change_of_the_log_determinant():
     rng = np.random.default_rng(2)
     root = rng.normal(size=(40, 3, 5))
     M = np.cov(rng.normal(size=(5, 30)))
@@ -54,44 +53,43 @@ def test_gain_is_the_change_of_the_determinant():
 
 def with_effects(parameters: int, effects: int, seed: int = 0) -> np.ndarray:
     root = np.random.default_rng(seed).normal(size=(16, 2, parameters + effects))
-    # Half of the candidates know the parameters better, and cannot tell them from the effects.
+    # Half of the candidates are more sensitive to the parameters, but confound them with the effects.
     root[:8, :, :parameters] = 3.0 * root[:8, :, parameters : 2 * parameters]
     root[:8, :, parameters : 2 * parameters] *= 30.0
     return root
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_what_effects_gain_does_not_count(seed):
+def test_choice_ignores_information_of_effects(seed):
     P, K = 3, 4
     root = with_effects(P, K, seed)
-    covered = {}
+    log_det_of_parameters = {}
     for chosen in combinations(range(16), 4):
         rows = root[list(chosen)].reshape(-1, P + K)
         joint = np.linalg.inv(rows.T @ rows + np.diag([0.0] * P + [1.0] * K))
-        covered[chosen] = -np.linalg.slogdet(joint[:P, :P])[1]
+        log_det_of_parameters[chosen] = -np.linalg.slogdet(joint[:P, :P])[1]
     chosen = choose_poses(root, 4, parameters=P)
-    assert efficiency(covered[tuple(sorted(chosen))], max(covered.values()), P) > 0.99
+    assert efficiency(log_det_of_parameters[tuple(sorted(chosen))], max(log_det_of_parameters.values()), P) > 0.99
     assert set(chosen) != set(choose_poses(root[..., :P], 4))
 
 
-def test_scaling_a_parameter_changes_nothing(told):
-    units = np.geomspace(1e-3, 1e3, len(told.parameters))
-    assert choose_poses(told.root * units, 8) == choose_poses(told.root, 8)
+def test_choice_is_independent_of_units(pose_data):
+    units = np.geomspace(1e-3, 1e3, len(pose_data.parameters))
+    assert choose_poses(pose_data.root * units, 8) == choose_poses(pose_data.root, 8)
 
 
-def test_poses_keep_apart_when_asked(region, told):
-    design = choose_poses(told.root, 12, q=region.q, apart_rad=0.3)
-    q = region.q[list(design)]
-    gaps = np.linalg.norm(q[:, None] - q[None], axis=-1)[~np.eye(12, dtype=bool)]
-    assert gaps.min() >= 0.3
-    close = choose_poses(told.root, 12)
-    q = region.q[list(close)]
-    assert np.linalg.norm(q[:, None] - q[None], axis=-1)[~np.eye(12, dtype=bool)].min() < 0.3
+def test_chosen_poses_have_the_requested_distance(region, pose_data):
+    def smallest_gap(chosen: tuple[int, ...]) -> float:
+        q = region.q[list(chosen)]
+        return np.linalg.norm(q[:, None] - q[None], axis=-1)[~np.eye(12, dtype=bool)].min()
+
+    assert smallest_gap(choose_poses(pose_data.root, 12, q=region.q, apart_rad=0.3)) >= 0.3
+    assert smallest_gap(choose_poses(pose_data.root, 12)) < 0.3
 
 
-def test_only_allowed_poses_are_chosen(told):
-    allowed = np.zeros(len(told.root), dtype=bool)
+def test_only_allowed_poses_are_chosen(pose_data):
+    allowed = np.zeros(len(pose_data.root), dtype=bool)
     allowed[::7] = True
-    assert set(choose_poses(told.root, 9, allowed=allowed)) <= set(np.flatnonzero(allowed))
+    assert set(choose_poses(pose_data.root, 9, allowed=allowed)) <= set(np.flatnonzero(allowed))
     with pytest.raises(ValueError, match="9 poses requested, but there are only 0"):
-        choose_poses(told.root, 9, allowed=np.zeros(len(told.root), dtype=bool))
+        choose_poses(pose_data.root, 9, allowed=np.zeros(len(pose_data.root), dtype=bool))

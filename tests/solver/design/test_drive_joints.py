@@ -9,7 +9,7 @@ from tests.oracles.loop_oracle import closure_rates, paper_truth
 TRUTH = paper_truth()
 
 
-def test_region_prefers_the_pair_that_reaches_most(loop, region):
+def test_pair_with_the_largest_reach_is_first(loop, region):
     ranked = rank_over_region(loop, region)
     assert len(ranked) == 21
     assert ranked[0].drives == (1, 5)
@@ -17,45 +17,45 @@ def test_region_prefers_the_pair_that_reaches_most(loop, region):
     assert "reaches" in ranked[0].reasons[0]
 
 
-def test_leverage_vanishes_with_the_passive_jacobian(loop, x, region):
-    """At a fold of a pair both measures go to zero together (oracle: complex-step Jacobian)."""
+def test_leverage_vanishes_with_the_passive_singular_value(loop, x, region):
+    """At a singularity of a pair both are small (oracle: complex-step Jacobian)."""
     motion = chain_motion(loop, x, region.q, region.u)
     angles = np.concatenate((region.u[:, :1], region.q), axis=1)
     J, _ = closure_rates(TRUTH, angles, ())
     passive = [0, 1, 2, 3, 4, 5]
     smallest = np.linalg.svd(J[:, :, passive], compute_uv=False)[:, -1]
     leverage = motion.leverage((6, 7))
-    folded, open_ = leverage < 0.02, leverage > 0.3
-    assert folded.sum() > 3
-    assert smallest[folded].max() < 0.3 * np.median(smallest[open_])
+    singular, regular = leverage < 0.02, leverage > 0.3
+    assert singular.sum() > 3
+    assert smallest[singular].max() < 0.3 * np.median(smallest[regular])
     assert motion.passive_conditioning((6, 7)) == pytest.approx(smallest, abs=1e-6)
 
 
-def test_pair_at_a_fold_is_refused_in_words(loop, x, region):
-    folded = int(np.argmin(region.motion.leverage((6, 7))))
-    ranked = {r.drives: r for r in rank_at_pose(loop, x, region.q[folded])}
+def test_singular_pair_is_not_usable(loop, x, region):
+    singular = int(np.argmin(region.motion.leverage((6, 7))))
+    ranked = {r.drives: r for r in rank_at_pose(loop, x, region.q[singular])}
     assert not ranked[6, 7].usable
     assert "singular" in ranked[6, 7].reasons[0]
 
 
-def measured_trial(loop, x, q, drives, size=0.02) -> DriveTrial:
-    """What the arm would do: drives moved one at a time, the rest by closing the loop."""
+def simulate_trial(loop, x, q, drives, size=0.02) -> DriveTrial:
+    """Trial of an exact arm: one drive moved at a time, the other joints by closing the loop."""
     commanded, moved = [], []
-    held = np.ones(7)
-    held[[j - 1 for j in drives]] = 0.0
+    free = np.ones(7)
+    free[[j - 1 for j in drives]] = 0.0
     for k, joint in enumerate(drives):
         for sign in (1.0, -1.0):
             start = q[None, :].copy()
             start[0, joint - 1] += sign * size
             commanded.append(sign * size * np.eye(len(drives))[k])
-            moved.append(close_loops(loop, x, start, sigma_rad=held).q[0] - q)
+            moved.append(close_loops(loop, x, start, sigma_rad=free).q[0] - q)
     return DriveTrial(drives=drives, commanded_rad=np.array(commanded), moved_rad=np.array(moved))
 
 
-def test_trial_agrees_with_prediction(loop, x, region):
+def test_ranking_by_trial_agrees_with_prediction(loop, x, region):
     q = region.q[0]
     pairs = [(1, 5), (2, 5), (5, 7), (3, 6), (1, 4)]
-    by_trial = rank_by_trial([measured_trial(loop, x, q, pair) for pair in pairs])
+    by_trial = rank_by_trial([simulate_trial(loop, x, q, pair) for pair in pairs])
     predicted = {r.drives: r for r in rank_at_pose(loop, x, q)}
     for trial in by_trial:
         assert trial.fastest_passive == pytest.approx(
@@ -65,15 +65,15 @@ def test_trial_agrees_with_prediction(loop, x, region):
     assert by_trial[0].drives in expected[:2]
 
 
-def test_trial_that_stopped_ranks_last_and_says_why():
-    still = np.zeros((2, 7))
-    still[0, 0] = still[1, 1] = 0.02
-    good = np.full((2, 7), 0.01) + still
-    stuck = DriveTrial(drives=(1, 2), commanded_rad=np.eye(2) * 0.02, moved_rad=0.1 * still)
+def test_stopped_trial_ranks_last_with_its_reason():
+    passive_at_rest = np.zeros((2, 7))
+    passive_at_rest[0, 0] = passive_at_rest[1, 1] = 0.02
+    all_joints_move = np.full((2, 7), 0.01) + passive_at_rest
+    stuck = DriveTrial(drives=(1, 2), commanded_rad=np.eye(2) * 0.02, moved_rad=0.1 * passive_at_rest)
     tripped = DriveTrial(
-        drives=(1, 2), commanded_rad=np.eye(2) * 0.02, moved_rad=good, stopped="excess torque"
+        drives=(1, 2), commanded_rad=np.eye(2) * 0.02, moved_rad=all_joints_move, stopped="excess torque"
     )
-    fine = DriveTrial(drives=(1, 2), commanded_rad=np.eye(2) * 0.02, moved_rad=good)
+    fine = DriveTrial(drives=(1, 2), commanded_rad=np.eye(2) * 0.02, moved_rad=all_joints_move)
     ranked = rank_by_trial([stuck, tripped, fine])
     assert ranked[0].usable
     assert {r.reasons[0] for r in ranked[1:]} == {
@@ -81,4 +81,4 @@ def test_trial_that_stopped_ranks_last_and_says_why():
         "the trial stopped: a drive moved only 10% of its commanded angle",
     }
     with pytest.raises(ValueError, match="each drive"):
-        rank_by_trial([DriveTrial(drives=(1, 2), commanded_rad=np.ones((2, 2)), moved_rad=good)])
+        rank_by_trial([DriveTrial(drives=(1, 2), commanded_rad=np.ones((2, 2)), moved_rad=all_joints_move)])

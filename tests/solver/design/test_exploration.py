@@ -14,12 +14,12 @@ DRIVES = (1, 5)
 
 
 class ClosedChain:
-    """The true loop with two joints driven: what an arm would read. The explorer never sees it."""
+    """The true loop with some joints driven: its readings are an exact arm's."""
 
     def __init__(self, loop, x, drives: tuple[int, ...] = DRIVES, home=HOME) -> None:
         self.loop, self.x = loop, x
-        self.held = np.ones(7)
-        self.held[[j - 1 for j in drives]] = 0.0
+        self.free = np.ones(7)
+        self.free[[j - 1 for j in drives]] = 0.0
         pose = close_loops(loop, x, home[None, :])
         self.q, self.u = pose.q, pose.u
 
@@ -29,34 +29,34 @@ class ClosedChain:
             self.q[0, [j - 1 for j in targets]] = [
                 start[j - 1] + share * (v - start[j - 1]) for j, v in targets.items()
             ]
-            pose = close_loops(self.loop, self.x, self.q, u=self.u, sigma_rad=self.held)
+            pose = close_loops(self.loop, self.x, self.q, u=self.u, sigma_rad=self.free)
             assert pose.closed[0]
             self.q, self.u = pose.q, pose.u
         return self.q[0].copy()
 
 
-def explore(explorer: Explorer, chain: ClosedChain, most: int = 500):
-    """Every reading, and those worth capturing."""
-    seen, captured = [], []
-    for _ in range(most):
+def explore(explorer: Explorer, chain: ClosedChain, limit: int = 500):
+    """All readings, and those of proposed captures."""
+    readings, captured = [], []
+    for _ in range(limit):
         if not (proposed := explorer.propose()):
             break
         step, *capture = proposed
         q = chain.move(dict(step.targets_rad))
         explorer.observe(q)
-        seen.append(q)
+        readings.append(q)
         captured += [q] * len(capture)
-    return np.array(seen), np.array(captured)
+    return np.array(readings), np.array(captured)
 
 
-def test_explores_inside_ranges_and_comes_home(loop, x):
+def test_exploration_stays_in_range_and_returns_home(loop, x):
     ranges = paper_ranges()
     explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=ranges)
-    seen, captured = explore(explorer, ClosedChain(loop, x))
+    readings, captured = explore(explorer, ClosedChain(loop, x))
     assert not explorer.failure
     assert explorer.propose() == ()
-    assert ranges.clearance(seen).min() > np.deg2rad(3.0)
-    assert seen[-1] == pytest.approx(HOME, abs=1e-4)
+    assert ranges.clearance(readings).min() > np.deg2rad(3.0)
+    assert readings[-1] == pytest.approx(HOME, abs=1e-4)
     assert len(captured) >= 8
     spans = np.ptp(captured, axis=0)
     assert spans[[0, 4]].min() > np.deg2rad(25.0)
@@ -64,35 +64,35 @@ def test_explores_inside_ranges_and_comes_home(loop, x):
 
 
 @pytest.mark.campaign
-def test_steps_are_small(loop, x):
+def test_steps_are_limited(loop, x):
     chain = ClosedChain(loop, x)
     explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=paper_ranges())
     before = HOME
     while proposed := explorer.propose():
         step = proposed[0]
-        asked = np.array([step.targets_rad[j] - before[j - 1] for j in DRIVES])
+        step_rad = np.array([step.targets_rad[j] - before[j - 1] for j in DRIVES])
         if "back" not in step.why:
-            assert np.abs(asked).max() <= RAY_STEP_RAD + 1e-9
+            assert np.abs(step_rad).max() <= RAY_STEP_RAD + 1e-9
         before = chain.move(dict(step.targets_rad))
         explorer.observe(before)
 
 
-def test_turns_back_before_a_tight_range(loop, x):
-    """Joint 7 may move 12 degrees only: readings alone must keep it inside."""
+def test_ray_ends_before_a_narrow_range(loop, x):
+    """Joint 7 has a range of +-12 deg; the explorer knows only its readings."""
     wide = paper_ranges()
     lower, upper = wide.lower_rad.copy(), wide.upper_rad.copy()
     lower[6], upper[6] = HOME[6] - np.deg2rad(12.0), HOME[6] + np.deg2rad(12.0)
-    tight = Ranges(lower_rad=lower, upper_rad=upper)
-    explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=tight)
-    seen, _ = explore(explorer, ClosedChain(loop, x))
-    assert tight.clearance(seen).min() > 0.0
+    narrow = Ranges(lower_rad=lower, upper_rad=upper)
+    explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=narrow)
+    readings, _ = explore(explorer, ClosedChain(loop, x))
+    assert narrow.clearance(readings).min() > 0.0
     assert any("joint 7" in ray.ended for ray in explorer.rays)
 
 
-def test_turns_back_before_a_fold_two_steps_away(loop):
-    """A hinge tilted by 7 deg: joint 2 moves 1.8, then 2.1 times as far as joint 1; the loop ends in the third step.
+def test_ray_ends_before_a_singularity_two_steps_away(loop):
+    """A hinge tilted by 7 deg: joint 2 moves 1.8, then 2.1 times as far as joint 1; the loop opens in the third step.
 
-    The virtual arm had tripped there for excess torque: the mean rate over the step, 2.4, was within its limit.
+    The virtual arm tripped there with excess torque: the mean rate over the step, 2.4, was within its limit.
     """
     table = loop.table.stacked().copy()
     table[0, 1:] = np.deg2rad([0.8787, -120.0, -20.0, -10.0, 30.0, 120.0, 85.1972])
@@ -108,22 +108,22 @@ def test_turns_back_before_a_fold_two_steps_away(loop):
     assert len(captured) >= 8
 
 
-def test_a_stop_ends_the_ray_and_it_goes_back(loop, x):
+def test_stopped_move_ends_the_ray_and_returns(loop, x):
     explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=paper_ranges())
     chain = ClosedChain(loop, x)
     while len(proposed := explorer.propose()) == 1:
         explorer.observe(chain.move(dict(proposed[0].targets_rad)))
     step = proposed[0]
     explorer.observe(chain.move(dict(step.targets_rad)), stopped="joint 3 needs too much torque")
-    (back,) = explorer.propose()
-    assert back.targets_rad == pytest.approx({1: HOME[0], 5: HOME[4]})
-    assert "torque" in back.why
-    explorer.observe(chain.move(dict(back.targets_rad)))
+    (return_move,) = explorer.propose()
+    assert return_move.targets_rad == pytest.approx({1: HOME[0], 5: HOME[4]})
+    assert "torque" in return_move.why
+    explorer.observe(chain.move(dict(return_move.targets_rad)))
     assert "joint 3 needs too much torque" in [ray.ended for ray in explorer.rays]
     assert explorer.propose()
 
 
-def test_gives_up_when_the_arm_does_not_come_back():
+def test_exploration_fails_when_the_arm_does_not_return():
     explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=paper_ranges())
     (step,) = explorer.propose()
     away = HOME.copy()
@@ -136,20 +136,20 @@ def test_gives_up_when_the_arm_does_not_come_back():
     assert "does not return to the start" in explorer.failure
 
 
-def test_observing_nothing_is_a_wrong_call():
+def test_observation_without_a_proposal_is_rejected():
     explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=paper_ranges())
     with pytest.raises(ValueError, match="nothing was proposed"):
         explorer.observe(HOME)
 
 
-def test_one_drive_alone_gives_poses_enough_to_calibrate(loop, x):
-    """A rigid mount leaves one freedom and two rays: of every third step of them there were two poses."""
+def test_one_drive_gives_enough_poses_to_calibrate(loop, x):
+    """A rigid mount leaves one degree of freedom and two rays."""
     offsets = np.array(loop.table.theta_off_rad)
     offsets[0] = close_loops(loop, x, HOME[None, :]).u[0, 0]
     rigid = replace(loop, table=replace(loop.table, theta_off_rad=offsets), hinge=False)
     explorer = Explorer(start_rad=HOME, drives=(2,), ranges=paper_ranges())
-    seen, captured = explore(explorer, ClosedChain(rigid, x, (2,)))
+    readings, captured = explore(explorer, ClosedChain(rigid, x, (2,)))
     assert not explorer.failure
-    assert seen[-1] == pytest.approx(HOME, abs=1e-4)
+    assert readings[-1] == pytest.approx(HOME, abs=1e-4)
     assert len(captured) >= 5
     assert np.abs(np.diff(np.sort(captured[:, 1]))).min() > np.deg2rad(2.0), "no pose twice"

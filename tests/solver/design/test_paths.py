@@ -17,20 +17,20 @@ def graph(region):
 
 
 @pytest.fixture(scope="module")
-def alone(region):
-    """Poses that joints 1 and 5 reach alone."""
+def reached_by_first_pair(region):
+    """Poses that joints 1 and 5 reach without a change of drives."""
     return PathGraph(region, [(1, 5)], LIMITS).reachable(0)
 
 
-def far_poses(alone: np.ndarray, count: int) -> list[int]:
-    reached = np.flatnonzero(alone)
+def far_poses(reached_by_first_pair: np.ndarray, count: int) -> list[int]:
+    reached = np.flatnonzero(reached_by_first_pair)
     return [int(k) for k in np.random.default_rng(0).choice(reached, count, replace=False)]
 
 
-def test_routes_arrive_inside_ranges_with_closed_loops(graph, alone, loop, x, ranges):
-    here, drives = 0, (1, 5)
-    for target in far_poses(alone, 12):
-        route = graph.route(loop, x, ranges, source=here, target=target, drives=drives)
+def test_routes_arrive_in_range_with_closed_loops(graph, reached_by_first_pair, loop, x, ranges):
+    position, drives = 0, (1, 5)
+    for target in far_poses(reached_by_first_pair, 12):
+        route = graph.route(loop, x, ranges, source=position, target=target, drives=drives)
         assert route is not None
         assert route[-1].waypoints_rad[-1] == pytest.approx(graph.manifold.q[target], abs=1e-6)
         for leg in route:
@@ -39,33 +39,33 @@ def test_routes_arrive_inside_ranges_with_closed_loops(graph, alone, loop, x, ra
             angles = np.concatenate((u[:, :1], leg.trace_rad), axis=1)
             assert np.abs(closure(TRUTH, angles)).max() < 1e-7
             assert np.abs(np.diff(leg.trace_rad, axis=0)).max() < 0.3
-        here, drives = target, route[-1].drives
+        position, drives = target, route[-1].drives
 
 
-def test_drives_go_straight_on_every_move(graph, alone, loop, x, ranges):
-    (target,) = far_poses(alone, 1)
+def test_drives_move_in_straight_lines(graph, reached_by_first_pair, loop, x, ranges):
+    (target,) = far_poses(reached_by_first_pair, 1)
     route = graph.route(loop, x, ranges, source=0, target=target, drives=(1, 5))
     leg = route[0]
     drives = leg.trace_rad[:, [j - 1 for j in leg.drives]]
     corners = np.concatenate((drives[:1], leg.waypoints_rad[:, [j - 1 for j in leg.drives]]))
     for point in drives:
-        away = min(
+        distance = min(
             np.linalg.norm(
                 point - (a + np.clip((point - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1) * (b - a))
             )
             for a, b in itertools.pairwise(corners)
         )
-        assert away < 1e-9
+        assert distance < 1e-9
 
 
-def test_route_changes_drives_when_it_must(graph, alone, loop, x, ranges):
-    only_both = np.flatnonzero(graph.reachable(0) & ~alone)
+def test_route_changes_drives_where_necessary(graph, reached_by_first_pair, loop, x, ranges):
+    only_both = np.flatnonzero(graph.reachable(0) & ~reached_by_first_pair)
     route = graph.route(loop, x, ranges, source=0, target=int(only_both[0]), drives=(1, 5))
     assert route is not None
     assert {leg.drives for leg in route} >= {(3, 5)}
 
 
-def test_no_route_out_of_an_island(region, loop, x, ranges):
+def test_no_route_leaves_an_isolated_pose(region, loop, x, ranges):
     allowed = np.zeros(region.size, dtype=bool)
     allowed[[0, region.size - 1]] = True
     graph = PathGraph(region, [(1, 5)], LIMITS, allowed=allowed)
@@ -74,9 +74,8 @@ def test_no_route_out_of_an_island(region, loop, x, ranges):
 
 
 @pytest.mark.campaign
-def test_line_into_a_fold_is_not_safe(loop, x, region, ranges):
-    # Driving joints 6 and 7 from the best posture for them outwards ends in a fold.
-    # (with room to the ends of the ranges: whether a pose lies at one is the sampling's luck).
+def test_line_into_a_singularity_is_not_safe(loop, x, region, ranges):
+    # Driving joints 6 and 7 outwards from their best pose, away from the ends of the ranges, ends in a singularity.
     room = ranges.clearance(region.q) > 0.1
     start = int(np.argmax(np.where(room, region.motion.leverage((6, 7)), 0.0)))
     q, u = region.q[start : start + 1], region.u[start : start + 1]
@@ -90,24 +89,21 @@ def test_line_into_a_fold_is_not_safe(loop, x, region, ranges):
     assert still.safe(ranges, MotionLimits(least_leverage=0.05, most_rate=20.0))[0]
 
 
-def test_tour_is_short():
+def test_visiting_order_is_near_the_shortest():
     rng = np.random.default_rng(5)
     points = rng.uniform(size=(9, 2))
     distances = np.linalg.norm(points[:, None] - points[None], axis=-1)
 
     def length(order) -> float:
-        path = [0, *order]
-        return sum(distances[a, b] for a, b in itertools.pairwise(path))
+        return sum(distances[a, b] for a, b in itertools.pairwise([0, *order]))
 
-    from itertools import permutations
-
-    best = min(length(p) for p in permutations(range(1, 9)))
+    best = min(length(p) for p in itertools.permutations(range(1, 9)))
     order = visiting_order(distances)
     assert sorted(order) == list(range(1, 9))
     assert length(order) <= 1.15 * best
 
 
-def test_tour_ends_when_some_points_cannot_be_reached():
+def test_visiting_order_with_unreachable_points():
     rng = np.random.default_rng(6)
     points = rng.uniform(size=(12, 2))
     distances = np.linalg.norm(points[:, None] - points[None], axis=-1)
@@ -115,9 +111,9 @@ def test_tour_ends_when_some_points_cannot_be_reached():
     assert sorted(visiting_order(distances)) == list(range(1, 12))
 
 
-def test_distances_count_poses_that_only_another_pair_reaches(graph, alone):
-    only_both = np.flatnonzero(graph.reachable(0) & ~alone)[:5]
-    points = [0, *far_poses(alone, 3), *(int(k) for k in only_both)]
+def test_distances_include_poses_of_another_drive_pair(graph, reached_by_first_pair):
+    only_both = np.flatnonzero(graph.reachable(0) & ~reached_by_first_pair)[:5]
+    points = [0, *far_poses(reached_by_first_pair, 3), *(int(k) for k in only_both)]
     distances = graph.distances(points)
     assert np.isfinite(distances).all()
     assert distances == pytest.approx(distances.T)

@@ -8,32 +8,31 @@ from tests.solver.design.conftest import SIGMA, of_noise
 TRUTH = paper_truth()
 
 
-def test_agrees_with_the_oracle(loop, x, region, told):
+def assert_agrees(information: np.ndarray, expected: np.ndarray, tolerance: float) -> None:
+    sigma = np.sqrt(np.diag(expected))
+    scale = np.outer(sigma, sigma)
+    assert information / scale == pytest.approx(expected / scale, abs=tolerance)
+
+
+def test_information_agrees_with_the_oracle(region, pose_data):
     poses = [0, 5, 50, 200, 400, 700]
     angles = np.concatenate((region.u[poses], region.q[poses]), axis=1)
-    expected = information(TRUTH, angles, told.parameters, SIGMA**2)
-    scale = np.sqrt(np.diag(expected))
-    assert told.of(poses) / np.outer(scale, scale) == pytest.approx(
-        expected / np.outer(scale, scale), abs=1e-7
-    )
+    expected = information(TRUTH, angles, pose_data.parameters, SIGMA**2)
+    assert_agrees(pose_data.of(poses), expected, 1e-7)
 
 
-def test_unsensed_joints_tell_nothing_about_themselves_and_leave_the_rest(loop, x, region):
+def test_noisy_joints_count_as_unsensed(loop, x, region):
     poses = [0, 5, 50, 200, 400, 700, 900]
     q, sigma = region.q[poses], SIGMA.copy()
     sigma[5:] = 1.0
-    told = pose_information(loop, x, q, q, region.u[poses], of_noise(sigma)(q))
-    names = [n for n in told.parameters if n not in ("theta_off_6", "theta_off_7")]
-    mine = told.about(names).of(range(len(poses)))
+    data = pose_information(loop, x, q, q, region.u[poses], of_noise(sigma)(q))
+    names = [n for n in data.parameters if n not in ("theta_off_6", "theta_off_7")]
     angles = np.concatenate((region.u[poses], region.q[poses]), axis=1)
     expected = information(TRUTH, angles, names, SIGMA**2, unsensed=(6, 7))
-    scale = np.sqrt(np.diag(expected))
-    assert mine / np.outer(scale, scale) == pytest.approx(
-        expected / np.outer(scale, scale), abs=1e-4
-    )
+    assert_agrees(data.about(names).of(range(len(poses))), expected, 1e-4)
 
 
-def test_joints_without_noise_are_refused(loop, x, region):
+def test_joints_without_noise_are_rejected(loop, x, region):
     q = region.q[:2]
     with pytest.raises(ValueError, match="have no noise"):
         pose_information(loop, x, q, q, region.u[:2], of_noise(np.zeros(7))(q))

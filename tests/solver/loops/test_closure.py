@@ -1,4 +1,4 @@
-"""Loop closure, its elimination and its Jacobians: pinocchio, central differences."""
+"""Loop closure, elimination of the hinge angle and Jacobians against pinocchio and central differences."""
 
 import numpy as np
 import pinocchio as pin
@@ -13,8 +13,6 @@ from tests.solver.conftest import NAMES, loop_of
 
 HARD_ERRORS = (0.0, 1e-12, 1e-10, 1e-8, 1e-6, 0.9e-4, 1e-4, 1.1e-4, 1e-2, 0.3)
 ALL_ENTRIES = tuple(f"{kind}_{j}" for kind in ("theta_off", "s", "a", "alpha") for j in range(1, 8))
-
-
 TRUTH = paper_truth()
 CLOSED = closed_poses(TRUTH, np.random.default_rng(0), 8)
 U, Q = CLOSED[:, :1], CLOSED[:, 1:]
@@ -31,14 +29,14 @@ def central(f, x: np.ndarray, h: float = 1e-6) -> np.ndarray:
 
 
 @pytest.mark.parametrize("size", [0.0, 0.01, 0.3])
-def test_what_is_drawn_is_as_far_apart_as_the_loop_is_open(size):
+def test_drawn_gap_is_the_misclosure(size):
     model = loop_of(TRUTH)
     x = perturbed(model, size)
     pin_m, axis = model.fixture_axis(x)
     table = model.tables(x)
     for angles in CLOSED:
         points, hand_axis = model.drawn(x, angles[1:])
-        # Seen in frame 0: the hinge is before it, whatever its angle.
+        # In frame 0, which the hinge angle does not move.
         T = product(np.concatenate(([0.0], angles[1:])) + table[0], *table[1:])
         assert np.linalg.norm(points[-1] - pin_m) == pytest.approx(
             np.linalg.norm(T[:3, 3]), abs=1e-12
@@ -71,34 +69,32 @@ def test_loop_agrees_with_pinocchio(names, size):
 
 
 @pytest.mark.parametrize("size", HARD_ERRORS)
-def test_reduced_jacobian_by_central_differences(size):
+def test_reduced_jacobian_agrees_with_central_differences(size):
     model = loop_of(TRUTH)
     x = perturbed(model, size)
-    found = model.reduced(x, Q)
+    reduced = model.reduced(x, Q)
     expected = central(lambda y: model.reduced(y, Q).residual, x)
-    assert found.rotation_rows == 2
-    assert np.abs(expected - found.jac_x).max() < 1e-8
+    assert reduced.rotation_rows == 2
+    assert np.abs(expected - reduced.jac_x).max() < 1e-8
 
 
 @pytest.mark.parametrize("tilt", [3.0, np.pi - 1e-2, np.pi - 1e-3])
-def test_jacobians_hold_near_a_half_turn(tilt):
-    # A twist of the last link tips the hand almost over: the far end of both rotation charts.
+def test_jacobians_near_a_half_turn_agree_with_central_differences(tilt):
+    # A twist of the last link turns the tool almost over: the far end of both rotation charts.
     model = loop_of(TRUTH)
     x = TRUTH.values(NAMES)
     x[NAMES.index("alpha_7")] += tilt
-    whole, reduced = model.loop(x, Q, U), model.reduced(x, Q)
-    h = 1e-7
-    assert np.abs(central(lambda y: model.loop(y, Q, U).residual, x, h) - whole.jac_x).max() < 1e-4
-    assert (
-        np.abs(central(lambda y: model.reduced(y, Q).residual, x, h) - reduced.jac_x).max() < 1e-4
-    )
-    assert np.linalg.norm(reduced.residual[:, :2], axis=1) == pytest.approx(tilt, abs=1e-9)
+    for error in (lambda y: model.loop(y, Q, U), lambda y: model.reduced(y, Q)):
+        expected = central(lambda y, e=error: e(y).residual, x, 1e-7)
+        assert np.abs(expected - error(x).jac_x).max() < 1e-4
+    tilts = np.linalg.norm(model.reduced(x, Q).residual[:, :2], axis=1)
+    assert tilts == pytest.approx(tilt, abs=1e-9)
 
 
-def test_reduced_is_eq_10_to_13():
+def test_reduced_closure_is_equations_10_to_13():
     model = loop_of(TRUTH)
     x = perturbed(model, 1e-3)
-    found = model.reduced(x, Q)
+    reduced = model.reduced(x, Q)
     table = model.tables(x)
     oracle = PinocchioChain(8)
     for pose in range(len(Q)):
@@ -107,26 +103,26 @@ def test_reduced_is_eq_10_to_13():
         turn = np.arctan2(R_c[1, 0], R_c[0, 0])
         R_z = pin.utils.rotate("z", -turn)
         R, p = R_z @ R_c, R_z @ p_c
-        assert np.abs(found.residual[pose, 2:] - p).max() < 1e-13
+        assert np.abs(reduced.residual[pose, 2:] - p).max() < 1e-13
         # eq. 12 is the swing to first order
-        assert found.residual[pose, 0] == pytest.approx(-R[1, 2], abs=1e-7)
-        assert found.residual[pose, 1] == pytest.approx(R[0, 2], abs=1e-7)
-        assert found.unsensed[pose, 0] == pytest.approx(-turn, abs=1e-13)
+        assert reduced.residual[pose, 0] == pytest.approx(-R[1, 2], abs=1e-7)
+        assert reduced.residual[pose, 1] == pytest.approx(R[0, 2], abs=1e-7)
+        assert reduced.unsensed[pose, 0] == pytest.approx(-turn, abs=1e-13)
 
 
-def test_hinge_angle_of_closed_poses_is_found():
-    found = loop_of(TRUTH).initial_unsensed(TRUTH.values(NAMES), Q)
-    difference = (found - U + np.pi) % (2.0 * np.pi) - np.pi
+def test_initial_hinge_angle_of_closed_poses_is_exact():
+    angles = loop_of(TRUTH).initial_unsensed(TRUTH.values(NAMES), Q)
+    difference = (angles - U + np.pi) % (2.0 * np.pi) - np.pi
     assert np.abs(difference).max() < 1e-12
 
 
-def test_upside_down_hand_is_flagged_and_not_closed():
+def test_reversed_hinge_is_flagged_and_not_closed():
     model = loop_of(TRUTH)
     x = TRUTH.values(NAMES)
     x[NAMES.index("alpha_7")] += np.pi
-    found = model.reduced(x, Q)
-    assert found.flipped.all()
-    assert (np.linalg.norm(found.residual[:, :2], axis=1) > 3.0).all()
+    reduced = model.reduced(x, Q)
+    assert reduced.flipped.all()
+    assert (np.linalg.norm(reduced.residual[:, :2], axis=1) > 3.0).all()
     assert not model.reduced(TRUTH.values(NAMES), Q).flipped.any()
 
 
@@ -135,10 +131,14 @@ def test_poses_needed(parameters, rows, needed):
     assert poses_needed(parameters, rows) == needed
 
 
-def test_entries_must_exist_once_and_have_a_sensor():
-    with pytest.raises(ValueError, match="does not have"):
-        loop_of(TRUTH, names=("theta_off_9",))
-    with pytest.raises(ValueError, match="twice"):
-        loop_of(TRUTH, names=("a_0", "a_0"))
-    with pytest.raises(ValueError, match="not a D-H entry"):
-        loop_of(TRUTH, names=("gamma_1",))
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (("theta_off_9",), "does not have"),
+        (("a_0", "a_0"), "twice"),
+        (("gamma_1",), "not a D-H entry"),
+    ],
+)
+def test_invalid_entries_are_rejected(names, message):
+    with pytest.raises(ValueError, match=message):
+        loop_of(TRUTH, names=names)

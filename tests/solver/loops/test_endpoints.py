@@ -1,4 +1,4 @@
-"""Ball and measured endpoint against plain homogeneous matrices; hinge geometry into D-H entries."""
+"""Ball and measured endpoint against homogeneous matrices; D-H entries of a constrained frame."""
 
 from dataclasses import replace
 
@@ -13,17 +13,17 @@ from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.loops.endpoint_geometry import constrained_frame_entries
 from solver.loops.point import PointClosure
 from tests.contracts.planted import ball, measured
-from tests.oracles.loop_oracle import paper_truth, product
+from tests.oracles.loop_oracle import Truth, paper_truth, product
 from tests.solver.conftest import paper_arm
 
 
 def columns(seed: int) -> tuple[np.ndarray, ...]:
-    """theta_off, s, a, alpha of six links that are nobody's arm."""
+    """Random theta_off, s, a, alpha of six links."""
     rng = np.random.default_rng(seed)
     return tuple(rng.uniform(-1.0, 1.0, 6) for _ in range(4))
 
 
-def test_the_ball_is_where_the_matrices_put_it():
+def test_ball_position_agrees_with_matrices():
     off, s, a, alpha = columns(0)
     tip, ground = np.array([0.1, -0.2, 0.3]), np.array([0.4, 0.5, -0.6])
     model = PointClosure(
@@ -45,7 +45,7 @@ def test_the_ball_is_where_the_matrices_put_it():
     assert not axis.any()
 
 
-def test_the_measured_endpoint_is_where_the_matrices_put_it():
+def test_measured_endpoint_agrees_with_matrices():
     arm = paper_arm(paper_truth())
     fixture = measured(arm)
     model = fixture.model(arm)
@@ -53,26 +53,26 @@ def test_the_measured_endpoint_is_where_the_matrices_put_it():
     x = nominal_vector(model.parameters)
     t = arm.table
 
-    def pose(turn, place):
+    def pose(rotation_vector, position_m):
         T = np.eye(4)
-        T[:3, :3], T[:3, 3] = Rotation.from_rotvec(turn).as_matrix(), place
+        T[:3, :3], T[:3, 3] = Rotation.from_rotvec(rotation_vector).as_matrix(), position_m
         return T
 
-    whole = (
+    expected = (
         pose(fixture.base_turn_rad, fixture.base_m)
         @ product(q + t.theta_off_rad, t.s_m, t.a_m, t.alpha_rad)
         @ pose(fixture.tip_turn_rad, fixture.tip_m)
     )
     position, rotation = model.predicted(x, q)
-    np.testing.assert_allclose(position, whole[:, :3, 3], atol=1e-14)
-    np.testing.assert_allclose(rotation, whole[:, :3, :3], atol=1e-14)
-    bound = model.with_endpoints(position, rotation)
-    assert np.abs(bound.reduced(x, q).residual).max() < 1e-14
+    np.testing.assert_allclose(position, expected[:, :3, 3], atol=1e-14)
+    np.testing.assert_allclose(rotation, expected[:, :3, :3], atol=1e-14)
+    with_measurements = model.with_endpoints(position, rotation)
+    assert np.abs(with_measurements.reduced(x, q).residual).max() < 1e-14
 
 
 @pytest.mark.parametrize("full_pose", [True, False])
-def test_an_instrument_is_weighted_by_its_own_noise(full_pose):
-    """Joint noise and instrument noise of very different sizes: chi2 is right, so are the intervals."""
+def test_measurements_are_weighted_by_the_instruments_noise(full_pose):
+    """chi2 and standard deviations are right where joint noise is far below instrument noise."""
     arm = paper_arm(paper_truth())
     arm = replace(arm, free=entries([f"theta_off_{j}" for j in range(2, 7)]))
     fixture = replace(measured(arm), full_pose=full_pose, sigma_m=2e-4, sigma_rad=1e-3)
@@ -80,24 +80,24 @@ def test_an_instrument_is_weighted_by_its_own_noise(full_pose):
     model = fixture.model(arm)
     truth = nominal_vector(model.parameters) + rng.uniform(-0.02, 0.02, len(model.parameters))
     sigma = np.full(7, 5e-5)
-    chi2, off = [], []
+    chi2, deviations = [], []
     for _ in range(20):
         q = arm.home_rad + rng.uniform(-0.8, 0.8, (20, 7))
         position, rotation = model.predicted(truth, q)
         position = position + fixture.sigma_m * rng.normal(size=position.shape)
         jitter = rotation_matrix(fixture.sigma_rad * rng.normal(size=position.shape))
-        bound = model.with_endpoints(position, jitter @ rotation if full_pose else None)
+        with_measurements = model.with_endpoints(position, jitter @ rotation if full_pose else None)
         noise = NoiseModel(joint_variance=sigma**2, fixture_variance=fixture.endpoint_variance())
-        found = estimate_implicit(bound, q + sigma * rng.normal(size=q.shape), noise)
-        assert found.converged
-        chi2.append(found.chi2_per_dof)
-        off.append((found.x - truth) / found.standard_deviation)
+        estimate = estimate_implicit(with_measurements, q + sigma * rng.normal(size=q.shape), noise)
+        assert estimate.converged
+        chi2.append(estimate.chi2_per_dof)
+        deviations.append((estimate.x - truth) / estimate.standard_deviation)
     # 20 runs of some 46 or 103 degrees of freedom: four standard deviations of the mean.
-    assert abs(np.mean(chi2) - 1.0) < 4.0 * np.sqrt(2.0 / (20 * found.dof))
-    assert 0.85 < np.sqrt(np.mean(np.square(off))) < 1.15
+    assert abs(np.mean(chi2) - 1.0) < 4.0 * np.sqrt(2.0 / (20 * estimate.dof))
+    assert 0.85 < np.sqrt(np.mean(np.square(deviations))) < 1.15
 
 
-def test_measurements_go_with_their_poses():
+def test_measurements_follow_the_selected_poses():
     arm = paper_arm(paper_truth())
     model = measured(arm).model(arm)
     q = np.random.default_rng(4).uniform(-1.0, 1.0, (6, 7))
@@ -107,59 +107,49 @@ def test_measurements_go_with_their_poses():
     position, rotation = model.predicted(x, q)
     with pytest.raises(ValueError, match="orientations"):
         model.with_endpoints(position)
-    bound = model.with_endpoints(position, rotation)
+    with_measurements = model.with_endpoints(position, rotation)
     with pytest.raises(ValueError, match="5 poses for 6"):
-        bound.reduced(x, q[:5])
+        with_measurements.reduced(x, q[:5])
     picked = np.array([4, 0, 2])
-    assert np.abs(bound.at_poses(picked).reduced(x, q[picked]).residual).max() < 1e-14
-    assert np.abs(bound.at_poses(picked).reduced(x, q[:3]).residual).max() > 0.1
+    assert np.abs(with_measurements.at_poses(picked).reduced(x, q[picked]).residual).max() < 1e-14
+    assert np.abs(with_measurements.at_poses(picked).reduced(x, q[:3]).residual).max() > 0.1
 
 
-def test_a_ball_that_gives_is_weighted_in_metres():
-    """The fixture's variance is (rad, m): a model of positions only takes the metres."""
+def test_compliance_of_a_ball_is_a_variance_in_metres():
+    """The fixture's variance has rotations and positions; a model of positions uses the latter only."""
     arm = paper_arm(paper_truth())
     arm = replace(arm, free=entries([f"theta_off_{j}" for j in range(2, 7)]))
     model = ball(arm).model(arm)
     x = nominal_vector(model.parameters)
     rng = np.random.default_rng(5)
     q = arm.home_rad + rng.uniform(-0.7, 0.7, (40, 7))
-    give = 1e-3
-    # Every pose held by a socket of its own that is a little beside the common one.
-    target = model.ground_m + give * rng.normal(size=(40, 3))
+    deflection_m = 1e-3
+    # Each pose has its own socket, displaced from the common one.
+    target = model.ground_m + deflection_m * rng.normal(size=(40, 3))
     for _ in range(40):
         error = model.loop(x, q, np.zeros((40, 0)))
-        miss = model.tip_position(x, q) - target
-        q = q - (np.linalg.pinv(error.jac_q) @ miss[..., None])[..., 0]
+        misclosure = model.tip_position(x, q) - target
+        q = q - (np.linalg.pinv(error.jac_q) @ misclosure[..., None])[..., 0]
     assert np.abs(model.tip_position(x, q) - target).max() < 1e-12
     noise = NoiseModel(
         joint_variance=np.full(7, 1e-6**2),
-        fixture_variance=np.array([1.0, 1.0, 1.0, give**2, give**2, give**2]),
+        fixture_variance=np.array(
+            [1.0, 1.0, 1.0, deflection_m**2, deflection_m**2, deflection_m**2]
+        ),
     )
-    found = estimate_implicit(model, q, noise)
-    assert found.chi2_per_dof == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / found.dof))
+    estimate = estimate_implicit(model, q, noise)
+    assert estimate.chi2_per_dof == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / estimate.dof))
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_held_hand_becomes_the_entries_of_a_closed_loop(seed):
+def test_constrained_frame_entries_close_the_loop(seed):
     rng = np.random.default_rng(seed)
     off, s, a, alpha = columns(seed)
     q = rng.uniform(-3.0, 3.0, 6)
     off[0] = off[-1] = s[0] = s[-1] = a[-1] = alpha[-1] = 0.0
     T = product(q + off, s, a, alpha)
-    found = constrained_frame_entries(T[:3, :3], T[:3, 3], 6)
-    np.testing.assert_allclose(closed_loop(found, q, off, s, a, alpha), np.eye(4), atol=1e-11)
-
-
-def closed_loop(found, q, off, s, a, alpha) -> np.ndarray:
-    """A_0(0) A_1 ... A_n with the found entries put in, (4, 4)."""
-    table = {"theta_off": off.copy(), "s": s.copy(), "a": a.copy(), "alpha": alpha.copy()}
-    first = {name: [0.0] for name in table}
-    for name, value in found.items():
-        column, row = name.rsplit("_", 1)
-        if row == "0":
-            first[column] = [value]
-        else:
-            table[column][int(row) - 1] = value
-    whole = {name: np.concatenate((first[name], table[name])) for name in table}
-    angles = np.concatenate(([0.0], q)) + whole["theta_off"]
-    return product(angles, whole["s"], whole["a"], whole["alpha"])
+    entries_by_name = constrained_frame_entries(T[:3, :3], T[:3, 3], 6)
+    arm = Truth(*(np.append(0.0, column) for column in (off, s, a, alpha)), home=q)
+    loop = arm.with_values(entries_by_name.keys(), entries_by_name.values())
+    closed = product(np.append(0.0, q) + loop.theta_off, loop.s, loop.a, loop.alpha)
+    np.testing.assert_allclose(closed, np.eye(4), atol=1e-11)

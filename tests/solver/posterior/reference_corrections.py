@@ -1,4 +1,4 @@
-"""Corrections of `sarcal solve --json` in plain Python: a controller may carry this over. Angles in degrees."""
+"""Corrections of `sarcal solve --json` in plain Python, for porting to a controller. Angles in degrees."""
 
 from math import cos, hypot, radians, sin  # noqa: F401
 

@@ -1,4 +1,4 @@
-"""Corrections as data: the same by plain Python, and nearer to the truth than a table can be."""
+"""Corrections as data: agreement with plain Python, and their effect on the tool's position."""
 
 import numpy as np
 import pytest
@@ -8,37 +8,32 @@ from tests.solver.posterior.reference_corrections import corrected
 
 
 @pytest.fixture(scope="module")
-def made():
-    return sarcal.simulate(arm="sarcos_dextrous", fixture="hinge", poses=40, seed=0)
+def poses():
+    return sarcal.simulate(arm="sarcos_dextrous", fixture="hinge", poses=40, seed=0).poses
 
 
 @pytest.fixture(scope="module")
-def result(made):
-    return sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=made.poses)
+def result(poses):
+    return sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=poses)
 
 
-@pytest.fixture(scope="module")
-def solution(result):
-    return result._subject.solution
 
 
-def test_thirty_lines_without_a_library_give_the_same_readings(made, result, solution):
-    data = result.to_json()
+def test_plain_python_gives_the_same_corrected_readings(poses, result):
+    data, corrections = result.to_json(), result._subject.solution.corrections
     kinds = {c["kind"] for c in data["corrections"]}
     assert kinds == {"harmonic", "linearity", "gravity", "offset"}
     rng = np.random.default_rng(0)
-    for q in made.poses.q_rad[:5] + 0.1 * rng.normal(size=(5, 7)):
-        plain = corrected(np.rad2deg(q).tolist(), data["corrections"], data["corrections_dh"])
-        ours = np.rad2deg(q + solution.corrections.at(q))
-        np.testing.assert_allclose(plain, ours, rtol=0.0, atol=1e-9)
-    assert max(abs(np.rad2deg(solution.corrections.at(q)))) > 0.05
+    for q in poses.q_rad[:5] + 0.1 * rng.normal(size=(5, 7)):
+        expected = corrected(np.rad2deg(q).tolist(), data["corrections"], data["corrections_dh"])
+        by_solver = np.rad2deg(q + corrections.at(q))
+        np.testing.assert_allclose(expected, by_solver, rtol=0.0, atol=1e-9)
+    assert max(abs(np.rad2deg(corrections.at(q)))) > 0.05
 
 
-def test_the_whole_model_has_the_tool_where_parameters_and_corrections_have_it(
-    made, result, solution
-):
-    q = made.poses.q_rad
-    by_table, whole = (result.fk(q, corrections=c)[:, :3, 3] for c in (False, True))
-    apart = np.linalg.norm(by_table - whole, axis=1)
-    # What no table holds is in the table's own sigma.
-    assert 1e-5 < np.sqrt(np.mean(apart**2)) < 2.0 * solution.best.left_m
+def test_effect_of_corrections_is_within_the_best_table_sigma(poses, result):
+    by_table, with_corrections = (
+        result.fk(poses.q_rad, corrections=c)[:, :3, 3] for c in (False, True)
+    )
+    distance = np.linalg.norm(by_table - with_corrections, axis=1)
+    assert 1e-5 < np.sqrt(np.mean(distance**2)) < 2.0 * result._subject.solution.best.left_m

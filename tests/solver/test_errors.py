@@ -1,4 +1,4 @@
-"""Errors of the solver and of files keep class, words and attributes on their way between processes."""
+"""Errors of the solver and of files keep class, message and attributes when pickled."""
 
 import pickle
 
@@ -23,8 +23,8 @@ ERRORS = [
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda e: type(e).__name__)
-def test_an_error_is_the_same_after_a_journey(error):
-    arrived = pickle.loads(pickle.dumps(error))  # noqa: S301 - its own words
-    assert type(arrived) is type(error)
-    assert str(arrived) == str(error)
-    assert arrived.__dict__ == error.__dict__
+def test_pickled_error_is_equal(error):
+    unpickled = pickle.loads(pickle.dumps(error))  # noqa: S301 - pickled by this test
+    assert type(unpickled) is type(error)
+    assert str(unpickled) == str(error)
+    assert unpickled.__dict__ == error.__dict__

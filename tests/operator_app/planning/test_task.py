@@ -11,7 +11,7 @@ from solver.closing import close_loops
 from solver.design.plan import information_of, make_plan
 from solver.design.stop_rule import standard_deviations
 from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA
-from tests.solver.design.conftest import known, of_noise
+from tests.solver.design.conftest import information_of_captured_poses, of_noise
 
 POSES = 12
 
@@ -43,7 +43,7 @@ def planned_sigma(task, x, q: np.ndarray) -> np.ndarray:
 
 
 def captured_sigma(task, x, q: np.ndarray) -> np.ndarray:
-    return standard_deviations(known(task, x, q), len(x))
+    return standard_deviations(information_of_captured_poses(task, x, q), len(x))
 
 
 def test_plan_beats_a_plan_by_noise_alone(task, x, plan):
@@ -57,7 +57,7 @@ def test_plan_beats_a_plan_by_noise_alone(task, x, plan):
 
 def test_repeated_poses_narrow_sigmas_little(task, x, plan):
     def remaining_share(task) -> np.ndarray:
-        once = known(task, x, plan.poses_rad)
+        once = information_of_captured_poses(task, x, plan.poses_rad)
         return standard_deviations(100.0 * once, len(x)) / standard_deviations(once, len(x))
 
     assert np.median(remaining_share(task)) > 0.25

@@ -121,7 +121,9 @@ def test_interim_sigmas_include_fixture_compliance(loop, x):
     simulation = Simulation(poses=14, flexure_m=2e-3, flexure_rad=3e-3, wrist_sd=6e-3)
     estimate = implicit_interim(loop, NoiseModel(joint_variance=SIGMA**2))(simulation.readings(3))
     assert estimate.trusted
-    deviation = np.abs(estimate.x - nominal_vector(loop.parameters)) / np.sqrt(np.diag(estimate.covariance))
+    deviation = np.abs(estimate.x - nominal_vector(loop.parameters)) / np.sqrt(
+        np.diag(estimate.covariance)
+    )
     assert deviation.max() < 6.0
 
 

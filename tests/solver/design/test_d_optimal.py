@@ -69,7 +69,12 @@ def test_choice_ignores_information_of_effects(seed):
         joint = np.linalg.inv(rows.T @ rows + np.diag([0.0] * P + [1.0] * K))
         log_det_of_parameters[chosen] = -np.linalg.slogdet(joint[:P, :P])[1]
     chosen = choose_poses(root, 4, parameters=P)
-    assert efficiency(log_det_of_parameters[tuple(sorted(chosen))], max(log_det_of_parameters.values()), P) > 0.99
+    assert (
+        efficiency(
+            log_det_of_parameters[tuple(sorted(chosen))], max(log_det_of_parameters.values()), P
+        )
+        > 0.99
+    )
     assert set(chosen) != set(choose_poses(root[..., :P], 4))
 
 

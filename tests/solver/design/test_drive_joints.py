@@ -69,9 +69,14 @@ def test_stopped_trial_ranks_last_with_its_reason():
     passive_at_rest = np.zeros((2, 7))
     passive_at_rest[0, 0] = passive_at_rest[1, 1] = 0.02
     all_joints_move = np.full((2, 7), 0.01) + passive_at_rest
-    stuck = DriveTrial(drives=(1, 2), commanded_rad=np.eye(2) * 0.02, moved_rad=0.1 * passive_at_rest)
+    stuck = DriveTrial(
+        drives=(1, 2), commanded_rad=np.eye(2) * 0.02, moved_rad=0.1 * passive_at_rest
+    )
     tripped = DriveTrial(
-        drives=(1, 2), commanded_rad=np.eye(2) * 0.02, moved_rad=all_joints_move, stopped="excess torque"
+        drives=(1, 2),
+        commanded_rad=np.eye(2) * 0.02,
+        moved_rad=all_joints_move,
+        stopped="excess torque",
     )
     fine = DriveTrial(drives=(1, 2), commanded_rad=np.eye(2) * 0.02, moved_rad=all_joints_move)
     ranked = rank_by_trial([stuck, tripped, fine])
@@ -81,4 +86,6 @@ def test_stopped_trial_ranks_last_with_its_reason():
         "the trial stopped: a drive moved only 10% of its commanded angle",
     }
     with pytest.raises(ValueError, match="each drive"):
-        rank_by_trial([DriveTrial(drives=(1, 2), commanded_rad=np.ones((2, 2)), moved_rad=all_joints_move)])
+        rank_by_trial(
+            [DriveTrial(drives=(1, 2), commanded_rad=np.ones((2, 2)), moved_rad=all_joints_move)]
+        )

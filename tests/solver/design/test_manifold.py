@@ -47,15 +47,15 @@ def test_poses_are_reproducible_by_seed(loop, x, ranges):
     assert first.q.shape != other_seed.q.shape or not np.array_equal(first.q, other_seed.q)
 
 
-
-
 def test_number_of_poses_is_near_the_requested_or_limited(loop, x, ranges):
     assert 600 < candidate_poses(loop, x, TRUTH.home, ranges, count=800).size < 1000
     assert grow_manifold(loop, x, TRUTH.home, ranges, most=50).size == 50
 
 
 def test_start_that_does_not_close_is_rejected(loop, x, ranges):
-    too_long = replace(loop, table=replace(loop.table, s_m=loop.table.s_m + 2.0 * (np.arange(8) == 1)))
+    too_long = replace(
+        loop, table=replace(loop.table, s_m=loop.table.s_m + 2.0 * (np.arange(8) == 1))
+    )
     with pytest.raises(ValueError, match="does not close"):
         grow_manifold(too_long, nominal_vector(too_long.parameters), TRUTH.home, ranges)
 

@@ -18,7 +18,9 @@ def requests(pose_data, chosen, factor: float) -> dict[str, float]:
 
 
 def test_stops_when_the_requested_sigmas_are_reached(pose_data, chosen):
-    decision = stop_decision(pose_data.of(chosen), pose_data, requests(pose_data, chosen, 1.01), poses_left=5)
+    decision = stop_decision(
+        pose_data.of(chosen), pose_data, requests(pose_data, chosen, 1.01), poses_left=5
+    )
     assert decision.standing is PrecisionStatus.REACHED
     assert decision.stop
     assert decision.text.endswith("as requested, for errors of stated size")

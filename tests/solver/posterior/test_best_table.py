@@ -7,8 +7,6 @@ from tests.benchmarks.real_arms import files_of
 from tests.oracles.real_arms import ARMS, scatter_mm
 
 
-
-
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("real", [ARMS[0], *ARMS[2:]], ids=lambda a: a.name)
 def test_real_arm_is_predicted_in_other_sockets(real, tmp_path):

@@ -17,8 +17,6 @@ def result(poses):
     return sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=poses)
 
 
-
-
 def test_plain_python_gives_the_same_corrected_readings(poses, result):
     data, corrections = result.to_json(), result._subject.solution.corrections
     kinds = {c["kind"] for c in data["corrections"]}

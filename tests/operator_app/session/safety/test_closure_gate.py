@@ -67,7 +67,7 @@ OPEN_LOOP = "the loop cannot close with the present joint readings"
     ("fault", "parts"),
     [
         (reset_counter(1), ("the counter of joint 1 is at zero", "Home joint 1")),
-        (reset_counter(2), ("the counter of joint 2 is at zero", "Home joint 2")),
+        (reset_counter(2), ("joint 2 reads 0.000 deg, outside its range", "Home the joint")),
         (shift(1, -60.0), (OPEN_LOOP, "it closes with joint 1 near")),
         (shift(2, 60.0), (OPEN_LOOP, "it closes with joint 2 near")),
         (shift(3, 60.0), (OPEN_LOOP, "it closes with joint 3 near")),
@@ -86,7 +86,7 @@ def test_impossible_reading_is_refused_even_with_homing(make_session, fault, par
     message, event = refuse(make_session, arm, homing=homing)
     assert all(part in message for part in parts), message
     assert "go-home" not in message
-    assert (event["probability"] is None) is ("counter" in parts[0])
+    assert (event["probability"] is None) is ("outside its range" in parts[0])
 
 
 def arm_after(make_session: MakeSession, poses: int) -> WrongZero:

@@ -72,7 +72,7 @@ def names_a_module(file: Path) -> bool:
     )
 
 
-def test_every_test_file_names_a_module_or_package_or_is_listed():
+def test_every_test_file_has_its_module_or_is_listed():
     tests = ROOT / "tests"
     files = [f.relative_to(tests) for p in PACKAGES for f in (tests / p).rglob("test_*.py")]
     assert len(files) > 200

@@ -45,7 +45,7 @@ def test_joint_step_has_the_expected_size_and_cause():
 
 
 @pytest.mark.campaign
-def test_flipped_poses_close_upside_down():
+def test_flipped_poses_close_with_flipped_tool():
     simulated = CASES["12 flipped"](SEED).taken
     chain = simulated.specimen.chain
     T = product(simulated.angles, chain.s, chain.a, chain.alpha)

@@ -168,7 +168,7 @@ def test_zero_shift_in_position_mode_is_reported_at_repeated_pose(tmp_path, kind
     assert all(end_sync[number] >= at_sync for number in outcome.wrong)
 
 
-def test_without_a_fault_every_pose_is_right(tmp_path):
+def test_without_a_fault_every_pose_is_correct(tmp_path):
     outcome = session_with("", tmp_path / "s", joint=4, at_sync=0)
     assert (outcome.said, len(outcome.poses), outcome.wrong) == ("", 6, ())
     assert not any("differs from its first reading" in text for text in outcome.told)

@@ -31,7 +31,7 @@ print("arms", len(live), "exit code", code)
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("procedure", ["hinge", "hinge_planned"])
-def test_no_library_is_loaded_while_an_arm_is_live(procedure, tmp_path):
+def test_no_library_is_imported_while_an_arm_is_connected(procedure, tmp_path):
     command = [sys.executable, "-c", PROGRAM, "run", procedure, "--seed", "1"]
     out = subprocess.check_output(command, text=True, cwd=tmp_path, env=environment())
     assert "arms 1 exit code 0" in out

@@ -108,7 +108,7 @@ def test_plan_fits_80_columns_in_unicode_and_ascii(plan_output):
 
 
 @pytest.mark.campaign
-def test_plan_as_json_with_advice(ends_with):
+def test_a_plan_as_json_includes_advice(ends_with):
     options = ["--poses", "4", "--tries", "1", "--advise", "--json"]
     plan = ends_with(0, "plan", "hinge_planned", *options).json
     assert plan["basis"] == "nominal geometry"

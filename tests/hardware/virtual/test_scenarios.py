@@ -133,7 +133,7 @@ def test_wild_arm_starts_closed_and_moves_within_its_ranges(sarcos, commands, se
 
 
 @pytest.mark.campaign
-def test_wild_arms_differ_from_the_paper_and_from_each_other():
+def test_random_arms_differ_from_the_paper_and_each_other():
     offsets_rad = [paper_loop().offsets_rad]
     offsets_rad += [scenario("wild", seed).truth.offsets_rad for seed in range(6)]
     for one, other in itertools.combinations(offsets_rad, 2):

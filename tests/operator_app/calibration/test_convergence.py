@@ -23,7 +23,7 @@ def test_oscillating_variances_settle(kind, seed):
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_sound_session_settles(kind, record_property):
+def test_every_sound_session_converges(kind, record_property):
     results = [s for seed in range(6000, 6015) for s in settlings(seed, kind=kind, counts=COUNTS)]
     unsettled = sum(not s.settled for s in results)
     record_property("not_settled", f"{unsettled} of {len(results)}")

@@ -83,7 +83,7 @@ class Figure:
 
 
 @given(st.floats(allow_nan=True, allow_infinity=True))
-def test_any_double_is_read_back(value):
+def test_any_float_is_read_back(value):
     assert same(round_trip(Figure(value)), Figure(value))
 
 

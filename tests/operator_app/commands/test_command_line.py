@@ -66,7 +66,7 @@ def test_every_command_with_a_bus_can_record_it():
     assert {command for command, words in options.items() if "--record" in words} == with_bus
 
 
-def test_eds_files_are_read_by_canopen(tmp_path, ends_with):
+def test_eds_files_are_readable_by_canopen(tmp_path, ends_with):
     ends_with(0, "eds", "-o", tmp_path / "eds")
     assert {p.name for p in (tmp_path / "eds").iterdir()} == {"joint.eds", "supervisor.eds"}
     for file in (tmp_path / "eds").iterdir():

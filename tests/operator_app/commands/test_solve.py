@@ -25,7 +25,7 @@ def exact_csv(reference_data):
 
 
 @pytest.mark.parametrize("estimator", ["implicit", "paper"])
-def test_exact_poses_give_table_2_to_1e_8(exact_csv, estimator, ends_with, tmp_path):
+def test_exact_poses_reproduce_table_2_to_1e_8(exact_csv, estimator, ends_with, tmp_path):
     # Without knowledge of the placement: the packaged 30 mm would shift it by 1 um towards its nominal values.
     hinge = resolve("fixture", "hinge").data.decode()
     unplaced = re.sub(r"tolerance_mm: .*", "tolerance_mm: 1000", hinge)

@@ -108,7 +108,7 @@ def test_poses_are_noted_excluded_and_undone(source):
     assert any("pose 2 is undone" in row for row in script.said)
 
 
-def test_enter_stops_a_motion(source):
+def test_enter_stops_a_move(source):
     source.pace_s = 0.05  # a busy machine must stop the motion before its end
     script = Script(*TO_CAPTURE, "Move to", "Quit")
     # Not before the motion begins: a waiting task is cancelled with another message.

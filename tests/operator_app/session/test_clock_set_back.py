@@ -64,7 +64,7 @@ def imported(root: Path, days: float) -> Path:
         ((0.0, 365.0, 1.0, 0.5), (begun, imported)),
     ],
 )
-def test_they_are_listed_as_they_were_begun_or_imported(tmp_path, days, makes):
+def test_sessions_are_listed_in_order_of_creation(tmp_path, days, makes):
     folders = []
     for day, make in zip(days, cycle(makes), strict=False):
         folders.append(make(tmp_path, day))
@@ -72,7 +72,7 @@ def test_they_are_listed_as_they_were_begun_or_imported(tmp_path, days, makes):
     assert [entry.folder for entry in list_sessions(tmp_path)] == folders
 
 
-def test_a_session_that_went_away_or_is_damaged_keeps_its_place(tmp_path):
+def test_deleted_or_damaged_sessions_keep_their_number(tmp_path):
     first, second, third = (begun(tmp_path, day) for day in (0.0, 365.0, 1.0))
     (second / "journal.jsonl").unlink()
     fourth = begun(tmp_path, -1.0)
@@ -97,7 +97,7 @@ def without_order(folder: Path, after: str = "") -> None:
     path.write_bytes(b"".join(lines))
 
 
-def test_journals_of_earlier_versions_come_first_in_the_order_they_had(tmp_path):
+def test_journals_of_earlier_versions_come_first_in_order(tmp_path):
     old = [begun(tmp_path, day) for day in (0.0, 365.0, 1.0, 2.0)]
     for folder, after in zip(old, ("", "", old[1].name, old[2].name), strict=True):
         without_order(folder, after)
@@ -107,5 +107,5 @@ def test_journals_of_earlier_versions_come_first_in_the_order_they_had(tmp_path)
 
 
 @pytest.mark.parametrize("order", [True, -1, 0, 2**60, "7", None, 1.5])
-def test_an_order_that_is_none_is_not_believed(order):
+def test_an_invalid_order_number_is_ignored(order):
     assert order_of({"order": order}) == 0

@@ -73,7 +73,7 @@ def moved(answer: str, by_m: float) -> str:
     return json.dumps({**found, "x_m": found["x_m"] + by_m})
 
 
-def test_the_app_s_steps_end_accepted_with_what_was_planted(tracked):
+def test_the_apps_steps_recover_the_planted_values(tracked):
     session = tracked.session
     quiet = Quiet(session)
     operations = Operations(session, quiet)
@@ -114,7 +114,7 @@ def with_one_pose(tracked: Tracked) -> Session:
     return tracked.again()
 
 
-def test_a_tracker_that_was_knocked_is_found_before_another_pose_counts(tmp_path):
+def test_a_displaced_tracker_is_detected_before_the_next_pose(tmp_path):
     tracked = Tracked(tmp_path, poses=5)
     session = with_one_pose(tracked)
     # The same tracker, read again, goes on.
@@ -129,7 +129,7 @@ def test_a_tracker_that_was_knocked_is_found_before_another_pose_counts(tmp_path
     session.close("failed")
 
 
-def test_of_a_single_pose_the_knock_is_told_with_its_size(tracked):
+def test_a_displacement_at_one_pose_is_reported_with_its_size(tracked):
     session = with_one_pose(tracked)
     tracked.says = lambda answer: moved(answer, 0.003)
     with pytest.raises(GuardError, match="or the tracker, has moved by about") as caught:
@@ -139,7 +139,7 @@ def test_of_a_single_pose_the_knock_is_told_with_its_size(tracked):
     assert float(size[1]) == pytest.approx(3.0, abs=0.5)
 
 
-def test_a_target_out_of_sight_costs_a_waypoint_and_a_silent_tracker_no_pose(tracked):
+def test_a_hidden_target_skips_a_waypoint_and_a_silent_tracker_none(tracked):
     session, asked = tracked.session, list[str]()
 
     def says(answer: str) -> str:
@@ -159,7 +159,7 @@ def test_a_target_out_of_sight_costs_a_waypoint_and_a_silent_tracker_no_pose(tra
     assert session.state.skipped_waypoints == {0}
 
 
-def test_an_arm_that_moves_while_it_is_measured_gives_no_pose(tracked):
+def test_an_arm_that_moves_during_a_measurement_gives_no_pose(tracked):
     session = tracked.session
 
     def says(answer: str) -> str:
@@ -175,7 +175,7 @@ def test_an_arm_that_moves_while_it_is_measured_gives_no_pose(tracked):
     assert session.state.captured == 0
 
 
-def test_without_a_port_it_says_how_to_name_one(tmp_path):
+def test_without_a_port_the_remedy_names_the_option(tmp_path):
     opening = begin("open_loop", Choices(interface="virtual"), root=tmp_path)
     procedure = effective_procedure(opening)
     chosen = virtual_arm(procedure.arm, procedure.fixture, opening.choices)

@@ -40,7 +40,7 @@ def required_poses(session: Session) -> int:
 
 
 @pytest.mark.campaign
-def test_automatic_capture_follows_the_plan_and_can_be_ended(session):
+def test_automatic_capture_follows_the_plan_and_can_be_cancelled(session):
     publisher = Publisher(session)
     work = Operations(session, publisher)
     work.connect()

@@ -130,7 +130,7 @@ def test_keys_are_unique_and_the_footer_starts_with_stop():
             assert for_key(action.keys[0], step) is action
 
 
-async def test_help_explains_the_focused_panel(still):
+async def test_help_describes_the_focused_panel(still):
     async with still(story()["capturing"], step=Step.CAPTURE) as d:
         await d.press("tab", "question_mark")
         assert isinstance(d.app.screen, Read)

@@ -23,7 +23,7 @@ SUSPECTS = (Suspect(name="one", columns=G[..., :1]), Suspect(name="three", colum
 
 
 @pytest.mark.parametrize("pose", [STEP_EDGE_POSES, 17, POSES - STEP_EDGE_POSES])
-def test_a_step_is_found_where_it_is_and_as_large_as_it_is(pose):
+def test_a_step_is_found_with_position_and_size(pose):
     w = np.random.default_rng(pose).normal(size=(POSES, ROWS))
     w[pose:] += 12.0 * G[pose:, :, 0]
     found, other = steps(fitted(A, w), SUSPECTS)
@@ -33,7 +33,7 @@ def test_a_step_is_found_where_it_is_and_as_large_as_it_is(pose):
     assert other.suspect == "three"
 
 
-def test_all_steps_at_once_are_those_fitted_one_by_one():
+def test_joint_evaluation_of_steps_equals_single_fits():
     """A second way: least squares with and without each step's columns."""
     w = np.random.default_rng(9).normal(size=(POSES, ROWS))
     J, y = A.reshape(-1, UNKNOWNS), w.reshape(-1)
@@ -50,7 +50,7 @@ def test_all_steps_at_once_are_those_fitted_one_by_one():
     assert found.dof == 3
 
 
-def test_what_the_fit_has_taken_up_already_is_no_step():
+def test_effects_already_in_the_fit_are_no_step():
     everywhere = np.repeat(np.eye(POSES)[:, None, :], ROWS, axis=1) * G[..., :1]
     w = np.random.default_rng(2).normal(size=(POSES, ROWS))
     left = fitted(A, w).with_columns(everywhere)
@@ -59,7 +59,7 @@ def test_what_the_fit_has_taken_up_already_is_no_step():
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("poses", "dof"), [(12, 1), (40, 1), (40, 5), (150, 3)])
-def test_the_threshold_is_exceeded_as_often_as_it_says(poses, dof):
+def test_the_threshold_has_its_stated_false_alarm_rate(poses, dof):
     rng = np.random.default_rng([poses, dof])
     A = rng.normal(size=(poses, ROWS, 4))
     G = rng.normal(size=(poses, ROWS, dof))
@@ -73,7 +73,7 @@ def test_the_threshold_is_exceeded_as_often_as_it_says(poses, dof):
     assert 0.2 * level * runs < alarms < level * runs + 3.0 * np.sqrt(level * runs)
 
 
-def test_more_poses_and_more_unknowns_need_more_evidence():
+def test_more_poses_and_unknowns_raise_the_threshold():
     assert step_threshold(20, 1, 1e-3) < step_threshold(200, 1, 1e-3) < step_threshold(200, 5, 1e-3)
     assert step_threshold(40, 1, 1e-2) < step_threshold(40, 1, 1e-4)
 

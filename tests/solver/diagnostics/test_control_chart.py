@@ -45,7 +45,7 @@ def histories(
 
 
 @pytest.mark.campaign
-def test_at_most_5_percent_of_200_sound_histories_raise_an_alarm():
+def test_at_most_5_percent_of_200_sound_histories_alarm():
     alarms = [np.mean([bool(found) for _, found in histories(200, seed=s)]) for s in range(10)]
     assert np.mean(alarms) <= 0.02
     assert max(alarms) <= 0.05
@@ -53,7 +53,7 @@ def test_at_most_5_percent_of_200_sound_histories_raise_an_alarm():
 
 @pytest.mark.campaign
 @pytest.mark.parametrize(("entries", "sessions"), [(0.35, 0.0), (0.15, 0.2), (0.15, 0.35)])
-def test_nor_do_histories_whose_entries_or_sessions_scatter_unequally(entries, sessions):
+def test_unequal_scatter_raises_no_more_alarms(entries, sessions):
     found = histories(2000, seed=11, entries_differ=entries, sessions_differ=sessions)
     assert np.mean([bool(changes) for _, changes in found]) <= 0.05
 
@@ -69,7 +69,7 @@ def test_a_shift_of_0_05_deg_at_session_8_is_named_by_session_10():
     assert np.mean(placed) >= 0.85
 
 
-def test_a_shift_is_named_once_with_session_and_size():
+def test_a_shift_is_named_once_with_session_and_amount():
     rng = np.random.default_rng(3)
     values = rng.normal(0.0, 0.01, (20, 4))
     values[12:, 2] += 0.2
@@ -84,7 +84,7 @@ def test_a_shift_is_named_once_with_session_and_size():
     assert found.centre[17, 2] == pytest.approx(0.2, abs=0.02)
 
 
-def test_limits_are_of_the_scatter_and_not_of_what_was_stated():
+def test_limits_follow_the_scatter_not_the_stated_sigmas():
     rng = np.random.default_rng(4)
     values = rng.normal(0.0, 0.01, (40, 5))
     for stated in (0.01, 0.05, 0.002):
@@ -96,7 +96,7 @@ def test_limits_are_of_the_scatter_and_not_of_what_was_stated():
     assert 0.0 < CONTROL_CHART_FALSE_ALARM_PROBABILITY < 0.05
 
 
-def test_values_that_are_all_the_same_are_no_alarm():
+def test_constant_values_raise_no_alarm():
     values = np.tile([0.1, 0.2], (9, 1))
     assert control_chart("ab", values, np.zeros((9, 2))).changes == ()
     values[8, 0] += 1e-6

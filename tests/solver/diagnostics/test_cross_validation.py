@@ -40,7 +40,7 @@ def verified(made: np.ndarray, new: np.ndarray) -> HeldOutPoses:
 
 
 @pytest.mark.campaign
-def test_verification_of_sound_poses_has_the_right_rate():
+def test_verification_of_sound_poses_has_the_stated_rate():
     accepted, ratios, chances = 0, [], []
     for seed in range(60):
         q = SIMULATION.rereadings(seed)
@@ -57,7 +57,7 @@ def test_verification_of_sound_poses_has_the_right_rate():
     assert np.mean(chances) == pytest.approx(0.5, abs=0.04)
 
 
-def test_without_the_parameters_uncertainty_it_would_be_too_strict():
+def test_ignoring_parameter_uncertainty_would_be_too_strict():
     q = SIMULATION.rereadings(0)
     honest = verified(q[:5], q[TEST])
     fit = fit_implicit(MODEL, q[:5], NOISE, TRUTH.values(NAMES))
@@ -66,7 +66,7 @@ def test_without_the_parameters_uncertainty_it_would_be_too_strict():
     assert (strict.pose_chi2 >= honest.pose_chi2 - 1e-9).all()
 
 
-def test_slipped_encoder_is_caught():
+def test_a_slipped_encoder_is_detected():
     q = SIMULATION.rereadings(1)
     q[TEST, 1] += 1e-3
     found = verified(q[TRAIN], q[TEST])
@@ -74,7 +74,7 @@ def test_slipped_encoder_is_caught():
     assert found.closed.all()
 
 
-def test_one_wrong_pose_is_the_worst():
+def test_a_single_wrong_pose_is_the_worst():
     q = SIMULATION.rereadings(1)
     q[37, 3] += 2e-3
     found = verified(q[TRAIN], q[TEST])
@@ -82,17 +82,17 @@ def test_one_wrong_pose_is_the_worst():
     assert found.pose_probability[7] < 1e-6
 
 
-def test_fixture_that_gave_way_only_later_is_caught():
+def test_a_fixture_that_slips_later_is_detected():
     later = Simulation(poses=10, wrist_sd=6e-3, flexure_m=1e-3).readings(0)
     assert not verified(SIMULATION.rereadings(2), later).chi2.accepted
 
 
-def test_nothing_to_verify_is_a_wrong_call():
+def test_an_empty_verification_is_refused():
     with pytest.raises(ValueError, match="no poses"):
         verified(SIMULATION.rereadings(0), np.zeros((0, 7)))
 
 
-def test_folds_are_a_partition():
+def test_folds_are_disjoint_and_complete():
     q = SIMULATION.rereadings(0)
     parts = fold_poses(q, 7)
     assert sorted(np.concatenate(parts)) == list(range(50))
@@ -102,7 +102,7 @@ def test_folds_are_a_partition():
             fold_poses(q, folds)
 
 
-def test_far_block_is_compact_and_far():
+def test_the_far_block_is_compact_and_far():
     q = SIMULATION.rereadings(0)
     block = far_block(q, 0.2)
     rest = np.setdiff1d(np.arange(50), block)

@@ -12,7 +12,7 @@ DRAWS = 200_000
 
 @pytest.mark.parametrize("poses", [12, 40])
 @pytest.mark.parametrize("false_alarm", [1e-3, 0.1])
-def test_pulls_that_are_alike_fire_no_more_often_for_it(poses, false_alarm):
+def test_correlated_pulls_keep_the_false_alarm_rate(poses, false_alarm):
     """Few poses determine sums of lengths: their pulls rise and fall together, and so do their squares."""
     stated = fit_of(session(SEED, poses=poses)).linear.stated
     test = next(t for t in pull_tests(stated, false_alarm) if t.code == "PULLS")
@@ -27,7 +27,7 @@ def test_pulls_that_are_alike_fire_no_more_often_for_it(poses, false_alarm):
     assert float(np.mean(squares > test.threshold)) == pytest.approx(false_alarm, rel=0.5)
 
 
-def test_independent_squares_are_a_chi2():
+def test_independent_squares_are_chi2_distributed():
     z = np.array([1.0, -2.0, 0.5])
     squares = HypothesisTest.of_squares("SQUARES", z, np.eye(3))
     chi2 = HypothesisTest.of_chi2("SQUARES", 5.25, 3)
@@ -35,7 +35,7 @@ def test_independent_squares_are_a_chi2():
     assert squares.threshold == pytest.approx(chi2.threshold)
 
 
-def test_a_deviation_to_either_side_counts():
+def test_deviations_of_either_sign_count():
     test = HypothesisTest.of_sigmas("SIGMAS", np.array([-9.0, 1.0]))
     assert test.statistic == 9.0
     assert test.fires

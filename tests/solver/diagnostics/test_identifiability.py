@@ -21,7 +21,7 @@ MOVING = np.repeat(np.arange(8.0)[:, None], 7, axis=1)
 """Poses in which all joints move."""
 
 
-def test_condition_at_the_readings_is_that_of_the_closure_as_the_paper_has_it(truth):
+def test_condition_at_the_readings_follows_the_papers_closure(truth):
     """Eqs. 10 to 13 by a second implementation, differenced, where the loops are open by milliradians."""
     random = np.random.default_rng(2)
     q = closed_poses(truth, random, 30)[:, 1:] + random.normal(0.0, 6e-3, (30, 7))
@@ -45,7 +45,7 @@ def test_condition_at_the_readings_is_that_of_the_closure_as_the_paper_has_it(tr
     assert abs(closed / found - 1.0) > 0.008
 
 
-def test_noise_makes_nothing_plainly_seen_that_is_blind(truth):
+def test_noise_does_not_make_unidentifiable_parameters_identifiable(truth):
     """Two poses have ten equations for fourteen unknowns, however often they are read."""
     random = np.random.default_rng(3)
     model, x = loop_of(truth), truth.values(NAMES)
@@ -61,7 +61,7 @@ def test_noise_makes_nothing_plainly_seen_that_is_blind(truth):
     assert not well_conditioned_at_readings(estimate_paper(model, still, x0=x), still)
 
 
-def test_condition_and_observability_by_second_implementation(truth):
+def test_condition_and_observability_agree_with_a_second_implementation(truth):
     closed = closed_poses(truth, np.random.default_rng(1), 30)
     found = identifiability(loop_of(truth), truth.values(NAMES), closed[:, 1:])
     _, by_name = closure_rates(truth, closed, NAMES)
@@ -81,7 +81,7 @@ def test_condition_and_observability_by_second_implementation(truth):
     assert found.observability == pytest.approx(expected, rel=1e-8)
 
 
-def test_a_joint_held_still_is_named(truth):
+def test_a_joint_at_rest_is_named(truth):
     # Poses with joint 5 almost locked: its offset is a constant of the geometry and no more.
     rng = np.random.default_rng(7)
     model = loop_of(truth)
@@ -97,7 +97,7 @@ def test_a_joint_held_still_is_named(truth):
     assert found.rank == 13
 
 
-def test_separate_blind_directions_are_named_apart():
+def test_independent_unidentifiable_directions_are_listed_separately():
     J = np.random.default_rng(8).normal(size=(40, 5))
     J[:, 1] = 0.0
     J[:, 4] = 2.0 * J[:, 3]
@@ -112,14 +112,14 @@ def test_separate_blind_directions_are_named_apart():
     assert "q cannot be determined" in texts
 
 
-def test_fewer_rows_than_parameters():
+def test_fewer_rows_than_parameters_are_handled():
     found = identifiability_of_jacobian(np.eye(5)[:3, None], "pqrst", MOVING[:3])
     assert found.rank == 3
     assert {d.parameters for d in found.directions} == {("s",), ("t",)}
 
 
 @pytest.mark.parametrize("without", [(), (6, 7)])
-def test_the_same_as_on_closed_loops(hinge_data, truth, without):
+def test_noisy_and_closed_loops_agree(hinge_data, truth, without):
     q = read_poses(hinge_data / "hinge_exact.csv")[:40]
     names = tuple(n for n in NAMES if n not in {f"theta_off_{j}" for j in without})
     x = truth.values(NAMES)

@@ -10,7 +10,7 @@ from tests.oracles.simulated_loops import Simulation
 from tests.solver.conftest import NAMES, loop_of
 
 
-def test_a_pose_whose_steps_are_zero_waits_for_the_others(truth):
+def test_a_pose_with_zero_step_waits_for_the_others(truth):
     """Its ratio of steps is 0/0."""
     rigid = replace(loop_of(truth), hinge=False)
     q = Simulation(poses=6, wrist_sd=6e-3).readings(0)

@@ -34,7 +34,7 @@ def test_sound_readings_are_inside(q):
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_just_outside_is_noise_and_a_little_further_is_named(q, side):
+def test_readings_slightly_out_of_range_are_noise_and_farther_are_named(q, side):
     end = ARM.upper_rad[2] if side > 0 else ARM.lower_rad[2]
     q[7, 2] = end + side * np.deg2rad(0.9)
     assert found_in(q) == ()
@@ -58,7 +58,7 @@ def test_readings_of_another_arm_are_refused_by_joint_and_pose(q):
     assert [f.joint for f in error.value.findings] == [6]
 
 
-def test_an_encoder_that_counts_from_another_turn_is_said_so_and_an_rvdt_cannot(q):
+def test_an_encoder_off_by_a_turn_is_named_and_an_rvdt_is_not(q):
     q[:, 1] -= 2.0 * np.pi
     (found,) = found_in(q)
     assert (found.joint, found.fault) == (2, ReadingFault.WHOLE_TURN)
@@ -68,7 +68,7 @@ def test_an_encoder_that_counts_from_another_turn_is_said_so_and_an_rvdt_cannot(
         found_in(q)
 
 
-def test_an_rvdt_that_sits_at_its_end_in_several_poses_is_saturated(q):
+def test_an_rvdt_at_its_end_in_several_poses_is_saturated(q):
     middle = ARM.joints[5].middle_rad
     q[[3, 9], 5] = middle + np.deg2rad(60.0) - LSB_RAD
     assert found_in(q) == ()
@@ -77,12 +77,12 @@ def test_an_rvdt_that_sits_at_its_end_in_several_poses_is_saturated(q):
     assert (found.joint, found.fault, found.poses) == (6, ReadingFault.SATURATED, (3, 9, 20))
 
 
-def test_readings_that_are_not_used_are_not_judged(q):
+def test_unused_readings_are_not_tested(q):
     q[:, 5] += np.deg2rad(100.0)
     assert found_in(q, unsensed_joints=(6,)) == ()
 
 
-def test_a_sign_and_exchanged_columns_are_named_where_the_ranges_tell(q):
+def test_wrong_sign_and_exchanged_columns_are_named_if_ranges_show_them(q):
     turned = q.copy()
     turned[:, 1] *= -1.0
     with pytest.raises(ReadingsOutOfRangeError, match="sign of joint 2"):

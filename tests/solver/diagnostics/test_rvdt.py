@@ -46,7 +46,7 @@ def apart(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.ptp(difference) / 2.0)
 
 
-def test_planted_one_percent_curve_is_found(hinge_data):
+def test_a_planted_curve_of_1_percent_is_found(hinge_data):
     q = read_poses(hinge_data / "hinge_rvdt1pct.csv")
     exact = read_poses(hinge_data / "hinge_exact.csv")
     found = judged(q)
@@ -68,7 +68,7 @@ def test_planted_one_percent_curve_is_found(hinge_data):
     assert found[6].share + found[7].share > 0.8
 
 
-def test_straight_sensors_are_left_in_peace(hinge_data):
+def test_linear_sensors_are_not_corrected(hinge_data):
     found = judged(read_poses(hinge_data / "hinge_quantised.csv"))
     for verdict in found.values():
         assert verdict.verdict is Soundness.SOUND
@@ -76,7 +76,7 @@ def test_straight_sensors_are_left_in_peace(hinge_data):
         assert figures(verdict).gain == pytest.approx(1.0, abs=1e-3)
 
 
-def test_correction_table_straightens_the_readings():
+def test_a_correction_table_linearises_the_readings():
     bows = wrist_bows(1.0)
     simulation = Simulation(poses=60, bows=bows)
     found = judged(simulation.rereadings(0))
@@ -91,13 +91,13 @@ def test_correction_table_straightens_the_readings():
     assert 0.05e-3 < np.median(table[:, 2]) < 0.5e-3
 
 
-def test_a_bow_beyond_two_percent_is_out_of_specification():
+def test_a_curve_beyond_2_percent_is_out_of_specification():
     found = judged(Simulation(poses=60, bows=wrist_bows(6.0)).rereadings(1))
     assert found[7].verdict is Soundness.OUT_OF_SPECIFICATION
     assert figures(found[7]).linearity > 0.02
 
 
-def test_noise_out_of_specification():
+def test_excess_noise_is_out_of_specification():
     found = judged(Simulation(poses=60, wrist_sd=4.0 * LSB_RAD).rereadings(1))
     for verdict in found.values():
         assert verdict.verdict is Soundness.OUT_OF_SPECIFICATION
@@ -106,7 +106,7 @@ def test_noise_out_of_specification():
 
 
 @pytest.mark.campaign
-def test_rates_over_many_arms():
+def test_detection_rates_over_many_arms():
     inside, curved, runs = 0, 0, 25
     for seed in range(runs):
         q = Simulation(poses=40).rereadings(seed)
@@ -121,13 +121,13 @@ def test_rates_over_many_arms():
     assert curved <= 4
 
 
-def test_gain_is_measured():
+def test_the_gain_is_estimated():
     found = judged(Simulation(poses=40, gains={6: 0.02}).rereadings(0))
     assert figures(found[6]).gain == pytest.approx(1.02, abs=3e-3)
     assert figures(found[7]).gain == pytest.approx(1.0, abs=3e-3)
 
 
-def test_too_few_poses_cannot_decide():
+def test_with_too_few_poses_no_statement_is_made():
     found = judged(Simulation(poses=40).rereadings(0)[:12])
     for verdict in found.values():
         assert verdict.verdict is Soundness.CANNOT_DECIDE
@@ -136,13 +136,13 @@ def test_too_few_poses_cannot_decide():
         assert "12 poses are too few" in verdict.text
 
 
-def test_too_small_a_span_cannot_decide():
+def test_with_a_small_span_no_statement_is_made():
     found = judged(Simulation(poses=40, spread_deg=6.0).rereadings(0))
     assert found[6].verdict is Soundness.CANNOT_DECIDE
     assert "through only" in found[6].text
 
 
-def test_soft_fixture_is_not_held_against_the_sensor():
+def test_a_compliant_fixture_is_not_blamed_on_the_sensor():
     found = judged(Simulation(poses=40, flexure_m=1e-3, flexure_rad=5e-3).readings(0))
     one = figures(found[6])
     # Five milliradians of flexure hide one of noise: no accusation, and the text says why.
@@ -151,14 +151,14 @@ def test_soft_fixture_is_not_held_against_the_sensor():
     assert found[6].verdict is Soundness.SOUND
 
 
-def test_a_model_without_unsensed_rvdts_is_a_wrong_call():
+def test_a_model_without_unsensed_rvdts_is_refused():
     q, samples = Simulation(poses=20).rereadings(0), np.ones(20, dtype=np.int64)
     errors = stated_errors(ARM, samples=samples)
     with pytest.raises(ValueError, match="RVDT"):
         rvdt_verdicts(MODEL, ARM, q, errors, noise={}, samples=samples)
 
 
-def test_curve_degree_is_not_driven_by_noise():
+def test_noise_does_not_raise_the_degree_of_the_curve():
     degrees = []
     for seed in range(50):
         rng = np.random.default_rng(seed)
@@ -170,7 +170,7 @@ def test_curve_degree_is_not_driven_by_noise():
 
 
 @pytest.mark.parametrize("points", [20, 40, 100])
-def test_a_straight_line_is_called_curved_no_more_often_than_stated(points):
+def test_a_linear_sensor_is_called_curved_at_the_stated_rate(points):
     """The degree is the best of several, and noise has as many chances to look like a bend."""
     rng, runs = np.random.default_rng(7), 3000
     curved = 0
@@ -182,7 +182,7 @@ def test_a_straight_line_is_called_curved_no_more_often_than_stated(points):
 
 
 @pytest.mark.parametrize("lsb", [0.05, 0.2, 0.4, 1.0, 8.0])
-def test_noise_behind_rounded_readings(lsb):
+def test_noise_is_estimated_from_rounded_readings(lsb):
     """Against rounded draws: below half a count most of the spread is lost, above it 1/12 is added."""
     rng = np.random.default_rng(4)
     readings = np.round(rng.uniform(size=(1, 20_000)) + lsb * rng.normal(size=(16, 20_000)))
@@ -191,5 +191,5 @@ def test_noise_behind_rounded_readings(lsb):
     assert noise_of_spread(square) == pytest.approx(lsb, rel=0.04)
 
 
-def test_readings_that_never_change_have_no_noise():
+def test_constant_readings_have_no_noise():
     assert noise_of_spread(0.0) == 0.0

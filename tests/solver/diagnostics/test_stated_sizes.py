@@ -30,7 +30,7 @@ def shares(found: Calibrated) -> tuple[dict[str, float], dict[str, float]]:
     return {names[k]: of_stated[k] for k in noise}, {names[k]: of_believed[k] for k in noise}
 
 
-def test_a_hinge_scatters_by_the_share_of_its_give_that_the_generator_has():
+def test_hinge_scatter_is_the_generators_share_of_its_compliance():
     found = [shares(fit_of(session(seed))) for seed in range(3301, 3307)]
     of_hinge = np.mean([of_stated["fixture_m"] for of_stated, _ in found])
     assert of_hinge == pytest.approx(SCATTER, rel=0.25)
@@ -38,7 +38,7 @@ def test_a_hinge_scatters_by_the_share_of_its_give_that_the_generator_has():
         assert (of_believed["rvdt_6"], of_believed["rvdt_7"]) == (1.0, 1.0)
 
 
-def test_joints_that_play_as_stated_are_no_quieter_for_a_hinge_that_is():
+def test_joint_play_as_stated_is_not_reduced_by_a_stiff_hinge():
     taken = session(3303)
     readings = taken.readings.copy()
     readings[:, :5] += 3e-4 * np.random.default_rng(1).normal(size=(len(taken), 5))
@@ -50,7 +50,7 @@ def test_joints_that_play_as_stated_are_no_quieter_for_a_hinge_that_is():
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("seed", [3007, 3010, 3012])
-def test_fifty_counts_that_louder_noise_hid_are_a_step_of_that_joint(seed):
+def test_a_step_of_50_counts_is_found_despite_noisier_joints(seed):
     case = CASES["joint slips 50 counts"](seed)
     (cause,) = case.causes
     trial = judged(fit_of(case.taken))

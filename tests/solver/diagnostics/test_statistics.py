@@ -18,7 +18,7 @@ SIMULATION = Simulation(poses=30, wrist_sd=6e-3)
 NOISE = NoiseModel(joint_variance=SIMULATION.sigma() ** 2)
 
 
-def test_normal_intervals_under_a_noise_model(truth):
+def test_intervals_are_normal_under_a_noise_model(truth):
     found = estimate_implicit(loop_of(truth), SIMULATION.rereadings(0), NOISE)
     for k, interval in enumerate(intervals(found)):
         assert interval.name == NAMES[k]
@@ -29,7 +29,7 @@ def test_normal_intervals_under_a_noise_model(truth):
     assert wider[0].high - wider[0].value == pytest.approx(2.575829 * wider[0].sd, rel=1e-6)
 
 
-def test_students_intervals_when_residuals_give_the_scale(truth):
+def test_intervals_are_students_if_residuals_give_the_scale(truth):
     found = estimate_paper(loop_of(truth), SIMULATION.rereadings(0)[:4])
     assert found.dof == 6
     one = intervals(found)[0]
@@ -66,7 +66,7 @@ def fitted(truth: Truth, q: np.ndarray, *, loose: bool = False) -> Calibrated:
 
 
 @pytest.mark.parametrize("loose", [False, True])
-def test_jackknife_is_that_of_fits_without_each_pose(truth, loose):
+def test_jackknife_equals_fits_without_each_pose(truth, loose):
     q = SIMULATION.rereadings(1)
     found = fitted(truth, q, loose=loose)
     rest = [fitted(truth, np.delete(q, k, axis=0), loose=loose).estimate.x for k in range(len(q))]
@@ -76,7 +76,7 @@ def test_jackknife_is_that_of_fits_without_each_pose(truth, loose):
     assert jackknife(found.linear) == pytest.approx(full, rel=0.02)
 
 
-def test_jackknife_needs_a_pose_to_spare(truth):
+def test_jackknife_needs_a_spare_pose(truth):
     found = fitted(truth, SIMULATION.rereadings(0)[:3])
     with pytest.raises(TooFewPosesError):
         jackknife(found.linear)

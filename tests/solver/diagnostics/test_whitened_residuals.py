@@ -50,7 +50,7 @@ def covariance(left: WhitenedResiduals) -> np.ndarray:
     return left.to_x @ left.to_x.T
 
 
-def test_scores_are_those_of_the_projector_multiplied_out():
+def test_scores_equal_the_explicit_projector():
     w, A, V, G = problem(1)
     left = fit_residuals(w, A, V)
     P = projector(dense(V), A.reshape(-1, UNKNOWNS))
@@ -62,7 +62,7 @@ def test_scores_are_those_of_the_projector_multiplied_out():
     assert left.dof == POSES * ROWS - UNKNOWNS
 
 
-def test_drawn_effects_and_priors_are_part_of_the_covariance():
+def test_random_effects_and_priors_are_in_the_covariance():
     w, A, V, G = problem(2)
     rng = np.random.default_rng(3)
     Z = rng.normal(size=(POSES, ROWS, 5))
@@ -82,7 +82,7 @@ def test_drawn_effects_and_priors_are_part_of_the_covariance():
     np.testing.assert_allclose(with_columns.score(G)[0], s, rtol=1e-8, atol=1e-9)
 
 
-def test_columns_taken_in_are_columns_fitted():
+def test_added_columns_equal_fitted_columns():
     w, A, V, G = problem(4)
     once = fit_residuals(w, np.concatenate((A, G), axis=-1), V)
     later = fit_residuals(w, A, V).with_columns(G)
@@ -94,7 +94,7 @@ def test_columns_taken_in_are_columns_fitted():
     )
 
 
-def test_parameters_move_as_a_fit_with_the_columns_moves_them():
+def test_parameters_move_as_in_a_fit_with_the_columns():
     w, A, V, G = problem(5)
     P = np.linalg.inv(dense(V))
 
@@ -108,7 +108,7 @@ def test_parameters_move_as_a_fit_with_the_columns_moves_them():
     np.testing.assert_allclose(moved, after[:UNKNOWNS] - before, rtol=1e-8, atol=1e-10)
 
 
-def test_odd_poses_do_not_hide_each_other():
+def test_outliers_do_not_mask_each_other():
     w, A, V, _ = problem(6)
     assert find_outliers(fit_residuals(w, A, V)).poses == ()
     for poses in ((7,), (3, 11, 20)):
@@ -120,7 +120,7 @@ def test_odd_poses_do_not_hide_each_other():
         assert found.rest.chi2 < found.rest.dof * 2.0
 
 
-def test_poses_that_nothing_is_asked_of_are_poses_with_columns_of_their_own():
+def test_excluded_poses_equal_poses_with_own_columns():
     """Pose 9 alone sees the last unknown: without it that one is not seen, and nothing is divided by zero."""
     w, A, V, G = problem(10)
     A = np.concatenate((A, np.zeros((POSES, ROWS, 1))), axis=-1)
@@ -146,7 +146,7 @@ def own_columns(left: WhitenedResiduals, poses: np.ndarray) -> np.ndarray:
     return out.reshape(POSES, ROWS, -1)
 
 
-def test_of_many_poses_the_odd_ones_are_found_in_few_rounds():
+def test_many_outliers_are_found_in_few_rounds():
     """Several are set aside at a time: all of them, no sound one, and not more than a hundred times."""
     m = 1000
     rng = np.random.default_rng(11)
@@ -175,7 +175,7 @@ class Counted(WhitenedResiduals):
         return Counted.of(super().without(poses))
 
 
-def test_a_sound_pose_set_is_rarely_said_to_have_an_odd_pose():
+def test_a_sound_pose_set_rarely_has_an_outlier():
     rng = np.random.default_rng(8)
     _, A, V, _ = problem(7)
     root = np.linalg.cholesky(V)
@@ -187,7 +187,7 @@ def test_a_sound_pose_set_is_rarely_said_to_have_an_odd_pose():
     assert alarms <= 5
 
 
-def test_evidence_prefers_what_happened_to_what_could_explain_it_too():
+def test_evidence_prefers_the_true_cause():
     """A common shift along one column against the same column free in every pose."""
     w, A, V, G = problem(9)
     one = G[..., :1]
@@ -202,7 +202,7 @@ def test_evidence_prefers_what_happened_to_what_could_explain_it_too():
     np.testing.assert_allclose(probabilities(np.array([0.0, np.log(3.0)])), [0.25, 0.75])
 
 
-def test_nothing_wrong_is_the_best_explanation_of_nothing():
+def test_evidence_prefers_no_fault_for_sound_poses():
     w, A, V, G = problem(10)
     left = fit_residuals(w, A, V)
     found = evidence(left, G, np.ones(3))
@@ -211,7 +211,7 @@ def test_nothing_wrong_is_the_best_explanation_of_nothing():
     assert 0.25 <= noise_scale(left.chi2, left.dof) <= 1.0
 
 
-def test_columns_that_are_fitted_already_are_no_evidence():
+def test_columns_already_fitted_give_no_evidence():
     w, A, V, _ = problem(11)
     assert evidence(fit_residuals(w, A, V), A[..., :2], np.ones(2)) is None
 
@@ -238,7 +238,7 @@ def written_out(own: np.ndarray, blocks: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("count", "width"), [(1, 4), (3, 2), (30, 1), (40, 3)])
-def test_evidence_is_that_of_the_columns_written_out(left, count, width):
+def test_evidence_equals_that_of_explicit_columns(left, count, width):
     rng = np.random.default_rng(count)
     own = np.sort(rng.choice(MORE_POSES, count, replace=False))
     blocks = rng.normal(size=(count, ROWS, width))
@@ -255,7 +255,7 @@ def test_evidence_is_that_of_the_columns_written_out(left, count, width):
     np.testing.assert_allclose(here.moved, there.moved, rtol=1e-7, atol=1e-10)
 
 
-def test_what_is_drawn_is_noise_of_its_poses(left):
+def test_random_columns_count_as_noise_of_their_poses(left):
     """Whitened anew, and yet every question has the answer it has with the columns beside the others."""
     rng = np.random.default_rng(7)
     own, other = np.array([3, 20, 31]), rng.normal(size=(MORE_POSES, ROWS, 2))
@@ -271,7 +271,7 @@ def test_what_is_drawn_is_noise_of_its_poses(left):
     np.testing.assert_allclose(here.moved(other, b), there.moved(other, b), rtol=1e-8, atol=1e-10)
 
 
-def test_a_thousand_odd_poses_need_no_columns_of_all_poses():
+def test_a_thousand_outliers_need_no_dense_columns():
     """Written out they are 1.2 GB; what is needed for them is a hundredth of that."""
     import tracemalloc
 

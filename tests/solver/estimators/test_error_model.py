@@ -9,7 +9,7 @@ from solver.estimators.error_model import MeasuredDistance, distance_and_rates, 
 POINTS = [(f"ground_x[{k}]", f"ground_y[{k}]", f"ground_z[{k}]") for k in (1, 2)]
 
 
-def test_rates_are_those_of_the_distance():
+def test_rates_are_the_derivatives_of_the_distance():
     rng = np.random.default_rng(0)
     x, step = rng.normal(size=8), 1e-6
     _, rates = distance_and_rates((1, 2, 4), (5, 6, 7), x)

@@ -26,7 +26,7 @@ def noise_of(simulation: Simulation) -> NoiseModel:
     return NoiseModel(joint_variance=simulation.sigma() ** 2)
 
 
-def test_curved_wrist_does_not_spoil_the_arm_when_unsensed(hinge_data, truth):
+def test_a_curved_wrist_does_not_affect_the_arm_if_unsensed(hinge_data, truth):
     q = read_poses(hinge_data / "hinge_rvdt1pct.csv")
     found = estimate_implicit(loop_of(truth, unsensed=(6, 7)), q, noise_of(WRIST))
     error = found.x - truth.values(UNSENSED)
@@ -49,7 +49,7 @@ def test_starts_10_deg_and_30_mm_off_converge(truth, seed):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("seed", seeds(10))
-def test_agrees_with_odrpack(truth, seed):
+def test_estimates_agree_with_odrpack(truth, seed):
     q = WRIST.readings(seed)
     mine = fit_implicit(loop_of(truth), q, noise_of(WRIST), truth.values(NAMES))
     sd = np.sqrt(np.diagonal(mine.covariance))
@@ -60,7 +60,7 @@ def test_agrees_with_odrpack(truth, seed):
     assert np.abs(mine.corrections - corrections).max() < 1e-6 * 6e-3
 
 
-def test_covariance_is_the_bound_of_the_second_implementation(truth):
+def test_covariance_is_the_bound_of_a_second_implementation(truth):
     rng = np.random.default_rng(5)
     closed = EXACT.closed(rng)
     q = closed[:, 1:]
@@ -87,7 +87,7 @@ def test_adjusted_readings_close_exactly(truth):
     assert found.chi2 == pytest.approx(weighted.sum(), rel=1e-6)
 
 
-def test_too_few_poses_with_unsensed_joints(truth):
+def test_too_few_poses_with_unsensed_joints_are_refused(truth):
     q = EXACT.readings(0)
     with pytest.raises(TooFewPosesError, match="at least 5 poses"):
         estimate_implicit(loop_of(truth, unsensed=(6, 7)), q[:4], noise_of(WRIST))
@@ -104,6 +104,6 @@ def test_progress_may_cancel(truth):
         estimate_implicit(loop_of(truth), WRIST.readings(0), noise_of(WRIST), progress=cancel)
 
 
-def test_encoder_specification_is_its_quantisation():
+def test_an_encoders_specification_is_its_quantisation():
     # The simulations and the sensor models have to mean the same arm.
     assert Encoder(counts_per_rev=400_000).sigma_rad == pytest.approx(ENCODER_SD)

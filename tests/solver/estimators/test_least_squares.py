@@ -14,7 +14,7 @@ def rows(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("count", [5, 14, 15, 500, 3 * BLOCK_ROWS + 17])
 @pytest.mark.parametrize("cuts", [1, 2, 7])
-def test_a_triangle_is_all_that_least_squares_need(count, cuts):
+def test_a_triangle_is_sufficient_for_least_squares(count, cuts):
     r, J = rows(count)
     found = triangle_of(zip(np.array_split(r, cuts), np.array_split(J, cuts), strict=True))
     scale = np.linalg.norm(J, axis=0)
@@ -36,7 +36,7 @@ def test_blocks_of_poses_are_stacked_row_by_row():
     np.testing.assert_allclose(np.abs(poses.T), np.abs(whole.T), rtol=1e-10)
 
 
-def test_a_direction_the_rows_do_not_see_gets_no_step():
+def test_an_undetermined_direction_gets_no_step():
     r, J = rows(100)
     J[:, 3] = 2.0 * J[:, 5]
     step, _ = triangle_of([(r, J)]).step()
@@ -45,18 +45,18 @@ def test_a_direction_the_rows_do_not_see_gets_no_step():
     np.testing.assert_allclose(step, known, rtol=1e-8)
 
 
-def test_numbers_that_are_none_give_a_step_that_is_none():
+def test_non_finite_numbers_give_a_non_finite_step():
     r, J = rows(100)
     J[7, 7] = np.nan
     assert np.isnan(triangle_of([(r, J)]).step()[0]).all()
 
 
-def test_no_block_is_a_wrong_call():
+def test_no_blocks_are_refused():
     with pytest.raises(ValueError, match="one block"):
         triangle_of([])
 
 
-def test_rosenbrock_from_the_usual_start():
+def test_rosenbrock_converges_from_the_usual_start():
     def problem(x: np.ndarray) -> object:
         r = np.array([10.0 * (x[1] - x[0] ** 2), 1.0 - x[0]])
         return triangle_of([(r, np.array([[-20.0 * x[0], 10.0], [-1.0, 0.0]]))])
@@ -67,7 +67,7 @@ def test_rosenbrock_from_the_usual_start():
     assert fit.cost < 1e-24
 
 
-def test_a_minimum_with_residuals_left_ends_without_wandering():
+def test_a_minimum_with_residuals_is_reached_directly():
     rng = np.random.default_rng(3)
     t = np.linspace(0.0, 4.0, 80)
     y = 2.0 * np.exp(-0.7 * t) + 0.05 * rng.normal(size=80)

@@ -70,7 +70,7 @@ def arm_torque(model: DhLoop, q: np.ndarray, masses: LinkMasses) -> np.ndarray:
 # ---- equilibrium
 
 
-def test_free_joints_are_in_equilibrium_and_the_hinge_holds_no_moment(model, q):
+def test_free_joints_are_in_equilibrium_without_hinge_moment(model, q):
     """Virtual work by central differences of the closure: no Jacobian of the subject is used."""
     x = nominal_vector(model.parameters)
     u = model.initial_unsensed(x, q)
@@ -91,7 +91,7 @@ def test_free_joints_are_in_equilibrium_and_the_hinge_holds_no_moment(model, q):
     assert np.abs(np.einsum("mk,mkc->mc", about / 2e-6, F)).max() < 1e-6 * np.abs(F).max()
 
 
-def test_friction_keeps_the_wrench_finite_at_a_fold(model, q):
+def test_friction_keeps_the_wrench_finite_at_a_singularity(model, q):
     x = nominal_vector(model.parameters)
     error = model.loop(x, q, model.initial_unsensed(x, q))
     folded = error.jac_q[..., [1, 2, 3, 5, 6]].copy()
@@ -102,7 +102,7 @@ def test_friction_keeps_the_wrench_finite_at_a_fold(model, q):
     assert np.abs(F).max() < 1e-9 / 0.1 + 1.0 / 0.1
 
 
-def test_as_many_joints_are_driven_as_the_loop_has_freedoms():
+def test_the_number_of_driven_joints_is_the_mobility():
     assert all(len(set(s)) == 2 and max(s) < 7 for s in driven_sets(7, 5))
     assert len(driven_sets(7, 5)) == len(set(driven_sets(7, 5))) > 5
     assert driven_sets(7, 7) == [()]
@@ -137,7 +137,7 @@ def test_displacements_have_the_covariance_of_wishart_compliances():
 @pytest.mark.parametrize(
     "stated_deflection", [(1.0, 1.0), (5e-4, 1e-4), (1e-4, 8e-4), (0.0, 2e-4), (2e-4, 0.0)]
 )
-def test_sizes_give_what_is_stated(stated_deflection):
+def test_compliance_sizes_reproduce_the_stated_deflection(stated_deflection):
     rng = np.random.default_rng(2)
     wrench = rng.normal(size=(400, 6, 5))
     for rows in (slice(0, 3), slice(3, 6)):
@@ -151,7 +151,7 @@ def test_sizes_give_what_is_stated(stated_deflection):
 # ---- columns
 
 
-def test_columns_and_what_they_miss_add_up_to_what_is_stated(model, q):
+def test_columns_and_missed_variance_add_up_to_the_stated(model, q):
     few, many = basis(model, q, deflection_columns=5), basis(model, q, deflection_columns=60)
     for found in (few, many):
         total = (found.deflection**2).sum(-1) + found.deflection_missed
@@ -162,7 +162,7 @@ def test_columns_and_what_they_miss_add_up_to_what_is_stated(model, q):
     assert many.deflection_missed.max() < 0.02 < few.deflection_missed.mean()
 
 
-def test_other_masses_within_their_tolerance_twist_joints_along_the_columns(model, q):
+def test_other_masses_within_tolerance_lie_in_the_columns(model, q):
     rng = np.random.default_rng(4)
     found = basis(model, q)
     for _ in range(10):
@@ -180,7 +180,7 @@ def test_other_masses_within_their_tolerance_twist_joints_along_the_columns(mode
             assert np.sqrt((left**2).mean()) < 0.15
 
 
-def test_links_are_expected_to_sag_downwards_as_half_normal_compliances_do(model, q):
+def test_expected_sag_is_that_of_half_normal_compliances(model, q):
     """Where they twist is where the links would fall, against the torque that holds them."""
     found = basis(model, q)
     offsets, s, a, alpha, _ = model.arm_rows()
@@ -197,7 +197,7 @@ def test_links_are_expected_to_sag_downwards_as_half_normal_compliances_do(model
         assert np.sqrt((left**2).mean()) < 0.1
 
 
-def test_play_lies_where_the_load_certainly_is_and_nowhere_where_nobody_knows(model, q):
+def test_play_follows_a_certain_load_and_is_unknown_otherwise(model, q):
     found = basis(model, q)
     sure = replace(MASSES, mass_sd_kg=np.zeros(7), centre_sd_m=np.zeros(7), down_sd_rad=0.0)
     torque = arm_torque(model, q, MASSES)
@@ -208,7 +208,7 @@ def test_play_lies_where_the_load_certainly_is_and_nowhere_where_nobody_knows(mo
     assert np.abs(found.side[:, 6]).mean() < np.abs(found.side[:, 1]).mean()
 
 
-def test_gravity_along_a_joint_turns_it_by_nothing(model, q):
+def test_gravity_along_an_axis_causes_no_torque(model, q):
     along = replace(MASSES, down=np.array([0.0, 0.0, -1.0]), down_sd_rad=0.0)
     found = basis(model, q, along)
     assert np.abs(found.sag[:, 0]).max() == np.abs(found.sag_expected[:, 0]).max() == 0.0
@@ -216,13 +216,13 @@ def test_gravity_along_a_joint_turns_it_by_nothing(model, q):
     np.testing.assert_allclose(found.side[:, 0], 0.0, atol=1e-6)
 
 
-def test_nothing_stated_gives_nothing(model, q):
+def test_nothing_stated_gives_no_effects(model, q):
     found = basis(model, q, stated_deflection=(0.0, 0.0))
     assert not found.deflection.any()
     assert not found.deflection_missed.any()
 
 
-def test_each_placement_gives_in_its_own_way(model, q):
+def test_placements_deflect_independently(model, q):
     number = np.repeat([1, 2], POSES // 2)
     both = place(model, number)
     found = basis(both, q, deflection_columns=10)
@@ -236,7 +236,7 @@ def test_each_placement_gives_in_its_own_way(model, q):
     np.testing.assert_array_equal(picked.side, found.side[number == 2])
 
 
-def test_a_ball_gives_along_three_components(q):
+def test_a_ball_deflects_along_three_components(q):
     ball = PointClosure(
         table=paper_arm(paper_truth()).table,
         entries=(),
@@ -249,7 +249,7 @@ def test_a_ball_gives_along_three_components(q):
     assert total.mean() == pytest.approx(1.0, rel=1e-6)
 
 
-def test_an_unsensed_wrist_changes_neither_loads_nor_wrench(q):
+def test_an_unsensed_wrist_changes_no_load(q):
     """Its readings are not used; gravity and equilibrium are the same."""
     whole, blind = (loop_of(paper_truth(), unsensed=u) for u in ((), (6, 7)))
     one, two = basis(whole, q), basis(blind, q)

@@ -43,7 +43,7 @@ def joint_variance_by_source(design: Layout, source: str) -> np.ndarray:
     return shapes.expected**2 + (shapes.columns**2).sum(-1) + shapes.missed
 
 
-def test_all_that_is_stated_is_there_and_hardly_more(model, q, errors):
+def test_the_stated_variance_is_reproduced(model, q, errors):
     design = LinearModel(model, q, errors)
     starts = {c.name: c.start for c in design.components}
     assert joint_variance_by_source(design, "sag").mean(0) == pytest.approx(np.ones(7), rel=1e-6)
@@ -57,7 +57,7 @@ def test_all_that_is_stated_is_there_and_hardly_more(model, q, errors):
         assert 1.0 < share < 1.4
 
 
-def test_play_of_a_known_load_is_there_half_of_the_times(model, q, errors):
+def test_play_follows_the_load_with_probability_one_half(model, q, errors):
     """Second moments of joints of which half lie where the load is and half where they came from."""
     design = LinearModel(model, q, errors)
     rng = np.random.default_rng(1)
@@ -71,7 +71,7 @@ def test_play_of_a_known_load_is_there_half_of_the_times(model, q, errors):
     assert columns @ columns.T == pytest.approx(spread, abs=0.04)
 
 
-def test_what_is_expected_is_taken_out_of_the_readings(model, q, errors):
+def test_expected_effects_are_subtracted_from_the_readings(model, q, errors):
     """Readings off by just what is expected close at the truth, and no effect is asked for it."""
     design = LinearModel(model, q, errors)
     e = design.effects_at(np.zeros(design.width - design.hard), q)[0]
@@ -88,14 +88,14 @@ def test_what_is_expected_is_taken_out_of_the_readings(model, q, errors):
     )
 
 
-def test_without_masses_all_is_as_it_was(model, q, errors):
+def test_without_masses_effects_are_smooth_functions(model, q, errors):
     bare = LinearModel(model, q, replace(errors, loads=None, approach=None))
     np.testing.assert_array_equal(bare.play.columns, 1.0)
     assert bare.loaded is None
     assert {c.name: c.start for c in bare.components}["joint_play"] == pytest.approx(0.4**2)
 
 
-def test_columns_are_what_effects_do_to_joints_and_fixture(model, q, errors):
+def test_columns_equal_the_effects_on_joints_and_fixture(model, q, errors):
     design = LinearModel(model, q, errors)
     system = system_of(design, np.zeros((POSES, 5)))
     unscaled = np.ones(design.width - design.hard)
@@ -113,7 +113,7 @@ def test_columns_are_what_effects_do_to_joints_and_fixture(model, q, errors):
     )
 
 
-def test_exact_masses_pull_at_nothing_and_leave_the_free_function(model, q, errors):
+def test_exact_masses_leave_only_the_smooth_function(model, q, errors):
     x = nominal_vector(model.parameters)
     sure = replace(MASSES, mass_sd_kg=np.zeros(7), centre_sd_m=np.zeros(7), down_sd_rad=0.0)
     loads = load_basis(model, x, q, model.initial_unsensed(x, q), sure, stated_deflection=GIVE)
@@ -124,7 +124,7 @@ def test_exact_masses_pull_at_nothing_and_leave_the_free_function(model, q, erro
     assert sorted(stated) == pytest.approx([GIVE[1] ** 2, GIVE[0] ** 2], rel=1e-3)
 
 
-def test_without_a_sign_the_second_moments_are_the_same(model, q, errors):
+def test_without_a_sign_second_moments_are_equal(model, q, errors):
     signed, free = (LinearModel(model, q, replace(errors, signed=s)) for s in (True, False))
     assert signed.expected.any()
     assert not free.expected.any()
@@ -137,7 +137,7 @@ def test_without_a_sign_the_second_moments_are_the_same(model, q, errors):
 
 
 @pytest.mark.parametrize(("share", "signed"), [(1.0, True), (0.0, False), (-1.0, False)])
-def test_the_readings_say_whether_gravity_shows(model, errors, share, signed):
+def test_the_readings_decide_the_sign_of_gravity(model, errors, share, signed):
     """Readings with so much of the sag and play that is expected; those of an exact arm have none of it."""
     q = Simulation(poses=POSES, wrist_sd=1e-7, encoder_sd=1e-7).readings(0)
     expected = LinearModel(model, q, errors).expected

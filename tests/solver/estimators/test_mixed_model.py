@@ -96,7 +96,7 @@ class Dense:
         return float(-0.5 * (log_det + self.w @ self.P @ self.w))
 
 
-def test_everything_agrees_with_dense_matrices(design, system):
+def test_the_fit_agrees_with_dense_matrices(design, system):
     v = variances(design)
     fit, dense = LinearFit(design, system, v), Dense(design, system, v)
     P, w = dense.P, dense.w
@@ -144,7 +144,7 @@ def test_repeatability_and_budget_add_up(design, system):
     assert budget["instrument"][hard] == pytest.approx(measured, rel=1e-4)
 
 
-def test_score_of_further_columns(design, system):
+def test_the_score_of_added_columns_is_right(design, system):
     fit = LinearFit(design, system, variances(design))
     dense = Dense(design, system, fit.v)
     G = np.random.default_rng(3).normal(size=(POSES, 5, 4))
@@ -158,7 +158,7 @@ def test_score_of_further_columns(design, system):
     assert np.all(np.abs(own) < 1e-6 * size)
 
 
-def test_poses_held_out_are_predicted_by_the_others(design, system):
+def test_held_out_poses_are_predicted_by_the_others(design, system):
     fit = LinearFit(design, system, variances(design))
     dense = Dense(design, system, fit.v)
     out = np.array([2, 7])
@@ -184,7 +184,7 @@ def test_poses_held_out_are_predicted_by_the_others(design, system):
     assert np.all(single[1] == 5)
 
 
-def test_more_equations_held_out_than_there_are_columns():
+def test_more_held_out_equations_than_columns_are_handled():
     rng = np.random.default_rng(3)
     poses, w = 30, rng.normal(size=(30, 5)) * 1e-4
     exact = ErrorModel(joint_variance=np.full((poses, 7), 1e-8))
@@ -208,7 +208,7 @@ def test_more_equations_held_out_than_there_are_columns():
     assert chi2 == pytest.approx(difference @ np.linalg.solve(covariance, difference), rel=1e-6)
 
 
-def test_score_is_the_slope_of_the_likelihood(design, system):
+def test_the_score_is_the_gradient_of_the_likelihood(design, system):
     v = variances(design)
     found = LinearFit(design, system, v).derivatives
     for k, name in enumerate(c.name for c in design.components):
@@ -217,7 +217,7 @@ def test_score_is_the_slope_of_the_likelihood(design, system):
         assert found.score[k] * v[k] == pytest.approx((up - down) / 2e-4, rel=1e-3, abs=1e-4), name
 
 
-def test_information_of_effects_and_across(design, system):
+def test_information_of_effects_and_cross_terms_is_right(design, system):
     v = variances(design)
     found = LinearFit(design, system, v).derivatives
     dense = Dense(design, system, v)
@@ -236,7 +236,7 @@ def test_information_of_effects_and_across(design, system):
     assert value == pytest.approx(expected, rel=0.05)
 
 
-def test_smooth_columns_span_the_process_they_stand_for():
+def test_smooth_columns_span_their_process():
     q = Simulation(poses=40).readings(0)
     few, many = (pose_process(q).leading(columns) for columns in (10, 100))
     assert few.phi.shape == (40, 10)
@@ -249,7 +249,7 @@ def test_smooth_columns_span_the_process_they_stand_for():
     assert np.allclose(apart.phi[:20] @ apart.phi[20:].T, 0.0, atol=1e-9)
 
 
-def test_every_source_begins_at_its_statement_and_may_be_found_smaller(design):
+def test_every_source_starts_at_its_stated_size_and_may_shrink(design):
     # Smooth or on one side all of it, and 0.4 of it new in every pose besides.
     starts = {c.name: c.start for c in design.components}
     assert starts["fixture_m"] == pytest.approx(0.4**2 * 2e-4**2)
@@ -266,7 +266,7 @@ def test_every_source_begins_at_its_statement_and_may_be_found_smaller(design):
     assert all(c.floor < 2e-3 * c.start for c in design.components if c.scaled)
 
 
-def test_a_fit_that_is_no_number_is_no_perfect_fit(design, system):
+def test_a_nan_fit_is_not_a_perfect_fit(design, system):
     v = variances(design)
     v[0] = np.nan
     try:

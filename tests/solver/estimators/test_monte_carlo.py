@@ -66,25 +66,25 @@ def test_errors_are_at_the_bound(small):
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.1)
 
 
-def test_errors_have_no_bias(small):
+def test_errors_have_no_bias_on_average(small):
     error = small.bound / np.sqrt(RUNS)
     assert np.abs(small.implicit.mean(axis=0) / error).max() < 4.5
 
 
-def test_intervals_cover(small):
+def test_intervals_cover_the_truth(small):
     hits = small.covered.sum(axis=0)
     assert hits.min() >= binom.ppf(CHANCE, RUNS, 0.95)
     assert hits.max() <= binom.isf(CHANCE, RUNS, 0.95)
     assert small.covered.mean() == pytest.approx(0.95, abs=0.03)
 
 
-def test_chi2_per_dof_is_one(small):
+def test_chi2_per_dof_is_one_on_average(small):
     total = RUNS * (60 * 5 - len(NAMES))
     low, high = chi2.ppf([CHANCE, 1.0 - CHANCE], total) / total
     assert low < small.chi2_per_dof.mean() < high
 
 
-def test_paper_is_far_from_the_bound_where_encoders_are(small):
+def test_the_papers_estimate_is_far_from_the_bound(small):
     ratios = small.ratio(small.paper)
     assert ratios[:5].min() > 50.0
     assert 1.5 < ratios[5:7].max() < 50.0

@@ -45,7 +45,7 @@ def scatters(model: Placements, estimate: Estimate) -> tuple[float, float]:
     return scatter_mm(centres[here], placement[here]), scatter_mm(centres[~here], placement[~here])
 
 
-def test_what_a_ball_cannot_show_is_named_and_dropped():
+def test_parameters_hidden_by_a_ball_are_named_and_dropped():
     model, q = training((*OFFSETS, "s_1"))
     found = estimate_paper(model, q)
     directions = identifiability(model, found.x, q).directions
@@ -68,7 +68,7 @@ def test_what_a_ball_cannot_show_is_named_and_dropped():
     )
 
 
-def test_every_length_and_twist_needs_one_length_held():
+def test_freeing_all_lengths_and_twists_needs_one_fixed_length():
     """With all lengths unknown the scale cannot be seen: some arm length is held, and named."""
     model, q = training(EVERYTHING)
     smaller, dropped = drop_unidentifiable(model, None, q)

@@ -30,7 +30,7 @@ def test_starts_10_deg_and_30_mm_off_converge(truth, seed):
     assert found.sigmas.position_m.rms < 1e-11
 
 
-def test_two_poses_are_too_few_and_three_are_needed(truth):
+def test_two_poses_are_too_few_and_three_suffice(truth):
     q = EXACT.readings(seed=0)
     with pytest.raises(TooFewPosesError, match="at least 3 poses are needed") as refused:
         estimate_paper(loop_of(truth), q[:2])
@@ -51,7 +51,7 @@ def test_covariance_is_the_scaled_normal_matrix(truth):
     assert np.abs(J.T @ r).max() < 1e-9
 
 
-def test_both_readings_of_sigma(truth):
+def test_sigma_is_given_in_both_forms(truth):
     found = estimate_paper(loop_of(truth), Simulation(poses=30).readings(seed=3))
     rotations, positions = found.residual[:, :2], found.residual[:, 2:]
     sigmas = found.sigmas

@@ -30,13 +30,13 @@ def found(score: list[float], information: list[list[float]]) -> Derivatives:
     )
 
 
-def test_a_step_is_newtons_where_nothing_bounds_it():
+def test_an_unbounded_step_is_newtons():
     taken = step(fit_of([1.0, 1.0]), found([0.2, -0.1], [[2.0, 0.5], [0.5, 1.0]]))
     expected = np.linalg.solve([[2.0, 0.5], [0.5, 1.0]], [0.2, -0.1])
     np.testing.assert_allclose(taken.change, expected, rtol=1e-6)
 
 
-def test_a_variance_of_which_nothing_is_told_stays_and_the_others_move():
+def test_an_undetermined_variance_stays_and_the_others_move():
     """Rounding may leave less than nothing on the diagonal, and something beside it."""
     for nothing in (0.0, -1e-9):
         taken = step(fit_of([1.0, 1.0]), found([0.2, 0.3], [[2.0, 1e10], [1e10, nothing]]))
@@ -54,11 +54,11 @@ def steps_away(ascent: VarianceSearch, *largest: float) -> list[bool]:
     return said
 
 
-def test_an_ascent_is_fast_where_its_steps_shrink_fast():
+def test_convergence_is_fast_if_steps_shrink_fast():
     assert steps_away(VarianceSearch(), 1.0, 0.2, 0.03, 0.02) == [False, True, True, False]
 
 
-def test_steps_of_two_likelihoods_are_not_compared_and_the_pace_of_the_first_holds():
+def test_steps_of_different_likelihoods_are_not_compared():
     """Where gravity's sign goes the first step of the new likelihood took another round for nothing."""
     assert steps_away(VarianceSearch(fast=True), 0.5, 0.4) == [True, False]
     assert steps_away(VarianceSearch(fast=False), 0.5, 0.1) == [False, True]
@@ -77,7 +77,7 @@ def scales_at(t: list[float]) -> SimpleNamespace:
     return SimpleNamespace(v=np.exp(2.0 * np.array(t)), derivatives=unseen, design=design)
 
 
-def test_scales_have_a_normal_density_in_logarithm_and_half_of_their_variance_in_common():
+def test_log_scales_are_normal_with_half_of_the_variance_in_common():
     t, c = np.array([-0.7, 0.2, 0.9]), SCALE_CORRELATION
     covariance = SCALE_SD**2 * np.array([[1.0, c, 0.0], [c, 1.0, 0.0], [0.0, 0.0, 1.0]])
     fit = scales_at(t.tolist())

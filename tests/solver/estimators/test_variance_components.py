@@ -45,7 +45,7 @@ def found(simulation: Simulation, seed: int, errors: ErrorModel | None = None) -
     return estimate_with_errors(loop_of(truth), q, errors, x0=truth.values(NAMES))
 
 
-def test_wrist_noise_beyond_its_specification_is_found(truth):
+def test_excess_wrist_noise_is_found(truth):
     simulation = Simulation(poses=60, wrist_sd=6e-3)
     inside, deflects, hits = 0, 0, np.zeros(14)
     runs = 10
@@ -68,7 +68,7 @@ def test_wrist_noise_beyond_its_specification_is_found(truth):
 
 
 @pytest.mark.parametrize(("lsb", "samples"), [(1.0, 1), (8.0, 1), (2.0, 8), (8.0, 32)])
-def test_noise_is_that_of_a_single_reading(truth, lsb, samples):
+def test_noise_is_of_a_single_reading(truth, lsb, samples):
     single = LSB_RAD * np.sqrt(lsb**2 + 1.0 / 12.0)
     sds = []
     for seed in range(4):
@@ -79,7 +79,7 @@ def test_noise_is_that_of_a_single_reading(truth, lsb, samples):
     assert np.mean(sds) == pytest.approx(single, rel=0.1)
 
 
-def test_spreads_inside_poses_tell_the_noise(truth):
+def test_spread_within_poses_determines_noise(truth):
     rng = np.random.default_rng(0)
     single, samples = 4e-3, 32
     q = Simulation(poses=20, wrist_sd=single / np.sqrt(samples)).rereadings(0)
@@ -92,7 +92,7 @@ def test_spreads_inside_poses_tell_the_noise(truth):
 
 
 @pytest.mark.campaign
-def test_components_separate():
+def test_components_are_separated():
     simulation = Simulation(poses=60, wrist_sd=4e-3, flexure_m=1e-3, flexure_rad=2e-3)
     runs, hits, inside = 6, np.zeros(14), dict.fromkeys(("rvdt_6", "fixture_m", "fixture_rad"), 0)
     true = {"rvdt_6": 4e-3, "fixture_m": 1e-3, "fixture_rad": 2e-3}
@@ -115,7 +115,7 @@ def test_components_separate():
 
 
 @pytest.mark.campaign
-def test_what_gives_as_stated_is_no_surprise(truth):
+def test_a_fixture_as_compliant_as_stated_is_no_finding(truth):
     simulation = Simulation(poses=40, flexure_m=2e-4, flexure_rad=2e-4)
     errors = sensors(40, give_rad=2e-4, give_m=2e-4)
     surprises = 0
@@ -128,7 +128,7 @@ def test_what_gives_as_stated_is_no_surprise(truth):
     assert surprises <= 1
 
 
-def test_without_any_source_it_is_the_plain_estimator(truth):
+def test_without_sources_it_equals_the_implicit_estimator(truth):
     q = Simulation(poses=40).rereadings(0)
     plain = estimate_implicit(loop_of(truth), q, STATED)
     whole = estimate_with_errors(loop_of(truth), q, exact(40))
@@ -140,7 +140,7 @@ def test_without_any_source_it_is_the_plain_estimator(truth):
     assert whole.components.repeatability == pytest.approx(plain.covariance, rel=1e-5)
 
 
-def test_a_tolerance_is_a_prior(truth):
+def test_a_tolerance_acts_as_a_prior(truth):
     q = Simulation(poses=40).rereadings(0)
     model = loop_of(truth, names=(*NAMES, "s_3"))
     goal = truth.values((*NAMES, "s_3"))
@@ -164,7 +164,7 @@ def test_a_tolerance_is_a_prior(truth):
 
 
 @pytest.mark.campaign
-def test_as_reported_intervals_are_honest():
+def test_intervals_on_as_reported_arms_cover():
     runs, hits, total = 5, 0, 0
     model = loop_of(paper_truth(), names=(*NAMES, *LENGTHS))
     tolerance = dict.fromkeys(LENGTHS, 1.5e-3)
@@ -180,7 +180,7 @@ def test_as_reported_intervals_are_honest():
     assert hits / total >= binom.ppf(1e-3, 3 * runs, 0.95) / (3 * runs)
 
 
-def test_predicted_curve_is_the_planted_one():
+def test_the_predicted_curve_is_the_planted_one():
     bow = Bow((0.01, -0.006), float(paper_truth().home[5]))
     simulation = Simulation(poses=60, bows={6: bow})
     q = simulation.rereadings(0)
@@ -190,7 +190,7 @@ def test_predicted_curve_is_the_planted_one():
     assert vc.sd("curve_6") > 3e-3
 
 
-def test_errors_must_belong_to_the_loop(truth):
+def test_errors_must_refer_to_the_loop(truth):
     q = Simulation(poses=20).rereadings(0)
     for errors, message in (
         (sensors(20, tolerance={"s_3": 1e-3}), "not a free parameter"),
@@ -205,7 +205,7 @@ def test_errors_must_belong_to_the_loop(truth):
         estimate_with_errors(loop_of(truth), q[:2], sensors(2))
 
 
-def test_curves_come_from_the_arm(truth):
+def test_curves_are_taken_from_the_arm(truth):
     arm = paper_arm(truth)
     assert [c.joint for c in curves_of(arm)] == [6, 7]
     assert [c.joint for c in curves_of(arm, unsensed_joints=(6,))] == [7]

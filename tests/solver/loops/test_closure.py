@@ -127,7 +127,7 @@ def test_reversed_hinge_is_flagged_and_not_closed():
 
 
 @pytest.mark.parametrize(("parameters", "rows", "needed"), [(14, 5, 3), (12, 3, 5), (11, 6, 2)])
-def test_poses_needed(parameters, rows, needed):
+def test_the_required_number_of_poses(parameters, rows, needed):
     assert poses_needed(parameters, rows) == needed
 
 

@@ -104,7 +104,7 @@ def test_colour_contrast_is_sufficient(theme, inks, grounds, least):
 
 @pytest.mark.parametrize("theme", [LIGHT_COLOURS, DARK_COLOURS], ids=["light", "dark"])
 @pytest.mark.parametrize("sign", ["plus", "minus"])
-def test_numbers_can_be_read_on_the_darkest_cell(theme, sign):
+def test_numbers_are_readable_on_the_darkest_cell(theme, sign):
     page, cell = rgb(theme["page"]), rgb(theme[sign])
     share = HEAT_STEPS * HEAT_ALPHA
     ground = tuple(share * c + (1.0 - share) * p for c, p in zip(cell, page, strict=True))

@@ -63,7 +63,7 @@ def test_hostile_notes_stay_text(page, subject):
     assert poses[3][-1] == "✕ excluded: bumped the table <b>"
 
 
-def test_a_note_that_no_text_can_hold_is_marked(subject):
+def test_a_note_with_invalid_characters_is_marked(subject):
     poses = tuple(replace(p, note=HOSTILE) for p in subject.poses)
     other = replace(subject, state=replace(subject.state, poses=poses))
     assert "\ufffd" in report_html(other).decode()

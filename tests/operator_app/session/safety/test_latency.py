@@ -28,7 +28,7 @@ def late(times: int, last_s: float, longest_s: float) -> HostLatency:
     return HostLatency(times=times, last_s=last_s, longest_s=longest_s)
 
 
-def test_each_is_said_once_and_a_series_at_intervals(approve):
+def test_one_delay_is_one_message_and_a_series_one_per_interval(approve):
     news = LatenessReporter()
     assert news.new_text(HostLatency(), 1000.0) == ""
     approve(news.new_text(late(1, 0.4, 0.4), 1000.1))
@@ -63,7 +63,7 @@ def kept(session: Session) -> list[Mapping[str, object]]:
     return [e.data for e in events if e.name == "late"]
 
 
-def test_it_is_in_the_journal_and_headless_says_it_at_the_next_pose(busy, capsys):
+def test_latency_is_in_the_journal_and_reported_at_the_next_pose(busy, capsys):
     session, arm, listener = busy, busy.arm, ConsoleListener()
     session.take_control()
     session.set_modes((1, 5))
@@ -92,9 +92,7 @@ def test_it_is_in_the_journal_and_headless_says_it_at_the_next_pose(busy, capsys
         (EmergencyCode.FOLLOWING, 1, ""),
     ],
 )
-def test_a_run_that_ends_as_drives_missed_the_heartbeat_says_that_this_computer_was_late(
-    busy, code, times, said
-):
+def test_a_run_ended_by_missed_heartbeats_reports_host_latency(busy, code, times, said):
     """There is no next pose at which it could be said."""
     busy.take_control()
     busy.set_modes((1, 5))
@@ -111,7 +109,7 @@ def test_a_run_that_ends_as_drives_missed_the_heartbeat_says_that_this_computer_
     assert said in "".join(late_lines)
 
 
-def test_what_was_late_before_a_reconnect_is_kept(busy):
+def test_latency_before_a_reconnect_is_kept(busy):
     work = Operations(busy, Quiet(busy))
     busy.arm.lateness = late(2, 0.4, 0.7)
     closed = busy.arm.closed
@@ -120,7 +118,7 @@ def test_what_was_late_before_a_reconnect_is_kept(busy):
     assert kept(busy) == [{"times": 2, "last_s": 0.4, "longest_s": 0.7}]
 
 
-def test_an_arm_is_let_go_though_the_disk_is_full_and_this_computer_was_late(busy, monkeypatch):
+def test_the_arm_is_released_despite_full_disk_and_latency(busy, monkeypatch):
     busy.arm.lateness = late(1, 0.4, 0.4)
 
     def full(_descriptor: int, _data: bytes) -> int:
@@ -134,7 +132,7 @@ def test_an_arm_is_let_go_though_the_disk_is_full_and_this_computer_was_late(bus
     assert busy.journal.closed
 
 
-def test_an_arm_that_was_held_is_said_to_be_though_the_journal_was_taken_away(busy):
+def test_a_held_arm_is_reported_though_the_journal_was_removed(busy):
     busy.arm.lateness = late(1, 0.4, 0.4)
     busy.journal.path.unlink()
     assert busy.close("end of the test")

@@ -22,7 +22,7 @@ FIXTURES = pytest.mark.parametrize("name", ["hinge", "ball", "rigid"])
 @pytest.mark.sample(4)
 @FIXTURES
 @pytest.mark.parametrize("kind", ["exact", "datasheet", "as_reported", "wild"])
-def test_a_sound_arm_is_not_refused_wherever_it_stands(name, kind):
+def test_a_sound_arm_is_accepted_in_any_position(name, kind):
     procedure = load_procedure(name)
     for seed in range(2):
         for q in sound_poses(procedure, kind, seed, 4):
@@ -33,7 +33,7 @@ def test_a_sound_arm_is_not_refused_wherever_it_stands(name, kind):
 @FIXTURES
 @pytest.mark.parametrize("kind", ["datasheet", "as_reported"])
 @pytest.mark.parametrize("zeros", [(1,), (3,), (5,), (1, 4), (2, 3, 5)])
-def test_a_sound_arm_whose_joints_truly_stand_at_zero_is_not_refused(name, kind, zeros):
+def test_a_sound_arm_with_joints_at_zero_is_accepted(name, kind, zeros):
     """Where a counter begins is a convention: these stand at zero in this very pose."""
     procedure = load_procedure(name)
     for q in sound_poses(procedure, kind, 1, 3):
@@ -53,7 +53,7 @@ class ClosesAsWell:
         return ClosureFit(chi2=1.0 + 1e-12 * more, dof=5 - more, q_rad=np.zeros(7))
 
 
-def test_a_counter_at_zero_that_makes_no_difference_was_not_reset(monkeypatch):
+def test_a_counter_at_zero_without_effect_is_not_called_reset(monkeypatch):
     """The difference was a negative chi2, of which there is no probability."""
     monkeypatch.setattr(preflight, "loop_at_reading", lambda *_, **__: ClosesAsWell())
     procedure = load_procedure("hinge")
@@ -63,7 +63,7 @@ def test_a_counter_at_zero_that_makes_no_difference_was_not_reset(monkeypatch):
 @pytest.mark.sample(5)
 @FIXTURES
 @pytest.mark.parametrize("zeros", [(1,), (3,), (2, 4), (3, 5), (1, 2, 3)])
-def test_counters_that_began_anew_are_named_wherever_it_stands(name, zeros):
+def test_counter_resets_are_named_in_any_position(name, zeros):
     """By 40 deg each; a ball, which leaves four freedoms, says so of most of them only."""
     procedure = load_procedure(name)
     said = []
@@ -82,7 +82,7 @@ def test_counters_that_began_anew_are_named_wherever_it_stands(name, zeros):
 
 
 @pytest.mark.parametrize("degrees", [17.0, 22.0, 30.0])
-def test_a_counter_that_began_anew_not_far_from_zero_is_named(degrees):
+def test_a_counter_reset_near_zero_is_named(degrees):
     """At 17 deg the loop closes with a chance of 1e-2, at 22 of 1e-4: little by itself, but not at zero."""
     procedure = load_procedure("hinge")
     q = procedure.arm.home_rad
@@ -99,7 +99,7 @@ def test_a_counter_that_began_anew_not_far_from_zero_is_named(degrees):
     assert "really is at zero" in refused.value.remedy
 
 
-def test_two_counters_that_began_anew_together_are_both_named():
+def test_two_simultaneous_counter_resets_are_named():
     procedure = load_procedure("hinge")
     (q,) = sound_poses(procedure, "datasheet", 1, 1)
     before = q.copy()
@@ -109,7 +109,7 @@ def test_two_counters_that_began_anew_together_are_both_named():
     assert "Home joint 2 and 4" in said
 
 
-def test_joints_whose_home_is_near_zero_are_refused_by_more_than_a_doubt():
+def test_joints_with_home_near_zero_are_refused_with_evidence_only():
     """They stand there often; yet 30 deg are no doubt, though no 1e-12 either."""
     procedure = load_procedure("rigid")
     (q,) = sound_poses(procedure, "datasheet", 1, 1, near=procedure.arm.home_rad)
@@ -168,7 +168,7 @@ def _zeroed(
     return counted_from(procedure, moved), read
 
 
-def test_at_its_own_nominal_values_a_loop_costs_nothing():
+def test_a_loop_at_its_nominal_values_has_no_cost():
     procedure = load_procedure("hinge")
     fixture = procedure.fixture.fixture
     found = loop_at_reading(procedure.arm, fixture, procedure.arm.home_rad).fit()

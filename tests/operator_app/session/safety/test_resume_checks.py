@@ -59,7 +59,7 @@ def resumed(left_after, make_session, tmp_path):
     return make
 
 
-def test_the_same_arm_goes_on(resumed):
+def test_the_same_arm_is_accepted(resumed):
     session, arm = resumed()
     session.connect()
     take_until(session, 22)
@@ -72,7 +72,7 @@ def test_the_same_arm_goes_on(resumed):
     ("joint", "degrees"),
     [(1, 5.0), (2, -3.0), (3, 1.5), (4, 0.9), (5, 2.0), (6, 2.0), (6, -2.0), (7, 2.0), (7, -2.0)],
 )
-def test_a_zero_that_was_moved_is_found_before_a_drive_is_enabled(resumed, joint, degrees):
+def test_a_shifted_zero_is_found_before_enabling(resumed, joint, degrees):
     session, arm = resumed(joint=joint, degrees=degrees)
     session.connect()
     with pytest.raises(GuardError) as refused:
@@ -92,7 +92,7 @@ def test_a_zero_that_was_moved_is_found_before_a_drive_is_enabled(resumed, joint
 
 
 @pytest.mark.parametrize(("counts", "where"), [(0, "at zero"), (36, "near zero")])
-def test_a_counter_at_zero_is_named(resumed, counts, where):
+def test_a_counter_at_zero_after_a_resume_is_named(resumed, counts, where):
     session, arm = resumed()
     arm.reads_rad[1] = counts * 2.0 * np.pi / 400_000
     session.connect()
@@ -101,7 +101,7 @@ def test_a_counter_at_zero_is_named(resumed, counts, where):
     assert arm.enabled == 0
 
 
-def test_a_misfit_that_is_no_number_is_no_agreement(resumed, monkeypatch):
+def test_a_nan_misfit_is_no_agreement(resumed, monkeypatch):
     session, arm = resumed()
     shift = ShiftOfReading(size_rad=np.nan, sigma_rad=np.nan, explains=np.nan)
     unknown = Innovation(chi2=np.nan, dof=5, usual=1.0, shifts={5: shift})
@@ -112,7 +112,7 @@ def test_a_misfit_that_is_no_number_is_no_agreement(resumed, monkeypatch):
     assert arm.enabled == 0
 
 
-def test_another_drive_is_named(resumed):
+def test_a_replaced_drive_is_named(resumed):
     session, arm = resumed()
     arm.serials[3] = 903
     with pytest.raises(GuardError, match=r"node 3 .* serial number 903, it had 103"):
@@ -120,7 +120,7 @@ def test_another_drive_is_named(resumed):
     assert arm.closed == 1
 
 
-def test_an_arm_without_nodes_is_refused_and_not_simulated(make_session):
+def test_an_arm_without_nodes_is_refused_unless_simulated(make_session):
     arm = WrongZero(PROCEDURE)
     arm.serials = {}
     assert not arm.connect().simulated
@@ -132,7 +132,7 @@ def test_an_arm_without_nodes_is_refused_and_not_simulated(make_session):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("joint", [2, 5, 7])
-def test_with_few_poses_the_nearest_is_read_again_slowly_and_tells(resumed, joint):
+def test_with_few_poses_the_nearest_is_measured_again(resumed, joint):
     session, arm = resumed(2, joint, 2.0)
     session.connect()
     here, hearing = arm.snapshot().positions_rad, Hearing()
@@ -162,7 +162,7 @@ def _standing(
 @pytest.mark.sample(5)
 @pytest.mark.parametrize("sagged_deg", SAGGED_DEG)
 @pytest.mark.parametrize("joint", [1, 2, 3, 4, 5])
-def test_it_is_named_wherever_it_has_sagged_to_and_a_joint_that_is_there_is_not(joint, sagged_deg):
+def test_a_reset_joint_is_named_despite_sag_and_others_are_not(joint, sagged_deg):
     """Arms by the shop floor's generator, within what their files state; that joint 60 deg from zero."""
     for seed, side in ((0, -1.0), (1, 1.0)):
         q, near = session(seed, poses=2).readings[0], side * np.deg2rad(sagged_deg)
@@ -173,7 +173,7 @@ def test_it_is_named_wherever_it_has_sagged_to_and_a_joint_that_is_there_is_not(
         assert f"Home joint {joint}" in str(refused.value)
 
 
-def test_of_those_near_zero_the_nearest_comes_first():
+def test_of_several_joints_near_zero_the_nearest_comes_first():
     arm = load_procedure("hinge").arm
     q = np.deg2rad([4.0, 0.03, -0.0004, 30.0, 6.0, 0.0, 0.0])
     found = counters_near_zero(arm, q)
@@ -197,7 +197,7 @@ def test_of_those_near_zero_the_nearest_comes_first():
         ((170.0, 320.0), 30.0, False),
     ],
 )
-def test_nearer_to_zero_than_to_its_range_a_joint_cannot_be(range_deg, reads_deg, refused):
+def test_a_joint_nearer_to_zero_than_to_its_range_was_reset(range_deg, reads_deg, refused):
     arm = load_procedure("hinge").arm
     lower, upper = np.deg2rad(range_deg)
     joint = replace(arm.joints[0], lower_rad=float(lower), upper_rad=float(upper))

@@ -90,9 +90,7 @@ WRONG: dict[str, tuple[Callable[[], bytes], str]] = {
 
 
 @pytest.mark.parametrize("kind", WRONG)
-def test_wrong_content_is_one_error_that_names_file_line_and_key(
-    tmp_path, kind, ends_with, approve
-):
+def test_invalid_event_data_is_one_error_with_file_line_and_key(tmp_path, kind, ends_with, approve):
     make, key = WRONG[kind]
     folder = tmp_path / "sessions" / "one"
     folder.mkdir(parents=True)
@@ -115,7 +113,7 @@ def test_wrong_content_is_one_error_that_names_file_line_and_key(
     assert row.count(str(folder)) == 1
 
 
-def test_poses_of_another_arm_are_refused_when_the_arm_is_known(tmp_path):
+def test_poses_of_another_joint_count_are_refused(tmp_path):
     found = [
         (name, {k: v[:5] if isinstance(v, list) and len(v) == 7 else v for k, v in data.items()})
         for name, data in events()
@@ -139,12 +137,12 @@ def outcome(folder: Path, raw: bytes) -> str:
 
 
 @pytest.mark.campaign
-def test_random_contents_with_right_checksums_are_a_state_or_one_error(tmp_path):
+def test_random_events_with_valid_checksums_give_a_state_or_one_error(tmp_path):
     seen = {outcome(tmp_path, mutated_journal(Random(seed))) for seed in range(400)}  # noqa: S311
     assert {"state", "JournalDamagedError"} <= seen
 
 
-def test_one_unreadable_session_hides_no_other(tmp_path, ends_with):
+def test_an_unreadable_session_does_not_hide_others(tmp_path, ends_with):
     for name, raw in (("a", written(events())), ("b", b"Dear diary\n"), ("c", b"")):
         (tmp_path / name).mkdir()
         (tmp_path / name / JOURNAL_NAME).write_bytes(raw)
@@ -187,7 +185,7 @@ def read_keys(source: str) -> dict[str, set[str]]:
     return found
 
 
-def test_no_key_is_read_that_was_not_looked_at():
+def test_every_key_is_checked_before_it_is_read():
     read = read_keys(Path(replay_module.__file__).read_text(encoding="utf-8"))
     assert {"opened", "pose", "solved", "campaign", "repaired"} <= set(read)
     for name, keys in read.items():

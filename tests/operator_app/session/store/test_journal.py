@@ -73,7 +73,7 @@ def read(folder: Path) -> list[tuple[str, Mapping[str, Any]]]:
     return [(e.name, e.data) for e in read_journal(folder).events]
 
 
-def test_every_cut_keeps_all_whole_lines_bit_for_bit_and_says_what_was_dropped(tmp_path):
+def test_a_truncated_journal_keeps_whole_lines_and_reports_the_rest(tmp_path):
     raw = write(tmp_path)
     for cut in range(1, len(raw) + 1):
         (tmp_path / JOURNAL_NAME).write_bytes(raw[:cut])
@@ -81,7 +81,7 @@ def test_every_cut_keeps_all_whole_lines_bit_for_bit_and_says_what_was_dropped(t
         assert bool(read_journal(tmp_path).torn) == (not raw[:cut].endswith(b"\n"))
 
 
-def test_resuming_cuts_the_torn_line_off_and_goes_on(tmp_path):
+def test_resuming_removes_the_torn_line(tmp_path):
     raw = write(tmp_path)
     path = tmp_path / JOURNAL_NAME
     path.write_bytes(raw[:-5])
@@ -95,7 +95,7 @@ def test_resuming_cuts_the_torn_line_off_and_goes_on(tmp_path):
 
 
 @given(position=st.integers(min_value=0), value=st.integers(min_value=0, max_value=255))
-def test_no_changed_byte_goes_unnoticed(tmp_path_factory, position, value):
+def test_every_changed_byte_is_detected(tmp_path_factory, position, value):
     folder = tmp_path_factory.mktemp("journal")
     raw = bytearray(write(folder))
     position %= len(raw)
@@ -112,7 +112,7 @@ def test_no_changed_byte_goes_unnoticed(tmp_path_factory, position, value):
         read_journal(folder)
 
 
-def test_a_line_from_another_journal_does_not_fit(tmp_path):
+def test_a_line_of_another_journal_is_rejected(tmp_path):
     first = write(tmp_path / "one").splitlines(keepends=True)
     journal = Journal.create(tmp_path / "two")
     journal.append("opened", {"a": 2})
@@ -123,7 +123,7 @@ def test_a_line_from_another_journal_does_not_fit(tmp_path):
         read_journal(tmp_path / "two")
 
 
-def test_one_session_has_one_operator(tmp_path):
+def test_a_session_is_opened_by_one_program_at_a_time(tmp_path):
     journal = Journal.create(tmp_path)
     journal.append("opened", {})
     with pytest.raises(JournalError, match="in use"):
@@ -138,7 +138,7 @@ def test_an_existing_session_is_not_overwritten(tmp_path):
         Journal.create(tmp_path)
 
 
-def test_non_finite_numbers_never_reach_the_file(tmp_path):
+def test_non_finite_numbers_are_not_written(tmp_path):
     journal = Journal.create(tmp_path)
     with pytest.raises(ValueError, match="JSON"):
         journal.append("pose", {"x": float("nan")})
@@ -146,7 +146,7 @@ def test_non_finite_numbers_never_reach_the_file(tmp_path):
     assert (tmp_path / JOURNAL_NAME).read_bytes() == b""
 
 
-def test_lines_are_plain_json_with_a_checksum(tmp_path):
+def test_lines_are_json_with_a_checksum(tmp_path):
     first, *others = write(tmp_path).splitlines()
     assert set(json.loads(first)) == {"schema", "seq", "utc", "event", "data", "sum"}
     assert json.loads(first)["schema"] == "sarcal/journal/1"
@@ -164,7 +164,7 @@ def test_lines_are_plain_json_with_a_checksum(tmp_path):
     ],
     ids=["fsync", "write", "short write"],
 )
-def test_a_line_that_failed_is_taken_back_and_the_next_one_fits(tmp_path, monkeypatch, disk):
+def test_a_failed_line_is_removed_and_the_next_is_valid(tmp_path, monkeypatch, disk):
     journal = begun(tmp_path)
     whole = (tmp_path / JOURNAL_NAME).read_bytes()
     fail(monkeypatch, disk)
@@ -186,7 +186,7 @@ def test_a_line_that_failed_is_taken_back_and_the_next_one_fits(tmp_path, monkey
     [{"fsync": (1,), "ftruncate": (1,)}, {"write": (1,), "ftruncate": (1,)}, {"fsync": (1, 2)}],
     ids=["fsync and truncate", "write and truncate", "both fsyncs"],
 )
-def test_a_journal_that_cannot_take_a_line_back_takes_no_more(tmp_path, monkeypatch, failing):
+def test_a_journal_that_cannot_remove_a_failed_line_is_closed(tmp_path, monkeypatch, failing):
     journal = begun(tmp_path)
     fail(monkeypatch, FailingDisk(failing))
     with pytest.raises(JournalError, match="cannot write"):
@@ -207,7 +207,7 @@ def test_a_journal_that_cannot_take_a_line_back_takes_no_more(tmp_path, monkeypa
     assert read_journal(tmp_path).events[-1].name == "goes on"
 
 
-def test_journals_from_before_the_version_stay_readable_and_go_on(tmp_path):
+def test_journals_without_version_can_be_read_and_continued(tmp_path):
     path = tmp_path / JOURNAL_NAME
     path.write_bytes(written(EVENTS, version=False))
     assert b"schema" not in path.read_bytes()
@@ -244,7 +244,7 @@ def newer(raw: bytes) -> bytes:
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_what_is_no_journal_is_one_error_that_names_the_file(tmp_path, shape):
+def test_a_file_that_is_no_journal_is_one_error(tmp_path, shape):
     write(tmp_path)
     change, words = SHAPES[shape]
     change(tmp_path / JOURNAL_NAME)
@@ -256,14 +256,14 @@ def test_what_is_no_journal_is_one_error_that_names_the_file(tmp_path, shape):
         assert refused.value.remedy
 
 
-def test_a_version_that_a_flipped_bit_made_is_damage_and_not_another_version(tmp_path):
+def test_a_version_changed_by_a_bit_flip_is_damage(tmp_path):
     path = tmp_path / JOURNAL_NAME
     path.write_bytes(write(tmp_path).replace(b"journal/1", b"journal/3"))
     with pytest.raises(JournalDamagedError, match="line 1"):
         read_journal(tmp_path)
 
 
-def test_a_damaged_last_line_is_not_cut_away(tmp_path):
+def test_a_damaged_last_line_is_not_removed(tmp_path):
     raw = write(tmp_path).replace(b'"t":"', b'"u":"')
     path = tmp_path / JOURNAL_NAME
     path.write_bytes(raw)
@@ -273,7 +273,7 @@ def test_a_damaged_last_line_is_not_cut_away(tmp_path):
     assert path.read_bytes() == raw
 
 
-def test_half_a_character_is_kept(tmp_path):
+def test_a_partial_character_is_kept(tmp_path):
     """As in a reason typed in a terminal that does not speak UTF-8."""
     journal = Journal.create(tmp_path)
     journal.append("exported", {"forced": "caf\udce9"})
@@ -282,7 +282,7 @@ def test_half_a_character_is_kept(tmp_path):
     assert read(tmp_path) == [("exported", {"forced": "caf\udce9"})]
 
 
-def test_a_journal_that_is_a_link_to_another_session_s_is_read_and_not_written(tmp_path):
+def test_a_linked_journal_is_readable_but_not_writable(tmp_path):
     write(tmp_path / "there")
     (tmp_path / "here").mkdir()
     (tmp_path / "here" / JOURNAL_NAME).symlink_to(tmp_path / "there" / JOURNAL_NAME)

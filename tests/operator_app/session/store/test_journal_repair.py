@@ -38,7 +38,7 @@ def session(folder: Path, raw: bytes) -> Path:
     return folder
 
 
-def test_one_flipped_bit_bars_no_session(tmp_path):
+def test_one_flipped_bit_does_not_lose_a_session(tmp_path):
     raw = bytearray(SOUND)
     raw[2000] ^= 1
     session(tmp_path, bytes(raw))
@@ -58,7 +58,7 @@ def test_one_flipped_bit_bars_no_session(tmp_path):
 
 @settings(max_examples=60)
 @given(position=st.integers(0, len(SHORT) - 1), bit=st.integers(0, 7))
-def test_any_flipped_bit_is_put_right(position, bit):
+def test_any_flipped_bit_is_repaired(position, bit):
     raw = bytearray(SHORT)
     raw[position] ^= 1 << bit
     lines, torn = examine_lines(bytes(raw))
@@ -69,7 +69,7 @@ def test_any_flipped_bit_is_put_right(position, bit):
 
 
 @pytest.mark.parametrize(("sums", "lost"), [(False, [9]), (True, [9, 10])])
-def test_what_is_not_proven_is_lost_and_said_and_all_else_is_kept(tmp_path, sums, lost):
+def test_unproven_lines_are_dropped_reported_and_the_rest_kept(tmp_path, sums, lost):
     session(tmp_path, broken(SOUND, 9, sums=sums))
     found = repair_journal(tmp_path)
     assert list(found.lost) == lost
@@ -83,12 +83,12 @@ def test_what_is_not_proven_is_lost_and_said_and_all_else_is_kept(tmp_path, sums
     assert found.state.resumed
 
 
-def test_the_last_line_is_lost_only_when_nothing_proves_it(tmp_path):
+def test_the_last_line_is_dropped_only_without_proof(tmp_path):
     session(tmp_path, broken(SOUND, len(events())))
     assert list(repair_journal(tmp_path).lost) == [len(events())]
 
 
-def test_wrong_content_is_set_aside_as_well(tmp_path):
+def test_invalid_content_is_set_aside(tmp_path):
     found = events()
     found[6][1]["mean_rad"] = [0.1] * 6
     found[3][1]["start_rad"] = None
@@ -99,7 +99,7 @@ def test_wrong_content_is_set_aside_as_well(tmp_path):
     assert read_session(tmp_path).problem == ""
 
 
-def test_a_whole_journal_is_left_alone(tmp_path):
+def test_an_intact_journal_is_not_changed(tmp_path):
     session(tmp_path, SOUND + b'{"seq":29,"torn')
     found = repair_journal(tmp_path)
     assert found.aside is None
@@ -108,7 +108,7 @@ def test_a_whole_journal_is_left_alone(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == [JOURNAL_NAME]
 
 
-def test_what_is_no_journal_is_not_repaired(tmp_path):
+def test_other_files_are_not_repaired(tmp_path):
     session(tmp_path, b"Dear diary\n")
     with pytest.raises(JournalError, match="another program's file"):
         repair_journal(tmp_path)
@@ -119,7 +119,7 @@ def test_what_is_no_journal_is_not_repaired(tmp_path):
     journal.close()
 
 
-def test_the_command_says_it_line_by_line_and_the_session_goes_on(tmp_path, ends_with):
+def test_the_command_reports_each_line_and_the_session_continues(tmp_path, ends_with):
     root = ["--sessions", str(tmp_path)]
     folder = session(tmp_path / "one", broken(SOUND, 9))
     assert f"sarcal session repair {folder}" in ends_with(2, "report", "one", *root).err
@@ -137,9 +137,7 @@ def test_the_command_says_it_line_by_line_and_the_session_goes_on(tmp_path, ends
     assert {line["fate"] for line in found["lines"]} == {"kept"}
 
 
-def test_a_session_without_its_first_line_keeps_its_poses_and_says_that_it_cannot_go_on(
-    tmp_path, ends_with
-):
+def test_a_session_without_its_first_line_keeps_poses_but_cannot_continue(tmp_path, ends_with):
     session(tmp_path / "one", broken(SOUND, 1))
     said = ends_with(0, "session", "repair", "one", "--sessions", tmp_path).out
     assert "cannot be resumed" in said

@@ -38,7 +38,7 @@ def wait_until_gone(pid: int) -> None:
     raise AssertionError(f"process {pid} is still there")
 
 
-def test_it_finds_what_is_found_here(reference_data):
+def test_a_solver_process_gives_the_same_result(reference_data):
     poses = load_poses(reference_data / "hinge" / "hinge_quantised.csv").poses
     given = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture, poses
     here_said: list[int] = []
@@ -52,7 +52,7 @@ def test_it_finds_what_is_found_here(reference_data):
     assert (there.reasons, there.warnings) == (here.reasons, here.warnings)
 
 
-def test_it_has_neither_bus_nor_terminal_nor_screen():
+def test_a_solver_process_has_no_bus_terminal_or_screen():
     with SolvingProcess() as process:
         found = process(jobs.surroundings, "word")
         assert found["pid"] != os.getpid()
@@ -63,7 +63,7 @@ def test_it_has_neither_bus_nor_terminal_nor_screen():
         assert sum(name.startswith("socket:") for name in found["open"]) == 1
 
 
-def test_one_process_does_one_thing_after_the_other_and_is_gone_in_the_end():
+def test_a_solver_process_works_in_sequence_and_ends():
     with SolvingProcess() as process:
         said: list[int] = []
         assert process(jobs.count, 5, progress=lambda n, _: said.append(n)) == 5
@@ -73,7 +73,7 @@ def test_one_process_does_one_thing_after_the_other_and_is_gone_in_the_end():
     wait_until_gone(first)
 
 
-def test_what_is_cancelled_ends_at_once_whatever_it_does(tmp_path):
+def test_cancelling_ends_the_process_at_once(tmp_path):
     ended = threading.Event()
 
     def go_on() -> None:
@@ -99,13 +99,13 @@ def test_what_is_cancelled_ends_at_once_whatever_it_does(tmp_path):
         ((jobs.die, "exit"), r"ended by itself \(exit code 7\)"),
     ],
 )
-def test_what_goes_wrong_is_said_in_words(job, words):
+def test_exceptions_become_messages(job, words):
     with SolvingProcess() as process, pytest.raises(SessionError, match=words) as caught:
         process(*job)
     assert caught.value.remedy
 
 
-def test_what_the_solver_refuses_is_raised_as_it_is_here():
+def test_solver_errors_are_raised_unchanged():
     with SolvingProcess() as process:
         with pytest.raises(SolverError, match="these poses say nothing"):
             process(jobs.refuse)
@@ -115,7 +115,7 @@ def test_what_the_solver_refuses_is_raised_as_it_is_here():
     assert caught.value.note == "one note"
 
 
-def test_whoever_solves_runs_behind_everybody_else():
+def test_solving_has_low_priority():
     with real_time_priority(), SolvingProcess() as process:
         policy, niceness = process(jobs.turn)
     assert policy == os.SCHED_OTHER
@@ -132,7 +132,7 @@ with SolvingProcess() as process:
 """
 
 
-def test_it_ends_with_the_process_that_wanted_it_even_when_that_is_killed(tmp_path):
+def test_a_solver_process_ends_with_its_killed_parent(tmp_path):
     mark = tmp_path / "pid"
     parent = subprocess.Popen(
         [sys.executable, "-c", PARENT, str(mark)],

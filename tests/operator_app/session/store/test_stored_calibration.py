@@ -44,7 +44,7 @@ def from_the_file(session: Session) -> SessionState:
     return replay(events)
 
 
-def test_what_was_solved_is_read_back_from_the_file(session):
+def test_a_stored_calibration_is_read_back(session):
     solution = session.calibrate()
     checks = session.check(solution)
     state = from_the_file(session)
@@ -58,7 +58,7 @@ def test_what_was_solved_is_read_back_from_the_file(session):
     assert "record" not in state.solved
 
 
-def test_a_solution_with_an_infinite_condition_number_is_kept(session, procedure):
+def test_an_infinite_condition_number_is_stored(session, procedure):
     found = session.calibrate()
     found = replace(
         found, identifiability=replace(found.identifiability, scaled_condition_number=math.inf)
@@ -70,7 +70,7 @@ def test_a_solution_with_an_infinite_condition_number_is_kept(session, procedure
     assert math.isinf(again.solution.identifiability.scaled_condition_number)
 
 
-def test_other_options_and_old_journals_are_solved_and_said(session, procedure):
+def test_other_options_and_old_journals_are_solved_again(session, procedure):
     session.calibrate(unsensed_joints=(7,))
     state = session.state
     assert session_calibration(state, procedure).solution.model.unsensed_joints == (7,)
@@ -99,21 +99,19 @@ def test_other_options_and_old_journals_are_solved_and_said(session, procedure):
     assert isinstance(journal_calibration(session.state), str)
 
 
-def test_a_session_without_poses_says_so(procedure):
+def test_a_session_without_poses_is_reported(procedure):
     with pytest.raises(SessionError, match="no pose of this session"):
         session_calibration(SessionState(), procedure)
 
 
-def test_second_opinions_belong_to_the_solution_they_follow():
+def test_cross_checks_belong_to_their_solution():
     solved = an_event("solved", {"record": {"version": 1}})
     checked = an_event("checked", {"record": {"version": 1, "outliers": []}})
     assert replay([solved, checked]).checks
     assert replay([solved, checked, solved]).checks == {}
 
 
-def test_a_solution_of_other_poses_or_of_figures_that_do_not_go_together_is_made_again(
-    session, procedure
-):
+def test_an_inconsistent_stored_solution_is_solved_again(session, procedure):
     """As in a journal whose checksums are right and whose lines were put together by somebody else."""
     session.calibrate()
     state = session.state

@@ -15,7 +15,7 @@ from operator_app.session.store.true_errors import with_truth
 from solver.chain.parameters import DhEntry, DhKind
 
 
-def test_of_one_entry_that_is_off():
+def test_true_errors_list_the_wrong_entry():
     arm, fixture = load_arm("sarcos_dextrous"), load_fixture("hinge")
     made = simulated_poses(arm, fixture, poses=30, seed=5)
     solution = calibrate(arm, fixture.fixture, made.poses)

@@ -8,7 +8,7 @@ from operator_app.session.ui.action_handlers import go
 
 
 @pytest.mark.parametrize("waypoint", [None, 0, 4])
-def test_nothing_moves_where_there_is_no_waypoint(waypoint):
+def test_without_a_waypoint_nothing_moves(waypoint):
     refused, gone = list[str](), list[int]()
     context = SimpleNamespace(
         interface=SimpleNamespace(refuse=refused.append),

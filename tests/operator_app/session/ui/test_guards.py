@@ -36,7 +36,7 @@ def ours(s: SessionSnapshot) -> SessionSnapshot:
 
 
 @pytest.mark.parametrize("name", TOLD)
-def test_steps_open_one_after_the_other(name):
+def test_steps_become_available_in_order(name):
     told = story()[name]
     missing = {step: guards.missing_for(step, told) for step in Step}
     assert next((step for step in Step if missing[step]), None) is FIRST_CLOSED[name]
@@ -133,7 +133,7 @@ def not_accepted(s):
         (guards.may_reset, "modes", None),
     ],
 )
-def test_what_is_missing_is_said(guard, told, change, approve):
+def test_unmet_conditions_are_reported(guard, told, change, approve):
     s = story()[told]
     s = s if change is None else change(s)
     missing = guard(s)
@@ -165,7 +165,7 @@ def test_what_is_missing_is_said(guard, told, change, approve):
         (guards.may_reset, "modes", switched_off),
     ],
 )
-def test_nothing_is_missing(guard, told, change):
+def test_with_all_conditions_met_nothing_is_missing(guard, told, change):
     s = story()[told]
     assert guard(s if change is None else change(s)) == ()
 
@@ -185,7 +185,7 @@ def test_too_few_and_too_many_position_joints_are_explained(joints, words):
     ("until", "open_"),
     [({TaskKind.CONNECT}, True), (ARM_RECOVERY, True), ({TaskKind.MODES}, False)],
 )
-def test_what_an_alarm_asks_for_is_not_refused(until, open_):
+def test_the_action_an_alarm_asks_for_is_allowed(until, open_):
     """It says: connect again."""
     s = add_message(
         story()["modes"], Level.ALARM, "why", time="12:00:00", resolving_tasks=frozenset(until)
@@ -193,7 +193,7 @@ def test_what_an_alarm_asks_for_is_not_refused(until, open_):
     assert (guards.may_connect(s) == ()) is open_
 
 
-def test_any_key_ends_motion_and_nothing_else():
+def test_any_key_ends_a_motion_only():
     s = story()["modes"]
     assert guards.stops_on_any_key(busy(s, TaskKind.MOVE, moves=True).task)
     assert not guards.stops_on_any_key(busy(s, TaskKind.EXPORT, moves=False).task)

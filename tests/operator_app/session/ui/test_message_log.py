@@ -33,7 +33,7 @@ def texts(s: SessionSnapshot) -> list[str]:
     return [alarm.text for alarm in s.alarms]
 
 
-def test_an_alarm_outlives_every_other_message():
+def test_an_alarm_is_kept_longer_than_other_messages():
     s = say(story()["start"], Level.ALARM, "hot")
     for k in range(2 * MAX_MESSAGES):
         s = say(s, Level.WARNING if k % 2 else Level.INFO, f"{k}")
@@ -41,7 +41,7 @@ def test_an_alarm_outlives_every_other_message():
     assert texts(s) == ["hot"]
 
 
-def test_what_stands_already_and_is_said_again_is_the_newest():
+def test_a_repeated_message_becomes_the_newest():
     s = say(say(story()["start"], Level.ALARM, "hot"), Level.ALARM, "full")
     again = add_message(s, Level.ALARM, "hot", time="12:00:01")
     assert texts(again) == ["full", "hot"]
@@ -67,13 +67,13 @@ def test_what_stands_already_and_is_said_again_is_the_newest():
     ],
     ids=lambda value: type(value).__name__ if isinstance(value, Exception) else str(value),
 )
-def test_what_the_arm_goes_on_refusing_for_asks_to_connect_again(error, asks):
+def test_a_persisting_refusal_asks_to_reconnect(error, asks):
     s = say(story()["start"], Level.ALARM, "told", *resolving_tasks(error, TaskKind.CAPTURE))
     assert needs_reconnect(s) is asks
     assert texts(without_resolved(s, TaskKind.CAPTURE)) == []
 
 
-def test_it_is_said_again_when_it_stands_no_more():
+def test_a_message_is_repeated_once_it_is_gone():
     s = say(say(story()["start"], Level.ALARM, "hot"), Level.ALARM, "hot")
     assert texts(s) == ["hot"]
     again = say(without_acknowledged(s, s.alarms[0].number), Level.ALARM, "hot")
@@ -81,7 +81,7 @@ def test_it_is_said_again_when_it_stands_no_more():
     assert again.alarms[0].number > s.alarms[0].number
 
 
-def test_only_the_work_that_it_waits_for_resolves_it():
+def test_only_the_awaited_task_resolves_an_alarm():
     s = say(story()["start"], Level.ALARM, "hot", TaskKind.RESET, TaskKind.CONNECT)
     s = say(s, Level.ALARM, "full", TaskKind.EXPORT)
     s = say(s, Level.ALARM, "unread")
@@ -90,7 +90,7 @@ def test_only_the_work_that_it_waits_for_resolves_it():
     assert texts(without_resolved(s, TaskKind.EXPORT)) == ["hot", "unread"]
 
 
-def test_one_is_acknowledged_and_no_other():
+def test_only_one_alarm_is_acknowledged():
     s = story()["start"]
     for text in ("hot", "full", "unread"):
         s = say(s, Level.ALARM, text)

@@ -31,7 +31,7 @@ def pictures():
 
 
 @pytest.mark.parametrize("step", list(Step), ids=lambda step: step.title)
-def test_two_rows_of_80_columns_hold_it(step):
+def test_hints_fit_two_rows_of_80_columns(step):
     for name, picture in pictures().items():
         hint = next_action(step, picture).hint
         assert len(wrapped(f" Next {hint}", 79, indent=" " * 6)) <= 2, (name, hint)
@@ -45,21 +45,21 @@ def uploaded(*, modes_applied: bool, verified: VerificationResult | None = None)
     return replace(s, arm=modes.arm, state=replace(s.state, modes=modes.state.modes))
 
 
-def test_after_the_upload_it_says_how_new_poses_can_judge():
+def test_after_the_upload_a_verification_is_offered():
     """From a held arm as well: the modes are applied again with the same key."""
     for applied in (False, True):
         assert "y verifies" in next_action(Step.EXPORT, uploaded(modes_applied=applied)).hint
 
 
 @pytest.mark.parametrize(("holds", "said"), [(True, "verified"), (False, "find the cause")])
-def test_what_new_poses_said_is_the_last_word(holds, said):
+def test_a_verification_result_is_the_last_hint(holds, said):
     found = replace(story()["verified"].verification, odd_poses=() if holds else (0,))
     hint = next_action(Step.EXPORT, uploaded(modes_applied=True, verified=found)).hint
     assert said in hint
     assert hint.endswith("Enter or q quits")
 
 
-def test_drives_that_are_off_are_led_back_to_their_modes():
+def test_disabled_drives_lead_back_to_the_modes():
     s = story()["capturing"]
     joints = tuple(replace(j, drive=DriveState.SWITCH_ON_DISABLED) for j in s.arm.joints)
     found = next_action(Step.CAPTURE, replace(s, arm=replace(s.arm, joints=joints)))
@@ -68,13 +68,13 @@ def test_drives_that_are_off_are_led_back_to_their_modes():
     assert "Enter" in found.hint
 
 
-def test_without_an_arm_it_leads_to_connecting():
+def test_without_an_arm_the_hint_is_to_connect():
     gone = replace(story()["capturing"], identity=None, arm=None)
     for step in (Step.FIXTURE, Step.MODES, Step.CAPTURE):
         assert next_action(step, gone).action == "step_1"
 
 
-def test_an_open_arm_drives_all_its_joints_and_leaves_none_free():
+def test_an_open_arm_drives_all_joints():
     """Nothing is free that could give way: the words say so before and after the question."""
     s = story()["ticked"]
     every = tuple(range(1, s.procedure.arm.joint_count + 1))

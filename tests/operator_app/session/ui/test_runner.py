@@ -75,7 +75,7 @@ def finish(runner: Runner) -> None:
     until(lambda: not runner.pending)
 
 
-def test_work_that_is_over_at_once_is_not_shown_for_ever(make_session):
+def test_a_finished_task_is_not_shown_as_running(make_session):
     """Whoever hands it in is held up, where the beginning is noted, until it is done or 50 ms have passed."""
     done = threading.Event()
 
@@ -94,7 +94,7 @@ def test_work_that_is_over_at_once_is_not_shown_for_ever(make_session):
     runner.close("end of the test")
 
 
-def test_work_is_shown_before_it_begins_and_while_it_lasts(runner):
+def test_a_task_is_shown_before_it_begins_and_while_it_runs(runner):
     work = InHand()
     runner.submit(TaskKind.CALIBRATE, "the first", work)
     assert work.begun.wait(PATIENCE_S)
@@ -107,7 +107,7 @@ def test_work_is_shown_before_it_begins_and_while_it_lasts(runner):
     assert runner.snapshot().task is None
 
 
-def test_what_is_being_connected_to_can_be_stopped(runner):
+def test_a_connection_attempt_can_be_stopped(runner):
     seen: list[bool] = []
     runner.submit(TaskKind.CONNECT, "connecting", lambda: seen.append(runner.connected))
     finish(runner)
@@ -120,9 +120,7 @@ def test_what_is_being_connected_to_can_be_stopped(runner):
     [(Runner.cancel, []), (Runner.send_quick_stop, ["connection"])],
     ids=["cancelled by the operator", "stopped for lost data"],
 )
-def test_what_waits_behind_ended_work_never_begins_but_a_connection_after_lost_data(
-    runner, ends, done
-):
+def test_queued_tasks_are_dropped_after_an_ended_task_except_connecting(runner, ends, done):
     work, ran = InHand(), list[str]()
     runner.submit(TaskKind.AUTOMATIC, "the first", work)
     runner.submit(TaskKind.MOVE, "a motion", lambda: ran.append("motion"))
@@ -136,7 +134,7 @@ def test_what_waits_behind_ended_work_never_begins_but_a_connection_after_lost_d
     assert any("a motion: cancelled" in text for text in texts(runner))
 
 
-def test_that_this_computer_was_late_is_said_once(runner, arm):
+def test_host_latency_is_reported_once(runner, arm):
     arm.lateness = HostLatency(times=1, last_s=0.4, longest_s=0.4)
     until(lambda: any("late" in text for text in texts(runner)))
     threading.Event().wait(3 * WATCH_PERIOD_S)
@@ -145,7 +143,7 @@ def test_that_this_computer_was_late_is_said_once(runner, arm):
     assert said.text.startswith("this computer was late by 0.4 s")
 
 
-def test_a_stop_pressed_as_the_one_before_is_reset_is_not_said_to_be_reset(runner, arm):
+def test_a_stop_pressed_during_a_reset_is_not_reported_as_reset(runner, arm):
     reset = arm.reset_stop
 
     def reset_and_pressed_again() -> None:
@@ -167,7 +165,7 @@ def test_a_stop_pressed_as_the_one_before_is_reset_is_not_said_to_be_reset(runne
 
 
 @pytest.mark.campaign
-def test_a_motion_that_nobody_looks_at_is_ended(runner):
+def test_an_unwatched_motion_is_ended(runner):
     """A screen on a terminal that is not read any more takes no key that stops."""
     work = UntilCancelled(runner.cancelled)
     runner.submit(TaskKind.MOVE, "moving", work)
@@ -179,7 +177,7 @@ def test_a_motion_that_nobody_looks_at_is_ended(runner):
     assert any("the screen did not respond" in text for text in texts(runner))
 
 
-def test_a_thread_that_dies_stops_the_arm_and_is_told(source):
+def test_a_crashed_thread_stops_the_arm_and_is_reported(source):
     def broken() -> str:
         raise ZeroDivisionError
 
@@ -192,7 +190,7 @@ def test_a_thread_that_dies_stops_the_arm_and_is_told(source):
     runner.close("end of the test")
 
 
-def test_a_plan_once_begun_is_the_plan_that_is_shown(runner):
+def test_the_shown_plan_is_the_one_that_was_begun(runner):
     work = runner.operations
     work.connect()
     work.set_modes((1, 5))
@@ -204,7 +202,7 @@ def test_a_plan_once_begun_is_the_plan_that_is_shown(runner):
 
 
 @pytest.mark.campaign
-def test_a_new_calibration_was_not_verified(runner):
+def test_a_new_calibration_is_not_verified(runner):
     work = runner.operations
     work.connect()
     work.set_modes((1, 5))
@@ -219,7 +217,7 @@ def test_a_new_calibration_was_not_verified(runner):
     assert shown.solution is not None
 
 
-def test_held_joints_are_not_driven_against_each_other(runner):
+def test_held_joints_do_not_work_against_each_other(runner):
     work = runner.operations
     work.connect()
     work.set_modes((1, 5))
@@ -254,7 +252,7 @@ def stopped_by_itself(source, runner):
     return runner
 
 
-def test_why_the_arm_was_stopped_is_kept_though_stop_ends_all_work_in_hand(stopped_by_itself):
+def test_the_cause_of_a_stop_is_kept_though_tasks_end(stopped_by_itself):
     runner = stopped_by_itself
     runner.stop()
     runner.submit(TaskKind.RESET, "resetting STOP", runner.operations.reset)
@@ -265,14 +263,12 @@ def test_why_the_arm_was_stopped_is_kept_though_stop_ends_all_work_in_hand(stopp
     assert runner.session.state.used_poses == ()
 
 
-def test_why_the_arm_was_stopped_is_kept_though_the_session_is_closed_meanwhile(
-    source, stopped_by_itself
-):
+def test_the_cause_of_a_stop_is_kept_though_the_session_closes(source, stopped_by_itself):
     source.close("end of the test")
     assert kept_faults(stopped_by_itself) == [5]
 
 
-def test_two_who_hand_in_work_at_once_have_it_done_in_their_order_and_it_can_be_ended(make_session):
+def test_concurrent_tasks_run_in_order_and_can_be_ended(make_session):
     """The screen and the watchman: a job that no key could end would be the wrong one's."""
     second = threading.Event()
 

@@ -40,7 +40,7 @@ def watched(*angles: np.ndarray) -> Motion:
     return found
 
 
-def test_a_steady_motion_has_its_speed_and_is_not_still():
+def test_a_steady_motion_has_its_speed_and_is_not_at_rest():
     speed = np.deg2rad([20.0, 0, 0, -3.0, 0, 0, 0])
     found = watched(*(HOME + k * LOOK_S * speed for k in range(30)))
     assert found.speed_rad_per_s == pytest.approx(speed, abs=1e-12)
@@ -60,7 +60,7 @@ def test_sensor_noise_is_not_motion():
     assert np.all(np.abs(found.speed_rad_per_s) < 5.0 * sigma / np.sqrt(0.275))
 
 
-def test_rest_begins_when_the_last_movement_has_left_the_window():
+def test_rest_begins_when_the_last_motion_left_the_window():
     steps = [0.0] * 20 + [0.01] + [0.02] * 20
     found = watched(*(HOME + step for step in steps))
     assert found.still
@@ -68,7 +68,7 @@ def test_rest_begins_when_the_last_movement_has_left_the_window():
     assert found.held_s == pytest.approx((40 - 24) * LOOK_S)
 
 
-def test_a_joint_beyond_its_allowance_is_named():
+def test_a_joint_beyond_its_limit_is_named():
     q = HOME.copy()
     q[2] += 2.0 * ALLOWED[2]
     found = watched(HOME, HOME, q)
@@ -76,7 +76,7 @@ def test_a_joint_beyond_its_allowance_is_named():
     assert found.spread_share == pytest.approx(2.0)
 
 
-def test_a_gap_in_the_data_is_forgotten():
+def test_a_gap_in_the_data_resets_the_window():
     watch = MotionMonitor(PROCEDURE.arm, PROCEDURE.capture)
     watch.update(*look(0, HOME))
     watch.reset()
@@ -86,7 +86,7 @@ def test_a_gap_in_the_data_is_forgotten():
     assert not found.speed_rad_per_s.any()
 
 
-def test_an_unsensed_joint_does_not_count():
+def test_an_unsensed_joint_is_ignored():
     procedure = load_procedure("hinge")
     joints = list(procedure.arm.joints)
     joints[6] = replace(joints[6], sensor=NoSensor())

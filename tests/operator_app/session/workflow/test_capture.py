@@ -133,7 +133,7 @@ def test_resuming_with_another_arm_is_refused(make_session):
         resumed.connect()
 
 
-def test_undo_exclude_include_and_note_survive_a_restart(make_session):
+def test_undo_exclude_include_and_note_survive_a_resume(make_session):
     session = make_session(short_procedure(5))
     run(session, Listener())
     assert session.undo().number == 5

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.oracles.loaded_session import session_under_load
+from tests.oracles.loaded_session import run_session_under_load
 
 LIMIT_MS = 50.0
 BUFFER_MB = 8.0
@@ -39,7 +39,7 @@ def main() -> int:
     samples = max(8, round((chosen.seconds / chosen.poses - SECONDS_BESIDE_READING) * 100.0))
     before = os.getloadavg()[0]
     with tempfile.TemporaryDirectory() as folder:
-        came = session_under_load(
+        came = run_session_under_load(
             Path(folder),
             f"busy-{os.getpid()}",
             poses=chosen.poses,
@@ -67,7 +67,7 @@ def main() -> int:
         + ", ".join(f"p{p} {np.percentile(gaps_ms, p):.1f}" for p in (50, 99, 99.9))
         + f", largest {gaps_ms.max():.1f} ms; {int((gaps_ms > LIMIT_MS).sum())} over {LIMIT_MS:g} ms"
     )
-    away_ms = 1e3 * np.array(came.away_s())
+    away_ms = 1e3 * np.array(came.pauses_in_intervals_s())
     own_ms = gaps_ms - away_ms
     print(
         f"the machine itself  stood still for {1e3 * came.pauses.longest_s():.1f} ms at most, "

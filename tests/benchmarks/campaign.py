@@ -18,25 +18,25 @@ from collections import Counter
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 
-from tests.oracles.killing import CPU_S, MEMORY_MB, Deaths, chain
+from tests.oracles.killing import CPU_S, MEMORY_MB, KillStatistics, chain
 
 KILLS_A_CHAIN = 12
 EMBEDDED_SHARE = 0.2
 
 
-def killed_chain(folder: str, seed: int, kills: int, embedded: bool) -> Deaths:
+def killed_chain(folder: str, seed: int, kills: int, embedded: bool) -> KillStatistics:
     """Run a chain here; what breaks the judge itself is a fault as well."""
     try:
         return chain(folder, seed, kills, embedded=embedded)
     except Exception:  # noqa: BLE001 - what is looked for
-        return Deaths(faults=[f"{folder}:\n{traceback.format_exc(limit=-3)}"])
+        return KillStatistics(faults=[f"{folder}:\n{traceback.format_exc(limit=-3)}"])
 
 
 def kills(count: int, processes: int, seed: int) -> list[str]:
     """Run chains until so many kills are done; print what came of them, return the faults."""
     chains = max(1, round(count / KILLS_A_CHAIN))
     embedded = round(chains * EMBEDDED_SHARE)
-    whole, begun = Deaths(), time.monotonic()
+    whole, begun = KillStatistics(), time.monotonic()
     with (
         tempfile.TemporaryDirectory() as root,
         ProcessPoolExecutor(processes, get_context("spawn")) as pool,

@@ -24,7 +24,7 @@ from operator_app.exit_codes import EXPECTED_ERRORS
 from solver.chain.poses import PoseSet
 from tests.oracles.as_shipped import ARM, HINGE, poses_of
 from tests.oracles.shop_floor import Sizes, session
-from tests.oracles.simulated_loops import Simulation, wrist_bows
+from tests.oracles.simulated_loops import Simulation, wrist_curves
 
 COUNTS = (6, 7, 8, 10, 14, 24, 60)
 KINDS = ("every error", "no error", "random loops")
@@ -45,7 +45,7 @@ def prefixes(kind: str, seed: int, counts: Sequence[int]) -> list[PoseSet]:
     """The first so many poses of one session."""
     most = max(counts)
     if kind == "random loops":
-        q = Simulation(poses=most, bows=wrist_bows()).readings(seed)
+        q = Simulation(poses=most, bows=wrist_curves()).readings(seed)
         return [
             PoseSet(
                 placement=np.ones(n, dtype=np.int64),

@@ -20,7 +20,7 @@ from solver.estimators.paper import closure_problem
 from solver.loops.closure import nearest_equivalent
 from solver.loops.dh import DhLoop
 from solver.search.global_start import GlobalStart, global_start
-from tests.oracles.wild_loops import wild_problem, with_sensors
+from tests.oracles.wild_loops import random_hinge_problem, with_sensor_errors
 from tests.solver.search.test_global_start import model_without_initial_guess
 
 GOAL_SOLVED, GOAL_SECONDS = 0.99, 5.0
@@ -44,9 +44,9 @@ def main() -> int:
     rows: dict[str, list[tuple[bool, float, float, int]]] = {"exact": [], "sensors": []}
     conditions, failed = [], []
     for seed in range(count):
-        problem = wild_problem(seed)
+        problem = random_hinge_problem(seed)
         exact = None
-        for kind, read in (("exact", problem.q), ("sensors", with_sensors(problem.q, seed))):
+        for kind, read in (("exact", problem.q), ("sensors", with_sensor_errors(problem.q, seed))):
             start = perf_counter()
             found = global_start(model, read)
             seconds = perf_counter() - start

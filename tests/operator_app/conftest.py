@@ -6,15 +6,15 @@ import pytest
 
 from operator_app.config.procedure import Procedure
 from operator_app.session.workflow.session import Session
-from tests.oracles.answers import ends_with
+from tests.oracles.answers import run_command
 from tests.oracles.journalled_sessions import journalled_sessions
-from tests.oracles.live_source import FakeSource
+from tests.oracles.live_source import FakeSessions
 from tests.oracles.opened import opened
 from tests.oracles.plant_arm import SERIAL, PlantArm
-from tests.oracles.recorded import recorded_folder
-from tests.oracles.ticking import Ticking
+from tests.oracles.recorded import cached_folder
+from tests.oracles.ticking import TickingClock
 
-__all__ = ["ends_with"]
+__all__ = ["run_command"]
 
 
 @pytest.fixture
@@ -33,7 +33,9 @@ def make_session(tmp_path):
     ) -> Session:
         session_arm = arm or PlantArm(procedure, scenario_name, serial)
         folder = tmp_path / "session"
-        sessions.append(opened(folder, session_arm, procedure, resumed=resume, clock=Ticking()))
+        sessions.append(
+            opened(folder, session_arm, procedure, resumed=resume, clock=TickingClock())
+        )
         if connect:
             sessions[-1].connect()
         return sessions[-1]
@@ -46,7 +48,7 @@ def make_session(tmp_path):
 @pytest.fixture
 def source(tmp_path):
     """Sessions on live fake arms; the open one is closed after the test."""
-    source = FakeSource(tmp_path / "sessions")
+    source = FakeSessions(tmp_path / "sessions")
     yield source
     source.close("end of the test")
 
@@ -55,5 +57,5 @@ def source(tmp_path):
 def journalled(tmp_path_factory):
     """Folders of sessions with a journalled calibration, by the name of the way they were made; read-only."""
     folder = tmp_path_factory.mktemp("sessions") / "made"
-    shutil.copytree(recorded_folder(journalled_sessions), folder)
+    shutil.copytree(cached_folder(journalled_sessions), folder)
     return {path.name: path for path in folder.iterdir()}

@@ -78,7 +78,7 @@ def test_console_and_plain_mode_replace_control_characters(capsys):
     assert captured.out.count("\n") == 2
 
 
-def test_error_messages_repeat_arguments_as_text(tmp_path, capsys, ends_with):
+def test_error_messages_repeat_arguments_as_text(tmp_path, capsys, run_command):
     name = str(tmp_path / "no\x1b[31msuch\nsarcal: all is well\u202e")
     for arguments in (
         ["solve", name, *SARCOS_HINGE],
@@ -88,7 +88,7 @@ def test_error_messages_repeat_arguments_as_text(tmp_path, capsys, ends_with):
         ["session", "show", name],
         ["run", "--unsensed", name],
     ):
-        message = ends_with(2, *arguments).err
+        message = run_command(2, *arguments).err
         assert control_characters(message) == set()
         assert not any(line.startswith("sarcal: all is well") for line in message.splitlines())
     with pytest.raises(SystemExit):
@@ -113,10 +113,10 @@ def write_outlier_poses(reference_data, tmp_path):
     return write
 
 
-def test_pose_labels_are_kept_and_shown_as_text(write_outlier_poses, ends_with):
+def test_pose_labels_are_kept_and_shown_as_text(write_outlier_poses, run_command):
     path = write_outlier_poses(HOSTILE.replace("\ud800", "").replace("\x00", ""))
     assert "\x1b[2J" in load_poses(path, joint_count=7).poses.label[0]
-    answer = ends_with(4, "solve", path, *SARCOS_HINGE)
+    answer = run_command(4, "solve", path, *SARCOS_HINGE)
     assert "owned" in answer.out, "the outlier is reported by its label"
     assert control_characters(answer.out + answer.err) == set()
 
@@ -134,18 +134,18 @@ def hostile_session(folder: Path) -> Path:
     return folder
 
 
-def test_session_texts_are_kept_and_shown_as_text(tmp_path, ends_with):
+def test_session_texts_are_kept_and_shown_as_text(tmp_path, run_command):
     folder = hostile_session(tmp_path / "one")
     root = ["--sessions", str(tmp_path)]
     state = read_session(folder).state
     assert state is not None
     assert state.serial_number == HOSTILE
-    listed = ends_with(0, "session", "list", *root).out
+    listed = run_command(0, "session", "list", *root).out
     assert len(listed.splitlines()) == 2
-    shown = ends_with(0, "session", "show", "one", *root).out
+    shown = run_command(0, "session", "show", "one", *root).out
     assert "owned" in listed + shown
     assert control_characters(listed + shown) == set()
-    json_text = ends_with(0, "session", "show", "one", "--json", *root).out
+    json_text = run_command(0, "session", "show", "one", "--json", *root).out
     assert control_characters(json_text) == set()
     assert json.loads(json_text)["serial_number"] == HOSTILE
 

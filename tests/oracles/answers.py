@@ -27,8 +27,8 @@ class Answer:
 
 
 @pytest.fixture
-def ends_with(capsys):
-    """Run a command that ends with this exit code: ``ends_with(2, "solve", file).err``."""
+def run_command(capsys):
+    """Run a command that ends with this exit code: ``run_command(2, "solve", file).err``."""
 
     def run(code: int, *words: object) -> Answer:
         capsys.readouterr()

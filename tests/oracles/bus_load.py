@@ -71,7 +71,7 @@ def send_foreign_frames(channel: str, rate: float, done: Event, sent: Any) -> No
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rhythm:
+class SyncRecord:
     """SYNCs of a session: times `at_s`, joints that answered before the next; times of the operator's heartbeat."""
 
     at_s: tuple[float, ...]
@@ -98,7 +98,7 @@ def _arm_frames_filter() -> bytes:
 
 
 def record_syncs(channel: str, ready: Event, done: Event, pipe: Any) -> None:
-    """Record SYNCs and answers until `done`; send a `Rhythm` through the pipe."""
+    """Record SYNCs and answers until `done`; send a `SyncRecord` through the pipe."""
     tag, group = tag_and_group(channel)
     program = _arm_frames_filter()
     listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -146,7 +146,7 @@ def record_syncs(channel: str, ready: Event, done: Event, pipe: Any) -> None:
                     beats_s.append(stamp)
                 elif answers:
                     answers[-1] += 1
-    pipe.send(Rhythm(at_s=tuple(at_s), answers=tuple(answers), beats_s=tuple(beats_s)))
+    pipe.send(SyncRecord(at_s=tuple(at_s), answers=tuple(answers), beats_s=tuple(beats_s)))
 
 
 def backlog_bytes(channel: str) -> int:
@@ -170,7 +170,7 @@ class BusLoad:
 
     def __init__(self, sent: Any) -> None:
         self._sent = sent
-        self.rhythm: Rhythm | None = None
+        self.rhythm: SyncRecord | None = None
 
     @property
     def sent(self) -> int:

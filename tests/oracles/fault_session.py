@@ -29,12 +29,12 @@ from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import run_controller
 from tests.oracles.fast_arm import fast_arm
-from tests.oracles.hearing import Hearing
+from tests.oracles.hearing import RecordingListener
 from tests.oracles.loop_oracle import paper_truth, product
 from tests.oracles.opened import opened
 from tests.oracles.short_procedure import short_procedure
 
-CLOSES = 3e-4
+MAX_CLOSURE_ERROR = 3e-4
 """Largest closure error of a right pose, rad and m: encoders of 400,000 counts round to 8e-6 rad each."""
 
 PATIENCE_S = 1.5
@@ -133,7 +133,7 @@ def holding(states: DriveStates) -> bool:
     return JointMode.FREE not in {mode for _, mode in states}
 
 
-def session_with(
+def run_session_with_fault(
     kind: str, folder: Path, *, joint: int, at_sync: int, poses: int = 6, clock: Clock = utc_now
 ) -> Outcome:
     """Take poses with a fault of `joint` at a SYNC (0: before the connection).
@@ -148,7 +148,7 @@ def session_with(
     chosen = Choices(scenario="exact", seed=0)
     procedure = short_procedure(poses)
     settings = BusSettings(channel=f"campaign-{os.getpid()}-{next(_channels)}")
-    message, error, listener = "", "", Hearing()
+    message, error, listener = "", "", RecordingListener()
     with run_controller(
         procedure.arm,
         chosen,
@@ -190,7 +190,7 @@ def session_with(
         said=message,
         error=error,
         poses=used,
-        wrong=tuple(p.number for p in used if loop_error(p.mean_rad) > CLOSES),
+        wrong=tuple(p.number for p in used if loop_error(p.mean_rad) > MAX_CLOSURE_ERROR),
         moved_deg=moved_deg,
         then=states,
         ended=tuple(mode for _, mode in ended),

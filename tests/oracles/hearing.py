@@ -11,7 +11,7 @@ from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 
 
-class Hearing(Listener):
+class RecordingListener(Listener):
     """`said` are the reports, `heard` the numbers of used poses; `then` is called with the number of all poses."""
 
     def __init__(self, then: Callable[[int], object] = id) -> None:
@@ -27,7 +27,7 @@ class Hearing(Listener):
         self._then(len(state.poses))
 
 
-def take_until(session: Session, poses: int) -> None:
+def take_poses_until(session: Session, poses: int) -> None:
     """Take poses with joints 1 and 5 as drives; the operator cancels after `poses`."""
     session.cancelled = lambda: len(session.state.poses) == poses
     with pytest.raises(Cancelled):

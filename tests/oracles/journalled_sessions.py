@@ -12,13 +12,13 @@ from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices, Opening, Rig, begin, open_session, resume
 from operator_app.session.workflow.session import Session
 from tests.oracles.plant_arm import PlantArm
-from tests.oracles.ticking import Ticking
+from tests.oracles.ticking import TickingClock
 
 POSES = 12
 SCENARIO = "datasheet"
 
 
-def first_picture(session: Session) -> SessionSnapshot:
+def initial_snapshot(session: Session) -> SessionSnapshot:
     """Snapshot of a session before its first task."""
     return SessionSnapshot(
         now_s=0.0,
@@ -37,7 +37,7 @@ class Quiet:
     """A publisher without cancellation; `shown` is its snapshot, `said` its messages with their levels."""
 
     def __init__(self, session: Session) -> None:
-        self.shown = first_picture(session)
+        self.shown = initial_snapshot(session)
         self.said: list[tuple[Level, str]] = []
 
     def publish(self, change: Change) -> None:
@@ -50,7 +50,7 @@ class Quiet:
         return False
 
 
-def opened_again(folder: Path, clock: Clock = utc_now, **chosen: object) -> Session:
+def resume_on_plant(folder: Path, clock: Clock = utc_now, **chosen: object) -> Session:
     """Resume a session."""
     opening = resume(str(folder), Choices(**chosen), root=folder.parent)  # type: ignore[arg-type]
     return _session(opening, clock)
@@ -68,7 +68,7 @@ def _session(opening: Opening, clock: Clock) -> Session:
 
 def journalled_sessions(root: Path) -> None:
     """Create the session folders, named by their origin."""
-    clock, folder = Ticking(), root / "run"
+    clock, folder = TickingClock(), root / "run"
     choices = Choices(poses=POSES, scenario=SCENARIO, interface="virtual")
     _by_run(
         _session(replace(begin("hinge", choices, root=root, clock=clock), folder=folder), clock)
@@ -79,7 +79,7 @@ def journalled_sessions(root: Path) -> None:
     def copy(name: str, count: int, **chosen: object) -> Session:
         (root / name).mkdir()
         (root / name / JOURNAL_NAME).write_text("".join(lines[:count]))
-        return opened_again(root / name, clock, **chosen)
+        return resume_on_plant(root / name, clock, **chosen)
 
     _by_run(copy("paper", captured, estimator="paper"))
     _by_app(copy("app", captured))

@@ -18,7 +18,7 @@ POSE = {
 WORDS = ("procedure", "arm", "fixture")
 
 
-def an_event(name: str, data: dict[str, Any]) -> JournalEvent:
+def journal_event(name: str, data: dict[str, Any]) -> JournalEvent:
     return JournalEvent(seq=1, utc="2026-11-22T10:00:00Z", name=name, data=data)
 
 

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.oracles.fault_session import CLOSES, loop_error
+from tests.oracles.fault_session import MAX_CLOSURE_ERROR, loop_error
 from tests.oracles.own_process import SARCAL, environment
 
 PATIENCE_S = 300.0
@@ -52,7 +52,7 @@ class Victim(Enum):
 
 
 @dataclass
-class Deaths:
+class KillStatistics:
     """Statistics of kills.
 
     `killed`: counts by victim and last journal event. `torn`: journals with an incomplete last line. `reactions_s`:
@@ -72,7 +72,7 @@ class Deaths:
     def total(self) -> int:
         return sum(self.killed.values())
 
-    def add(self, other: Deaths) -> None:
+    def add(self, other: KillStatistics) -> None:
         """Add the statistics of another chain."""
         self.killed += other.killed
         self.words += other.words
@@ -129,7 +129,7 @@ class KillSequence:
     def __init__(self, folder: Path, seed: int, kills: int, *, embedded: bool) -> None:
         self.folder, self.kills, self.embedded = folder, kills, embedded
         self.rng = random.Random(f"kills {seed}")  # noqa: S311 - to be repeated
-        self.deaths = Deaths()
+        self.deaths = KillStatistics()
         self.channel = f"kills-{os.getpid()}-{seed}"
         self.controller: Program | None = None
         self.session: Path | None = None
@@ -138,7 +138,7 @@ class KillSequence:
         self._refused = 0
         folder.mkdir(parents=True, exist_ok=True)
 
-    def run(self) -> Deaths:
+    def run(self) -> KillStatistics:
         try:
             while not self.deaths.faults:
                 finished = self._run_operator()
@@ -236,7 +236,7 @@ class KillSequence:
             self._fault(f"{len(used)} poses instead of {POSES}")
         for pose in used:
             error = loop_error(np.array(pose["mean_rad"]))
-            if error > CLOSES:
+            if error > MAX_CLOSURE_ERROR:
                 self._fault(f"pose {pose['number']} is wrong: closure error {error:.2g}")
         if self.session is not None and code == 0:
             parameters = (self.session / "parameters.yaml").read_bytes()
@@ -327,6 +327,6 @@ class KillSequence:
         self.deaths.faults.append(f"{self.folder.name}, program {self._programs}: {text}")
 
 
-def chain(folder: str, seed: int, kills: int, *, embedded: bool) -> Deaths:
+def chain(folder: str, seed: int, kills: int, *, embedded: bool) -> KillStatistics:
     """Run one chain of kills; for a pool of processes."""
     return KillSequence(Path(folder), seed, kills, embedded=embedded).run()

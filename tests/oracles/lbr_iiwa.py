@@ -44,6 +44,6 @@ def urdf(steps: int = 8) -> str:
     return robot(*joints)
 
 
-iiwa_hand = partial(flange, "kuka_iiwa14")
-panda_hand = partial(flange, "franka_panda")
+iiwa_flange = partial(flange, "kuka_iiwa14")
+panda_flange = partial(flange, "franka_panda")
 """Flange (4, 4) in the base at joint angles (7,), by the makers' chains."""

@@ -92,12 +92,12 @@ class LiveArm(PlantArm):
         """Stop answering."""
         self._silent_since = time.monotonic()
 
-    def age_by(self, seconds: float) -> None:
+    def stop_answering_since(self, seconds: float) -> None:
         """Stop answering, with a last answer of this age."""
         self.fall_silent()
         self._stamp = time.monotonic() - seconds
 
-    def speak_again(self) -> None:
+    def answer_again(self) -> None:
         """Answer again, with drives disabled as after a restart of the controller."""
         self._disable_drives()
         self._silent_since = None

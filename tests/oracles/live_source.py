@@ -23,7 +23,7 @@ def quick_procedure() -> Procedure:
     )
 
 
-class FakeSource(Sessions):
+class FakeSessions(Sessions):
     """Sessions on live fake arms, in folders session-1, session-2, ...; `arm` is the current one."""
 
     def __init__(self, root: Path) -> None:

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from operator_app.session.store.journal import read_journal
-from tests.oracles.bus_load import Rhythm, backlog_bytes, loaded_bus
-from tests.oracles.fault_session import CLOSES, loop_error
-from tests.oracles.machine_pauses import Pauses, machine_pauses
+from tests.oracles.bus_load import SyncRecord, backlog_bytes, loaded_bus
+from tests.oracles.fault_session import MAX_CLOSURE_ERROR, loop_error
+from tests.oracles.machine_pauses import MachinePauses, machine_pauses
 from tests.oracles.own_process import ROOT, SARCAL, controller, environment
 
 DRIVES_TRIP_S = 0.25
@@ -38,18 +38,18 @@ class LoadedSession:
     backlog_bytes: int
     foreign: int
     took_s: float
-    rhythm: Rhythm
-    pauses: Pauses
+    rhythm: SyncRecord
+    pauses: MachinePauses
     events: tuple[tuple[str, float], ...]
 
-    def away_s(self) -> list[float]:
-        """Pauses of the machine (s) in each interval between two SYNCs; 0 if unknown."""
+    def pauses_in_intervals_s(self) -> list[float]:
+        """MachinePauses of the machine (s) in each interval between two SYNCs; 0 if unknown."""
         if not self.pauses.known:
             return [0.0] * max(len(self.rhythm.at_s) - 1, 0)
         gaps = zip(self.rhythm.at_s, self.rhythm.gaps_s(), strict=False)
         return [self.pauses.within_s(begin, begin + gap) for begin, gap in gaps]
 
-    def ended_by_the_machine(self) -> str:
+    def machine_pause_message(self) -> str:
         """The pause of the machine that tripped the drives, as a message; "" if there was none."""
         if self.code != 3 or not self.pauses.known or not self.rhythm.at_s:
             return ""
@@ -64,7 +64,7 @@ class LoadedSession:
         )
 
 
-def session_under_load(
+def run_session_under_load(
     folder: Path,
     channel: str,
     *,
@@ -116,7 +116,7 @@ def session_under_load(
         code=operator.returncode,
         said=(folder / "said.txt").read_text("utf-8", "replace"),
         poses=len(pose_data),
-        wrong=tuple(number for number, error in errors.items() if error > CLOSES),
+        wrong=tuple(number for number, error in errors.items() if error > MAX_CLOSURE_ERROR),
         backlog_bytes=backlog,
         foreign=foreign,
         took_s=took_s,

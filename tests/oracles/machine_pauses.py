@@ -1,4 +1,4 @@
-"""Pauses of the machine: times in which a host did not run a virtual machine's processor.
+"""MachinePauses of the machine: times in which a host did not run a virtual machine's processor.
 
 On each processor, a process of the highest priority sleeps 5 ms repeatedly. No program could have run while it woke
 up late.
@@ -19,8 +19,8 @@ PRIORITY, NAP_S, LATE_S = 90, 0.005, 0.005
 
 
 @dataclass(slots=True, kw_only=True)
-class Pauses:
-    """Pauses (from, to) by processor, s of the wall clock; not `known` if the priority was not granted."""
+class MachinePauses:
+    """MachinePauses (from, to) by processor, s of the wall clock; not `known` if the priority was not granted."""
 
     of: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
     known: bool = True
@@ -60,9 +60,9 @@ def _clock(processor: int, ready: Event, done: Event, pipe: Any) -> None:
 
 
 @contextmanager
-def machine_pauses() -> Iterator[Pauses]:
+def machine_pauses() -> Iterator[MachinePauses]:
     """Record the pauses of every processor."""
-    done, pauses, running = SPAWN.Event(), Pauses(), []
+    done, pauses, running = SPAWN.Event(), MachinePauses(), []
     for processor in sorted(os.sched_getaffinity(0)):
         ready, (receiver, sender) = SPAWN.Event(), SPAWN.Pipe(duplex=False)
         process = SPAWN.Process(target=_clock, args=(processor, ready, done, sender), daemon=True)

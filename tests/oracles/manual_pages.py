@@ -7,7 +7,7 @@ from operator_app.manual.pages import FOLDER
 
 BLOCK = re.compile(r"((?:<!--[^\n]*-->\n)*)```(\w+)\n(.*?)```", re.DOTALL)
 MARK = re.compile(r"<!-- (run|file): (.*?) -->")
-NOT_OURS = (
+OTHER_PROGRAMS = (
     "python3 -m venv ", ".venv/bin/pip ", "source ", "sudo ip link ", "pip install ", "eval ",
     "python ", "CAN_INTERFACE=",
 )  # fmt: skip
@@ -29,7 +29,7 @@ class Block:
         return self.text.replace("\\\n", " ").splitlines() if self.language == "sh" else []
 
 
-def written_topics() -> list[str]:
+def page_topics() -> list[str]:
     """Topics with a page file."""
     return sorted(f.name[:-3] for f in FOLDER.iterdir() if f.name.endswith(".md"))
 

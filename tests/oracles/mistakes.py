@@ -7,23 +7,23 @@ import pytest
 from operator_app.config.errors import ConfigError, Problem
 
 
-def problems_of(parse: Callable[[str], object], text: str) -> tuple[Problem, ...]:
+def parse_problems(parse: Callable[[str], object], text: str) -> tuple[Problem, ...]:
     """All problems of a refused text."""
     with pytest.raises(ConfigError) as caught:
         parse(text)
     return caught.value.problems
 
 
-def one_mistake(parse: Callable[[str], object], good: str, old: str, new: str) -> Problem:
+def single_problem(parse: Callable[[str], object], good: str, old: str, new: str) -> Problem:
     """The only problem of a valid text whose first `old` is replaced by `new`."""
     assert old in good
-    problems = problems_of(parse, good.replace(old, new, 1))
+    problems = parse_problems(parse, good.replace(old, new, 1))
     assert len(problems) == 1, problems
     assert problems[0].line is not None
     return problems[0]
 
 
-def is_at(problem: Problem, good: str, old: str, new: str) -> bool:
+def is_within_replacement(problem: Problem, good: str, old: str, new: str) -> bool:
     """Whether a problem's line is within the replacement of the first `old`."""
     first = good[: good.index(old)].count("\n") + 1
     return problem.line is not None and first <= problem.line <= first + new.count("\n")

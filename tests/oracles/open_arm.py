@@ -12,7 +12,7 @@ BASE_POSE = np.array(
 TIP_M = np.array([0.04, -0.03, 0.11])
 
 
-def measured_csv(
+def write_measured_poses(
     path: Path,
     *,
     poses: int = 40,

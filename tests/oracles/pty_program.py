@@ -102,7 +102,7 @@ class PtyProgram:
         """Stop reading its output, like a terminal with a hanging connection."""
         self._reading = False
 
-    def hang_up(self) -> None:
+    def close_terminal(self) -> None:
         """Close the terminal like a closed window, without sending signals."""
         self._reading = False
         self._reader.join()  # a pending read would keep it open
@@ -115,7 +115,7 @@ class PtyProgram:
             self.process.terminate()
             self.process.wait(20)
         if self._master >= 0:
-            self.hang_up()
+            self.close_terminal()
 
 
 def _cpu_s(stat: Path) -> float:

@@ -42,7 +42,7 @@ def _hash(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()[:16]
 
 
-def recorded_folder(make: Callable[[Path], object]) -> Path:
+def cached_folder(make: Callable[[Path], object]) -> Path:
     """Return the folder that `make` fills; copy it before a change."""
     source = Path(sys.modules[make.__module__].__file__ or "").read_bytes()
     home = HOME / f"{_digest()}"
@@ -88,7 +88,7 @@ def recorded(make: Callable[P, T]) -> Callable[P, T]:
 
         arguments = _hash(repr((args, sorted(kwargs.items()))).encode())
         write.__module__, write.__qualname__ = make.__module__, f"{make.__qualname__}-{arguments}"
-        result: T = pickle.loads((recorded_folder(write) / "value").read_bytes())  # noqa: S301 - ours
+        result: T = pickle.loads((cached_folder(write) / "value").read_bytes())  # noqa: S301 - ours
         return result
 
     return value

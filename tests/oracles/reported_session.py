@@ -13,7 +13,7 @@ from tests.oracles.short_procedure import short_procedure
 HOSTILE = '<script>alert("1")</script></td></table>\u202e & \x07\ud800'
 
 
-def subject_of(events: Sequence[JournalEvent], **options: Any) -> Subject:
+def report_subject(events: Sequence[JournalEvent], **options: Any) -> Subject:
     """Subject of the report of a journal, as in `sarcal report`."""
     state, procedure = replay(events), short_procedure(16, "datasheet")
     try:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 WORK = threading.Event()
 
 
-def look_again(pause_s: float) -> None:
+def pause_briefly(pause_s: float) -> None:
     """Pause for a fiftieth of the time: polling without a pause would slow down the session's threads."""
     WORK.wait(pause_s / 50.0)
 
@@ -17,7 +17,7 @@ class Script:
     def __init__(self, *answers: str | Callable[[], str]) -> None:
         self.answers = iter(answers)
         self.said: list[str] = []
-        self.touches_when: Callable[[], bool] = lambda: False
+        self.key_pressed_when: Callable[[], bool] = lambda: False
 
     def say(self, text: str) -> None:
         self.said += text.splitlines()
@@ -40,5 +40,5 @@ class Script:
         return answer
 
     def touched(self, timeout_s: float) -> bool:
-        look_again(timeout_s)
-        return self.touches_when()
+        pause_briefly(timeout_s)
+        return self.key_pressed_when()

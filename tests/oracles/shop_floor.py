@@ -220,11 +220,11 @@ def session(
 ) -> Session:
     """Simulate a session of the arm of `seed`; `walk` numbers the sessions of one arm."""
     specimen = Specimen.drawn(seed, Sizes() if sizes is None else sizes)
-    angles, ground, hand = closed_walk(specimen, poses, box_deg=box_deg, walk=walk)
+    angles, ground, hand = closed_random_walk(specimen, poses, box_deg=box_deg, walk=walk)
     return taken(specimen, angles, ground, hand, samples=samples, walk=walk)
 
 
-def closed_walk(
+def closed_random_walk(
     specimen: Specimen,
     poses: int,
     *,
@@ -309,11 +309,11 @@ def _sensors(seed: int, sizes: Sizes) -> tuple[Encoder | Rvdt, ...]:
     rng = stream(seed, Stream.CURVES)
     for joint in RVDTS:
         errors = {name: getattr(sizes, name) for name in ("linearity", "noise_lsb", "gain")}
-        sensors.append(drawn_rvdt(joint, rng, **errors))
+        sensors.append(draw_rvdt(joint, rng, **errors))
     return tuple(sensors)
 
 
-def drawn_rvdt(
+def draw_rvdt(
     joint: int, rng: np.random.Generator, *, linearity: float, noise_lsb: float, gain: float
 ) -> Rvdt:
     """Draw an RVDT whose deviation from a line of random slope is within `linearity` of full scale."""

@@ -25,7 +25,7 @@ from tests.oracles.shop_floor import (
     TWISTS,
     Session,
     Sizes,
-    drawn_rvdt,
+    draw_rvdt,
 )
 from tests.oracles.shop_floor_chain import LINKS, Loop, frames, rotation_about_z
 from tests.oracles.shop_floor_load import G_M_PER_S2, Load, Masses, hinge_wrench
@@ -176,7 +176,7 @@ def _rvdts(joint: int) -> tuple[Rvdt, ...]:
     """RVDTs of linearity 1 and exact gain."""
     rng = np.random.default_rng([5, joint])
     return tuple(
-        drawn_rvdt(joint, rng, linearity=1.0, noise_lsb=0.0, gain=0.0) for _ in range(DRAWS)
+        draw_rvdt(joint, rng, linearity=1.0, noise_lsb=0.0, gain=0.0) for _ in range(DRAWS)
     )
 
 

@@ -50,7 +50,7 @@ def rotation_about_z(angle: np.ndarray) -> np.ndarray:
     return out
 
 
-def fixed_part(s: float, a: float, alpha: float) -> np.ndarray:
+def link_transform(s: float, a: float, alpha: float) -> np.ndarray:
     """``Tz(s) Tx(a) Rx(alpha)``, (4, 4)."""
     c, n = np.cos(alpha), np.sin(alpha)
     return np.array([[1, 0, 0, a], [0, c, -n, 0], [0, n, c, s], [0, 0, 0, 1.0]])
@@ -88,7 +88,7 @@ def frames(
         frame = frame @ rotation_about_z(angles[:, j])
         if j == 0 and ground is not None:
             frame = frame @ displacement(ground)
-        frame = frame @ fixed_part(chain.s[j], chain.a[j], chain.alpha[j])
+        frame = frame @ link_transform(chain.s[j], chain.a[j], chain.alpha[j])
         all_frames.append(frame)
     all_frames.append(frame if hand is None else frame @ displacement(hand))
     return np.stack(all_frames, axis=1)

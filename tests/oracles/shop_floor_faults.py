@@ -10,7 +10,7 @@ from tests.oracles.shop_floor import (
     Sizes,
     Specimen,
     Stream,
-    closed_walk,
+    closed_random_walk,
     session,
     stream,
     taken,
@@ -20,9 +20,9 @@ from tests.oracles.shop_floor_flipped_poses import flipped_poses
 from tests.oracles.shop_floor_load import Load
 from tests.oracles.shop_floor_misread import (
     Case,
-    bent_rvdt,
     exchanged,
     frozen,
+    nonlinear_rvdt,
     odd_poses,
     radians,
     saturated_rvdt,
@@ -42,7 +42,7 @@ def sound(seed: int) -> Case:
     return Case(taken=session(seed), causes=())
 
 
-def few_poses(seed: int, *, poses: int) -> Case:
+def too_few_poses(seed: int, *, poses: int) -> Case:
     """Too few poses for any degrees of freedom."""
     return Case(taken=session(seed, poses=poses), causes=("TOO_FEW_POSES",))
 
@@ -63,7 +63,7 @@ def slipped_hinge(seed: int, *, shift_m: float = 0.0, turn_deg: float = 0.0) -> 
     step = np.concatenate((np.deg2rad(turn_deg) * turn, shift_m * shift))
     halves = [step, np.zeros(6)] if rng.random() < 0.5 else [np.zeros(6), step]
     specimen = Specimen.drawn(seed, Sizes())
-    walk = closed_walk(specimen, 40, slipped=(int(rng.integers(8, 33)), *halves))
+    walk = closed_random_walk(specimen, 40, slipped=(int(rng.integers(8, 33)), *halves))
     return Case(taken=taken(specimen, *walk), causes=("SLIP_FIXTURE",), judged=OWN)
 
 
@@ -98,11 +98,11 @@ def longer_elbow(seed: int, *, mm: float, harmless: bool = False) -> Case:
     chain = specimen.chain.changed(**{entry: specimen.chain.value(entry) + change})
     specimen = replace(specimen, chain=chain)
     causes = ("LENGTH_s_3", "LENGTH_s_5")
-    walk = closed_walk(specimen, 40)
+    walk = closed_random_walk(specimen, 40)
     return Case(taken=taken(specimen, *walk), causes=causes, harmless=harmless)
 
 
-def ball_for_hinge(seed: int) -> Case:
+def ball_instead_of_hinge(seed: int) -> Case:
     """The fixture is a ball joint: three equations a pose hold, instead of five."""
     rng = stream(seed, Stream.FAULTS)
     sound_session = session(seed)
@@ -137,7 +137,7 @@ def near_parallel(seed: int, *, joint: int, deg: float) -> Case:
     )
     specimen = replace(base, chain=base.chain.changed(**changes), load=load)
     box = tuple((np.rad2deg(c.min()), np.rad2deg(c.max())) for c in chart.place.T)
-    walk = closed_walk(specimen, 40, chart=chart, box_deg=box)
+    walk = closed_random_walk(specimen, 40, chart=chart, box_deg=box)
     nominal = {}
     for name in entries:
         angle = name.startswith(("alpha", "theta"))
@@ -157,7 +157,7 @@ def as_reported(seed: int) -> Case:
     }
     specimen = replace(specimen, chain=specimen.chain.changed(**lengths))
     return Case(
-        taken=taken(specimen, *closed_walk(specimen, 40)),
+        taken=taken(specimen, *closed_random_walk(specimen, 40)),
         causes=("LENGTH.*", "GIVE.*", "FIXTURE_GIVES.*", "TOLERANCE.*", "DISCREPANCY.*"),
     )
 
@@ -167,7 +167,7 @@ def _case(make: Callable[..., Case], **how) -> Callable[[int], Case]:
 
 
 CASES: dict[str, Callable[[int], Case]] = {
-    "3 poses": _case(few_poses, poses=3),
+    "3 poses": _case(too_few_poses, poses=3),
     "motion 1 deg": _case(little_motion, motion_deg=1.0),
     "motion 5 deg": _case(little_motion, motion_deg=5.0),
     "hinge slips 1 mm": _case(slipped_hinge, shift_m=1e-3),
@@ -177,8 +177,8 @@ CASES: dict[str, Callable[[int], Case]] = {
     "3 outliers 0.5 deg": _case(odd_poses, poses=3),
     "3 flipped": _case(flipped, poses=3),
     "12 flipped": _case(flipped, poses=12),
-    "RVDT 3 %": _case(bent_rvdt, percent=3.0),
-    "RVDT 5 %": _case(bent_rvdt, percent=5.0),
+    "RVDT 3 %": _case(nonlinear_rvdt, percent=3.0),
+    "RVDT 5 %": _case(nonlinear_rvdt, percent=5.0),
     "RVDT stuck": stuck_rvdt,
     "RVDT saturated": saturated_rvdt,
     "joint slips 0.05 deg": _case(slipped_joint, deg=0.05, only=(1, 2, 3, 4, 5)),
@@ -200,7 +200,7 @@ CASES: dict[str, Callable[[int], Case]] = {
     "elbow 30 mm": _case(longer_elbow, mm=30.0),
     "elbow 5 mm": _case(longer_elbow, mm=5.0),
     "elbow 2 mm": _case(longer_elbow, mm=2.0, harmless=True),
-    "ball for hinge": ball_for_hinge,
+    "ball for hinge": ball_instead_of_hinge,
     "as_reported": as_reported,
 }
 """Cases by name."""

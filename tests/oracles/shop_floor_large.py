@@ -4,7 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from tests.oracles.shop_floor import Session, Sizes, Specimen, Stream, closed_walk, stream, taken
+from tests.oracles.shop_floor import (
+    Session,
+    Sizes,
+    Specimen,
+    Stream,
+    closed_random_walk,
+    stream,
+    taken,
+)
 
 CHUNK = 2000
 """Most poses of one walk: longer ones leave the range."""
@@ -18,7 +26,9 @@ def large(seed: int, poses: int, sizes: Sizes | None = None) -> Session:
 def _walked(specimen: Specimen, poses: int) -> Session:
     """Join walks of at most `CHUNK` poses."""
     walks = [
-        taken(specimen, *closed_walk(specimen, min(CHUNK, poses - first), walk=walk), walk=walk)
+        taken(
+            specimen, *closed_random_walk(specimen, min(CHUNK, poses - first), walk=walk), walk=walk
+        )
         for walk, first in enumerate(range(0, poses, CHUNK))
     ]
     rows = ("readings", "spread", "samples", "angles", "ground", "hand")
@@ -26,7 +36,7 @@ def _walked(specimen: Specimen, poses: int) -> Session:
     return replace(walks[0], **arrays, minute=np.arange(poses))
 
 
-def slip_of_a_fifth(sound: Session) -> Session:
+def step_in_fifth_of_poses(sound: Session) -> Session:
     """Joint 2 reads 1 deg too much in a random fifth of the poses."""
     readings = sound.readings.copy()
     affected = _rng(sound).choice(len(sound), len(sound) // 5, replace=False)

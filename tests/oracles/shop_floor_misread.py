@@ -13,8 +13,8 @@ from tests.oracles.shop_floor import (
     Sizes,
     Specimen,
     Stream,
-    closed_walk,
-    drawn_rvdt,
+    closed_random_walk,
+    draw_rvdt,
     session,
     stream,
     taken,
@@ -58,7 +58,7 @@ def _sound(seed: int) -> tuple[np.random.Generator, Session, np.ndarray]:
     return stream(seed, Stream.FAULTS), sound, sound.readings.copy()
 
 
-def rippled(seed: int) -> Case:
+def sinusoidal_rvdts(seed: int) -> Case:
     """Sound RVDTs whose deviations are sines of one to two periods over full scale, within their linearity."""
     rng = stream(seed, Stream.FAULTS)
     specimen = Specimen.drawn(seed, Sizes())
@@ -70,7 +70,7 @@ def rippled(seed: int) -> Case:
         sensor = specimen.sensors[joint - 1]
         assert isinstance(sensor, Rvdt)
         specimen = _with_sensor(specimen, joint, replace(sensor, shape=size * y))
-    return Case(taken=taken(specimen, *closed_walk(specimen, 40)), causes=())
+    return Case(taken=taken(specimen, *closed_random_walk(specimen, 40)), causes=())
 
 
 def slipped_joint(
@@ -117,11 +117,11 @@ def odd_poses(seed: int, *, poses: int) -> Case:
     return Case(taken=replace(sound, readings=readings), causes=("OUTLIER.*",))
 
 
-def bent_rvdt(seed: int, *, percent: float) -> Case:
+def nonlinear_rvdt(seed: int, *, percent: float) -> Case:
     """An RVDT with a linearity deviation of `percent` of full scale over the motion."""
     rng, sound, _ = _sound(seed)
     joint = int(rng.choice(RVDTS))
-    bent = drawn_rvdt(joint, rng, linearity=0.02, noise_lsb=2.0, gain=0.0)
+    bent = draw_rvdt(joint, rng, linearity=0.02, noise_lsb=2.0, gain=0.0)
     angle = (sound.angles - sound.specimen.chain.theta_off)[:, joint]
     deviation = bent.deviation(angle)
     peak = np.abs(deviation - np.polyval(np.polyfit(angle, deviation, 1), angle)).max()

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from tests.oracles.shop_floor_chain import Chain, Loop, fixed_part, rotation_about_z
+from tests.oracles.shop_floor_chain import Chain, Loop, link_transform, rotation_about_z
 from tests.oracles.shop_floor_walk import (
     FOLLOW,
     GRID,
@@ -62,7 +62,7 @@ def mount_hinge(hand: Chain, angles: np.ndarray) -> tuple[Chain, np.ndarray]:
     T = np.eye(4)
     for j in range(1, 8):
         s = 0.0 if j == 1 else hand.s[j]
-        T = T @ rotation_about_z(angles[j - 1]) @ fixed_part(s, hand.a[j], hand.alpha[j])
+        T = T @ rotation_about_z(angles[j - 1]) @ link_transform(s, hand.a[j], hand.alpha[j])
     # M = Rz(theta_0) Tz(s_0) Tx(a_0) Rx(alpha_0) Rz(turn) Tz(s_1)
     M = np.linalg.inv(T)
     alpha = np.arccos(np.clip(M[2, 2], -1.0, 1.0))
@@ -84,7 +84,7 @@ def _tilt_hand(hand: Chain, angles: np.ndarray, tilt: float) -> np.ndarray | Non
     def cosine(joint_angles):
         R = np.eye(3)
         for j in range(1, 8):
-            step = rotation_about_z(joint_angles[j - 1]) @ fixed_part(0.0, 0.0, hand.alpha[j])
+            step = rotation_about_z(joint_angles[j - 1]) @ link_transform(0.0, 0.0, hand.alpha[j])
             R = R @ step[:3, :3]
         return np.array([np.hypot(R[0, 2], R[1, 2]), R[2, 2]])
 

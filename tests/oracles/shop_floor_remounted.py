@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tests.oracles.shop_floor import Session, Sizes, Specimen, closed_walk, taken
+from tests.oracles.shop_floor import Session, Sizes, Specimen, closed_random_walk, taken
 from tests.oracles.shop_floor_chain import Chain, Loop
 from tests.oracles.shop_floor_walk import (
     HOME_DEG,
@@ -56,7 +56,7 @@ def remounted(kind: str, seed: int, *, poses: int, standings: int) -> Remounted:
         try:
             if kind == "wild":
                 specimen, own_chart = _wild(specimen, rng)
-            angles, ground, hand = closed_walk(specimen, poses, chart=own_chart)
+            angles, ground, hand = closed_random_walk(specimen, poses, chart=own_chart)
         except RuntimeError:
             continue
         chain = _remount(specimen.chain, rng, wild=kind == "wild")

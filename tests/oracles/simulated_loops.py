@@ -16,7 +16,7 @@ RVDT_SD = LSB_RAD * np.sqrt(2.0**2 + 1.0 / 12.0)
 
 
 @dataclass(frozen=True)
-class Bow:
+class RvdtCurve:
     """Smooth RVDT deviation (rad): amplitudes (fractions of full scale) of Legendre P2..P5."""
 
     amplitudes: tuple[float, ...]
@@ -38,7 +38,7 @@ class Simulation:
     encoder_sd: float = ENCODER_SD
     flexure_m: float = 0.0
     flexure_rad: float = 0.0
-    bows: dict[int, Bow] = field(default_factory=dict)
+    bows: dict[int, RvdtCurve] = field(default_factory=dict)
     gains: dict[int, float] = field(default_factory=dict)
     truth: Truth = field(default_factory=paper_truth)
     spread_deg: float = 45.0
@@ -84,12 +84,12 @@ def _same_poses(poses: int, spread_deg: float) -> np.ndarray:
     return closed_poses(paper_truth(), np.random.default_rng(99), poses, spread_deg=spread_deg)
 
 
-def wrist_bows(percent: float = 1.0) -> dict[int, Bow]:
+def wrist_curves(percent: float = 1.0) -> dict[int, RvdtCurve]:
     """Bows of about `percent` of full scale at their peak, on joints 6 and 7."""
     home = paper_truth().home
     return {
-        6: Bow((0.006 * percent, 0.007 * percent), float(home[5])),
-        7: Bow((-0.008 * percent, 0.003 * percent), float(home[6])),
+        6: RvdtCurve((0.006 * percent, 0.007 * percent), float(home[5])),
+        7: RvdtCurve((-0.008 * percent, 0.003 * percent), float(home[6])),
     }
 
 
@@ -104,7 +104,7 @@ def as_reported(seed: int) -> tuple[Truth, np.ndarray]:
         shape = rng.choice([-1.0, 1.0], 4) * rng.uniform(0.4, 1.0, 4) * (1.0, 1.0, 0.4, 0.2)
         series = np.concatenate(([0.0, 0.0], shape))
         peak = np.abs(np.polynomial.legendre.legval(np.linspace(-1, 1, 401), series)).max()
-        bows[joint] = Bow(tuple(0.019 * shape / peak), float(base.home[joint - 1]))
+        bows[joint] = RvdtCurve(tuple(0.019 * shape / peak), float(base.home[joint - 1]))
     truth = base.with_values(LENGTHS, base.values(LENGTHS) + deviation)
     simulation = Simulation(
         poses=60, wrist_sd=RVDT_SD, flexure_m=1e-3, flexure_rad=2e-3, bows=bows, truth=truth

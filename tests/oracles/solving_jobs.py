@@ -10,7 +10,7 @@ from pathlib import Path
 from solver.errors import SolverError, UnidentifiableDirection, UnidentifiableError
 
 
-def surroundings(path: str) -> dict[str, object]:
+def process_state(path: str) -> dict[str, object]:
     """Identity, loaded modules and open files of the process."""
     return {
         "pid": os.getpid(),
@@ -40,7 +40,7 @@ def refuse() -> None:
     raise SolverError("these poses say nothing")
 
 
-def cannot_tell(name: str) -> None:
+def fail_unidentifiable(name: str) -> None:
     """Fail with an unidentifiable direction."""
     direction = UnidentifiableDirection(parameters=(name,), weights=(1.0,))
     raise UnidentifiableError((direction,), note="one note")
@@ -51,7 +51,7 @@ def turn() -> tuple[int, int]:
     return os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0)
 
 
-def break_down() -> None:
+def fail_with_defect() -> None:
     raise ZeroDivisionError("by zero")
 
 

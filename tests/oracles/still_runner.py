@@ -12,7 +12,7 @@ from operator_app.session.ui.message_log import without_acknowledged
 from operator_app.session.ui.snapshot import Change, Level, Message, SessionSnapshot, TaskKind
 
 
-class StillRunner:
+class StaticRunner:
     """See the module. `asked` are the tasks (kind, text); `stops` and `cancels` are counters."""
 
     def __init__(self, picture: SessionSnapshot) -> None:
@@ -53,26 +53,26 @@ class StillRunner:
         self.cancels += 1
 
 
-class StillSource:
+class StaticSource:
     """A source of one runner; `entries` are the existing sessions."""
 
     def __init__(self, picture: SessionSnapshot, entries: tuple[SessionEntry, ...] = ()) -> None:
-        self.runner = StillRunner(picture)
+        self.runner = StaticRunner(picture)
         self.entries = entries
         self.begun = 0
-        self.procedure_named: str | None = None
-        self.resumed_names: list[str] = []
+        self.requested_procedure: str | None = None
+        self.resumed_references: list[str] = []
 
     def new(self, procedure: str | None = None) -> Any:
         self.begun += 1
-        self.procedure_named = procedure
+        self.requested_procedure = procedure
         return self.runner
 
     def procedures(self) -> tuple[Procedure, ...]:
         return tuple(load_procedure(name) for name in ("hinge", "hinge_planned"))
 
     def resumed(self, reference: str) -> Any:
-        self.resumed_names.append(reference)
+        self.resumed_references.append(reference)
         return self.runner
 
     def sessions(self) -> tuple[SessionEntry, ...]:

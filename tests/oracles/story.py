@@ -28,7 +28,7 @@ from operator_app.session.ui.supervisor import Motion
 from tests.oracles.live_arm import LiveArm
 from tests.oracles.opened import opened
 from tests.oracles.recorded import recorded
-from tests.oracles.ticking import Ticking
+from tests.oracles.ticking import TickingClock
 
 POSES = 16
 NOW_S = 1000.0
@@ -44,7 +44,7 @@ MOTION_AT_REST = Motion(
 FOLDER = Path("sessions/20260131-120000-hinge")
 
 
-class StillArm(LiveArm):
+class StaticArm(LiveArm):
     """An arm without a SYNC thread; its snapshots are always fresh."""
 
     def _run_syncs(self) -> None:
@@ -62,9 +62,9 @@ def story() -> Mapping[str, SessionSnapshot]:
     pictures: dict[str, SessionSnapshot] = {}
     procedure = load_procedure("hinge")
     procedure = replace(procedure, capture=replace(procedure.capture, poses=POSES))
-    clock = Ticking()
+    clock = TickingClock()
     with TemporaryDirectory() as root:
-        arm = StillArm(procedure, "datasheet")
+        arm = StaticArm(procedure, "datasheet")
         session = opened(Path(root) / "session", arm, procedure, clock=clock)
         bus = "the virtual bus of this program"
         runner = Runner(session, simulated=True, bus=bus, monotonic=lambda: NOW_S, clock=clock)

@@ -3,7 +3,7 @@
 from datetime import UTC, datetime, timedelta
 
 
-class Ticking:
+class TickingClock:
     """A clock that advances by a second at each reading."""
 
     def __init__(self) -> None:

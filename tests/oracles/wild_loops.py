@@ -16,16 +16,16 @@ BOX_RAD = np.deg2rad(60.0)
 
 
 @dataclass(frozen=True)
-class WildProblem:
+class RandomHingeProblem:
     """Readings (m, 7), and true offsets (7,): of joints 1 and 7 they depend on the hinge's common normals."""
 
     q: np.ndarray
     offsets: np.ndarray
 
 
-def wild_problem(
+def random_hinge_problem(
     seed: int, *, poses: int = 40, still: tuple[int, ...] = (), upside_down: int = 0
-) -> WildProblem:
+) -> RandomHingeProblem:
     """One problem without sensor errors; `still` joints (from 1) have a constant angle.
 
     In the last `upside_down` poses the hand is flipped on the hinge.
@@ -56,10 +56,10 @@ def wild_problem(
             flipped = flipped[~upright][:upside_down]
         q = np.concatenate((theta[:count], flipped)) - offsets
         if len(q) == poses:
-            return WildProblem(q=q, offsets=offsets)
+            return RandomHingeProblem(q=q, offsets=offsets)
 
 
-def with_sensors(q: np.ndarray, seed: int) -> np.ndarray:
+def with_sensor_errors(q: np.ndarray, seed: int) -> np.ndarray:
     """Readings by five encoders and two RVDTs (noise, and a curve of 1 % of full scale)."""
     rng = np.random.default_rng(10_000 + seed)
     readings = q.copy()

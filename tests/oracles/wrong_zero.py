@@ -10,7 +10,7 @@ from operator_app.config.procedure import Procedure
 from tests.oracles.plant_arm import PlantArm, node
 
 
-class WrongZero(PlantArm):
+class ShiftedCounterArm(PlantArm):
     """See the module."""
 
     def __init__(self, procedure: Procedure, chosen: Scenario | None = None) -> None:
@@ -30,7 +30,7 @@ class WrongZero(PlantArm):
         super().take_control()
 
 
-def counted_from(procedure: Procedure, moved_rad: np.ndarray) -> Procedure:
+def with_shifted_zeros(procedure: Procedure, moved_rad: np.ndarray) -> Procedure:
     """The same arm with the zeros of its joints shifted by `moved_rad` (n,)."""
     arm = procedure.arm
     joints = tuple(

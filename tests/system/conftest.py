@@ -1,5 +1,5 @@
 """Commands run in this process."""
 
-from tests.oracles.answers import ends_with
+from tests.oracles.answers import run_command
 
-__all__ = ["ends_with"]
+__all__ = ["run_command"]

@@ -37,10 +37,10 @@ def workspace(example, tmp_path, monkeypatch):
 
 
 @pytest.mark.campaign
-def test_plugin_arm_is_calibrated_by_name(workspace, example, ends_with, monkeypatch):
+def test_plugin_arm_is_calibrated_by_name(workspace, example, run_command, monkeypatch):
     with toy(example) as arm:
         bus = ["-i", "moving_line_arm", "-c", arm.channel]
-        answer = ends_with(0, "run", "quick.yaml", *bus, "--json")
+        answer = run_command(0, "run", "quick.yaml", *bus, "--json")
         assert (
             "Connected to sarcos_dextrous, serial TOY-0001: 7 simulated JSON nodes." in answer.err
         )
@@ -57,11 +57,11 @@ def test_plugin_arm_is_calibrated_by_name(workspace, example, ends_with, monkeyp
         assert (session / "parameters.yaml").is_file()
         assert result["session"]["uploaded"] is False
         # Resuming needs no bus options: the journal has them.
-        assert "serial TOY-0001" in ends_with(0, "run", "--resume", "latest", "--json").err
+        assert "serial TOY-0001" in run_command(0, "run", "--resume", "latest", "--json").err
     # A report needs neither the arm nor its package.
     monkeypatch.setattr("sys.path", [p for p in sys.path if not p.endswith("-installed")])
-    ends_with(0, "report", "latest")
-    errors = ends_with(2, "run", "--resume", "latest").err
+    run_command(0, "report", "latest")
+    errors = run_command(2, "run", "--resume", "latest").err
     assert 'Unknown interface type "moving_line_arm"' in errors
 
 
@@ -74,16 +74,16 @@ def test_plugin_arm_is_calibrated_by_name(workspace, example, ends_with, monkeyp
         (["-i", "line_arm", "-c", "here:1", "--record"], 2),
     ],
 )
-def test_wrong_plugin_options_are_one_error(workspace, ends_with, options, code, approve):
-    errors = ends_with(code, "run", "quick.yaml", *options).err
+def test_wrong_plugin_options_are_one_error(workspace, run_command, options, code, approve):
+    errors = run_command(code, "run", "quick.yaml", *options).err
     approve(errors)
     assert "Traceback" not in errors
     assert not list(workspace.glob("sessions/*"))
 
 
-def test_can_command_refuses_a_plugin_arm(workspace, ends_with):
+def test_can_command_refuses_a_plugin_arm(workspace, run_command):
     command = ["monitor", "-i", "line_arm", "-c", "here:1", "--seconds", "1"]
-    assert "line_arm is an arm of an installed package" in ends_with(3, *command).err
+    assert "line_arm is an arm of an installed package" in run_command(3, *command).err
 
 
 def example_arm(name: str, channel: str) -> arms.Arm:
@@ -175,9 +175,9 @@ OFFER = ArmOffer(make=lambda order: Broken(load_procedure("hinge"), "exact"), sa
     ],
     ids=["nothing", "text", "broken"],
 )
-def test_defective_plugin_is_named(install, ends_with, name, code, approve):
+def test_defective_plugin_is_named(install, run_command, name, code, approve):
     install(name, code)
-    errors = ends_with(3, "run", "quick.yaml", "-i", name).err
+    errors = run_command(3, "run", "quick.yaml", "-i", name).err
     approve(errors)
     assert name in errors
 
@@ -193,8 +193,8 @@ def test_two_plugins_with_one_name_are_both_named(install):
         offer("line_arm")
 
 
-def test_help_does_not_overwrite_example_files(example, ends_with):
-    errors = ends_with(2, "help", "outside-arm", "--files", example).err
+def test_help_does_not_overwrite_example_files(example, run_command):
+    errors = run_command(2, "help", "outside-arm", "--files", example).err
     assert "pyproject.toml exists already" in errors
-    assert "these do: " in ends_with(2, "help", "sign", "--files", example).err
+    assert "these do: " in run_command(2, "help", "sign", "--files", example).err
     assert len((example / "line_arm.py").read_text().splitlines()) <= 150

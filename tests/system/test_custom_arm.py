@@ -23,10 +23,10 @@ FIXTURES = {
 
 
 @pytest.fixture
-def accepted(ends_with, tmp_path, monkeypatch):
+def accepted(run_command, tmp_path, monkeypatch):
     """Run a command line in an empty folder; its exit code must be 0."""
     monkeypatch.chdir(tmp_path)
-    return lambda line: ends_with(0, *line.split())
+    return lambda line: run_command(0, *line.split())
 
 
 @pytest.fixture
@@ -65,7 +65,7 @@ def test_kinematics_of_new_arm_agree_with_pinocchio(arm_file, arm):
     q = np.random.default_rng(1).uniform(model.lower_rad, model.upper_rad, (200, 7))
     theta_off, *lengths_and_twists = model.table.stacked()
     frames = forward(q + theta_off, *lengths_and_twists)
-    flange = lbr_iiwa.iiwa_hand if arm == "iiwa" else lbr_iiwa.panda_hand
+    flange = lbr_iiwa.iiwa_flange if arm == "iiwa" else lbr_iiwa.panda_flange
     expected = np.stack([flange(pose) for pose in q])
     np.testing.assert_allclose(frames.p_end, expected[:, :3, 3], rtol=0, atol=1e-12)
     np.testing.assert_allclose(frames.R_end, expected[:, :3, :3], rtol=0, atol=1e-12)

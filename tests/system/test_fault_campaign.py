@@ -25,7 +25,13 @@ from operator_app.session.store.replay import replay
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import run_controller
 from tests.oracles.fast_arm import fast_arm
-from tests.oracles.fault_session import CLOSES, PATIENCE_S, Outcome, loop_error, session_with
+from tests.oracles.fault_session import (
+    MAX_CLOSURE_ERROR,
+    PATIENCE_S,
+    Outcome,
+    loop_error,
+    run_session_with_fault,
+)
 from tests.oracles.parameter_documents import VALUES, make_document
 
 BEFORE, FIRST_SYNCS, IN_CAPTURE = 0, 30, (450, 640, 700)
@@ -105,7 +111,7 @@ def assert_arm_reaction(outcome: Outcome, reaction: ArmReaction, *, connected: b
 )
 def test_fault_is_reported_and_no_accepted_pose_is_wrong(tmp_path, kind, at_sync):
     joint, row = JOINT.get(kind, 4), FAULTS[kind]
-    outcome = session_with(kind, tmp_path / "s", joint=joint, at_sync=at_sync)
+    outcome = run_session_with_fault(kind, tmp_path / "s", joint=joint, at_sync=at_sync)
     if outcome.said:
         assert is_reported(outcome, kind, joint), outcome.said
     else:
@@ -120,7 +126,7 @@ def test_fault_is_reported_and_no_accepted_pose_is_wrong(tmp_path, kind, at_sync
         shift_rad[joint - 1] = ZERO_SHIFT_RAD.get(kind, 0.0)
     errors = [loop_error(pose.mean_rad + shift_rad) for pose in outcome.poses]
     # After a step of the fixture the readings are right, but close elsewhere.
-    limit = CLOSES + (FIXTURE_STEP_M if kind == "slipped-fixture" else 0.0)
+    limit = MAX_CLOSURE_ERROR + (FIXTURE_STEP_M if kind == "slipped-fixture" else 0.0)
     assert all(error < limit for error in errors), (outcome.said, errors)
     assert_arm_reaction(outcome, row.arm, connected=at_sync != BEFORE)
     journalled = replay(read_journal(tmp_path / "s").events).used_poses
@@ -135,7 +141,9 @@ def test_fault_is_reported_and_no_accepted_pose_is_wrong(tmp_path, kind, at_sync
 @pytest.mark.parametrize("joint", [1, 5])
 def test_frozen_sensor_in_position_mode_leaves_no_wrong_pose(tmp_path, joint):
     """Not detectable within a degree of the target; the next move ends with a following error."""
-    outcome = session_with("frozen-sensor", tmp_path / "s", joint=joint, at_sync=IN_CAPTURE[0])
+    outcome = run_session_with_fault(
+        "frozen-sensor", tmp_path / "s", joint=joint, at_sync=IN_CAPTURE[0]
+    )
     assert is_reported(outcome, "frozen-sensor", joint), outcome.said
     assert outcome.wrong == ()
     assert len(outcome.poses) == 2
@@ -154,7 +162,7 @@ def test_frozen_sensor_in_position_mode_leaves_no_wrong_pose(tmp_path, joint):
 )
 def test_zero_shift_in_position_mode_is_reported_at_repeated_pose(tmp_path, kind, joint, at_sync):
     """The drive compensates it at once, so that all joints move. No pose before it is wrong."""
-    outcome = session_with(kind, tmp_path / "s", joint=joint, at_sync=at_sync)
+    outcome = run_session_with_fault(kind, tmp_path / "s", joint=joint, at_sync=at_sync)
     if outcome.said:
         assert is_reported(outcome, kind, joint), outcome.said
         assert not outcome.wrong
@@ -169,7 +177,7 @@ def test_zero_shift_in_position_mode_is_reported_at_repeated_pose(tmp_path, kind
 
 
 def test_without_a_fault_every_pose_is_correct(tmp_path):
-    outcome = session_with("", tmp_path / "s", joint=4, at_sync=0)
+    outcome = run_session_with_fault("", tmp_path / "s", joint=4, at_sync=0)
     assert (outcome.said, len(outcome.poses), outcome.wrong) == ("", 6, ())
     assert not any("differs from its first reading" in text for text in outcome.told)
     # The oracle detects a step of 0.5 deg in any joint.
@@ -187,7 +195,7 @@ def test_changes_of_the_wall_clock_lose_no_pose(tmp_path):
     def clock() -> datetime:
         return datetime(2026, 3, 29, 2, 30, tzinfo=UTC) + next(offsets)
 
-    outcome = session_with("", tmp_path / "s", joint=4, at_sync=0, clock=clock)
+    outcome = run_session_with_fault("", tmp_path / "s", joint=4, at_sync=0, clock=clock)
     assert (outcome.said, outcome.wrong) == ("", ())
     stamps = [pose.utc for pose in outcome.poses]
     assert stamps != sorted(stamps)

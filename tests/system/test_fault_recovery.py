@@ -154,19 +154,19 @@ def test_arm_is_not_reported_as_held_after_controller_dies(tmp_path, bus):
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("existing", [False, True])
-def test_failed_connection_removes_only_new_folders(tmp_path, ends_with, bus, existing):
+def test_failed_connection_removes_only_new_folders(tmp_path, run_command, bus, existing):
     sessions = tmp_path / "new" / "s"
     if existing:
         sessions.mkdir(parents=True)
-    errors = ends_with(3, "run", "hinge", *bus, "--sessions", sessions).err
+    errors = run_command(3, "run", "hinge", *bus, "--sessions", sessions).err
     assert "no answer from nodes 1, 2, 3, 4, 5, 6, 7, 16" in errors
     assert "held" not in errors
     assert sorted(tmp_path.rglob("*")) == ([sessions.parent, sessions] if existing else [])
 
 
 @pytest.mark.campaign
-def test_arm_check_without_answer_reports_that_nothing_was_enabled(ends_with, bus):
-    report = ends_with(3, "arm-check", *bus).out
+def test_arm_check_without_answer_reports_that_nothing_was_enabled(run_command, bus):
+    report = run_command(3, "arm-check", *bus).out
     assert "no answer from nodes" in report
     assert "held" not in report
     assert "Nothing was enabled: there is no connection to the arm." in report
@@ -196,8 +196,8 @@ def test_drive_disabled_at_the_drive_is_enabled_only_on_resuming(tmp_path, bus):
     assert resumed.json["poses"] == 6
 
 
-def test_reset_of_embedded_arm_is_refused(tmp_path, ends_with):
-    assert "nothing to reset" in ends_with(2, "reset", "--sessions", tmp_path).err
+def test_reset_of_embedded_arm_is_refused(tmp_path, run_command):
+    assert "nothing to reset" in run_command(2, "reset", "--sessions", tmp_path).err
     assert not list(tmp_path.iterdir())
 
 

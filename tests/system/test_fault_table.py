@@ -34,8 +34,8 @@ def test_table_has_a_row_with_a_message_for_every_fault():
     assert all(row.goes_on or row.texts for row in FAULTS.values())
 
 
-def test_help_prints_every_row(ends_with):
-    printed = ends_with(0, "controller", "--fault", "help").words
+def test_help_prints_every_row(run_command):
+    printed = run_command(0, "controller", "--fault", "help").words
     for kind, row in FAULTS.items():
         arm = f"arm {row.does()} kept {row.kept}"
         text = f"{kind} broken {row.broken} you see {row.symptom()} {arm} do {row.remedy}"

@@ -37,13 +37,13 @@ def true_values(placement: int) -> dict[str, float]:
 
 
 @pytest.mark.campaign
-def test_two_placements_are_one_calibration_despite_kills(tmp_path, ends_with):
+def test_two_placements_are_one_calibration_despite_kills(tmp_path, run_command):
     sessions = ["--sessions", str(tmp_path / "sessions")]
     kill_at_pose(tmp_path, 4, "run", "hinge", "--placements", "2", "--poses", str(POSES))
     kill_at_pose(tmp_path, POSES + 4, "run", "--resume", "latest")
     (folder,) = (tmp_path / "sessions").iterdir()
     poses_at_kill = journalled_poses(folder)
-    result = ends_with(0, "run", "--resume", "latest", *sessions, "--json").json
+    result = run_command(0, "run", "--resume", "latest", *sessions, "--json").json
     estimates = result["parameters"]
     assert result["verdict"] in ("accepted", "accepted_with_warnings")
     assert result["poses"] == 2 * POSES
@@ -70,7 +70,7 @@ def test_two_placements_are_one_calibration_despite_kills(tmp_path, ends_with):
     assert document.table.a_m[0] == pytest.approx(estimates["a_0[2]"], abs=1e-15)
     assert np.rad2deg(document.theta_off_rad[0]) == pytest.approx(estimates["theta_off_1[2]"])
     assert "PLACEMENTS" in {w.code for w in document.warnings}
-    verified = ends_with(0, "verify", "latest", "--poses", "3", *sessions, "--json").json
+    verified = run_command(0, "verify", "latest", "--poses", "3", *sessions, "--json").json
     assert verified["verdict"] == "holds"
     state = read_session(folder).state
     assert state is not None
@@ -81,4 +81,4 @@ def test_two_placements_are_one_calibration_despite_kills(tmp_path, ends_with):
     for placement, code in (("1", 0), ("2", 4), ("3", 2)):
         poses = [[placement, r[1], repr(float(r[2]) + 0.002), *r[3:]] for r in rows[1:5]]
         file.write_text("\n".join(map(",".join, [rows[0], *poses])))
-        ends_with(code, "verify", "latest", file, *sessions)
+        run_command(code, "verify", "latest", file, *sessions)

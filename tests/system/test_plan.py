@@ -43,11 +43,11 @@ def test_six_planned_poses_have_a_lower_condition_number_than_forty(planned_run)
 
 
 @pytest.mark.campaign
-def test_plan_uses_the_estimate_of_a_session(planned_run, ends_with):
+def test_plan_uses_the_estimate_of_a_session(planned_run, run_command):
     folder, answer = planned_run
     count = answer.json["poses"]
     options = ["--session", "latest", "--sessions", folder.parent, "--poses", "2", "--json"]
-    plan = ends_with(0, "plan", *options).json
+    plan = run_command(0, "plan", *options).json
     assert plan["captured"] == count
     assert f"estimate of {count} poses" in plan["basis"]
     assert len(plan["poses"]) == 2
@@ -59,12 +59,12 @@ def test_plan_uses_the_estimate_of_a_session(planned_run, ends_with):
 
 
 @pytest.mark.campaign
-def test_unreachable_requested_sigma_is_named_with_advice(tmp_path, ends_with):
+def test_unreachable_requested_sigma_is_named_with_advice(tmp_path, run_command):
     document = yaml.safe_load(resolve("procedure", "hinge_planned").data)
     document["capture"] |= {"poses": 2, "requested_sigma": {"alpha_0_deg": 1e-9}}
     path = tmp_path / "procedure.yaml"
     path.write_text(yaml.safe_dump(document, sort_keys=False))
-    out = ends_with(0, "run", path, "--scenario", "exact", "--sessions", tmp_path / "s").out
+    out = run_command(0, "run", path, "--scenario", "exact", "--sessions", tmp_path / "s").out
     plan = out[out.index("Plan        ") : out.index("Session     ")]
     text = " ".join(plan.split())
     assert "alpha_0" in text
@@ -108,9 +108,9 @@ def test_plan_fits_80_columns_in_unicode_and_ascii(plan_output):
 
 
 @pytest.mark.campaign
-def test_a_plan_as_json_includes_advice(ends_with):
+def test_a_plan_as_json_includes_advice(run_command):
     options = ["--poses", "4", "--tries", "1", "--advise", "--json"]
-    plan = ends_with(0, "plan", "hinge_planned", *options).json
+    plan = run_command(0, "plan", "hinge_planned", *options).json
     assert plan["basis"] == "nominal geometry"
     assert plan["mobility"] == 2
     assert plan["drives"]["joints"] == [1, 5]
@@ -129,21 +129,21 @@ def test_a_plan_as_json_includes_advice(ends_with):
     assert set(best["sigma"]) == set(plan["sigma"])
 
 
-def test_plan_without_unsensed_joints_omits_their_offsets(ends_with):
+def test_plan_without_unsensed_joints_omits_their_offsets(run_command):
     options = ["--poses", "4", "--unsensed", "6,7", "--json"]
-    sigmas = ends_with(0, "plan", "hinge", *options).json["sigma"]
+    sigmas = run_command(0, "plan", "hinge", *options).json["sigma"]
     assert set(sigmas).isdisjoint({"theta_off_6", "theta_off_7"})
 
 
 @pytest.mark.campaign
-def test_plan_for_rigid_fixture_fixes_elbow_offset_and_gives_reason(ends_with):
-    text = ends_with(0, "plan", "rigid", "--poses", "4").words
+def test_plan_for_rigid_fixture_fixes_elbow_offset_and_gives_reason(run_command):
+    text = run_command(0, "plan", "rigid", "--poses", "4").words
     assert "theta_off_4 is fixed at" in text
     assert "1 mm of length would pass for an offset" in text
 
 
 @pytest.mark.campaign
-def test_plan_ranks_the_drives_of_the_given_arm(ends_with, tmp_path, monkeypatch):
+def test_plan_ranks_the_drives_of_the_given_arm(run_command, tmp_path, monkeypatch):
     """The procedure's drive joints 1 and 5 are those of the packaged arm."""
     monkeypatch.chdir(tmp_path)
     arm = yaml.safe_load(resolve("arm", "sarcos_dextrous").data)
@@ -152,6 +152,6 @@ def test_plan_ranks_the_drives_of_the_given_arm(ends_with, tmp_path, monkeypatch
     Path("mine.yaml").write_text(yaml.safe_dump(arm, sort_keys=False))
     for procedure in ([], ["hinge"]):
         options = ["--arm", "mine.yaml", "--fixture", "rigid", "--poses", "2", "--json"]
-        drives = ends_with(0, "plan", *procedure, *options).json["drives"]
+        drives = run_command(0, "plan", *procedure, *options).json["drives"]
         assert drives["joints"] == [2]
         assert drives["reasons"][0].startswith("reaches ")

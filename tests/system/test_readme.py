@@ -24,10 +24,10 @@ def numbers(line: str) -> list[float]:
 
 
 @pytest.mark.campaign
-def test_transcript_agrees_with_the_output_of_run(tmp_path, ends_with):
+def test_transcript_agrees_with_the_output_of_run(tmp_path, run_command):
     block = README.read_text().split("```text\n")[1].split("```")[0]
     written = [line for line in block.splitlines() if line.strip()]
-    out = ends_with(0, "run", "hinge", "--sessions", tmp_path).out
+    out = run_command(0, "run", "hinge", "--sessions", tmp_path).out
     printed = [line for line in out.splitlines() if line.strip()]
     *parts, end = (list(lines) for gap, lines in groupby(written, "[...]".__eq__) if not gap)
     at = 0
@@ -47,8 +47,8 @@ def test_transcript_agrees_with_the_output_of_run(tmp_path, ends_with):
 
 
 @pytest.mark.campaign
-def test_figures_of_the_paper_agree_with_reproduce_to_the_last_digit(ends_with):
-    out = ends_with(0, "reproduce").out
+def test_figures_of_the_paper_agree_with_reproduce_to_the_last_digit(run_command):
+    out = run_command(0, "reproduce").out
     summary = next(line for line in out.splitlines() if "all together" in line)
     pos, ori, condition = summary.split()[-3:]
     assert f"| {pos} mm, {ori} mrad, {condition} |" in README.read_text()

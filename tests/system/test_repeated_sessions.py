@@ -50,16 +50,16 @@ def move_joint(session: Session, joint: int, deg: float) -> None:
 
 
 @pytest.mark.campaign
-def test_ten_runs_agree_and_a_remounted_encoder_is_found(bench, ends_with):
+def test_ten_runs_agree_and_a_remounted_encoder_is_found(bench, run_command):
     folders = []
     for _ in range(10):
         folders.append(accepted_folder(bench))
         assert bench.verified(folders[-1]).holds
-    ends_with(0, "compare", folders[0], folders[-1])
+    run_command(0, "compare", folders[0], folders[-1])
 
     # 2000 counts of joint 3 are 1.8 deg.
     bench.controller.post(lambda: lose_counts(bench.controller, 3, -2000))
-    comparison = ends_with(4, "compare", folders[-1], accepted_folder(bench), "--json").json
+    comparison = run_command(4, "compare", folders[-1], accepted_folder(bench), "--json").json
     assert comparison["drifted"] == ["theta_off_3"]
 
 

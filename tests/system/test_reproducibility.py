@@ -36,13 +36,13 @@ def test_blas_threads_and_kernels_change_no_printed_character(reference_data):
     assert "theta_off_7" in outputs.pop()
 
 
-def test_journal_and_parameters_have_software_versions(reference_data, tmp_path, ends_with):
+def test_journal_and_parameters_have_software_versions(reference_data, tmp_path, run_command):
     libraries = {name: version(name) for name in ("numpy", "scipy")}
     csv = reference_data / "hinge" / "hinge_exact.csv"
-    ends_with(0, "import", csv, "--sessions", tmp_path)
+    run_command(0, "import", csv, "--sessions", tmp_path)
     (folder,) = tmp_path.iterdir()
     (solved,) = (e.data for e in read_journal(folder).events if e.name == "solved")
     assert {name: solved["made_with"][name] for name in libraries} == libraries
-    ends_with(0, "export", folder, "--sessions", tmp_path)
+    run_command(0, "export", folder, "--sessions", tmp_path)
     software = yaml.safe_load((folder / "parameters.yaml").read_text())["software_version"]
     assert software.startswith(f"{version('sarcal')} (numpy {libraries['numpy']}, scipy ")

@@ -34,10 +34,10 @@ def procedure_far_from_truth(folder: Path) -> Path:
     return folder / "procedure.yaml"
 
 
-def test_exact_arm_is_recovered_from_10_deg_and_30_mm_off(tmp_path, ends_with):
+def test_exact_arm_is_recovered_from_10_deg_and_30_mm_off(tmp_path, run_command):
     procedure = procedure_far_from_truth(tmp_path)
     options = ["--scenario", "exact", "--poses", "24", "--sessions", tmp_path / "sessions"]
-    result = ends_with(0, "run", procedure, *options, "--json").json
+    result = run_command(0, "run", procedure, *options, "--json").json
     assert set(result["parameters"]) == set(TRUE_VALUES)
     for name, value in TRUE_VALUES.items():
         # The only error is the rounding of 400,000-count encoders: uniform, variance count^2/12. In the
@@ -64,19 +64,19 @@ def test_exact_arm_is_recovered_from_10_deg_and_30_mm_off(tmp_path, ends_with):
     # The poses file alone gives the same result, bit for bit. The estimator is `paper`: the arm file states
     # RVDTs where this arm has encoders, so that weights would differ.
     files = ["--arm", str(tmp_path / "arm.yaml"), "--fixture", str(tmp_path / "fixture.yaml")]
-    solved = ends_with(
+    solved = run_command(
         0, "solve", folder / "poses.csv", *files, "--estimator", "paper", "--json"
     ).json
     assert solved["parameters"] == result["paper"]["parameters"]
     # The journal has the true values, a poses file has not.
     assert "truth" not in solved
-    assert ends_with(0, "report", folder, "--json").json["truth"] == result["truth"]
+    assert run_command(0, "report", folder, "--json").json["truth"] == result["truth"]
 
 
 @pytest.mark.campaign
-def test_as_reported_arm_has_the_residuals_of_the_paper(tmp_path, ends_with):
+def test_as_reported_arm_has_the_residuals_of_the_paper(tmp_path, run_command):
     options = ["--scenario", "as_reported", "--sessions", tmp_path, "--json"]
-    result = ends_with(4, "run", "hinge", *options).json
+    result = run_command(4, "run", "hinge", *options).json
     paper = result["paper"]
     assert paper["sigma_pos_mm"]["rms"] == pytest.approx(2.7, rel=0.3)
     assert paper["sigma_ori_mrad"]["rms"] == pytest.approx(6.6, rel=0.3)
@@ -86,13 +86,13 @@ def test_as_reported_arm_has_the_residuals_of_the_paper(tmp_path, ends_with):
 
 
 @pytest.mark.campaign
-def test_runs_with_one_seed_are_identical(tmp_path, ends_with):
+def test_runs_with_one_seed_are_identical(tmp_path, run_command):
     def run(seed: int) -> dict:
         options = ["--poses", "4", "--seed", seed, "--sessions", tmp_path, "--json"]
-        return ends_with(4, "run", "hinge", *options).json
+        return run_command(4, "run", "hinge", *options).json
 
     first, second = run(3), run(3)
-    report = ends_with(4, "report", second["session"]["folder"], "--json").json
+    report = run_command(4, "report", second["session"]["folder"], "--json").json
     assert report == {key: second[key] for key in second if key != "capture"}
     assert first["parameters"] == second["parameters"]
     assert run(4)["parameters"] != first["parameters"]
@@ -120,25 +120,25 @@ def test_runs_with_one_seed_are_identical(tmp_path, ends_with):
         "plan hinge --session latest",
     ],
 )
-def test_bad_input_is_refused_with_a_remedy(tmp_path, ends_with, command, approve):
-    answer = ends_with(2, *command.split(), "--sessions", tmp_path / "s")
+def test_bad_input_is_refused_with_a_remedy(tmp_path, run_command, command, approve):
+    answer = run_command(2, *command.split(), "--sessions", tmp_path / "s")
     assert answer.out == ""
     approve(answer.err)
     assert not (tmp_path / "s").exists()
 
 
 @pytest.mark.parametrize("command", [["run"], ["plan", "--poses", "4"]], ids=["run", "plan"])
-def test_rigid_fixture_with_every_offset_free_is_refused(tmp_path, ends_with, command):
+def test_rigid_fixture_with_every_offset_free_is_refused(tmp_path, run_command, command):
     procedure = yaml.safe_load(resolve("procedure", "rigid").data)
     del procedure["held"]
     path = tmp_path / "rigid_all_free.yaml"
     path.write_text(yaml.safe_dump(procedure, sort_keys=False))
-    assert "joint 4 does not move" in ends_with(5, *command, path, "--sessions", tmp_path).words
+    assert "joint 4 does not move" in run_command(5, *command, path, "--sessions", tmp_path).words
 
 
 @pytest.mark.parametrize("placements", ["1", pytest.param("2", marks=pytest.mark.campaign)])
 def test_arm_with_a_powered_drive_is_not_reported_as_held(
-    tmp_path, ends_with, monkeypatch, placements
+    tmp_path, run_command, monkeypatch, placements
 ):
     """Between two placements the operator reaches into the arm."""
     obey = Drive.obey_controlword
@@ -150,7 +150,7 @@ def test_arm_with_a_powered_drive_is_not_reported_as_held(
 
     monkeypatch.setattr(Drive, "obey_controlword", ignore_disable)
     options = ["--poses", "4", "--placements", placements, "--sessions", tmp_path, "--json"]
-    answer = ends_with(3, "run", "hinge", *options)
+    answer = run_command(3, "run", "hinge", *options)
     assert "the drive of joint 1 is still powered" in answer.err
     assert "Keep clear" in answer.err
     assert "hardware stop" in answer.err

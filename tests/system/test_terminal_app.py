@@ -156,7 +156,7 @@ def capturing(folder: Path) -> Iterator[PtyProgram]:
 def test_sigcont_after_terminal_loss_ends_the_program(tmp_path):
     """SIGCONT makes Textual restart on a terminal that no longer exists."""
     with capturing(tmp_path) as program:
-        program.hang_up()
+        program.close_terminal()
         program.process.send_signal(signal.SIGCONT)
 
 
@@ -166,7 +166,7 @@ def test_terminal_loss_without_a_signal_ends_the_program(tmp_path, after_s):
     program = PtyProgram([*SARCAL, "--poses", "40"], size=SIZE, folder=tmp_path)
     try:
         select(after_s)
-        program.hang_up()
+        program.close_terminal()
         # 2: the terminal was lost before the program looked for one.
         assert program.process.wait(PATIENCE_S) in (2, 130)
     finally:

@@ -50,7 +50,7 @@ def closed_chain() -> Physics:
 
 @pytest.mark.campaign
 def test_third_party_arm_is_refused_then_calibrated_with_drafted_profile(
-    tmp_path, ends_with, monkeypatch
+    tmp_path, run_command, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
     settings = BusSettings(interface="loopback", channel=f"foreign-{os.getpid()}")
@@ -59,17 +59,17 @@ def test_third_party_arm_is_refused_then_calibrated_with_drafted_profile(
     axes[4].direction = -1
     step(axes)
     with foreign_arm(open_bus(settings), NODES, axes, step):
-        unknown = ends_with(3, "probe", *bus).out
+        unknown = run_command(3, "probe", *bus).out
         assert "node 21: a drive that is not in the bus profile sarcos" in unknown
-        refused = ends_with(3, "run", "hinge", *bus).err
+        refused = run_command(3, "run", "hinge", *bus).err
         assert "no answer from nodes 1, 2, 3, 4, 5, 6, 7, 16" in refused
 
-        assert "joint 3 = node 24" in ends_with(0, "probe", *bus, "--draft", "acme.yaml").out
+        assert "joint 3 = node 24" in run_command(0, "probe", *bus, "--draft", "acme.yaml").out
         profile = Path("acme.yaml").read_text()
         assert profile.startswith("# yaml-language-server: $schema=sarcal-profile.schema.json\n")
         assert Path("sarcal-profile.schema.json").is_file()
-        ends_with(0, "probe", *bus, "--profile", "acme.yaml")
-        ends_with(2, "probe", *bus, "--draft", "acme.yaml")
+        run_command(0, "probe", *bus, "--profile", "acme.yaml")
+        run_command(2, "probe", *bus, "--draft", "acme.yaml")
         assert Path("acme.yaml").read_text() == profile
         assert "{joint: 5, node: 26}" in profile
         reversed_joint = "{joint: 5, node: 26, direction: -1}"

@@ -9,13 +9,13 @@ import pytest
 
 from operator_app.cli import main
 from operator_app.session.store.folders import read_session
-from tests.oracles.recorded import recorded_folder
+from tests.oracles.recorded import cached_folder
 
 
 @pytest.fixture(scope="module")
 def sessions(tmp_path_factory):
     folder = tmp_path_factory.mktemp("verify") / "sessions"
-    shutil.copytree(recorded_folder(hinge_session), folder)
+    shutil.copytree(cached_folder(hinge_session), folder)
     return folder
 
 
@@ -24,10 +24,10 @@ def hinge_session(folder: Path) -> None:
     assert main(["run", "hinge", "--poses", "15", "--sessions", str(folder)]) == 0
 
 
-def test_calibration_holds_on_new_poses_of_the_arm(sessions, ends_with):
+def test_calibration_holds_on_new_poses_of_the_arm(sessions, run_command):
     options = ["--sessions", str(sessions), "--poses", "6", "--json"]
     (session,) = sessions.iterdir()
-    result = ends_with(0, "verify", session.name, *options).json
+    result = run_command(0, "verify", session.name, *options).json
     assert result["verdict"] == "holds"
     assert result["poses"] == 6
     assert result["odd_poses"] == []
@@ -46,7 +46,7 @@ def test_calibration_holds_on_new_poses_of_the_arm(sessions, ends_with):
 
 
 @pytest.mark.campaign
-def test_poses_after_a_step_change_of_a_joint_are_named(sessions, tmp_path, ends_with):
+def test_poses_after_a_step_change_of_a_joint_are_named(sessions, tmp_path, run_command):
     (session,) = sessions.iterdir()
     with (session / "poses.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -63,19 +63,19 @@ def test_poses_after_a_step_change_of_a_joint_are_named(sessions, tmp_path, ends
 
     write()
     options = ["--sessions", str(sessions), "--json"]
-    result = ends_with(4, "verify", session.name, file, *options).json
+    result = run_command(4, "verify", session.name, file, *options).json
     assert result["verdict"] == "does not hold"
     assert sorted(result["odd_poses"]) == ["1", "2"]
-    answer = ends_with(4, "verify", session.name, file, "--sessions", sessions)
+    answer = run_command(4, "verify", session.name, file, "--sessions", sessions)
     assert answer.out.startswith(f"DOES NOT HOLD: 2 of {len(rows)} new poses deviate by more")
     assert "check pose" in answer.out
     assert answer.err == ""
     for row in rows:
         row |= {f"theta{j}_deg": repr(float(row[f"theta{j}_deg"]) / 57.29578) for j in range(1, 8)}
     write()
-    errors = ends_with(4, "verify", session.name, file, "--sessions", sessions).err
+    errors = run_command(4, "verify", session.name, file, "--sessions", sessions).err
     assert f"sarcal: {file}: no joint angle" in errors
 
 
-def test_verify_without_a_session_is_refused(tmp_path, ends_with):
-    assert "no session" in ends_with(2, "verify", "latest", "--sessions", tmp_path).err
+def test_verify_without_a_session_is_refused(tmp_path, run_command):
+    assert "no session" in run_command(2, "verify", "latest", "--sessions", tmp_path).err

@@ -49,9 +49,9 @@ def read_well_formed(file: Path) -> list[tuple[float, int, bytes, int | None]]:
 
 
 @pytest.mark.campaign
-def test_recording_of_a_run_has_every_frame(tmp_path, ends_with):
+def test_recording_of_a_run_has_every_frame(tmp_path, run_command):
     options = ["--poses", "3", "--sessions", tmp_path, "--record", "--json"]
-    folder = Path(ends_with(4, "run", "hinge", *options).json["session"]["folder"])
+    folder = Path(run_command(4, "run", "hinge", *options).json["session"]["folder"])
     frames = read_well_formed(folder / "bus.blf")
     count = Counter(identifier for _, identifier, _, _ in frames)
     syncs = count[0x080]

@@ -31,8 +31,8 @@ def test_docstring_examples_run(name):
     assert attempted or name not in documented
 
 
-def test_result_agrees_with_the_command(result, ends_with):
-    document = ends_with(0, "solve", EXACT, "--json").json
+def test_result_agrees_with_the_command(result, run_command):
+    document = run_command(0, "solve", EXACT, "--json").json
     assert result.to_json() == document
     for key, value in result.values.items():
         name, _, unit = key.rpartition("_")
@@ -41,7 +41,7 @@ def test_result_agrees_with_the_command(result, ends_with):
         )
     assert set(result.sigmas) == set(result.values)
     assert result.verdict == document["verdict"]
-    assert ends_with(0, "solve", EXACT).out.rstrip("\n") == result.text
+    assert run_command(0, "solve", EXACT).out.rstrip("\n") == result.text
 
 
 def test_arrays_file_and_data_frame_give_the_same_poses(result):
@@ -105,16 +105,16 @@ def test_tool_point_of_a_ball_is_in_its_sockets():
     assert result.tip_sigma(result.poses.q_rad).max() < 0.01
 
 
-def test_saved_result_is_a_session_and_is_loaded_unchanged(result, tmp_path, ends_with):
+def test_saved_result_is_a_session_and_is_loaded_unchanged(result, tmp_path, run_command):
     folder, q_rad = result.save(tmp_path / "sessions/mine"), result.poses.q_rad
     assert {p.name for p in folder.iterdir()} == {
         "journal.jsonl", "parameters.yaml", "poses.csv", "report.html",
     }  # fmt: skip
-    document = ends_with(0, "report", folder, "--json").json
+    document = run_command(0, "report", folder, "--json").json
     assert document["parameters"] == result.to_json()["parameters"]
-    ends_with(0, "compare", folder, folder / "parameters.yaml")
-    ends_with(0, "verify", folder, HINGE / "hinge_quantised.csv")
-    ends_with(0, "export", folder, "-o", tmp_path / "p.yaml")
+    run_command(0, "compare", folder, folder / "parameters.yaml")
+    run_command(0, "verify", folder, HINGE / "hinge_quantised.csv")
+    run_command(0, "export", folder, "-o", tmp_path / "p.yaml")
     np.testing.assert_array_equal(sarcal.load_poses(folder / "poses.csv").q_rad, q_rad)
     assert sarcal.compare(result, folder).drifted == ()
     reloaded = sarcal.load_result(folder)
@@ -133,7 +133,7 @@ def test_saved_result_is_a_session_and_is_loaded_unchanged(result, tmp_path, end
         sarcal.load_result(3)
 
 
-def test_saving_again_replaces_only_our_files_of_the_same_data(result, tmp_path, ends_with):
+def test_saving_again_replaces_only_our_files_of_the_same_data(result, tmp_path, run_command):
     folder = result.save(tmp_path / "mine")
     assert main(["export", str(folder), "--format", "urdf"]) == 0
     (folder / "my_notes.txt").write_text("mine")
@@ -150,7 +150,7 @@ def test_saving_again_replaces_only_our_files_of_the_same_data(result, tmp_path,
         other.save(folder)
     assert (folder / "journal.jsonl").read_bytes() == before
     other.save(folder, overwrite=True)
-    parameters = ends_with(0, "report", folder, "--json").json["parameters"]
+    parameters = run_command(0, "report", folder, "--json").json["parameters"]
     assert parameters == other.to_json()["parameters"]
 
 

@@ -14,7 +14,7 @@ from operator_app.messages.finding import FindingKind
 from operator_app.report.text import unidentifiable_text
 from solver.errors import UnidentifiableDirection, UnidentifiableError
 from tests.oracles.as_shipped import ARM, HINGE, SEED, poses_of, solved
-from tests.oracles.shop_floor import Specimen, closed_walk, session, taken
+from tests.oracles.shop_floor import Specimen, closed_random_walk, session, taken
 from tests.oracles.shop_floor_faults import CASES
 
 
@@ -73,7 +73,7 @@ def test_joint_slip_is_the_first_cause_with_size_and_remedy():
 def test_fixture_slip_is_located_between_two_poses():
     specimen = Specimen.drawn(SEED, session(SEED).specimen.sizes)
     slip = np.array([0.0, 0.0, 0.0, 2e-3, 2e-3, 1e-3])
-    walk = closed_walk(specimen, 40, slipped=(23, slip, np.zeros(6)))
+    walk = closed_random_walk(specimen, 40, slipped=(23, slip, np.zeros(6)))
     solution = solved(taken(specimen, *walk))
     assert solution.causes[0].code == "SLIP_FIXTURE"
     assert solution.causes[0].poses == ("p023", "p024")

@@ -9,7 +9,7 @@ import pytest
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.multistart import SCREENING_POSES
 from tests.benchmarks.shop_floor_outcome import outcome
-from tests.oracles.shop_floor_large import large, longer_elbow, odd, shaken, slip_of_a_fifth
+from tests.oracles.shop_floor_large import large, longer_elbow, odd, shaken, step_in_fifth_of_poses
 
 pytestmark = pytest.mark.campaign
 
@@ -46,7 +46,7 @@ OUTLIERS, LENGTHS = ("OUTLIERS", "ENCODER_2"), ("LENGTH_s_3", "LENGTH_s_5")
     [
         (shaken, 150, ("SCATTER",)),
         (longer_elbow, 2 * SCREENING_POSES + 1, LENGTHS),
-        *((slip_of_a_fifth, poses, OUTLIERS) for poses in (1000, 3000)),
+        *((step_in_fifth_of_poses, poses, OUTLIERS) for poses in (1000, 3000)),
         *((partial(odd, share=s), poses, OUTLIERS) for s in (0.01, 0.3) for poses in (1000, 3000)),
     ],
 )

@@ -20,14 +20,14 @@ from operator_app.calibration.verification import (
     verify_poses,
 )
 from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, SEED, panda_poses, poses_of
-from tests.oracles.shop_floor import Specimen, closed_walk, session, taken
+from tests.oracles.shop_floor import Specimen, closed_random_walk, session, taken
 
 
 def slipped_session(poses, shift_m):
     """Poses of the sound session's arm, taken later in a fixture whose ground half has moved."""
     specimen = Specimen.drawn(SEED, session(SEED).specimen.sizes)
     slip = (0, np.concatenate((np.zeros(3), shift_m)), np.zeros(6))
-    return taken(specimen, *closed_walk(specimen, poses, walk=1, slipped=slip))
+    return taken(specimen, *closed_random_walk(specimen, poses, walk=1, slipped=slip))
 
 
 def test_fixture_slip_fails_verification_whatever_noise_was_estimated(sound):

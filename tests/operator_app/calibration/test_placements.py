@@ -14,7 +14,7 @@ from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
 from tests.benchmarks.shop_floor_files import read
 from tests.oracles.as_shipped import BALL, PANDA, panda_poses
-from tests.oracles.shop_floor import Sizes, Specimen, closed_walk, taken
+from tests.oracles.shop_floor import Sizes, Specimen, closed_random_walk, taken
 
 CODE = "SAME_PLACEMENT"
 
@@ -38,7 +38,7 @@ def remounted(seed, *, turned_deg, shifted_m, folder):
         first, chain=chain.changed(**{n: chain.value(n) + d for n, d in changes.items()})
     )
     for k, specimen in enumerate((first, second)):
-        rows = taken(specimen, *closed_walk(specimen, 20, walk=k), samples=32, walk=k).csv()
+        rows = taken(specimen, *closed_random_walk(specimen, 20, walk=k), samples=32, walk=k).csv()
         heading, *poses = rows.splitlines()
         lines += [heading] * (k == 0) + [f"{k + 1},{row.partition(',')[2]}" for row in poses]
     file = folder / f"{seed}.csv"

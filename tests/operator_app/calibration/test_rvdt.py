@@ -25,7 +25,7 @@ from tests.oracles.as_shipped import ARM, HINGE, solved
 from tests.oracles.parameter_documents import VALUES, make_document
 from tests.oracles.shop_floor import session
 from tests.oracles.shop_floor_faults import CASES
-from tests.oracles.shop_floor_misread import rippled
+from tests.oracles.shop_floor_misread import sinusoidal_rvdts
 
 DATA = Path(__file__).parents[2] / "data" / "hinge"
 CURVED, EXACT = DATA / "hinge_rvdt1pct.csv", DATA / "hinge_exact.csv"
@@ -117,7 +117,7 @@ def test_file_without_rvdt_table_or_of_another_arm_is_refused(tmp_path, capsys):
 
 @pytest.mark.parametrize("seed", [103, 105])
 def test_rvdt_ripple_within_linearity_is_accepted(seed):
-    solution = solved(rippled(seed).taken)
+    solution = solved(sinusoidal_rvdts(seed).taken)
     assert all(v.verdict is Soundness.CURVED for v in solution.rvdt)
     assert solution.accepted
     assert not [c for c in solution.causes if c.code.startswith("RVDT")]
@@ -133,7 +133,7 @@ def test_cause_and_verdict_of_a_nonlinear_rvdt_have_one_figure():
 
 
 def test_insignificant_excess_of_linearity_is_worded_as_such():
-    verdict = next(v for v in solved(rippled(222).taken).rvdt if v.joint == 7)
+    verdict = next(v for v in solved(sinusoidal_rvdts(222).taken).rvdt if v.joint == 7)
     assert verdict.figures.linearity > 0.02
     assert verdict.verdict is Soundness.CURVED
     assert "within specification" not in verdict.text

@@ -12,8 +12,8 @@ from tests.contracts.planted import measured
 from tests.oracles.as_shipped import ARM, HINGE, poses_of, solved
 from tests.oracles.shop_floor import Sizes, Specimen, session
 from tests.oracles.shop_floor import taken as taken_at
-from tests.oracles.shop_floor_chain import fixed_part, frames, rotation_about_z
-from tests.oracles.shop_floor_faults import ball_for_hinge
+from tests.oracles.shop_floor_chain import frames, link_transform, rotation_about_z
+from tests.oracles.shop_floor_faults import ball_instead_of_hinge
 
 
 @pytest.mark.parametrize(("lsb", "samples"), [(1.0, 32), (8.0, 32), (4.0, 8), (2.0, 8)])
@@ -38,7 +38,7 @@ def test_noise_is_undetermined_without_spread():
 def tool_points(taken):
     """A point on the tool in the arm's base frame (m, 3), to 20 micrometres."""
     table = ARM.table
-    link = fixed_part(table.s_m[6], table.a_m[6], table.alpha_rad[6])
+    link = link_transform(table.s_m[6], table.a_m[6], table.alpha_rad[6])
     T = frames(taken.specimen.chain, taken.angles)
     tool = np.linalg.inv(T[:, 1]) @ T[:, 7] @ rotation_about_z(taken.angles[:, 7]) @ link
     point = (tool @ np.array([0.03, 0.02, 0.05, 1.0]))[:, :3]
@@ -73,7 +73,7 @@ def test_several_placements_give_noise():
 
 def ball_session(seed, *, lsb, samples):
     """Poses of a tool on a ball, and the ball at its true place."""
-    angles = ball_for_hinge(seed).taken.angles
+    angles = ball_instead_of_hinge(seed).taken.angles
     specimen = Specimen.drawn(seed, Sizes(noise_lsb=lsb))
     rigid = np.zeros((len(angles), 6))
     taken = taken_at(specimen, angles, rigid, rigid, samples=samples)

@@ -10,14 +10,14 @@ from operator_app.calibration.verification import NoTestError, require_new, veri
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
-from tests.oracles.open_arm import measured_csv
+from tests.oracles.open_arm import write_measured_poses
 
 SIGMA_M = 5e-5
 
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
-    path = measured_csv(tmp_path_factory.mktemp("open") / "open.csv", sigma_m=SIGMA_M)
+    path = write_measured_poses(tmp_path_factory.mktemp("open") / "open.csv", sigma_m=SIGMA_M)
     return load_poses(str(path), joint_count=7).poses
 
 

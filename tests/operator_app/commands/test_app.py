@@ -3,10 +3,10 @@
 import pytest
 
 from operator_app.commands.app import farewell
-from tests.oracles.live_source import FakeSource
+from tests.oracles.live_source import FakeSessions
 
 
-def close_and_report(source: FakeSource, reason: str = "left", *, plain: bool = False) -> str:
+def close_and_report(source: FakeSessions, reason: str = "left", *, plain: bool = False) -> str:
     source.close(reason)
     assert source.last is not None
     return farewell(source, source.last, reason, plain=plain)

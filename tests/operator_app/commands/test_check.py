@@ -31,7 +31,7 @@ def changed(text: str, changes: dict[str, str]) -> str:
     return text
 
 
-def test_all_problems_of_all_files_are_listed(ends_with):
+def test_all_problems_of_all_files_are_listed(run_command):
     arm = {
         "row: 2, theta_off_deg": "row: 2, theta_of_deg",
         "free: [theta_off_1,": "free: [",
@@ -44,7 +44,7 @@ def test_all_problems_of_all_files_are_listed(ends_with):
     Path("three").write_text(changed(PROCEDURE, procedure))
     Path("four.csv").write_text(POSES.read_text().replace("150.010922737073", "x", 1))
     Path("five.yaml").write_text("answer: 42\n")
-    answer = ends_with(
+    answer = run_command(
         2, "check", "four.csv", "five.yaml", "three", "a.yaml", "two.txt", "six.yaml"
     )
     assert not answer.err
@@ -64,12 +64,12 @@ def test_all_problems_of_all_files_are_listed(ends_with):
     assert lines[0] == f"{len(lines) - 1} problems in 6 files:"
 
 
-def test_arm_fixture_and_poses_are_checked_together(ends_with):
+def test_arm_fixture_and_poses_are_checked_together(run_command):
     Path("one").write_text(ARM.replace("schema: sarcal/arm/1\n", "schema: sarcal/arm/1\n\n"))
     Path("two").write_text(HINGE)
     Path("bus").write_text(PROFILE)
     Path("table").write_bytes(POSES.read_bytes())
-    output = ends_with(0, "check", "table", "two", "one", "bus").out
+    output = run_command(0, "check", "table", "two", "one", "bus").out
     message = " ".join(output.split())
     for fact in (
         "table 60 poses of 7 joints, 1 placement",
@@ -88,13 +88,13 @@ def test_arm_fixture_and_poses_are_checked_together(ends_with):
     assert max(map(len, output.splitlines())) <= 100
 
 
-def test_setup_that_cannot_be_calibrated_is_explained(ends_with):
+def test_setup_that_cannot_be_calibrated_is_explained(run_command):
     """The elbow in a rigid fixture (paper, section 1), and poses that are all equal."""
     Path("rigid.yaml").write_text(RIGID)
     home = ARM[ARM.index("home_deg:") :].splitlines()[0]
     other_home = "home_deg: [3.24, 210.87, 116.84, -124.23, -144.53, -172.77, 40.52]"
     Path("arm.yaml").write_text(ARM.replace(home, other_home))
-    (chain,) = ends_with(5, "check", "arm.yaml", "rigid.yaml", "--json").json["chains"]
+    (chain,) = run_command(5, "check", "arm.yaml", "rigid.yaml", "--json").json["chains"]
     assert chain["mobility"] == 1
     assert "IMMOBILE_4" in {c["code"] for c in chain["checks"] if c["severity"] == "refused"}
     assert [j["sensor"] for j in chain["joints"]] == ["encoder"] * 5 + ["rvdt"] * 2
@@ -102,29 +102,29 @@ def test_setup_that_cannot_be_calibrated_is_explained(ends_with):
     header, first, *_ = POSES.read_text().splitlines()
     same = [first.replace("1,1,", f"1,{k},", 1) for k in range(1, 30)]
     Path("same.csv").write_text("\n".join([header, *same]) + "\n")
-    message = ends_with(5, "check", "same.csv", "--procedure", "hinge").words
+    message = run_command(5, "check", "same.csv", "--procedure", "hinge").words
     assert "! not identifiable: theta_off_" in message
     assert "Joints 1 and 5 would drive (named by the procedure" in message
 
 
-def test_too_few_drives_or_name_without_kind_is_an_error(ends_with):
+def test_too_few_drives_or_name_without_kind_is_an_error(run_command):
     one_drive = {
         "{position: [1, 5]}": "{position: [5]}",
         "    - {joint: 1, from_deg: -30, to_deg: 48}\n": "",
     }
     Path("p.yaml").write_text(changed(PROCEDURE, one_drive))
-    message = ends_with(5, "check", "p.yaml").words
+    message = run_command(5, "check", "p.yaml").words
     assert "joint 5 is in position mode, but a hinge fixture leaves the arm 2 degrees" in message
-    assert "use --fixture hinge or --procedure hinge" in ends_with(2, "check", "hinge").err
-    ends_with(2, "check")
+    assert "use --fixture hinge or --procedure hinge" in run_command(2, "check", "hinge").err
+    run_command(2, "check")
 
 
-def test_poses_without_a_matching_arm_are_reported(ends_with):
+def test_poses_without_a_matching_arm_are_reported(run_command):
     rows = [f"1,{k},{10 * k}" for k in range(1, 9)]
     Path("one.csv").write_text("\n".join(["placement,pose,theta1_deg", *rows]) + "\n")
-    unchecked = ends_with(0, "check", "one.csv").words
+    unchecked = run_command(0, "check", "one.csv").words
     assert "these poses allow a calibration was not checked" in unchecked
     Path("six.urdf").write_text(lbr_iiwa.urdf(6))
-    ends_with(0, "new", "arm", "--urdf", "six.urdf", "-o", "six.yaml")
+    run_command(0, "new", "arm", "--urdf", "six.urdf", "-o", "six.yaml")
     command = ["check", "one.csv", "six.yaml", "--arm", "sarcos_dextrous", "--fixture", "hinge"]
-    assert "! one.csv:1: poses of 1 joint, the arms have 6 and 7" in ends_with(2, *command).out
+    assert "! one.csv:1: poses of 1 joint, the arms have 6 and 7" in run_command(2, *command).out

@@ -14,21 +14,21 @@ from operator_app.commands.table import APP, parser_of
 HINGE = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
 
 
-def test_unknown_command_gets_a_suggestion_or_the_list(ends_with):
+def test_unknown_command_gets_a_suggestion_or_the_list(run_command):
     for misspelt, suggestion in (
         ("runn", "run"),
         ("sovle", "solve"),
         ("exprot", "export"),
         ("upload", "export SESSION --upload"),
     ):
-        assert f"did you mean {suggestion}?" in ends_with(2, misspelt, "hinge").err
-    message = ends_with(2, "xyzzy\x1b[2J").err
+        assert f"did you mean {suggestion}?" in run_command(2, misspelt, "hinge").err
+    message = run_command(2, "xyzzy\x1b[2J").err
     assert "did you mean" not in message
     assert all(command in message for command in COMMANDS)
     assert "\x1b" not in message
 
 
-def test_options_are_accepted_at_any_position(tmp_path, monkeypatch, ends_with):
+def test_options_are_accepted_at_any_position(tmp_path, monkeypatch, run_command):
     monkeypatch.chdir(tmp_path)
     for command in (
         "session show --json none_such",
@@ -37,19 +37,19 @@ def test_options_are_accepted_at_any_position(tmp_path, monkeypatch, ends_with):
         "run --json none_such",
         "help -- none_such",
     ):
-        assert "none_such" in ends_with(2, *command.split()).err
+        assert "none_such" in run_command(2, *command.split()).err
 
 
-def test_unknown_argument_shows_the_usage_of_its_command(ends_with):
-    message = ends_with(2, "session", "list", "one", "more").err
+def test_unknown_argument_shows_the_usage_of_its_command(run_command):
+    message = run_command(2, "session", "list", "one", "more").err
     assert message.startswith("usage: sarcal session")
     assert "unrecognized arguments: more" in message
 
 
-def test_dumb_terminal_is_referred_to_plain_mode(monkeypatch, ends_with):
+def test_dumb_terminal_is_referred_to_plain_mode(monkeypatch, run_command):
     """A line-buffered terminal, such as an editor's shell, does not deliver the STOP key."""
     monkeypatch.setenv("TERM", "dumb")
-    message = ends_with(2).err
+    message = run_command(2).err
     assert "TERM=dumb" in message
     assert "--plain" in message
 
@@ -66,14 +66,14 @@ def test_every_command_with_a_bus_can_record_it():
     assert {command for command, words in options.items() if "--record" in words} == with_bus
 
 
-def test_eds_files_are_readable_by_canopen(tmp_path, ends_with):
-    ends_with(0, "eds", "-o", tmp_path / "eds")
+def test_eds_files_are_readable_by_canopen(tmp_path, run_command):
+    run_command(0, "eds", "-o", tmp_path / "eds")
     assert {p.name for p in (tmp_path / "eds").iterdir()} == {"joint.eds", "supervisor.eds"}
     for file in (tmp_path / "eds").iterdir():
         assert canopen.import_od(str(file), node_id=3)[0x1018][1].default is not None
-    ends_with(0, "eds", "-o", tmp_path / "eds")
+    run_command(0, "eds", "-o", tmp_path / "eds")
     (tmp_path / "eds/joint.eds").write_text("mine")
-    ends_with(2, "eds", "-o", tmp_path / "eds")
+    run_command(2, "eds", "-o", tmp_path / "eds")
     assert (tmp_path / "eds/joint.eds").read_text() == "mine"
 
 
@@ -111,10 +111,10 @@ def test_shell_completes_commands_options_and_names(tmp_path):
     assert {"franka_panda", "sarcos_dextrous", "ur5e"} <= set(arms)
 
 
-def test_session_show_prints_a_table(tmp_path, ends_with):
+def test_session_show_prints_a_table(tmp_path, run_command):
     root = ["--sessions", str(tmp_path / "sessions")]
-    ends_with(0, "import", HINGE, "--serial", "SDA-9", *root)
-    output = ends_with(0, "session", "show", *root).out
+    run_command(0, "import", HINGE, "--serial", "SDA-9", *root)
+    output = run_command(0, "session", "show", *root).out
     lines = {" ".join(line.split()) for line in output.splitlines()}
     assert "arm, serial number SDA-9" in lines
     assert f"poses read from {HINGE}" in lines

@@ -18,20 +18,20 @@ def save(path: Path, document: ParametersDocument) -> str:
     return str(path)
 
 
-def test_exit_code_is_0_without_drift_and_4_with_drift(tmp_path, ends_with):
+def test_exit_code_is_0_without_drift_and_4_with_drift(tmp_path, run_command):
     one = save(tmp_path / "a.yaml", make_document())
     same = save(tmp_path / "b.yaml", make_document({"theta_off_3": 0.001}, poses="b"))
     other = save(tmp_path / "c.yaml", make_document({"theta_off_3": 0.02}, poses="c"))
-    assert ends_with(0, "compare", one, same).out.startswith("NO SIGNIFICANT DRIFT")
-    message = ends_with(4, "compare", one, other).out
+    assert run_command(0, "compare", one, same).out.startswith("NO SIGNIFICANT DRIFT")
+    message = run_command(4, "compare", one, other).out
     assert message.startswith("DRIFTED:\n- theta_off_3 by +0.0200 deg (14.1 sigmas; arm)")
-    ends_with(0, "compare", one, other, "--level", "1e-60")
+    run_command(0, "compare", one, other, "--level", "1e-60")
 
 
-def test_json_has_every_parameter_in_file_units(tmp_path, ends_with):
+def test_json_has_every_parameter_in_file_units(tmp_path, run_command):
     one = save(tmp_path / "a.yaml", make_document())
     other = save(tmp_path / "b.yaml", make_document({"a_7": 0.001}, poses="b"))
-    comparison = ends_with(4, "compare", one, other, "--json").json
+    comparison = run_command(4, "compare", one, other, "--json").json
     assert comparison["verdict"] == "drifted"
     assert comparison["drifted"] == ["a_7"]
     assert set(comparison["parameters"]) == set(VALUES)
@@ -46,20 +46,20 @@ def test_json_has_every_parameter_in_file_units(tmp_path, ends_with):
     assert comparison["a"]["utc"] == "2026-01-31T12:00:00Z"
 
 
-def test_sessions_are_given_by_folder_or_name(tmp_path, ends_with):
+def test_sessions_are_given_by_folder_or_name(tmp_path, run_command):
     for name, change, poses in (("one", 0.0, "a"), ("two", 1.0, "b")):
         folder = tmp_path / "sessions" / name
         Journal.create(folder).close()
         save(folder / "parameters.yaml", make_document({"theta_off_2": change}, poses=poses))
     root = ["--sessions", str(tmp_path / "sessions")]
-    ends_with(4, "compare", tmp_path / "sessions" / "one", "latest", *root)
-    ends_with(0, "compare", "one", "one", *root)
+    run_command(4, "compare", tmp_path / "sessions" / "one", "latest", *root)
+    run_command(0, "compare", "one", "one", *root)
     Journal.create(tmp_path / "sessions" / "three").close()
-    message = ends_with(2, "compare", "one", "three", *root).err
+    message = run_command(2, "compare", "one", "three", *root).err
     assert "has no parameters.yaml. Write it with: sarcal export" in message
 
 
-def test_documents_that_cannot_be_compared_are_refused(tmp_path, ends_with):
+def test_documents_that_cannot_be_compared_are_refused(tmp_path, run_command):
     one = save(tmp_path / "a.yaml", make_document())
     other_arm = replace(make_document(), arm=WhichArm(model="sarcos_dextrous", serial="SDA-0002"))
     other = save(tmp_path / "b.yaml", other_arm)
@@ -72,15 +72,15 @@ def test_documents_that_cannot_be_compared_are_refused(tmp_path, ends_with):
         ([one, one, "--level", "2"], "--level 2: a probability is between 0 and 1"),
         ([one, one, "--level", "nan"], "between 0 and 1"),
     ):
-        answer = ends_with(2, "compare", *arguments)
+        answer = run_command(2, "compare", *arguments)
         assert answer.out == ""
         assert message in answer.err
 
 
-def test_remounted_fixture_compares_arm_parameters_only(tmp_path, ends_with):
+def test_remounted_fixture_compares_arm_parameters_only(tmp_path, run_command):
     one = save(tmp_path / "a.yaml", make_document())
     moved = save(tmp_path / "b.yaml", make_document({"s_1": 0.02, "alpha_7": 3.0}, poses="b"))
-    ends_with(4, "compare", one, moved)
-    comparison = ends_with(0, "compare", one, moved, "--remounted", "--json").json
+    run_command(4, "compare", one, moved)
+    comparison = run_command(0, "compare", one, moved, "--remounted", "--json").json
     assert set(comparison["parameters"]) == {f"theta_off_{j}" for j in range(2, 7)}
     assert comparison["left_out"]["s_1"] == "the fixture was remounted"

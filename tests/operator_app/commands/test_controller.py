@@ -12,7 +12,7 @@ from operator_app.errors import SessionError
 from operator_app.virtual_arms import slots_in
 
 
-def test_unusable_state_folder_is_one_error(tmp_path, ends_with):
+def test_unusable_state_folder_is_one_error(tmp_path, run_command):
     file, pipe, full = tmp_path / "file", tmp_path / "pipe", tmp_path / "full"
     file.write_text("parameters")
     os.mkfifo(pipe)
@@ -20,7 +20,7 @@ def test_unusable_state_folder_is_one_error(tmp_path, ends_with):
     os.mkfifo(full / "active")
     for place in (file, pipe, full, file / "below", Path("/proc/x"), Path("/proc")):
         words = ["controller", "-i", "loopback", "-c", "no-state", "--state", str(place)]
-        answer = ends_with(2, *words)
+        answer = run_command(2, *words)
         assert answer.out == ""
         assert f"parameters cannot be stored in {place} (" in answer.err
         assert "leave --state out" in answer.err

@@ -14,22 +14,22 @@ from operator_app.session.store.replay import session_state
 
 
 @pytest.mark.campaign
-def test_upload_is_journalled_with_its_reason(tmp_path, ends_with):
+def test_upload_is_journalled_with_its_reason(tmp_path, run_command):
     options = ["--sessions", str(tmp_path / "sessions")]
     procedure = tmp_path / "strict.yaml"
     packaged = (files("operator_app") / "data/procedures/hinge.yaml").read_text()
     # A limit that no arm meets.
     procedure.write_text(packaged.replace("scaled_condition_number: 100", "sigma_pos_mm: 0.000001"))
-    ends_with(4, "run", procedure, "--poses", "4", *options)
+    run_command(4, "run", procedure, "--poses", "4", *options)
     (folder,) = (tmp_path / "sessions").iterdir()
-    assert "not accepted: " in ends_with(4, "export", folder.name, "--upload", *options).err
+    assert "not accepted: " in run_command(4, "export", folder.name, "--upload", *options).err
     assert not (folder / "parameters.yaml").exists()
-    comparison = ends_with(0, "compare", folder.name, folder.name, *options).out
+    comparison = run_command(0, "compare", folder.name, folder.name, *options).out
     assert "! A was not accepted (" in comparison
 
     copy = tmp_path / "copy.yaml"
     forced = ["--upload", "--force", "the demo is tonight", "-o", str(copy)]
-    assert "slot A active" in ends_with(4, "export", folder.name, *forced, *options).out
+    assert "slot A active" in run_command(4, "export", folder.name, *forced, *options).out
     assert copy.read_bytes() == (folder / "parameters.yaml").read_bytes()
     first = load_parameters(copy).warnings[0]
     assert first.code == "FORCED"
@@ -39,7 +39,7 @@ def test_upload_is_journalled_with_its_reason(tmp_path, ends_with):
 
     # The journal records the solution of the other estimator as exported.
     other = ["--upload", "--estimator", "paper", "--force", "to compare", "-o", str(copy), "--json"]
-    comparison = ends_with(4, "export", folder.name, *other, *options)
+    comparison = run_command(4, "export", folder.name, *other, *options)
     assert "calibrated again" in comparison.err
     result = json.loads(comparison.out)
     assert result["file"] == str(copy)

@@ -59,9 +59,11 @@ def sessions(tmp_path_factory):
 
 
 @pytest.fixture
-def history(ends_with):
+def history(run_command):
     """The command on these sessions: ``history(code, sessions, *words)``."""
-    return lambda code, root, *arguments: ends_with(code, "history", *arguments, "--sessions", root)
+    return lambda code, root, *arguments: run_command(
+        code, "history", *arguments, "--sessions", root
+    )
 
 
 def test_shifted_joint_is_reported_with_session_and_size(sessions, history):

@@ -30,23 +30,23 @@ def write_raw_logs(folder: Path, placements: tuple[int, ...]) -> list[str]:
     return files
 
 
-def test_raw_logs_are_imported_like_a_converted_poses_file(tmp_path, ends_with):
+def test_raw_logs_are_imported_like_a_converted_poses_file(tmp_path, run_command):
     sessions = ["--sessions", str(tmp_path / "sessions")]
     files = write_raw_logs(tmp_path, (1, 2))
-    imported = ends_with(0, "import", *files, "--rad", *PANDA, *sessions, "--json").json
+    imported = run_command(0, "import", *files, "--rad", *PANDA, *sessions, "--json").json
     # The same poses, rounded to 1e-9 deg.
     converted = str(HINGE.parent / "panda_ball/panda_1.csv")
-    solved = ends_with(0, "solve", converted, "--placements", "1,2", *PANDA, "--json").json
+    solved = run_command(0, "solve", converted, "--placements", "1,2", *PANDA, "--json").json
     assert imported["parameters"] == pytest.approx(solved["parameters"], abs=1e-6)
     assert imported["verdict"] == solved["verdict"]
     folder = Path(imported["session"]["folder"])
     assert imported["poses"] == 60
 
-    assert ends_with(0, "report", folder, "--json").json["parameters"] == imported["parameters"]
-    ends_with(0, "report", folder)
+    assert run_command(0, "report", folder, "--json").json["parameters"] == imported["parameters"]
+    run_command(0, "report", folder)
     page = (folder / "report.html").read_text()
     assert f"The poses were read from {', '.join(files)}; this program did not capture them" in page
-    ends_with(0, "report", folder, "--text")
+    run_command(0, "report", folder, "--text")
     stored = load_poses(folder / "poses.csv").poses
     placement, q_rad = panda_readings()
     np.testing.assert_allclose(stored.q_rad, q_rad[placement <= 2], rtol=0, atol=1e-15)
@@ -54,7 +54,7 @@ def test_raw_logs_are_imported_like_a_converted_poses_file(tmp_path, ends_with):
 
 
 @pytest.mark.campaign
-def test_one_log_with_placements_equals_one_log_each(tmp_path, ends_with):
+def test_one_log_with_placements_equals_one_log_each(tmp_path, run_command):
     """A text column states the socket; report, compare, verify and export accept the session."""
     sessions = ["--sessions", str(tmp_path / "sessions")]
     placement, q_rad = panda_readings()
@@ -66,28 +66,28 @@ def test_one_log_with_placements_equals_one_log_each(tmp_path, ends_with):
     log = tmp_path / "log.csv"
     log.write_text("\n".join(["t,socket,q1,q2,q3,q4,q5,q6,q7", *rows]) + "\n")
     columns = ["--columns", "3-9", "--placement", "socket"]
-    imported = ends_with(0, "import", log, "--rad", *columns, *PANDA, *sessions, "--json").json
+    imported = run_command(0, "import", log, "--rad", *columns, *PANDA, *sessions, "--json").json
     logs = write_raw_logs(tmp_path, (1, 2))
-    separate = ends_with(
+    separate = run_command(
         0, "import", *logs, "--rad", *PANDA, *sessions, "--name", "apart", "--json"
     ).json
     assert imported["parameters"] == separate["parameters"]
     assert {"ground_x[1]", "ground_x[2]"} <= set(imported["parameters"])
     folder = imported["session"]["folder"]
     assert load_poses(f"{folder}/poses.csv").poses.notes[-1].endswith("placement right")
-    ends_with(0, "compare", folder, separate["session"]["folder"])
-    ends_with(0, "report", folder)
-    ends_with(0, "export", folder, "--format", "urdf")
-    ends_with(0, "export", folder)
+    run_command(0, "compare", folder, separate["session"]["folder"])
+    run_command(0, "report", folder)
+    run_command(0, "export", folder, "--format", "urdf")
+    run_command(0, "export", folder)
     warnings = load_parameters(Path(folder) / "parameters.yaml").warnings
     (placements,) = (w.text for w in warnings if w.code == "PLACEMENTS")
     assert placements.endswith("placement 2, the last")
     poses = sarcal.poses_of(q_rad=q_rad[placement == 2][:8], placement=[2] * 8)
-    refused = ends_with(2, "verify", folder, poses.to_csv(tmp_path / "same.csv")).err
+    refused = run_command(2, "verify", folder, poses.to_csv(tmp_path / "same.csv")).err
     assert "these are poses that the calibration was made from" in refused
     # A second reading, a few encoder counts away.
     new_poses = sarcal.poses_of(q_rad=poses.q_rad + 5e-5, placement=[2] * 8)
-    assert "HOLDS" in ends_with(0, "verify", folder, new_poses.to_csv(tmp_path / "again.csv")).out
+    assert "HOLDS" in run_command(0, "verify", folder, new_poses.to_csv(tmp_path / "again.csv")).out
     # Placements given as numbers keep them.
     rows_by_number = [[p, *q] for p, q in zip(placement, q_rad, strict=True) if p in (3, 4)]
     np.savetxt(tmp_path / "other.csv", rows_by_number, delimiter=",", fmt=["%d"] + ["%.17g"] * 7)
@@ -96,22 +96,22 @@ def test_one_log_with_placements_equals_one_log_each(tmp_path, ends_with):
 
 
 @pytest.mark.campaign
-def test_imported_session_is_reported_as_solved_but_has_no_arm(tmp_path, ends_with):
+def test_imported_session_is_reported_as_solved_but_has_no_arm(tmp_path, run_command):
     sessions, poses = ["--sessions", tmp_path], HINGE / "hinge_quantised.csv"
-    imported = ends_with(0, "import", poses, "--serial", "SDA-7", *sessions, "--json").json
+    imported = run_command(0, "import", poses, "--serial", "SDA-7", *sessions, "--json").json
     folder = imported["session"]["folder"]
-    solved = ends_with(0, "solve", poses, "--checks", "--json").json
-    reported = ends_with(0, "report", folder, "--json").json
+    solved = run_command(0, "solve", poses, "--checks", "--json").json
+    reported = run_command(0, "report", folder, "--json").json
     for key in ("parameters", "sigma", "verdict", "checks", "chi2_per_dof", "causes"):
         assert reported[key] == solved[key], key
     assert reported["session"]["serial_number"] == "SDA-7"
     for command in (["run", "--resume", folder], ["export", folder, "--upload"]):
-        assert "cannot be continued with an arm" in ends_with(2, *command, *sessions).err
-    message = ends_with(2, "verify", folder, *sessions).err
+        assert "cannot be continued with an arm" in run_command(2, *command, *sessions).err
+    message = run_command(2, "verify", folder, *sessions).err
     assert f"give a file of new poses: sarcal verify {folder}" in message
 
 
-def test_insufficient_poses_are_kept_and_reported(tmp_path, ends_with):
+def test_insufficient_poses_are_kept_and_reported(tmp_path, run_command):
     sessions = ["--sessions", str(tmp_path / "sessions")]
     files = write_raw_logs(tmp_path, (2, 3))
     packaged = resolve("arm", "franka_panda").data.decode()
@@ -119,15 +119,15 @@ def test_insufficient_poses_are_kept_and_reported(tmp_path, ends_with):
     unknown.write_text(re.sub(r"(?m)^offset_tolerance_deg: .*\n", "", packaged))
     assert unknown.read_text() != packaged
     arm = ["--arm", str(unknown), *PANDA[2:-1]]
-    imported = ends_with(5, "import", *files, "--rad", *arm, *sessions, "--json").json
+    imported = run_command(5, "import", *files, "--rad", *arm, *sessions, "--json").json
     assert imported["unidentifiable"]
     # 7 offsets, the centre of the ball, and the centres of two sockets.
     assert imported["rank"] == 7 + 3 + 2 * 3 - len(imported["unidentifiable_directions"])
     assert imported["dof"] == 3 * imported["poses"] - 16
     assert imported["session"]["uploaded"] is False
     assert len(load_poses(imported["session"]["poses"]).poses) == imported["poses"]
-    assert ends_with(5, "report", imported["session"]["folder"], "--json").json == imported
-    report = ends_with(5, "report", imported["session"]["folder"], "--text").out
+    assert run_command(5, "report", imported["session"]["folder"], "--json").json == imported
+    report = run_command(5, "report", imported["session"]["folder"], "--text").out
     assert "theta_off_7 cannot be separated from" in report
 
 
@@ -179,7 +179,7 @@ def test_invalid_log_is_refused_with_place_and_remedy(tmp_path, text, options, a
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["mcap", "sqlite3", "csv"])
-def test_recording_gives_exactly_the_poses_at_standstill(kind, tmp_path, ends_with):
+def test_recording_gives_exactly_the_poses_at_standstill(kind, tmp_path, run_command):
     """60 real poses of two sockets, 2 s each; shuffled joints, jitter, lost samples, 20 slow motions a socket."""
     placement, q_rad = panda_readings()
     names = [f"panda_joint{j}" for j in range(1, 8)]
@@ -192,7 +192,7 @@ def test_recording_gives_exactly_the_poses_at_standstill(kind, tmp_path, ends_wi
             files.append(write_bag(tmp_path / f"run_{k}", time_s, q, names, storage=kind, seed=k))
     options = ["--time", "time", "--rad"] if kind == "csv" else []
     output = ["--sessions", str(tmp_path / "sessions"), "--json"]
-    answer = ends_with(0, "import", *map(str, files), *options, *PANDA, *output)
+    answer = run_command(0, "import", *map(str, files), *options, *PANDA, *output)
     imported = json.loads(answer.out)
     poses = load_poses(Path(imported["session"]["folder"]) / "poses.csv").poses
     assert poses.placement.tolist() == placement[placement <= 2].tolist()
@@ -210,7 +210,7 @@ def test_recording_gives_exactly_the_poses_at_standstill(kind, tmp_path, ends_wi
         assert poses.utc[0].startswith("2026-09-21T14:13:")
 
 
-def test_invalid_recording_or_option_is_refused(tmp_path, ends_with):
+def test_invalid_recording_or_option_is_refused(tmp_path, run_command):
     _, q_rad = panda_readings()
     time_s, q = recorded_arm(q_rad[:3], decoys=0, seed=1)
     names = [f"q{j}" for j in range(1, 8)]
@@ -242,9 +242,10 @@ def test_invalid_recording_or_option_is_refused(tmp_path, ends_with):
         ),
     ):
         assert (
-            message in ends_with(2, "import", *arguments, *PANDA, "--sessions", tmp_path / "s").err
+            message
+            in run_command(2, "import", *arguments, *PANDA, "--sessions", tmp_path / "s").err
         )
-    assert "is a ROS 2 bag; sarcal import" in ends_with(2, "solve", bag, *PANDA).err
+    assert "is a ROS 2 bag; sarcal import" in run_command(2, "solve", bag, *PANDA).err
     # Three poses are too few for a calibration, but they are found.
     for arguments in (
         ["torn.csv", "--time", "time"],
@@ -252,10 +253,10 @@ def test_invalid_recording_or_option_is_refused(tmp_path, ends_with):
         ["two.csv", "--time", "time"],
     ):
         file, where = tmp_path / arguments[0], ["--sessions", tmp_path / "s"]
-        answer = ends_with(2, "import", file, *arguments[1:], "--rad", *PANDA, *where)
+        answer = run_command(2, "import", file, *arguments[1:], "--rad", *PANDA, *where)
         assert "3 poses from" in answer.err
 
 
-def test_solve_refers_a_raw_log_to_import(tmp_path, ends_with):
+def test_solve_refers_a_raw_log_to_import(tmp_path, run_command):
     (log,) = write_raw_logs(tmp_path, (1,))
-    assert f"sarcal import {log}" in ends_with(2, "solve", log, *PANDA).err
+    assert f"sarcal import {log}" in run_command(2, "solve", log, *PANDA).err

@@ -43,7 +43,7 @@ CASES = [
 @pytest.mark.timeout(20)
 @pytest.mark.parametrize(("command", "message"), CASES)
 def test_invalid_argument_is_one_error_and_nothing_is_written(
-    tmp_path, command, message, ends_with, monkeypatch
+    tmp_path, command, message, run_command, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
     os.mkfifo("pipe")
@@ -52,7 +52,7 @@ def test_invalid_argument_is_one_error_and_nothing_is_written(
     speed = next(line for line in procedure.splitlines() if "speed_deg_per_s" in line)
     (tmp_path / "slow.yaml").write_text(procedure.replace(speed, "  speed_deg_per_s: 1.0e-300"))
     before = sorted(tmp_path.rglob("*"))
-    answer = ends_with(2, *command.split())
+    answer = run_command(2, *command.split())
     assert message in answer.err
     assert answer.out == ""
     assert sorted(tmp_path.rglob("*")) == before
@@ -75,14 +75,14 @@ ARGUMENTS = [
     ids=[f"{c} {a.option_strings or a.dest}" for c, a in ARGUMENTS],
 )
 def test_empty_value_is_refused_before_anything_is_opened(
-    command, action, blank, tmp_path, ends_with, monkeypatch
+    command, action, blank, tmp_path, run_command, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
     required = {"session name": ["list"], "verify csv": ["x"], "compare b": ["x"]}
     before = required.get(f"{command} {action.dest}", [])
     name = "/".join(action.option_strings) or action.metavar or action.dest
     words = [*([] if command == APP else [command]), *before, *action.option_strings[-1:], blank]
-    answer = ends_with(2, *words)
+    answer = run_command(2, *words)
     assert f"error: argument {name}: " in answer.err
     assert answer.out == ""
     assert not list(tmp_path.iterdir())

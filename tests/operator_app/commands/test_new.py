@@ -76,24 +76,26 @@ def test_hinge_from_two_measured_lines_closes_where_they_coincide(seed):
     assert max(hinge_error("home.yaml", HOME_DEG)) < 1e-4
 
 
-def test_ball_is_placed_at_the_tool_point(ends_with):
+def test_ball_is_placed_at_the_tool_point(run_command):
     new = ["new", "fixture", "--kind", "ball", "--arm", "franka_panda", "--hand-point=30,-20,55.5"]
-    ends_with(0, *new, "--name", "home", "--tolerance-mm", "2")
+    run_command(0, *new, "--name", "home", "--tolerance-mm", "2")
     ball = load_fixture("home.yaml").fixture
     expected = flange_pose(HOME_DEG) @ [0.03, -0.02, 0.0555, 1.0]
     np.testing.assert_allclose(ball.ground_m, expected[:3], atol=1e-5)  # type: ignore[attr-defined]
     assert ball.tolerance.position_m == pytest.approx(2e-3)
-    ends_with(0, *new, "--name", "there", "--base-point=400,10,20")
+    run_command(0, *new, "--name", "there", "--base-point=400,10,20")
     np.testing.assert_allclose(load_fixture("there.yaml").fixture.ground_m, [0.4, 0.01, 0.02])  # type: ignore[attr-defined]
 
 
-def test_new_files_match_the_schema_written_beside_them(ends_with):
+def test_new_files_match_the_schema_written_beside_them(run_command):
     Path("files").mkdir()
-    ends_with(0, "new", "arm", "--from", "franka_panda", "--name", "mine", "-o", "files/arm.yaml")
-    ends_with(0, "new", "fixture", "--from", "ball", "-o", "files/ball.yaml")
+    run_command(0, "new", "arm", "--from", "franka_panda", "--name", "mine", "-o", "files/arm.yaml")
+    run_command(0, "new", "fixture", "--from", "ball", "-o", "files/ball.yaml")
     options = ["--arm", "files/arm.yaml", "--fixture", "files/ball.yaml"]
-    output = ends_with(0, "new", "procedure", *options, "--name", "go", "-o", "files/run.yaml").out
-    ends_with(0, "new", "procedure", "--from", "hinge", "--name", "copy", "-o", "files/copy.yaml")
+    output = run_command(
+        0, "new", "procedure", *options, "--name", "go", "-o", "files/run.yaml"
+    ).out
+    run_command(0, "new", "procedure", "--from", "hinge", "--name", "copy", "-o", "files/copy.yaml")
     for file, kind, name in (
         ("arm", "arm", "mine"),
         ("ball", "fixture", "my_ball"),
@@ -116,19 +118,19 @@ def test_new_files_match_the_schema_written_beside_them(ends_with):
     assert "virtual is a simulated one" not in text
     assert "virtual takes the bus of the environment, can.conf or your settings" in text
     before = Path("files/arm.yaml").read_bytes()
-    ends_with(2, "new", "arm", "--from", "sarcos_dextrous", "-o", "files/arm.yaml")
+    run_command(2, "new", "arm", "--from", "sarcos_dextrous", "-o", "files/arm.yaml")
     assert Path("files/arm.yaml").read_bytes() == before
     options = ["--arm", "franka_panda", "--fixture", "tracker", "--name", "open"]
-    ends_with(0, "new", "procedure", *options)
+    run_command(0, "new", "procedure", *options)
     assert load_procedure("open.yaml").position_joints == (1, 2, 3, 4, 5, 6, 7)
 
 
-def test_unwritable_schema_leaves_no_file(tmp_path, ends_with):
+def test_unwritable_schema_leaves_no_file(tmp_path, run_command):
     (tmp_path / "sarcal-arm.schema.json").mkdir()
-    message = ends_with(2, "new", "arm", "--from", "ur5e", "-o", "mine.yaml").err
+    message = run_command(2, "new", "arm", "--from", "ur5e", "-o", "mine.yaml").err
     assert "sarcal-arm.schema.json: cannot be written" in message
     (tmp_path / "sarcal-arm.schema.json").rmdir()
-    ends_with(0, "new", "arm", "--from", "ur5e", "-o", "mine.yaml")
+    run_command(0, "new", "arm", "--from", "ur5e", "-o", "mine.yaml")
 
 
 @pytest.mark.parametrize(
@@ -151,8 +153,8 @@ def test_unwritable_schema_leaves_no_file(tmp_path, ends_with):
         ("procedure --from hinge --name 7", "begin with a letter"),
     ],
 )  # fmt: skip
-def test_invalid_options_are_refused_and_nothing_is_written(typed, expected, ends_with):
-    message = ends_with(2, "new", *typed.split()).err
+def test_invalid_options_are_refused_and_nothing_is_written(typed, expected, run_command):
+    message = run_command(2, "new", *typed.split()).err
     assert any(part in message for part in expected.split("|")), message
     assert message.count("sarcal") == 1 + expected.count("sarcal"), "the program's name occurs once"
     assert not list(Path().iterdir())

@@ -40,13 +40,13 @@ def make_folder(tmp_path, reference_data):
     return make
 
 
-def test_page_is_written_into_the_session_folder(make_folder, ends_with):
+def test_page_is_written_into_the_session_folder(make_folder, run_command):
     folder = make_folder()
-    assert ends_with(0, "report", folder).out == f"Report      {folder / 'report.html'}\n"
+    assert run_command(0, "report", folder).out == f"Report      {folder / 'report.html'}\n"
     page = (folder / "report.html").read_bytes()
     assert page.startswith(b"<!DOCTYPE html>\n<html lang=")
     assert b"SDA-0009" in page
-    ends_with(0, "report", folder.name, "--sessions", folder.parent)
+    run_command(0, "report", folder.name, "--sessions", folder.parent)
     assert (folder / "report.html").read_bytes() == page
     assert sorted(p.name for p in folder.iterdir()) == ["journal.jsonl", "report.html"]
 
@@ -75,21 +75,21 @@ def test_unidentifiable_parameters_are_reported_with_exit_code_5(make_folder):
     [(0, []), (2, []), (4, ["--unsensed", "8"]), (4, ["--unsensed", "6", "--estimator", "paper"])],
 )
 def test_too_few_poses_or_invalid_option_writes_no_page(
-    make_folder, poses, options, approve, ends_with
+    make_folder, poses, options, approve, run_command
 ):
     folder = make_folder(poses)
-    answer = ends_with(2, "report", folder, *options)
+    answer = run_command(2, "report", folder, *options)
     assert answer.out == ""
     approve(answer.err)
     assert not (folder / "report.html").exists()
 
 
-def test_page_in_a_missing_folder_is_an_error(make_folder, tmp_path, ends_with):
-    answer = ends_with(2, "report", make_folder(5), "-o", tmp_path / "none" / "r.html")
+def test_page_in_a_missing_folder_is_an_error(make_folder, tmp_path, run_command):
+    answer = run_command(2, "report", make_folder(5), "-o", tmp_path / "none" / "r.html")
     assert "cannot be written" in answer.err
 
 
-def test_poses_file_is_named_while_it_holds_the_included_poses(make_folder, ends_with):
+def test_poses_file_is_named_while_it_holds_the_included_poses(make_folder, run_command):
     folder = make_folder()
     file = folder / "poses.csv"
 
@@ -110,7 +110,7 @@ def test_poses_file_is_named_while_it_holds_the_included_poses(make_folder, ends
     assert poses_line() == str(file)
     append("pose_excluded", {"number": 4, "text": "by the operator"})
     assert poses_line() == "in the journal; poses.csv was written before they were changed"
-    report = ends_with(0, "report", folder, "--json").json
+    report = run_command(0, "report", folder, "--json").json
     assert (report["poses"], report["session"]["poses"]) == (19, None)
     file.write_text("no poses at all")
     assert poses_line().startswith("in the journal")

@@ -33,8 +33,8 @@ def test_poses_of_exact_specimen_close_its_true_loop():
 
 
 @pytest.mark.campaign
-def test_reproduction_matches_the_paper(ends_with):
-    reproduction = ends_with(0, "reproduce", "--json").json
+def test_reproduction_matches_the_paper(run_command):
+    reproduction = run_command(0, "reproduce", "--json").json
     for name, value in PRINTED.items():
         assert reproduction["table_2"][name]["paper"] == pytest.approx(value)
     assert reproduction["sigma_pos_mm"]["rms"] == pytest.approx(2.7, rel=0.15)
@@ -51,5 +51,5 @@ def test_reproduction_matches_the_paper(ends_with):
 
 
 @pytest.mark.parametrize("poses", ["7", "121"])
-def test_too_few_or_too_many_poses_are_refused(poses, ends_with):
-    assert "between 8 and 120" in ends_with(2, "reproduce", "--poses", poses).err
+def test_too_few_or_too_many_poses_are_refused(poses, run_command):
+    assert "between 8 and 120" in run_command(2, "reproduce", "--poses", poses).err

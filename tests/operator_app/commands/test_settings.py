@@ -26,11 +26,11 @@ def file(tmp_path, monkeypatch):
     return tmp_path / "config" / "sarcal" / "settings.yaml"
 
 
-def test_settings_are_set_shown_and_removed(file, ends_with):
-    assert "there is none" in ends_with(0, "settings").out
+def test_settings_are_set_shown_and_removed(file, run_command):
+    assert "there is none" in run_command(0, "settings").out
     words = ["interface=socketcan", "channel=can3", "bitrate=500000", "operator=R. Hand"]
-    ends_with(0, "settings", *words)
-    shown = ends_with(0, "settings", "bitrate=", "theme=light", "--json").json
+    run_command(0, "settings", *words)
+    shown = run_command(0, "settings", "bitrate=", "theme=light", "--json").json
     assert shown["file"] == str(file)
     assert shown["settings"]["operator"] == "R. Hand"
     assert load_settings().stated == {
@@ -69,10 +69,10 @@ def test_virtual_options_take_precedence_over_the_bus_setting(file, tmp_path, op
     assert effective_procedure(opening).arm.joint_count == 7
 
 
-def test_virtual_of_a_procedure_uses_the_bus_setting(file, tmp_path, ends_with):
+def test_virtual_of_a_procedure_uses_the_bus_setting(file, tmp_path, run_command):
     command = ["new", "procedure", "--arm", "franka_panda", "--fixture", "hinge", "-o", "go.yaml"]
-    ends_with(0, *command)
-    message = ends_with(0, "settings", "interface=socketcan", "channel=can3").out
+    run_command(0, *command)
+    message = run_command(0, "settings", "interface=socketcan", "channel=can3").out
     assert "`virtual` in a procedure names no bus" in message
     choices = choices_from(parser_of("run").parse_args(["go.yaml"]))
     opening = begin("go.yaml", choices, root=tmp_path)
@@ -101,11 +101,11 @@ def test_operator_is_journalled(file, tmp_path):
         "",
     ],
 )
-def test_invalid_file_is_one_error(file, ends_with, text, approve):
+def test_invalid_file_is_one_error(file, run_command, text, approve):
     file.parent.mkdir(parents=True)
     file.write_text(text)
     for command in (["settings"], ["run", "hinge"], ["probe"]):
-        message = ends_with(2, *command).err
+        message = run_command(2, *command).err
         assert str(file) in message
         approve(message)
     assert not Path("sessions").exists()
@@ -114,7 +114,7 @@ def test_invalid_file_is_one_error(file, ends_with, text, approve):
 SETTINGS = "interface, channel, bitrate, theme, operator"
 
 
-def test_invalid_setting_lists_the_valid_ones(file, ends_with):
+def test_invalid_setting_lists_the_valid_ones(file, run_command):
     for word, message in (
         ("interface", SETTINGS),
         ("colour=red", SETTINGS),
@@ -125,10 +125,10 @@ def test_invalid_setting_lists_the_valid_ones(file, ends_with):
         ("interface=bogus", "loopback"),
         ("interface=bogus", "socketcan"),
     ):
-        assert message in ends_with(2, "settings", word).err
+        assert message in run_command(2, "settings", word).err
     assert not file.exists()
     for interface in ("loopback", "virtual", "slcan"):
-        ends_with(0, "settings", f"interface={interface}")
+        run_command(0, "settings", f"interface={interface}")
 
 
 INVALID = "schema: sarcal/settings/1\ninterface: socketcan\ntheme: pink\nintreface: x\n"
@@ -141,17 +141,17 @@ def invalid_file(file):
     return file
 
 
-def test_invalid_file_is_corrected_key_by_key(invalid_file, ends_with):
-    assert f"{invalid_file}:4: intreface" in ends_with(2, "settings", "theme=dark").err
+def test_invalid_file_is_corrected_key_by_key(invalid_file, run_command):
+    assert f"{invalid_file}:4: intreface" in run_command(2, "settings", "theme=dark").err
     assert invalid_file.read_text() == INVALID
-    ends_with(0, "settings", "theme=dark", "intreface=")
+    run_command(0, "settings", "theme=dark", "intreface=")
     assert load_settings().stated == {"interface": "socketcan", "theme": "dark"}
     invalid_file.write_text("theme: dark\n")
-    ends_with(0, "settings", "operator=R. Hand")
+    run_command(0, "settings", "operator=R. Hand")
     assert load_settings().stated == {"theme": "dark", "operator": "R. Hand"}
     other = "schema: sarcal/arm/1\nname: mine\n"
     invalid_file.write_text(other)
-    ends_with(2, "settings", "theme=dark", "name=")
+    run_command(2, "settings", "theme=dark", "name=")
     assert invalid_file.read_text() == other
 
 
@@ -174,9 +174,11 @@ def test_invalid_file_is_a_warning_with_a_given_bus(invalid_file, tmp_path, monk
     assert capsys.readouterr().err == ""
 
 
-def test_app_starts_with_an_invalid_file_and_warns(invalid_file, tmp_path, monkeypatch, ends_with):
+def test_app_starts_with_an_invalid_file_and_warns(
+    invalid_file, tmp_path, monkeypatch, run_command
+):
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
-    message = ends_with(0, "--plain", "-i", "virtual", "--sessions", tmp_path / "sessions").words
+    message = run_command(0, "--plain", "-i", "virtual", "--sessions", tmp_path / "sessions").words
     assert f"warning] {invalid_file} is invalid" in message
     assert message.count(str(invalid_file)) == 1
 
@@ -189,9 +191,9 @@ def test_app_starts_with_an_invalid_file_and_warns(invalid_file, tmp_path, monke
         ("interface: socketcan\nchannel: nosuchcan9", 3, "nosuchcan9|no CAN sockets"),
     ],
 )
-def test_error_of_the_bus_setting_names_the_file(file, ends_with, settings, code, words):
+def test_error_of_the_bus_setting_names_the_file(file, run_command, settings, code, words):
     file.parent.mkdir(parents=True)
     file.write_text(f"schema: sarcal/settings/1\n{settings}\n")
-    message = ends_with(code, "probe").err
+    message = run_command(code, "probe").err
     assert str(file) in message
     assert any(word in message for word in words.split("|")), message

@@ -6,7 +6,7 @@ from importlib.resources import files
 import pytest
 
 from operator_app.config.resources import resolve
-from tests.oracles.open_arm import measured_csv
+from tests.oracles.open_arm import write_measured_poses
 from tests.oracles.parameter_documents import VALUES as TABLE_2
 from tests.oracles.shop_floor import session
 
@@ -25,14 +25,14 @@ def exact_csv(reference_data):
 
 
 @pytest.mark.parametrize("estimator", ["implicit", "paper"])
-def test_exact_poses_reproduce_table_2_to_1e_8(exact_csv, estimator, ends_with, tmp_path):
+def test_exact_poses_reproduce_table_2_to_1e_8(exact_csv, estimator, run_command, tmp_path):
     # Without knowledge of the placement: the packaged 30 mm would shift it by 1 um towards its nominal values.
     hinge = resolve("fixture", "hinge").data.decode()
     unplaced = re.sub(r"tolerance_mm: .*", "tolerance_mm: 1000", hinge)
     file = tmp_path / "hinge.yaml"
     file.write_text(re.sub(r"tolerance_deg: .*", "tolerance_deg: 180", unplaced))
     options = ["--fixture", str(file), "--estimator", estimator, "--json"]
-    result = ends_with(0, "solve", exact_csv, *options).json
+    result = run_command(0, "solve", exact_csv, *options).json
     assert set(result["parameters"]) == set(result["sigma"]) == set(TABLE_2)
     for name, value in TABLE_2.items():
         # 1e-8 rad and 1e-8 m.
@@ -47,9 +47,9 @@ def test_exact_poses_reproduce_table_2_to_1e_8(exact_csv, estimator, ends_with, 
     assert not [key for key in result if f"`{key}`" not in page]
 
 
-def test_unsensed_wrist_is_estimated_without_its_rvdts(reference_data, ends_with):
+def test_unsensed_wrist_is_estimated_without_its_rvdts(reference_data, run_command):
     csv = reference_data / "hinge" / "hinge_rvdt1pct.csv"
-    result = ends_with(0, "solve", csv, "--unsensed", "6,7", "--json").json
+    result = run_command(0, "solve", csv, "--unsensed", "6,7", "--json").json
     values, sigma = result["parameters"], result["sigma"]
     assert "theta_off_6" not in values
     for name in (*(f"theta_off_{j}" for j in range(1, 6)), "a_0", "s_0", "s_1", "a_7", "s_7"):
@@ -59,34 +59,34 @@ def test_unsensed_wrist_is_estimated_without_its_rvdts(reference_data, ends_with
         assert values[f"theta_off_{j}"] == pytest.approx(TABLE_2[f"theta_off_{j}"], abs=0.01)
 
 
-def test_rigid_fixture_reports_immobile_joint_4(exact_csv, tmp_path, ends_with):
+def test_rigid_fixture_reports_immobile_joint_4(exact_csv, tmp_path, run_command):
     lines = exact_csv.read_text().splitlines()
     immobile = tmp_path / "rigid.csv"
     rows = [row.split(",") for row in lines[1:]]
     for row in rows:
         row[5] = rows[0][5]
     immobile.write_text("\n".join([lines[0], *(",".join(row) for row in rows)]) + "\n")
-    result = ends_with(5, "solve", immobile, "--fixture", "rigid", "--json").json
+    result = run_command(5, "solve", immobile, "--fixture", "rigid", "--json").json
     assert "theta_off_4" in result["unidentifiable"]
     assert "joint 4 does not move" in result["verdict_reasons"][0]
     assert result["verdict"] == "not_accepted"
     assert not CONTRACT - set(result)
     # The keys do not depend on the exit code.
-    determined = ends_with(0, "solve", exact_csv, "--json").json
+    determined = run_command(0, "solve", exact_csv, "--json").json
     assert not set(determined) - set(result)
     assert result["estimator"] == "implicit"
     # 60 poses, 6 equations each; 7 offsets and 4 entries of the mounting.
     assert result["dof"] == 360 - 11
     assert result["rank"] == 11 - len(result["unidentifiable_directions"])
-    text = ends_with(5, "solve", immobile, "--fixture", "rigid").out
+    text = run_command(5, "solve", immobile, "--fixture", "rigid").out
     assert "joint 4 does not move" in text
     assert "condition number" not in text
 
 
-def test_arm_measured_as_points_is_not_identifiable(tmp_path, ends_with):
+def test_arm_measured_as_points_is_not_identifiable(tmp_path, run_command):
     """A file of points needs no orientations: exit code 5, not an input error."""
-    result = ends_with(
-        5, "solve", measured_csv(tmp_path / "points.csv"), "--fixture", "tracker", "--json"
+    result = run_command(
+        5, "solve", write_measured_poses(tmp_path / "points.csv"), "--fixture", "tracker", "--json"
     ).json
     assert result["unidentifiable"]
     assert result["dof"] == 3 * 40 - result["rank"] - len(result["unidentifiable_directions"])
@@ -108,10 +108,10 @@ INVALID_POSES = {
 
 
 @pytest.mark.parametrize("name", INVALID_POSES)
-def test_invalid_poses_are_one_error(tmp_path, ends_with, name, approve):
+def test_invalid_poses_are_one_error(tmp_path, run_command, name, approve):
     path = tmp_path / f"{name}.csv"
     path.write_text("\n".join(INVALID_POSES[name]) + "\n")
-    answer = ends_with(2, "solve", path)
+    answer = run_command(2, "solve", path)
     assert answer.out == ""
     approve(answer.err)
     assert list(tmp_path.iterdir()) == [path]
@@ -131,32 +131,32 @@ def test_invalid_poses_are_one_error(tmp_path, ends_with, name, approve):
         ["missing.csv", "--unsensed", "1" * 5000],
     ],
 )
-def test_invalid_options_list_the_valid_ones(options, approve, ends_with):
-    answer = ends_with(2, "solve", *options)
+def test_invalid_options_list_the_valid_ones(options, approve, run_command):
+    answer = run_command(2, "solve", *options)
     assert answer.out == ""
     approve(answer.err)
 
 
 @pytest.mark.campaign
-def test_result_is_tested_on_a_second_file(tmp_path, ends_with):
+def test_result_is_tested_on_a_second_file(tmp_path, run_command):
     """New poses of the same arm hold; the same poses are refused; poses of another arm do not hold."""
     names = {"made": session(5), "new": session(5, walk=1, poses=12), "other": session(6, poses=12)}
     for name, taken in names.items():
         (tmp_path / f"{name}.csv").write_text(taken.csv())
     calibration_csv = str(tmp_path / "made.csv")
-    result = ends_with(0, "solve", calibration_csv, "--test", tmp_path / "new.csv", "--json").json
+    result = run_command(0, "solve", calibration_csv, "--test", tmp_path / "new.csv", "--json").json
     assert result["verdict"] == "accepted"
     assert result["test"]["verdict"] == "holds"
-    output = ends_with(0, "solve", calibration_csv, "--test", tmp_path / "new.csv").out
+    output = run_command(0, "solve", calibration_csv, "--test", tmp_path / "new.csv").out
     assert output.startswith("ACCEPTED: the calibration meets its limits.\n")
     # A good set may lie far below 1: the text states the upper limit.
     assert "1 or less if errors are as stated" in " ".join(output.partition("HOLDS")[2].split())
     assert "sound sets lie between" not in output
-    output = ends_with(4, "solve", calibration_csv, "--test", tmp_path / "other.csv").out
+    output = run_command(4, "solve", calibration_csv, "--test", tmp_path / "other.csv").out
     # The first line has the overall verdict.
     assert "ACCEPTED, BUT DOES NOT HOLD" in output.splitlines()[0]
     assert "DOES NOT HOLD: 12 new poses disagree" in output
-    output = ends_with(2, "solve", calibration_csv, "--test", calibration_csv).err
+    output = run_command(2, "solve", calibration_csv, "--test", calibration_csv).err
     assert "these are poses that the calibration was made from" in output
     # Calibration poses rounded to 3 decimals, among new ones.
     head, *rows = (tmp_path / "made.csv").read_text().splitlines()
@@ -167,16 +167,16 @@ def test_result_is_tested_on_a_second_file(tmp_path, ends_with):
         f"1,{k},{row.split(',', 2)[2]}" for k, row in enumerate(others + rounded[:3], 101)
     ]
     (tmp_path / "mixed.csv").write_text("\n".join([head, *renumbered]) + "\n")
-    output = ends_with(2, "solve", calibration_csv, "--test", tmp_path / "mixed.csv").err
+    output = run_command(2, "solve", calibration_csv, "--test", tmp_path / "mixed.csv").err
     assert "3 of the 15 poses (113, 114, 115) are poses that" in output
 
 
-def test_order_of_rows_does_not_change_the_output(reference_data, tmp_path, ends_with):
+def test_order_of_rows_does_not_change_the_output(reference_data, tmp_path, run_command):
     csv = reference_data / "hinge" / "hinge_rvdt1pct.csv"
     header, *rows = csv.read_text().splitlines()
     other = tmp_path / "other.csv"
     other.write_text("\n".join([header, *rows[1::2], *reversed(rows[::2])]) + "\n")
     for form in ([], ["--json"]):
-        output = ends_with(0, "solve", csv, *form).out
+        output = run_command(0, "solve", csv, *form).out
         assert "theta_off_7" in output
-        assert ends_with(0, "solve", other, *form).out == output
+        assert run_command(0, "solve", other, *form).out == output

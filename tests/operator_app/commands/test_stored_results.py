@@ -45,38 +45,38 @@ def without_solver(monkeypatch):
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("name", SESSIONS)
-def test_report_and_export_do_not_solve(name, journalled, without_solver, tmp_path, ends_with):
+def test_report_and_export_do_not_solve(name, journalled, without_solver, tmp_path, run_command):
     folder = journalled[name]
     code = 4 if name == "paper" else 0
-    ends_with(code, "report", folder, "-o", tmp_path / "report.html")
+    run_command(code, "report", folder, "-o", tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text()
     assert "its solution was read, not made again" in page
     assert "Solved again" not in page
     if name != "paper":
         assert "far block, held out" in page
-    report = ends_with(code, "report", folder, "--json").json
+    report = run_command(code, "report", folder, "--json").json
     assert report["estimator"] == ("paper" if name == "paper" else "implicit")
     assert report["paper"] is not None
     assert report["session"]["folder"] == str(folder)
-    assert "ACCEPTED" in ends_with(code, "report", folder, "--text").out
-    ends_with(code, "export", folder, "--force", "a test", "-o", tmp_path / "parameters.yaml")
+    assert "ACCEPTED" in run_command(code, "report", folder, "--text").out
+    run_command(code, "export", folder, "--force", "a test", "-o", tmp_path / "parameters.yaml")
     assert (tmp_path / "parameters.yaml").is_file()
 
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("name", SESSIONS)
 def test_python_exports_the_same_files_as_the_command(
-    name, journalled, without_solver, tmp_path, ends_with
+    name, journalled, without_solver, tmp_path, run_command
 ):
     folder, reason = journalled[name], "a test"
     result = sarcal.load_result(folder)
     assert result.accepted == (name != "paper")
     options = ["--force", reason, "-o", tmp_path / "theirs"]
     for kind in ("json", "csv", "urdf"):
-        ends_with(0 if result.accepted else 4, "export", folder, "--format", kind, *options)
+        run_command(0 if result.accepted else 4, "export", folder, "--format", kind, *options)
         ours = result.export(tmp_path / f"ours.{kind}", force=reason)
         assert ours.read_bytes() == (tmp_path / "theirs").read_bytes()
-    ends_with(0 if result.accepted else 4, "export", folder, *options)
+    run_command(0 if result.accepted else 4, "export", folder, *options)
     ours = result.export(tmp_path / "ours.yaml", force=reason)
     without_utc = [
         [line for line in file.read_text().splitlines() if not line.startswith("utc:")]
@@ -88,20 +88,20 @@ def test_python_exports_the_same_files_as_the_command(
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("name", SESSIONS)
 def test_compare_reads_the_journal_like_an_export(
-    name, journalled, without_solver, tmp_path, ends_with
+    name, journalled, without_solver, tmp_path, run_command
 ):
     journal_folder = tmp_path / "alone"
     journal_folder.mkdir()
     shutil.copy(journalled[name] / JOURNAL_NAME, journal_folder)
     code = 4 if name == "paper" else 0
-    ends_with(code, "export", journalled[name], "--force", "a test", "-o", tmp_path / "file.yaml")
-    report = ends_with(0, "compare", journal_folder, tmp_path / "file.yaml", "--json").json
+    run_command(code, "export", journalled[name], "--force", "a test", "-o", tmp_path / "file.yaml")
+    report = run_command(0, "compare", journal_folder, tmp_path / "file.yaml", "--json").json
     assert set(report["parameters"]) >= {"theta_off_1", "s_0", "alpha_7"}
     # Equal up to rounding to degrees and back.
     assert all(abs(p["change"]) < 1e-13 for p in report["parameters"].values())
     # The journal takes precedence over a file beside it.
     (journal_folder / "parameters.yaml").write_text("schema: sarcal/parameters/1\n")
-    ends_with(0, "compare", journal_folder, journalled["run" if name == "app" else name])
+    run_command(0, "compare", journal_folder, journalled["run" if name == "app" else name])
 
 
 @pytest.mark.parametrize("options", [("--estimator", "paper"), ("--unsensed", "7")])

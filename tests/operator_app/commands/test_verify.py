@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.oracles.open_arm import measured_csv
+from tests.oracles.open_arm import write_measured_poses
 
 
 @pytest.fixture
@@ -11,9 +11,9 @@ def folder(journalled):
     return journalled["run"]
 
 
-def test_open_loop_measurement_of_calibrated_arm_agrees(folder, tmp_path, ends_with):
-    csv = measured_csv(tmp_path / "open.csv")
-    result = ends_with(0, "verify", folder, csv, "--open-loop", "--json").json
+def test_open_loop_measurement_of_calibrated_arm_agrees(folder, tmp_path, run_command):
+    csv = write_measured_poses(tmp_path / "open.csv")
+    result = run_command(0, "verify", folder, csv, "--open-loop", "--json").json
     assert (result["verdict"], result["disagree"]) == ("agrees", [])
     assert result["poses"] == 40
     assert {"theta_off_1", "theta_off_7"} == set(result["not_compared"])
@@ -32,18 +32,18 @@ def test_open_loop_measurement_of_calibrated_arm_agrees(folder, tmp_path, ends_w
         ({"longer_m": {5: 0.010}}, "s_5", 0.010),
     ],
 )
-def test_disagreeing_parameter_is_reported(folder, tmp_path, ends_with, planted, name, size):
-    csv = measured_csv(tmp_path / "open.csv", **planted)
-    result = ends_with(4, "verify", folder, csv, "--open-loop", "--json").json
+def test_disagreeing_parameter_is_reported(folder, tmp_path, run_command, planted, name, size):
+    csv = write_measured_poses(tmp_path / "open.csv", **planted)
+    result = run_command(4, "verify", folder, csv, "--open-loop", "--json").json
     assert (result["verdict"], result["disagree"]) == ("disagrees", [name])
     row = result["parameters"][name]
     assert abs(row["change"] - size) < 3.0 * row["sigma"]
-    assert f"of {name}." in ends_with(4, "verify", folder, csv, "--open-loop").words
+    assert f"of {name}." in run_command(4, "verify", folder, csv, "--open-loop").words
 
 
-def test_instrument_worse_than_specified_is_not_accepted(folder, tmp_path, ends_with):
-    csv = measured_csv(tmp_path / "open.csv", sigma_m=5e-3)
-    result = ends_with(4, "verify", folder, csv, "--open-loop", "--json").json
+def test_instrument_worse_than_specified_is_not_accepted(folder, tmp_path, run_command):
+    csv = write_measured_poses(tmp_path / "open.csv", sigma_m=5e-3)
+    result = run_command(4, "verify", folder, csv, "--open-loop", "--json").json
     assert result["verdict"] == "open loop not accepted"
     assert result["reasons"]
 
@@ -58,16 +58,16 @@ def test_instrument_worse_than_specified_is_not_accepted(folder, tmp_path, ends_
     ],
 )
 def test_options_that_would_ignore_endpoints_are_refused(
-    folder, tmp_path, ends_with, arguments, approve
+    folder, tmp_path, run_command, arguments, approve
 ):
-    csv = measured_csv(tmp_path / "open.csv")
-    approve(ends_with(2, "verify", folder, *(text.format(csv=csv) for text in arguments)).err)
+    csv = write_measured_poses(tmp_path / "open.csv")
+    approve(run_command(2, "verify", folder, *(text.format(csv=csv) for text in arguments)).err)
 
 
 @pytest.mark.campaign
-def test_free_arm_is_verified_by_the_tracker(folder, tmp_path, ends_with):
+def test_free_arm_is_verified_by_the_tracker(folder, tmp_path, run_command):
     options = ["--open-loop", "--json", "--poses", "8", "--sessions", tmp_path]
-    answer = ends_with(0, "verify", folder, *options)
+    answer = run_command(0, "verify", folder, *options)
     result = answer.json
     assert (result["verdict"], result["disagree"], result["poses"]) == ("agrees", [], 8)
     for name, planted in (("theta_off_2", -122.8), ("theta_off_5", 27.1)):

@@ -11,7 +11,7 @@ from operator_app.config.resources import builtin_names, resolve
 from solver.chain.kinematics import forward
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
 from tests.oracles.makers_chains import CHAINS, flange
-from tests.oracles.mistakes import is_at, named, one_mistake, problems_of
+from tests.oracles.mistakes import is_within_replacement, named, parse_problems, single_problem
 
 GOOD = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
 
@@ -115,9 +115,9 @@ BAD = [
 
 @pytest.mark.parametrize(("old", "new", "key"), BAD, ids=named(BAD))
 def test_one_mistake_gives_one_problem_with_line_and_key(old, new, key, approve):
-    problem = one_mistake(parse, GOOD, old, new)
+    problem = single_problem(parse, GOOD, old, new)
     assert problem.key == key
-    assert is_at(problem, GOOD, old, new)
+    assert is_within_replacement(problem, GOOD, old, new)
     approve(str(problem))
 
 
@@ -132,7 +132,7 @@ def test_all_problems_are_listed_in_file_order():
     ):
         text = text.replace(old, new, 1)
     text += "colour: red\nname: again\n"
-    problems = problems_of(parse, text)
+    problems = parse_problems(parse, text)
     assert [p.key for p in problems] == [
         "dh[row 2].a_mm",
         "dh[row 3].s_m",
@@ -147,13 +147,13 @@ def test_all_problems_are_listed_in_file_order():
 def test_joint_and_row_numbers_must_correspond():
     start = GOOD.index("  - joint: 7")
     text = GOOD[:start] + GOOD[GOOD.index("# What a calibration") :]
-    problems = problems_of(parse, text)
+    problems = parse_problems(parse, text)
     assert [p.key for p in problems] == ["joints", "home_deg"]
     assert "6 joints for 7 D-H rows" in problems[0].text
-    problem = one_mistake(parse, GOOD, "- joint: 2", "- joint: 3")
+    problem = single_problem(parse, GOOD, "- joint: 2", "- joint: 3")
     assert problem.key == "joints[joint 3].joint"
     assert "in place of joint 2" in problem.text
-    problem = one_mistake(parse, GOOD, "free: [theta_off_1", "free: [theta_off_01")
+    problem = single_problem(parse, GOOD, "free: [theta_off_1", "free: [theta_off_01")
     assert (problem.key, problem.remedy) == ("free[1]", "write theta_off_1")
 
 
@@ -161,7 +161,7 @@ def test_offset_of_joint_without_sensor_cannot_be_free():
     sensor = (
         "{kind: rvdt, bits: 12, full_scale_deg: 120, linearity: 0.02, noise_lsb: 2, gain: 0.005}"
     )
-    problem = one_mistake(parse, GOOD, sensor, "{kind: none}")
+    problem = single_problem(parse, GOOD, sensor, "{kind: none}")
     assert problem.key == "free[6]"
     assert "no sensor" in problem.text
     arm = parse(GOOD.replace(sensor, "{kind: none}", 1).replace(" theta_off_6,", "", 1))
@@ -191,7 +191,7 @@ class TestHayati:
         np.testing.assert_array_equal(without_s.table.stacked(), arm.table.stacked())
         assert arm.hayati_rows == (2,)
         assert np.rad2deg(arm.table.beta_rad).tolist() == [0.0, 0.25] + [0.0] * 5
-        problem = one_mistake(parse, GOOD, "{row: 7,", "{beta_deg: 0.1, row: 7,")
+        problem = single_problem(parse, GOOD, "{row: 7,", "{beta_deg: 0.1, row: 7,")
         assert problem.key == "dh[row 7].beta_deg"
 
     def test_free_s_of_hayati_row_becomes_free_beta(self):

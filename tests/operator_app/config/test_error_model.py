@@ -17,7 +17,7 @@ from solver.chain.kinematics import forward
 from solver.chain.sensors import Encoder
 from solver.chain.statics import torque_rates
 from tests.contracts.planted import FIXTURES
-from tests.oracles.mistakes import one_mistake
+from tests.oracles.mistakes import single_problem
 
 SARCOS = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
 HINGE = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")
@@ -108,7 +108,7 @@ def test_arm_built_in_code_is_exact():
 
 def test_rvdt_has_gain_instead_of_accuracy():
     noise = "noise_lsb: 2,"
-    problem = one_mistake(parse_sarcos, SARCOS, noise, f"{noise} accuracy_deg: 0.01,")
+    problem = single_problem(parse_sarcos, SARCOS, noise, f"{noise} accuracy_deg: 0.01,")
     assert "joints[joint 6].sensor.accuracy_deg: unknown key" in str(problem)
     exact = parse_sarcos(SARCOS.replace("gain: 0.005", "gain: 0"))
     assert [joint.sensor.gain for joint in exact.joints[5:]] == [0.0, 0.0]
@@ -132,7 +132,7 @@ BAD = [
 
 @pytest.mark.parametrize(("old", "new"), BAD)
 def test_invalid_errors_are_refused(old, new, approve):
-    approve(str(one_mistake(parse_sarcos, SARCOS, old, new)))
+    approve(str(single_problem(parse_sarcos, SARCOS, old, new)))
 
 
 def parse_hinge_with(line):
@@ -220,4 +220,4 @@ def test_link_tolerances_override_and_gravity_has_any_length(length):
     ],
 )
 def test_invalid_masses_are_refused(old, new, message):
-    assert message in str(one_mistake(parse_sarcos, SARCOS, old, new))
+    assert message in str(single_problem(parse_sarcos, SARCOS, old, new))

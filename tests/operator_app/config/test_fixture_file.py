@@ -12,7 +12,7 @@ from fixtures.measured import Measured
 from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import MODELS, load_fixture, parse_fixture
 from tests.contracts.planted import FIXTURES
-from tests.oracles.mistakes import named, one_mistake, problems_of
+from tests.oracles.mistakes import named, parse_problems, single_problem
 
 
 def parse(text):
@@ -124,7 +124,7 @@ BAD = [
     ("old", "new", "key"), [*BAD, *BAD_MEASURED], ids=named([*BAD, *BAD_MEASURED])
 )
 def test_one_mistake_gives_one_problem(old, new, key, approve):
-    problem = one_mistake(parse, GOOD if old in GOOD else MEASURED, old, new)
+    problem = single_problem(parse, GOOD if old in GOOD else MEASURED, old, new)
     assert problem.key == key
     approve(str(problem))
 
@@ -134,6 +134,6 @@ def test_placement_in_metres_gives_one_problem():
     for old in ("a_0_mm: 200", "s_0_mm: 10", "s_1_mm: 270", "a_n_mm: -100", "s_n_mm: 40"):
         name, value = old.split(": ")
         text = text.replace(old, f"{name}: {float(value) / 1e3}")
-    (problem,) = problems_of(parse, text)
+    (problem,) = parse_problems(parse, text)
     assert problem.key == "placement"
     assert "they may be in metres" in problem.text

@@ -29,7 +29,7 @@ from operator_app.config.parameters_file import (
 )
 from solver.chain.kinematics import DhTable
 from tests.oracles.identity import same
-from tests.oracles.mistakes import named, one_mistake
+from tests.oracles.mistakes import named, single_problem
 from tests.oracles.parameter_documents import GOOD, document, parse
 
 
@@ -101,7 +101,7 @@ BAD = [
 
 @pytest.mark.parametrize(("old", "new", "key"), BAD, ids=named(BAD))
 def test_one_mistake_gives_one_problem(old, new, key, approve):
-    problem = one_mistake(parse, GOOD, old, new)
+    problem = single_problem(parse, GOOD, old, new)
     assert problem.key == key
     approve(str(problem))
 

@@ -21,7 +21,7 @@ from operator_app.config.parameter_records import (
 )
 from operator_app.config.parameters_file import format_parameters, parse_parameters
 from operator_app.config.schema import schema_name
-from tests.oracles.mistakes import one_mistake, problems_of
+from tests.oracles.mistakes import parse_problems, single_problem
 from tests.oracles.parameter_documents import GOOD, document, parse
 
 
@@ -73,7 +73,7 @@ def test_only_document_with_beta_has_version_3():
 
 
 def test_key_of_newer_version_differs_from_misspelt_key():
-    newer, misspelt = problems_of(parse, GOOD + "thermal: {}\nforcd: no\n")
+    newer, misspelt = parse_problems(parse, GOOD + "thermal: {}\nforcd: no\n")
     assert (newer.key, newer.text) == ("thermal", "unknown key")
     assert "a newer sarcal may have written it" in newer.remedy
     assert misspelt.remedy == "did you mean forced?"
@@ -156,7 +156,7 @@ def test_parameter_without_variance_is_uncorrelated_without_budget():
 def test_one_mistake_gives_one_problem(old, new, key, approve):
     correction = format_parameters(document_with_correction()).decode()
     correlations = format_parameters(document_with_correlations()).decode()
-    problem = one_mistake(parse, correction if old in correction else correlations, old, new)
+    problem = single_problem(parse, correction if old in correction else correlations, old, new)
     assert problem.key == key
     approve(str(problem))
 

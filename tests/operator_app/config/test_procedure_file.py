@@ -8,7 +8,7 @@ import pytest
 from operator_app.config.errors import ConfigError
 from operator_app.config.procedure_file import load_procedure, parse_procedure
 from operator_app.config.resources import Resource, builtin_names
-from tests.oracles.mistakes import named, one_mistake
+from tests.oracles.mistakes import named, single_problem
 
 GOOD = """schema: sarcal/procedure/1
 name: hinge
@@ -166,6 +166,6 @@ BAD = [
 
 @pytest.mark.parametrize(("old", "new", "key"), BAD, ids=named(BAD))
 def test_one_mistake_gives_one_problem(old, new, key, approve):
-    problem = one_mistake(parse, GOOD, old, new)
+    problem = single_problem(parse, GOOD, old, new)
     assert problem.key == key
     approve(str(problem))

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hardware.arm import JointMode
 from hardware.canopen.bus_profile import BusProfile, JointProfile, Pdo
 from operator_app.config.profile_file import format_profile, load_profile, parse_profile
-from tests.oracles.mistakes import one_mistake, problems_of
+from tests.oracles.mistakes import parse_problems, single_problem
 
 GOOD = """\
 schema: sarcal/profile/1
@@ -111,12 +111,12 @@ MISTAKES = [
 
 @pytest.mark.parametrize(("old", "new", "message"), MISTAKES)
 def test_one_mistake_gives_one_problem_with_its_place(old, new, message):
-    assert message in str(one_mistake(parse, GOOD, old, new))
+    assert message in str(single_problem(parse, GOOD, old, new))
 
 
 def test_rescaled_drive_conflicts_with_supervisor():
     text = GOOD.replace("supervisor: none", "supervisor: 40")
-    serial_problem, joint_problem = problems_of(parse, text)
+    serial_problem, joint_problem = parse_problems(parse, text)
     assert "serial_number: is stated by the supervisor" in str(serial_problem)
     assert "joints[joint 2]: a supervisor sets home offsets (607Ch)" in str(joint_problem)
 

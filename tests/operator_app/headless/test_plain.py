@@ -9,13 +9,13 @@ from operator_app.config.parameters_file import load_parameters
 from operator_app.headless.plain import Plain
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.replay import session_state
-from tests.oracles.live_source import FakeSource
-from tests.oracles.script import Script, look_again
+from tests.oracles.live_source import FakeSessions
+from tests.oracles.script import Script, pause_briefly
 
 
-def run(source: FakeSource, *answers: str | Callable[[], str]) -> Script:
+def run(source: FakeSessions, *answers: str | Callable[[], str]) -> Script:
     script = Script(*answers)
-    script.reason = Plain(source, script, pause=look_again).run()
+    script.reason = Plain(source, script, pause=pause_briefly).run()
     return script
 
 
@@ -112,7 +112,7 @@ def test_enter_stops_a_move(source):
     source.pace_s = 0.05  # a busy machine must stop the motion before its end
     script = Script(*TO_CAPTURE, "Move to", "Quit")
     # Not before the motion begins: a waiting task is cancelled with another message.
-    script.touches_when = lambda: source.arm.snapshot().moving
+    script.key_pressed_when = lambda: source.arm.snapshot().moving
     Plain(source, script, pause=lambda _: None).run()
     assert "moving: press Enter to stop it." in script.said
     assert any("ended by the operator" in row for row in script.said)

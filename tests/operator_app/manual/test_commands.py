@@ -19,11 +19,11 @@ import numpy as np
 import pytest
 
 from operator_app.cli import main
-from tests.oracles.manual_pages import NOT_OURS, Block, blocks, written_topics
-from tests.oracles.open_arm import measured_csv
+from tests.oracles.manual_pages import OTHER_PROGRAMS, Block, blocks, page_topics
+from tests.oracles.open_arm import write_measured_poses
 from tests.oracles.panda import panda_readings
 from tests.oracles.pty_program import PtyProgram
-from tests.oracles.recorded import recorded_folder
+from tests.oracles.recorded import cached_folder
 from tests.oracles.recordings import recorded_arm, write_bag, write_log
 
 DATA = Path(__file__).parents[2] / "data"
@@ -34,9 +34,7 @@ CAN_OPTIONS = "-i socketcan -c can0"
 TIMEOUT_S = 60.0
 REDIRECTED = re.compile(r" > (\S+)$")
 
-TOPICS_WITH_COMMANDS = [
-    topic for topic in written_topics() if any(b.commands for b in blocks(topic))
-]
+TOPICS_WITH_COMMANDS = [topic for topic in page_topics() if any(b.commands for b in blocks(topic))]
 SLOW_TOPICS = (
     "mounting", "own-poses", "paper", "real-can", "recordings", "scripting", "still-valid", "tutorial",
 )  # fmt: skip
@@ -48,7 +46,7 @@ TOPICS_WITHOUT_SESSION = ("paper", "scripting", "still-valid", "tutorial", "wris
 @pytest.fixture(scope="module")
 def prepared():
     """A folder with a session and the files that pages call my_*; read-only."""
-    return recorded_folder(prepare)
+    return cached_folder(prepare)
 
 
 def prepare(folder: Path) -> None:
@@ -68,7 +66,7 @@ def prepare(folder: Path) -> None:
         np.savetxt(folder / f"socket_{k}.csv", q_of_socket, delimiter=",")
     first_sockets = [row for row in PANDA.read_text().splitlines() if row[0] in "p1234"]
     (folder / "my_sockets.csv").write_text("\n".join(first_sockets) + "\n")
-    measured_csv(folder / "open_arm.csv")
+    write_measured_poses(folder / "open_arm.csv")
     names = [f"panda_joint{j}" for j in range(1, 8)]
     for k, storage, bag, log in (
         (1, "mcap", "my_run.mcap", "my_recording.csv"),
@@ -88,7 +86,7 @@ def working_folder(prepared, tmp_path, monkeypatch):
     for file in prepared.iterdir():
         if file.is_file():
             shutil.copy(file, tmp_path)
-    for topic in written_topics():
+    for topic in page_topics():
         for block in blocks(topic):
             if block.file:
                 (tmp_path / block.file).write_text(block.text)
@@ -138,7 +136,7 @@ def shortened(command: str, prepared: Path, sessions: list[Path]) -> str:
 
 def sarcal_commands(block: Block) -> list[str]:
     """The sarcal commands of a block."""
-    return [c for c in block.commands if c.strip() and not c.startswith(NOT_OURS)]
+    return [c for c in block.commands if c.strip() and not c.startswith(OTHER_PROGRAMS)]
 
 
 def start_and_quit(folder: Path) -> int:
@@ -198,7 +196,7 @@ def test_commands_of_a_page_run_as_written(topic, prepared, working_folder):
 
 @pytest.mark.parametrize(
     "topic",
-    [t for t in written_topics() if any(b.language == "python" and not b.file for b in blocks(t))],
+    [t for t in page_topics() if any(b.language == "python" and not b.file for b in blocks(t))],
 )
 def test_python_blocks_run(topic, working_folder, capsys):
     for block in blocks(topic):
@@ -214,7 +212,9 @@ def test_every_block_is_of_a_kind_that_tests_run():
             # The toy's are run by tests/system/test_arm_plugin.py.
             assert block.run in ("", "campaign", "verdict", "background", "terminal", "toy"), topic
             for command in filter(str.strip, block.commands):
-                assert command.startswith(("sarcal ", *NOT_OURS)) or command == "sarcal", command
+                assert command.startswith(("sarcal ", *OTHER_PROGRAMS)) or command == "sarcal", (
+                    command
+                )
             assert block.language != "yaml" or block.file
 
 
@@ -223,7 +223,7 @@ def test_quoted_commands_have_valid_options():
     from operator_app.commands.table import APP, COMMANDS, parser_of
     from operator_app.manual.pages import FOLDER
 
-    for topic in written_topics():
+    for topic in page_topics():
         prose = re.sub(r"```.*?```", "", (FOLDER / f"{topic}.md").read_text(), flags=re.DOTALL)
         run_line = [
             c.removeprefix("sarcal") for block in blocks(topic) for c in sarcal_commands(block)

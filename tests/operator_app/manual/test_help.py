@@ -17,8 +17,8 @@ def markdown(topic: str) -> str:
     return manual().page(topic).markdown
 
 
-def test_help_lists_every_topic_with_its_summary(ends_with):
-    output = ends_with(0, "help").out
+def test_help_lists_every_topic_with_its_summary(run_command):
+    output = run_command(0, "help").out
     for section, topics in SECTIONS.items():
         assert section in output
         for topic, summary in topics.items():
@@ -34,8 +34,8 @@ def test_every_page_is_a_topic():
 
 @pytest.mark.sample(12)
 @pytest.mark.parametrize("topic", TOPICS)
-def test_page_fits_into_80_columns(topic, ends_with):
-    output = ends_with(0, "help", topic).out
+def test_page_fits_into_80_columns(topic, run_command):
+    output = run_command(0, "help", topic).out
     page = manual().page(topic)
     assert output.splitlines()[:2] == [page.title, "=" * len(page.title)]
     # Code and tables with long words may be wider.
@@ -43,16 +43,16 @@ def test_page_fits_into_80_columns(topic, ends_with):
         assert len(line) <= 80 or line.startswith("    ") or "  " in line, line
 
 
-def test_unknown_topic_gets_a_suggestion_and_the_list(ends_with):
+def test_unknown_topic_gets_a_suggestion_and_the_list(run_command):
     for misspelt, meant in (("comands", "commands"), ("arm", "arm-file"), ("exprot", "export")):
-        message = ends_with(2, "help", misspelt).err
+        message = run_command(2, "help", misspelt).err
         assert f"the manual has no topic {misspelt!r}; did you mean {meant}?" in message
         assert all(topic in message for topic in TOPICS)
 
 
-def test_command_is_a_topic_and_page_is_available_as_markdown(ends_with):
-    assert "`--remounted`" in ends_with(0, "help", "compare").out
-    assert ends_with(0, "help", TOPICS[0], "--markdown").out == manual().page(TOPICS[0]).markdown
+def test_command_is_a_topic_and_page_is_available_as_markdown(run_command):
+    assert "`--remounted`" in run_command(0, "help", "compare").out
+    assert run_command(0, "help", TOPICS[0], "--markdown").out == manual().page(TOPICS[0]).markdown
 
 
 def anchors(page: str) -> set[str]:

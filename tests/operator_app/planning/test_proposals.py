@@ -34,7 +34,7 @@ def set_home(line):
 
 def hinge_pin(q_deg: list[float] | tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
     """A point and the direction of the hinge's pin in the base."""
-    T = lbr_iiwa.iiwa_hand(np.deg2rad(q_deg))
+    T = lbr_iiwa.iiwa_flange(np.deg2rad(q_deg))
     return T[:3, :3] @ TOOL_M + T[:3, 3], T[:3, :3] @ AXIS
 
 
@@ -49,8 +49,8 @@ def least_motion(q_deg: list[float]) -> float:
     return float(size[-1] * np.linalg.norm(Vt[6:], axis=0)[:7].min())
 
 
-def test_stretched_urdf_gets_a_nonsingular_home(folder, ends_with):
-    output = ends_with(0, "new", "arm", "--urdf", "iiwa.urdf", "--name", "iiwa14").out
+def test_stretched_urdf_gets_a_nonsingular_home(folder, run_command):
+    output = run_command(0, "new", "arm", "--urdf", "iiwa.urdf", "--name", "iiwa14").out
     assert "Home        bent" in output
     assert least_motion([0.0] * 7) == pytest.approx(0.0, abs=1e-9)
     assert least_motion(home_deg()) > 0.01
@@ -58,8 +58,8 @@ def test_stretched_urdf_gets_a_nonsingular_home(folder, ends_with):
 
 
 @pytest.mark.campaign
-def test_proposed_home_closes_with_a_mounted_hinge(folder, ends_with):
-    ends_with(0, "new", "arm", "--urdf", "iiwa.urdf", "--name", "iiwa14")
+def test_proposed_home_closes_with_a_mounted_hinge(folder, run_command):
+    run_command(0, "new", "arm", "--urdf", "iiwa.urdf", "--name", "iiwa14")
     set_home("home_deg: [0, 0, 0, 0, 0, 0, 0]")
     point, direction = hinge_pin(MOUNTED_DEG)
     fixture = (
@@ -67,8 +67,8 @@ def test_proposed_home_closes_with_a_mounted_hinge(folder, ends_with):
         f"--base-point {','.join(f'{1e3 * v:.4f}' for v in point)} "
         f"--base-direction {','.join(f'{v:.6f}' for v in direction)}"
     )
-    ends_with(0, "new", "fixture", *fixture.split())
-    report = ends_with(0, "check", "iiwa14.yaml", "it.yaml").out
+    run_command(0, "new", "fixture", *fixture.split())
+    report = run_command(0, "check", "iiwa14.yaml", "it.yaml").out
     (line,) = re.findall(r"^  (home_deg: \[.*\])$", report, re.MULTILINE)
     set_home(line)
     home_point, home_direction = hinge_pin(home_deg())

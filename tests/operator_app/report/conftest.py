@@ -13,9 +13,9 @@ from operator_app.session.workflow.listener import Listener
 from tests.oracles.opened import opened
 from tests.oracles.panda import FOLDER as PANDA
 from tests.oracles.plant_arm import SERIAL, PlantArm
-from tests.oracles.reported_session import HOSTILE, subject_of
+from tests.oracles.reported_session import HOSTILE, report_subject
 from tests.oracles.short_procedure import short_procedure
-from tests.oracles.ticking import Ticking
+from tests.oracles.ticking import TickingClock
 
 
 class Page:
@@ -81,7 +81,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report") / "session"
     procedure = short_procedure(16, "datasheet")
     arm = PlantArm(procedure, "datasheet", SERIAL)
-    session = opened(folder, arm, procedure, clock=Ticking())
+    session = opened(folder, arm, procedure, clock=TickingClock())
     run(session, Listener())
     session.exclude(4, "bumped the table <b>")
     session.note(7, HOSTILE.replace("\ud800", ""))
@@ -92,7 +92,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def subject(folder):
-    return subject_of(read_journal(folder).events)
+    return report_subject(read_journal(folder).events)
 
 
 @pytest.fixture(scope="session")

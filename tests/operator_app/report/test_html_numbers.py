@@ -9,7 +9,7 @@ from scipy.stats import t
 
 from operator_app.report.html.page import report_html
 from operator_app.session.store.journal import read_journal
-from tests.oracles.reported_session import number, subject_of
+from tests.oracles.reported_session import number, report_subject
 
 
 def test_page_compares_both_estimators(page, subject):
@@ -104,7 +104,7 @@ def test_page_has_rvdt_verdicts_and_condition(page, subject):
 
 
 def test_page_of_the_paper_estimator(folder, parse_page):
-    subject = subject_of(read_journal(folder).events, estimator="paper")
+    subject = report_subject(read_journal(folder).events, estimator="paper")
     page = parse_page(report_html(subject).decode())
     assert "paper (chosen)" in page.text
     # Student's interval: the noise is estimated from residuals.
@@ -115,7 +115,7 @@ def test_page_of_the_paper_estimator(folder, parse_page):
 
 
 def test_page_names_unsensed_joints(folder, parse_page):
-    subject = subject_of(read_journal(folder).events, unsensed_joints=(6, 7))
+    subject = report_subject(read_journal(folder).events, unsensed_joints=(6, 7))
     page = parse_page(report_html(subject).decode())
     assert "The readings of joints 6 and 7 were not used" in page.text
     assert "theta_off_6" not in [row[0] for row in page.rows("Identified parameters")]
@@ -130,7 +130,7 @@ def test_page_of_unidentifiable_poses_has_no_numbers(folder, parse_page):
             still = [*event.data["mean_rad"]]
             still[3] = -2.0
             events[k] = replace(event, data={**event.data, "mean_rad": still})
-    subject = subject_of(events)
+    subject = report_subject(events)
     assert subject.solution is None
     page = parse_page(report_html(subject).decode())
     assert "Not identifiable" in page.text

@@ -22,7 +22,7 @@ from operator_app.report.table import FactTable
 from operator_app.report.text import headline_spans, table_spans
 from operator_app.session.ui.operations import Operations
 from operator_app.units import Figure
-from tests.oracles.journalled_sessions import Quiet, opened_again
+from tests.oracles.journalled_sessions import Quiet, resume_on_plant
 
 NUMBER = re.compile(r"(?<![\w.])[-+\u2212]?\d+(?:\.\d+)?(?:e[-+]?\d+|·10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?(?![\w.])")
 RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
@@ -49,7 +49,7 @@ def renderings(journalled, tmp_path_factory, parse_page):
     folder = tmp_path_factory.mktemp("renderings") / "run"
     shutil.copytree(journalled["run"], folder)
     assert main(["report", str(folder)]) == 0
-    session = opened_again(folder)
+    session = resume_on_plant(folder)
     publisher = Quiet(session)
     Operations(session, publisher).connect()
     session.close("left")

@@ -13,7 +13,7 @@ from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices, begin
 from operator_app.session.workflow.session import Session
-from tests.oracles.hearing import take_until
+from tests.oracles.hearing import take_poses_until
 from tests.oracles.journal_events import event_data
 from tests.oracles.plant_arm import PlantArm
 from tests.oracles.short_procedure import short_procedure
@@ -106,7 +106,7 @@ def test_captures_after_a_jump_need_the_first_pose_repeated(connected):
     assert len(session.state.poses) == captured
 
     # The first pose reads as before: the jump is over.
-    take_until(session, captured + 1)
+    take_poses_until(session, captured + 1)
     assert not session.state.sensor_jump
     assert session.state.repeats[-1].first.number == 1
 
@@ -132,7 +132,7 @@ def test_arm_that_cannot_start_to_move_skips_no_waypoint(session):
         take_poses(session, Listener())
     assert session.state.visited == frozenset()
     session.arm.overloaded = False
-    take_until(session, 2)
+    take_poses_until(session, 2)
     assert {p.waypoint for p in session.state.poses} == {0, 1}
 
 

@@ -19,7 +19,7 @@ from operator_app.session.store.state import SessionState
 from operator_app.session.ui.snapshot import Level, TaskKind
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from tests.oracles.hearing import Hearing
+from tests.oracles.hearing import RecordingListener
 from tests.oracles.opened import opened
 from tests.oracles.short_procedure import short_procedure
 
@@ -147,7 +147,7 @@ def test_deleted_folder_holds_the_arm_and_keeps_the_written_poses(make_session):
     session = make_session(short_procedure(40, "datasheet"), "datasheet")
     folder = session.journal.path.parent
     with pytest.raises(JournalLostError, match="deleted") as error:
-        run(session, Hearing(lambda count: count == 3 and shutil.rmtree(folder)))
+        run(session, RecordingListener(lambda count: count == 3 and shutil.rmtree(folder)))
     assert is_held(session)
     # A pose that was not written does not count.
     assert len(session.state.used_poses) == 3
@@ -195,7 +195,7 @@ def test_changed_journal_prevents_solution_and_upload(make_session, after):
 
 
 @pytest.mark.campaign
-def test_run_reports_the_loss_and_how_to_resume(tmp_path, ends_with, monkeypatch):
+def test_run_reports_the_loss_and_how_to_resume(tmp_path, run_command, monkeypatch):
     root = tmp_path / "sessions"
     pose_captured = ConsoleListener.pose_captured
 
@@ -207,14 +207,14 @@ def test_run_reports_the_loss_and_how_to_resume(tmp_path, ends_with, monkeypatch
 
     monkeypatch.setattr(ConsoleListener, "pose_captured", move_folder)
     words = ["run", "hinge", "--scenario", "exact", "--poses", "8", "--sessions", str(root)]
-    stderr = ends_with(2, *words).err
+    stderr = run_command(2, *words).err
     (rescued,) = root.glob("*-rescued")
     assert "the arm is held" in stderr
     assert f"--resume {rescued}" in stderr
     assert "Traceback" not in stderr
     monkeypatch.setattr(ConsoleListener, "pose_captured", pose_captured)
     assert find_session(root, "latest") == rescued
-    ends_with(0, "run", "--resume", rescued, "--poses", "8", "--sessions", root)
+    run_command(0, "run", "--resume", rescued, "--poses", "8", "--sessions", root)
 
 
 def test_app_raises_an_alarm_and_holds_the_arm(source):

@@ -17,7 +17,7 @@ from operator_app.errors import Cancelled, GuardError
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.drive_selection import HOMING_SPEED_RAD_PER_S
 from operator_app.session.workflow.listener import Listener
-from tests.oracles.hearing import take_until
+from tests.oracles.hearing import take_poses_until
 from tests.oracles.opened import opened
 from tests.oracles.plant_arm import PlantArm
 
@@ -58,7 +58,7 @@ def session_folder(tmp_path_factory):
         folder, procedure = tmp_path_factory.mktemp(case) / "s", case_procedure(case)
         session = opened(folder, PlantArm(procedure, DATASHEET), procedure)
         session.connect()
-        take_until(session, 3 if case == "planned" else POSES)
+        take_poses_until(session, 3 if case == "planned" else POSES)
         session.close("left")
         return folder
 

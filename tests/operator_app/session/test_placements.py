@@ -18,7 +18,7 @@ from operator_app.session.store.replay import replay, session_state
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.opening import Choices, Opening, begin, resume
 from operator_app.session.workflow.session import Session
-from tests.oracles.journals import POSE, Named, an_event, sources, written
+from tests.oracles.journals import POSE, Named, journal_event, sources, written
 
 Q = [0.1, -0.2, 0.3, 1.4, -0.5, 0.6, 0.7]
 SETTINGS = {"poses": 12, "placements": 2, "interface": "loopback", "channel": "bench"}
@@ -70,7 +70,7 @@ def last_event(folder: Path) -> str:
 
 
 def state_after(events: list[Named]) -> SessionState:
-    return replay(an_event(*named) for named in events)
+    return replay(journal_event(*named) for named in events)
 
 
 def test_new_placement_resets_the_arm_state_and_keeps_the_poses():
@@ -145,8 +145,8 @@ def test_operator_must_confirm_the_next_placement(write_session, type_lines, app
         (["hinge", "--placements", "0"], "not a whole number"),
     ],
 )
-def test_invalid_number_of_placements_is_refused(arguments, message, tmp_path, ends_with):
-    assert message in ends_with(2, "run", *arguments, "--sessions", tmp_path).err
+def test_invalid_number_of_placements_is_refused(arguments, message, tmp_path, run_command):
+    assert message in run_command(2, "run", *arguments, "--sessions", tmp_path).err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -192,7 +192,7 @@ class SignallingInput(io.StringIO):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("more", [[], [REMOUNTED]], ids=["due", "unconfirmed"])
 def test_signal_during_the_confirmation_changes_nothing(
-    write_session, monkeypatch, ends_with, number, more
+    write_session, monkeypatch, run_command, number, more
 ):
     folder = write_session([*first_placement(), *more])
     before = (folder / JOURNAL_NAME).read_bytes()
@@ -200,7 +200,7 @@ def test_signal_during_the_confirmation_changes_nothing(
     # Without a handler of the program, the signal would end the tests.
     handler = signal.signal(number, lambda *_: None)
     try:
-        text = ends_with(130, "run", "--resume", folder, "--sessions", folder.parent).words
+        text = run_command(130, "run", "--resume", folder, "--sessions", folder.parent).words
     finally:
         signal.signal(number, handler)
     assert "interrupted while the fixture was being mounted" in text
@@ -230,22 +230,22 @@ def test_powered_drives_prevent_remounting(session, held):
     assert (session.not_held is None) is held
 
 
-def test_drives_are_reported_off_only_if_checked(write_session, type_lines, ends_with):
+def test_drives_are_reported_off_only_if_checked(write_session, type_lines, run_command):
     folder = write_session()
     type_lines("")
-    text = ends_with(2, "run", "--resume", folder, "--sessions", folder.parent).words
+    text = run_command(2, "run", "--resume", folder, "--sessions", folder.parent).words
     assert "its drives are off" not in text
     assert "make sure that they are off" in text
 
 
-def test_powered_arm_is_not_reported_as_held(tmp_path, type_lines, monkeypatch, ends_with):
+def test_powered_arm_is_not_reported_as_held(tmp_path, type_lines, monkeypatch, run_command):
     def leave_powered(arm):
         arm.left_powered = (1,)
         return False
 
     monkeypatch.setattr(CanopenArm, "close", leave_powered)
     type_lines("")
-    stderr = ends_with(3, "--plain", "--sessions", tmp_path).err
+    stderr = run_command(3, "--plain", "--sessions", tmp_path).err
     assert "the drive of joint 1 is still powered" in stderr
     assert "arm is held" not in stderr
 

@@ -8,7 +8,7 @@ from operator_app.session.ui.operations import Operations
 from operator_app.session.ui.snapshot import Change, Level
 from operator_app.session.workflow.session import Session
 from solver.design.actions import GoTo
-from tests.oracles.journalled_sessions import Quiet, first_picture
+from tests.oracles.journalled_sessions import Quiet, initial_snapshot
 from tests.oracles.short_procedure import short_procedure
 
 
@@ -36,7 +36,7 @@ def session(make_session):
 
 
 def required_poses(session: Session) -> int:
-    return first_picture(session).required_poses
+    return initial_snapshot(session).required_poses
 
 
 @pytest.mark.campaign

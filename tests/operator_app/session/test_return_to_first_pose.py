@@ -19,7 +19,7 @@ from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.planned_capture import PlannedCapture
 from operator_app.session.workflow.session import Session
 from solver.diagnostics.hypothesis_tests import HypothesisTest
-from tests.oracles.hearing import Hearing, take_until
+from tests.oracles.hearing import RecordingListener, take_poses_until
 from tests.oracles.journal_events import journal_events
 from tests.oracles.short_procedure import short_procedure
 
@@ -44,7 +44,7 @@ def test_capture_ends_with_a_repeat_of_the_first_pose(make_session):
 
 def test_resumed_session_repeats_the_first_pose_before_new_ones(make_session):
     session = make_session(short_procedure(5), connect=True)
-    take_until(session, 2)
+    take_poses_until(session, 2)
     session.close("left")
     assert not session.state.repeats
 
@@ -70,7 +70,7 @@ def test_unreachable_first_pose_is_reported_and_the_capture_complete(make_sessio
             last = replace(last, lower_rad=q_rad - 0.04, upper_rad=q_rad + 0.04)
             session.model = replace(session.model, joints=(*others, last))
 
-    listener = Hearing(narrow_range_of_joint_7)
+    listener = RecordingListener(narrow_range_of_joint_7)
     take_poses(session, listener, (1, 5))
     assert len(session.state.used_poses) == 4
     assert session.state.repeats == ()
@@ -84,7 +84,7 @@ def test_unreachable_first_pose_is_reported_and_the_capture_complete(make_sessio
 
 def test_capture_ended_early_warns_of_the_missing_repeat(make_session):
     session = make_session(short_procedure(7), connect=True)
-    take_until(session, 6)
+    take_poses_until(session, 6)
     session.cancelled = lambda: False
     (notice,) = (w for w in session.calibrate().warnings if w.code == "NO_RETURN")
     assert notice.poses == ("1", "1", "6")
@@ -121,7 +121,7 @@ def calibrate_with_step(session: Session, *, step_rad: float = 0.0, joint: int =
             session.arm.off_rad[joint - 1] = step_rad
 
     session.connect()
-    take_poses(session, Hearing(shift_reading), (1, 5))
+    take_poses(session, RecordingListener(shift_reading), (1, 5))
     return session.calibrate()
 
 
@@ -222,7 +222,7 @@ def test_step_among_few_poses_is_refused_because_of_the_return(make_session):
         if count == 4:
             session.arm.capture = capture_shifted
 
-    take_poses(session, Hearing(shift_after_pose_4), (1, 5))
+    take_poses(session, RecordingListener(shift_after_pose_4), (1, 5))
     solution = session.calibrate()
     assert return_test(solution).fires
     assert solution.verdict is Verdict.NOT_ACCEPTED

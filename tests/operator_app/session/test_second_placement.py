@@ -19,20 +19,22 @@ from operator_app.session.workflow.opening import Choices
 from operator_app.session.workflow.remounting import record_in
 from operator_app.virtual_arms import virtual_arm
 from solver.chain.poses import PoseSet
-from tests.oracles.hearing import take_until
+from tests.oracles.hearing import take_poses_until
 from tests.oracles.journal_events import event_data
 from tests.oracles.opened import opened
 from tests.oracles.shop_floor_remounted import Remounted, remounted
-from tests.oracles.wrong_zero import WrongZero, reading_of
+from tests.oracles.wrong_zero import ShiftedCounterArm, reading_of
 
 POSES = 12
 HINGE = load_procedure("hinge")
 
 
-def arm_in(procedure: Procedure, placement: int) -> WrongZero:
+def arm_in(procedure: Procedure, placement: int) -> ShiftedCounterArm:
     """The plant in one placement of its fixture."""
     choices = Choices(scenario="datasheet", seed=3)
-    return WrongZero(procedure, virtual_arm(procedure.arm, procedure.fixture, choices, placement))
+    return ShiftedCounterArm(
+        procedure, virtual_arm(procedure.arm, procedure.fixture, choices, placement)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +69,7 @@ def test_step_between_placements_is_refused_before_enabling(second, joint, degre
 
 
 def test_sound_arm_continues_in_the_second_placement(second):
-    take_until(second, POSES + 1)
+    take_poses_until(second, POSES + 1)
     assert [p.placement for p in second.state.poses] == [1] * POSES + [2]
     message = event_data(second, "standing")[-1]["told"]
     assert "with the offsets of the earlier placements and within the tolerances" in message

@@ -19,7 +19,7 @@ from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.drive_selection import visit
 from operator_app.session.workflow.session import Session
 from solver.chain.poses import PoseSet
-from tests.oracles.hearing import Hearing
+from tests.oracles.hearing import RecordingListener
 from tests.oracles.journalled_sessions import Quiet
 from tests.oracles.plant_arm import PlantArm
 from tests.oracles.shop_floor import Sizes, session
@@ -94,7 +94,9 @@ class CountLossArm(PlantArm):
 def begin(make_session):
     """Begin a session with a count loss after some poses, `steps` by their numbers; cancelled after `most` poses."""
 
-    def make(most: int, steps: dict[int, int], name: str = "hinge") -> tuple[Session, Hearing]:
+    def make(
+        most: int, steps: dict[int, int], name: str = "hinge"
+    ) -> tuple[Session, RecordingListener]:
         procedure = load_procedure(name)
         capture = replace(procedure.capture, samples_per_pose=8)
         procedure = replace(procedure, capture=capture, position_joints=(1, 5))
@@ -105,7 +107,7 @@ def begin(make_session):
         def lose_counts(count: int) -> None:
             arm.lost_counts[0] += steps.get(count, 0)
 
-        return session, Hearing(lose_counts)
+        return session, RecordingListener(lose_counts)
 
     return make
 

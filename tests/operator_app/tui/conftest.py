@@ -14,7 +14,7 @@ from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.session.ui.steps import Step
 from operator_app.tui.app import SarcalApp
 from operator_app.tui.driver import watched
-from tests.oracles.still_runner import StillSource
+from tests.oracles.still_runner import StaticSource
 
 PATIENCE_S = 30.0
 
@@ -28,7 +28,7 @@ class Driver:
 
     @property
     def runner(self):
-        """The open `Runner`, or a `StillRunner` with the tasks submitted to it."""
+        """The open `Runner`, or a `StaticRunner` with the tasks submitted to it."""
         return self.app.runner
 
     @property
@@ -165,7 +165,7 @@ def still():
 
     @asynccontextmanager
     async def run(picture, *, step=Step.CONNECT, size=(120, 36), entries=(), **options):
-        app = SarcalApp(lambda: StillSource(picture, entries), **options)
+        app = SarcalApp(lambda: StaticSource(picture, entries), **options)
         async with running(app, size) as driver:
             app.step = step
             app.main.go_to(step)

@@ -15,7 +15,7 @@ from operator_app.session.ui.user_interface import Action, OnScreen
 from operator_app.tui.dialogs import Read
 from operator_app.tui.palette import ActionProvider, title
 from operator_app.tui.screen_interface import ON_SCREEN
-from tests.oracles.script import Script, look_again
+from tests.oracles.script import Script, pause_briefly
 from tests.oracles.story import busy, real, story
 
 WHISTLE = Action(
@@ -50,7 +50,7 @@ async def test_new_action_appears_and_works_in_all_interfaces(still, source, mon
         assert "an arm is connected" in d.hint
 
     script = Script("Whistle", "Connect", "Whistle")
-    Plain(source, script, pause=look_again).run()
+    Plain(source, script, pause=pause_briefly).run()
     assert any(row.endswith("Whistle: Blow the whistle beside the arm") for row in script.said)
     assert sum("whistled" in row for row in script.said) == 1
     assert "Not done: an arm is connected." in script.said
@@ -73,7 +73,7 @@ async def test_manual_is_shown_on_screen_and_in_prompts(still, source):
         assert d.app.screen is d.app.main
 
     script = Script("Read the manual", "keys:")
-    Plain(source, script, pause=look_again).run()
+    Plain(source, script, pause=pause_briefly).run()
     assert "Keys of the terminal app" in script.said
 
 

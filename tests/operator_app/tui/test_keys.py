@@ -278,9 +278,9 @@ async def test_session_choice_defaults_to_cancel(still):
         await d.press("o")
         assert isinstance(d.app.screen, Choose)
         await d.press("enter")
-        assert d.app.source.resumed_names == []
+        assert d.app.source.resumed_references == []
         await d.press("o", "down", "enter")
-        await d.until(lambda: d.app.source.resumed_names == [earlier.folder.name], "resumed")
+        await d.until(lambda: d.app.source.resumed_references == [earlier.folder.name], "resumed")
 
 
 async def test_chosen_procedure_starts_a_session(still):
@@ -293,7 +293,7 @@ async def test_chosen_procedure_starts_a_session(still):
         await d.press("p", "down", "down", "enter")
         await d.until(lambda: d.app.step is Step.CONNECT, "begun")
         assert d.app.source.begun == before + 1
-        assert d.app.source.procedure_named == "hinge_planned"
+        assert d.app.source.requested_procedure == "hinge_planned"
 
 
 async def test_new_session_starts_at_connect(still):

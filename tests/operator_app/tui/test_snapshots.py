@@ -6,7 +6,7 @@ from operator_app.session.ui.snapshot import TaskKind
 from operator_app.session.ui.steps import Step
 from operator_app.tui.app import SarcalApp
 from operator_app.tui.theme import DARK, LIGHT, NO_COLOUR
-from tests.oracles.still_runner import StillSource
+from tests.oracles.still_runner import StaticSource
 from tests.oracles.story import busy, diverged, lost, stale, stopped, story
 
 SIZES = [(120, 36), (80, 24)]
@@ -28,7 +28,7 @@ def compare(snap_compare, monkeypatch):
 
     def compare_screen(picture, step, size, *, press=(), **options):
         # Textual waits for an idle processor, which repaints never leave: poll once here.
-        app = SarcalApp(lambda: StillSource(picture), poll_s=3600.0, **options)
+        app = SarcalApp(lambda: StaticSource(picture), poll_s=3600.0, **options)
 
         async def show(pilot) -> None:
             while app.runner is None:

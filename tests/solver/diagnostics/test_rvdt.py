@@ -12,7 +12,7 @@ from solver.diagnostics.smooth_curve import fit_curve
 from solver.estimators.error_model import stated_errors
 from solver.estimators.variance_components import estimate_with_errors
 from tests.oracles.loop_oracle import paper_truth
-from tests.oracles.simulated_loops import FULL_SCALE_RAD, LSB_RAD, Simulation, wrist_bows
+from tests.oracles.simulated_loops import FULL_SCALE_RAD, LSB_RAD, Simulation, wrist_curves
 from tests.solver.conftest import loop_of, paper_arm, read_poses
 
 MODEL, ARM = loop_of(paper_truth()), paper_arm(paper_truth())
@@ -77,7 +77,7 @@ def test_linear_sensors_are_not_corrected(hinge_data):
 
 
 def test_a_correction_table_linearises_the_readings():
-    bows = wrist_bows(1.0)
+    bows = wrist_curves(1.0)
     simulation = Simulation(poses=60, bows=bows)
     found = judged(simulation.rereadings(0))
     angle = np.linspace(*np.quantile(simulation.rereadings(0)[:, 6], [0.05, 0.95]), 200)
@@ -92,7 +92,7 @@ def test_a_correction_table_linearises_the_readings():
 
 
 def test_a_curve_beyond_2_percent_is_out_of_specification():
-    found = judged(Simulation(poses=60, bows=wrist_bows(6.0)).rereadings(1))
+    found = judged(Simulation(poses=60, bows=wrist_curves(6.0)).rereadings(1))
     assert found[7].verdict is Soundness.OUT_OF_SPECIFICATION
     assert figures(found[7]).linearity > 0.02
 

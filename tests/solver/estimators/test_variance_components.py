@@ -17,7 +17,7 @@ from tests.oracles.simulated_loops import (
     LENGTHS,
     LSB_RAD,
     RVDT_SD,
-    Bow,
+    RvdtCurve,
     Simulation,
     as_reported,
 )
@@ -181,7 +181,7 @@ def test_intervals_on_as_reported_arms_cover():
 
 
 def test_the_predicted_curve_is_the_planted_one():
-    bow = Bow((0.01, -0.006), float(paper_truth().home[5]))
+    bow = RvdtCurve((0.01, -0.006), float(paper_truth().home[5]))
     simulation = Simulation(poses=60, bows={6: bow})
     q = simulation.rereadings(0)
     vc = estimate_with_errors(loop_of(paper_truth()), q, sensors(60)).components

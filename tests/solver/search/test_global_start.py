@@ -17,7 +17,7 @@ from solver.loops.placements import place
 from solver.loops.point import PointClosure
 from solver.search.global_start import CLOSED, global_start
 from tests.oracles.loop_oracle import paper_truth, product
-from tests.oracles.wild_loops import wild_problem, with_sensors
+from tests.oracles.wild_loops import random_hinge_problem, with_sensor_errors
 from tests.solver.conftest import NAMES, loop_of, read_poses
 
 
@@ -38,7 +38,7 @@ def model_without_initial_guess() -> DhLoop:
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("seed", range(5))
 def test_offsets_and_hinge_are_recovered(seed):
-    problem = wild_problem(seed)
+    problem = random_hinge_problem(seed)
     solution = global_start(model_without_initial_guess(), problem.q, starts=300)
     assert solution.best.rms < 1e-12
     error = wrap_angle(solution.x[1:6] - problem.offsets[1:6])
@@ -51,8 +51,8 @@ def test_offsets_and_hinge_are_recovered(seed):
 @pytest.mark.campaign
 @pytest.mark.parametrize("seed", [100, 101])
 def test_search_with_sensor_errors_ends_in_the_minimum_at_the_truth(seed):
-    problem = wild_problem(seed)
-    q = with_sensors(problem.q, seed)
+    problem = random_hinge_problem(seed)
+    q = with_sensor_errors(problem.q, seed)
     model = model_without_initial_guess()
     solution = global_start(model, q, starts=300)
     exact = global_start(model, problem.q, starts=300).x
@@ -73,7 +73,7 @@ def test_paper_arm_is_recovered(hinge_data, truth):
 
 
 def test_constant_elbow_angle_gives_two_solutions():
-    problem = wild_problem(3, still=(4,))
+    problem = random_hinge_problem(3, still=(4,))
     solution = global_start(model_without_initial_guess(), problem.q, starts=300)
     assert len(solution.alternatives) == 1
     assert solution.best.rms < CLOSED
@@ -87,7 +87,7 @@ def test_constant_elbow_angle_gives_two_solutions():
 @pytest.mark.campaign
 @pytest.mark.parametrize("seed", [1, 2])
 def test_poses_with_a_reversed_hinge_are_excluded(seed):
-    problem = wild_problem(seed, upside_down=4)
+    problem = random_hinge_problem(seed, upside_down=4)
     q = np.roll(problem.q, 10, axis=0)
     solution = global_start(model_without_initial_guess(), q, starts=300)
     assert solution.set_aside == (6, 7, 8, 9)
@@ -96,7 +96,7 @@ def test_poses_with_a_reversed_hinge_are_excluded(seed):
 
 
 def test_search_is_reproducible_and_independent_of_pose_order():
-    problem = wild_problem(6)
+    problem = random_hinge_problem(6)
     first = global_start(model_without_initial_guess(), problem.q, starts=60, seed=4)
     again = global_start(model_without_initial_guess(), problem.q, starts=60, seed=4)
     np.testing.assert_array_equal(first.x, again.x)
@@ -107,7 +107,7 @@ def test_search_is_reproducible_and_independent_of_pose_order():
 
 
 def test_unsensed_joints_start_from_their_readings():
-    problem = wild_problem(7)
+    problem = random_hinge_problem(7)
     model = model_without_initial_guess()
     wrist_offsets = ("theta_off_6", "theta_off_7")
     unsensed = replace(
@@ -204,11 +204,13 @@ def test_progress_callback_cancels_the_search():
             raise InterruptedError
 
     with pytest.raises(InterruptedError):
-        global_start(model_without_initial_guess(), wild_problem(0).q, starts=20, progress=progress)
+        global_start(
+            model_without_initial_guess(), random_hinge_problem(0).q, starts=20, progress=progress
+        )
 
 
 def test_too_few_poses_or_no_starts_are_rejected():
-    q = wild_problem(0).q
+    q = random_hinge_problem(0).q
     with pytest.raises(TooFewPosesError):
         global_start(model_without_initial_guess(), q[:2])
     with pytest.raises(ValueError, match="start"):

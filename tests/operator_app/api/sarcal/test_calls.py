@@ -109,13 +109,13 @@ def test_simulation_is_accepted_as_poses():
     assert sarcal.load_poses(simulation, joint_count=7) is simulation.poses
 
 
-def test_unused_endpoints_are_reported(result, tmp_path, ends_with):
+def test_unused_endpoints_are_reported(result, tmp_path, run_command):
     q = result.poses.q_rad
     measured = sarcal.poses_of(q_rad=q, endpoint_m=np.zeros((len(q), 3)))
     message = "measured endpoints (x_m,y_m,z_m), which a hinge fixture does not use"
     assert any(message in text for text in calibrate(poses=measured).warnings)
     assert not any(message in text for text in result.warnings)
-    assert message in ends_with(0, "solve", measured.to_csv(tmp_path / "measured.csv")).words
+    assert message in run_command(0, "solve", measured.to_csv(tmp_path / "measured.csv")).words
 
 
 def test_incomparable_calibrations_raise_our_error(result, tmp_path):

@@ -11,7 +11,7 @@ import pytest
 from operator_app.calibration.tool_accuracy import TrueErrors
 from operator_app.report.html.page import report_html
 from operator_app.session.store.journal import read_journal
-from tests.oracles.reported_session import HOSTILE, subject_of
+from tests.oracles.reported_session import HOSTILE, report_subject
 
 WITHOUT_UNIT = {"/ stated", "gain, reading per angle", "gain", "chi2"}
 
@@ -70,7 +70,7 @@ def test_a_note_with_invalid_characters_is_marked(subject):
 
 
 def test_page_is_reproducible(folder, subject):
-    reread = subject_of(read_journal(folder).events)
+    reread = report_subject(read_journal(folder).events)
     assert report_html(reread) == report_html(subject)
 
 

@@ -8,7 +8,7 @@ import sarcal
 
 from operator_app.config.poses_file import load_poses
 from operator_app.report.plots.before_after import arm_pair, hand_pair
-from tests.oracles.open_arm import measured_csv
+from tests.oracles.open_arm import write_measured_poses
 from tests.oracles.reported_session import number
 
 
@@ -50,7 +50,7 @@ def test_before_and_after_pictures_agree_with_the_tables(page, subject):
 
 def test_open_arm_gap_agrees_with_the_measurement(tmp_path):
     """By the triangle of base, tool and endpoint."""
-    file = measured_csv(tmp_path / "open.csv")
+    file = write_measured_poses(tmp_path / "open.csv")
     poses = sarcal.load_poses(file)
     result = sarcal.calibrate(
         arm="sarcos_dextrous", fixture="tracker", poses=poses, drop_unidentifiable=True

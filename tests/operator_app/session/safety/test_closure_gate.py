@@ -15,17 +15,17 @@ from operator_app.session.store.journal import read_journal
 from operator_app.session.store.replay import session_state
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
-from tests.oracles.hearing import take_until
+from tests.oracles.hearing import take_poses_until
 from tests.oracles.journal_events import event_data
 from tests.oracles.opened import MakeSession
 from tests.oracles.short_procedure import short_procedure
-from tests.oracles.wrong_zero import WrongZero
+from tests.oracles.wrong_zero import ShiftedCounterArm
 
 PROCEDURE = replace(load_procedure("hinge"), capture=short_procedure(40).capture)
 
 
 def refuse(
-    make_session: MakeSession, arm: WrongZero, *, homing: bool, resume: bool = False
+    make_session: MakeSession, arm: ShiftedCounterArm, *, homing: bool, resume: bool = False
 ) -> tuple[str, dict[str, Any]]:
     """The error of a session that is refused before any drive is enabled, and its journal entry."""
     session = make_session(PROCEDURE, arm=arm, resume=resume, connect=True)
@@ -42,19 +42,19 @@ def refuse(
     return str(error.value), event
 
 
-def shift(joint: int, degrees: float) -> Callable[[WrongZero], None]:
+def shift(joint: int, degrees: float) -> Callable[[ShiftedCounterArm], None]:
     return lambda arm: arm.off_rad.__setitem__(joint - 1, np.deg2rad(degrees))
 
 
-def reset_counter(joint: int) -> Callable[[WrongZero], None]:
+def reset_counter(joint: int) -> Callable[[ShiftedCounterArm], None]:
     return lambda arm: arm.reset_counter(joint)
 
 
-def reverse_direction(arm: WrongZero) -> None:
+def reverse_direction(arm: ShiftedCounterArm) -> None:
     arm.off_rad[1] = -2.0 * arm.snapshot().positions_rad[1]
 
 
-def exchange_joints(arm: WrongZero) -> None:
+def exchange_joints(arm: ShiftedCounterArm) -> None:
     q_rad = arm.snapshot().positions_rad
     arm.off_rad[[1, 2]] = q_rad[[2, 1]] - q_rad[[1, 2]]
 
@@ -81,7 +81,7 @@ OPEN_LOOP = "the loop cannot close with the present joint readings"
     ids=["reset 1", "reset 2", "shift 1", "shift 2", "shift 3", "shift 4", "direction", "order"],
 )
 def test_impossible_reading_is_refused_even_with_homing(make_session, fault, parts, homing):
-    arm = WrongZero(PROCEDURE)
+    arm = ShiftedCounterArm(PROCEDURE)
     fault(arm)
     message, event = refuse(make_session, arm, homing=homing)
     assert all(part in message for part in parts), message
@@ -89,12 +89,12 @@ def test_impossible_reading_is_refused_even_with_homing(make_session, fault, par
     assert (event["probability"] is None) is ("outside its range" in parts[0])
 
 
-def arm_after(make_session: MakeSession, poses: int) -> WrongZero:
+def arm_after(make_session: MakeSession, poses: int) -> ShiftedCounterArm:
     """The arm of a session that was closed after so many poses, at rest at the last one."""
-    arm = WrongZero(PROCEDURE)
+    arm = ShiftedCounterArm(PROCEDURE)
     session = make_session(PROCEDURE, arm=arm, connect=True)
     if poses:
-        take_until(session, poses)
+        take_poses_until(session, poses)
     session.close("left")
     arm.capture(500)
     return arm
@@ -120,7 +120,7 @@ def test_impossible_reading_is_refused_after_few_poses(make_session, poses, faul
 def test_sound_arm_resumes_after_few_poses(make_session):
     arm = arm_after(make_session, 2)
     session = make_session(PROCEDURE, arm=arm, resume=True, connect=True)
-    take_until(session, 3)
+    take_poses_until(session, 3)
     assert len(session.state.poses) == 3
 
 
@@ -153,7 +153,7 @@ def test_counter_at_zero_outside_the_box_is_refused_if_tolerances_are_wide(make_
     nominal: Any = PROCEDURE.fixture
     fixture = replace(nominal, fixture=replace(nominal.fixture, tolerance=wide))
     procedure: Procedure = replace(PROCEDURE, fixture=fixture)
-    arm = WrongZero(procedure)
+    arm = ShiftedCounterArm(procedure)
     arm.reset_counter(1)
     session = make_session(procedure, arm=arm, connect=True)
     with pytest.raises(GuardError, match="joint 1 reads zero, outside the box") as error:

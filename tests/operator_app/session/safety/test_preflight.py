@@ -14,7 +14,7 @@ from operator_app.session.safety.closure_gate import ClosureFit, loop_at_reading
 from operator_app.session.safety.preflight import check_closure_without_poses
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import virtual_arm
-from tests.oracles.wrong_zero import counted_from, reading_of
+from tests.oracles.wrong_zero import reading_of, with_shifted_zeros
 
 FIXTURES = pytest.mark.parametrize("name", ["hinge", "ball", "rigid"])
 
@@ -165,7 +165,7 @@ def _zeroed(
     moved[columns] = truly_rad[columns]
     read = q_rad - moved
     read[columns] = 0.0
-    return counted_from(procedure, moved), read
+    return with_shifted_zeros(procedure, moved), read
 
 
 def test_a_loop_at_its_nominal_values_has_no_cost():

@@ -21,11 +21,11 @@ from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.drive_selection import HOMING_SPEED_RAD_PER_S
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from tests.oracles.hearing import Hearing, take_until
+from tests.oracles.hearing import RecordingListener, take_poses_until
 from tests.oracles.opened import opened
 from tests.oracles.shop_floor import session
 from tests.oracles.short_procedure import short_procedure
-from tests.oracles.wrong_zero import WrongZero, counted_from, reading_of
+from tests.oracles.wrong_zero import ShiftedCounterArm, reading_of, with_shifted_zeros
 
 PROCEDURE = short_procedure(40, "datasheet", seed=3)
 
@@ -37,9 +37,9 @@ def left_after(tmp_path_factory):
     @cache
     def make(poses: int) -> Path:
         folder = tmp_path_factory.mktemp("left") / "session"
-        session = opened(folder, WrongZero(PROCEDURE), PROCEDURE)
+        session = opened(folder, ShiftedCounterArm(PROCEDURE), PROCEDURE)
         session.connect()
-        take_until(session, poses)
+        take_poses_until(session, poses)
         session.close("left")
         return folder
 
@@ -50,9 +50,11 @@ def left_after(tmp_path_factory):
 def resumed(left_after, make_session, tmp_path):
     """Go on with a copy of such a session, joint `joint` off by so much; nothing is connected yet."""
 
-    def make(poses: int = 20, joint: int = 1, degrees: float = 0.0) -> tuple[Session, WrongZero]:
+    def make(
+        poses: int = 20, joint: int = 1, degrees: float = 0.0
+    ) -> tuple[Session, ShiftedCounterArm]:
         shutil.copytree(left_after(poses), tmp_path / "session")
-        arm = WrongZero(PROCEDURE)
+        arm = ShiftedCounterArm(PROCEDURE)
         arm.off_rad[joint - 1] = np.deg2rad(degrees)
         return make_session(PROCEDURE, arm=arm, resume=True), arm
 
@@ -62,7 +64,7 @@ def resumed(left_after, make_session, tmp_path):
 def test_the_same_arm_is_accepted(resumed):
     session, arm = resumed()
     session.connect()
-    take_until(session, 22)
+    take_poses_until(session, 22)
     assert arm.enabled > 0
     assert len(session.state.poses) == 22
 
@@ -121,7 +123,7 @@ def test_a_replaced_drive_is_named(resumed):
 
 
 def test_an_arm_without_nodes_is_refused_unless_simulated(make_session):
-    arm = WrongZero(PROCEDURE)
+    arm = ShiftedCounterArm(PROCEDURE)
     arm.serials = {}
     assert not arm.connect().simulated
     session = make_session(PROCEDURE, arm=arm)
@@ -135,7 +137,7 @@ def test_an_arm_without_nodes_is_refused_unless_simulated(make_session):
 def test_with_few_poses_the_nearest_is_measured_again(resumed, joint):
     session, arm = resumed(2, joint, 2.0)
     session.connect()
-    here, hearing = arm.snapshot().positions_rad, Hearing()
+    here, hearing = arm.snapshot().positions_rad, RecordingListener()
     away = [np.abs(p.mean_rad - here)[[0, 4]].max() for p in session.state.poses]
     nearest = session.state.poses[int(np.argmin(away))]
     with pytest.raises(GuardError, match=f"pose {nearest.number} differs from its first reading"):
@@ -155,7 +157,7 @@ def _standing(
     moved, read = np.zeros(len(q_rad)), q_rad.copy()
     moved[joint - 1] = q_rad[joint - 1] - truly_rad
     read[joint - 1] = reads_rad
-    procedure = counted_from(load_procedure("hinge"), moved)
+    procedure = with_shifted_zeros(load_procedure("hinge"), moved)
     return procedure, reading_of(procedure, read)
 
 

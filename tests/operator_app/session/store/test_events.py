@@ -90,7 +90,9 @@ WRONG: dict[str, tuple[Callable[[], bytes], str]] = {
 
 
 @pytest.mark.parametrize("kind", WRONG)
-def test_invalid_event_data_is_one_error_with_file_line_and_key(tmp_path, kind, ends_with, approve):
+def test_invalid_event_data_is_one_error_with_file_line_and_key(
+    tmp_path, kind, run_command, approve
+):
     make, key = WRONG[kind]
     folder = tmp_path / "sessions" / "one"
     folder.mkdir(parents=True)
@@ -105,10 +107,10 @@ def test_invalid_event_data_is_one_error_with_file_line_and_key(tmp_path, kind, 
     assert contents.events[refused.value.line - 1].name in refused.value.problem
     root = ["--sessions", str(folder.parent)]
     for command in (["report", "one"], ["export", "one"], ["run", "--resume", "one"]):
-        said = ends_with(2, *command, *root).err
+        said = run_command(2, *command, *root).err
         assert said.startswith(f"sarcal: {path} is damaged at line {refused.value.line}")
         assert "sarcal session repair" in said
-    row = ends_with(0, "session", "list", *root).out.splitlines()[-1]
+    row = run_command(0, "session", "list", *root).out.splitlines()[-1]
     assert "  journal.jsonl is damaged at line" in row
     assert row.count(str(folder)) == 1
 
@@ -142,7 +144,7 @@ def test_random_events_with_valid_checksums_give_a_state_or_one_error(tmp_path):
     assert {"state", "JournalDamagedError"} <= seen
 
 
-def test_an_unreadable_session_does_not_hide_others(tmp_path, ends_with):
+def test_an_unreadable_session_does_not_hide_others(tmp_path, run_command):
     for name, raw in (("a", written(events())), ("b", b"Dear diary\n"), ("c", b"")):
         (tmp_path / name).mkdir()
         (tmp_path / name / JOURNAL_NAME).write_bytes(raw)
@@ -156,8 +158,8 @@ def test_an_unreadable_session_does_not_hide_others(tmp_path, ends_with):
     assert "is empty" in found["c"]
     assert "a folder" in found["d"]
     root = ["--sessions", str(tmp_path)]
-    ends_with(0, "session", "list", *root)
-    assert str(tmp_path / "a") in ends_with(0, "session", "show", "latest", *root).out
+    run_command(0, "session", "list", *root)
+    assert str(tmp_path / "a") in run_command(0, "session", "show", "latest", *root).out
 
 
 def read_keys(source: str) -> dict[str, set[str]]:

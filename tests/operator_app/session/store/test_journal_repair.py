@@ -119,27 +119,27 @@ def test_other_files_are_not_repaired(tmp_path):
     journal.close()
 
 
-def test_the_command_reports_each_line_and_the_session_continues(tmp_path, ends_with):
+def test_the_command_reports_each_line_and_the_session_continues(tmp_path, run_command):
     root = ["--sessions", str(tmp_path)]
     folder = session(tmp_path / "one", broken(SOUND, 9))
-    assert f"sarcal session repair {folder}" in ends_with(2, "report", "one", *root).err
-    assert "name the session" in ends_with(2, "session", "repair", *root).err
-    said = ends_with(0, "session", "repair", "one", *root).words
+    assert f"sarcal session repair {folder}" in run_command(2, "report", "one", *root).err
+    assert "name the session" in run_command(2, "session", "repair", *root).err
+    said = run_command(0, "session", "repair", "one", *root).words
     assert "untouched in" in said
     assert "lines 1 to 8: kept, verified by their checksum" in said
     assert "line 9: lost: the checksum does not match; probably: pose 2" in said
     assert f"lines 10 to {len(events())}: kept" in said
     assert "2 poses count" in said
     assert f"Go on with: sarcal run --resume {folder}" in said
-    assert ends_with(0, "session", "show", "one", "--json", *root).json["poses"] == 2
-    found = ends_with(0, "session", "repair", "one", "--json", *root).json
+    assert run_command(0, "session", "show", "one", "--json", *root).json["poses"] == 2
+    found = run_command(0, "session", "repair", "one", "--json", *root).json
     assert (found["repaired"], found["original"]) == (False, None)
     assert {line["fate"] for line in found["lines"]} == {"kept"}
 
 
-def test_a_session_without_its_first_line_keeps_poses_but_cannot_continue(tmp_path, ends_with):
+def test_a_session_without_its_first_line_keeps_poses_but_cannot_continue(tmp_path, run_command):
     session(tmp_path / "one", broken(SOUND, 1))
-    said = ends_with(0, "session", "repair", "one", "--sessions", tmp_path).out
+    said = run_command(0, "session", "repair", "one", "--sessions", tmp_path).out
     assert "cannot be resumed" in said
     state = read_session(tmp_path / "one").state
     assert state is not None

@@ -54,7 +54,7 @@ def test_a_solver_process_gives_the_same_result(reference_data):
 
 def test_a_solver_process_has_no_bus_terminal_or_screen():
     with SolvingProcess() as process:
-        found = process(jobs.surroundings, "word")
+        found = process(jobs.process_state, "word")
         assert found["pid"] != os.getpid()
         assert found["session"] == found["pid"]
         assert not {"textual", "rich", "can", "canopen", "pydantic"} & set(found["modules"])
@@ -68,7 +68,7 @@ def test_a_solver_process_works_in_sequence_and_ends():
         said: list[int] = []
         assert process(jobs.count, 5, progress=lambda n, _: said.append(n)) == 5
         assert said == [0, 1, 2, 3, 4]
-        first, second = (process(jobs.surroundings, "")["pid"] for _ in range(2))
+        first, second = (process(jobs.process_state, "")["pid"] for _ in range(2))
         assert first == second
     wait_until_gone(first)
 
@@ -94,7 +94,7 @@ def test_cancelling_ends_the_process_at_once(tmp_path):
 @pytest.mark.parametrize(
     ("job", "words"),
     [
-        ((jobs.break_down,), "Program error: ZeroDivisionError"),
+        ((jobs.fail_with_defect,), "Program error: ZeroDivisionError"),
         ((jobs.die, "killed"), r"ended by itself \(signal SIGKILL\)"),
         ((jobs.die, "exit"), r"ended by itself \(exit code 7\)"),
     ],
@@ -110,7 +110,7 @@ def test_solver_errors_are_raised_unchanged():
         with pytest.raises(SolverError, match="these poses say nothing"):
             process(jobs.refuse)
         with pytest.raises(UnidentifiableError) as caught:
-            process(jobs.cannot_tell, "theta_off_6")
+            process(jobs.fail_unidentifiable, "theta_off_6")
     assert caught.value.directions[0].parameters == ("theta_off_6",)
     assert caught.value.note == "one note"
 

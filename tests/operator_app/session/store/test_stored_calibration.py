@@ -20,7 +20,7 @@ from operator_app.session.store.stored_calibration import (
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from tests.oracles.journals import an_event
+from tests.oracles.journals import journal_event
 from tests.oracles.short_procedure import short_procedure
 
 
@@ -105,8 +105,8 @@ def test_a_session_without_poses_is_reported(procedure):
 
 
 def test_cross_checks_belong_to_their_solution():
-    solved = an_event("solved", {"record": {"version": 1}})
-    checked = an_event("checked", {"record": {"version": 1, "outliers": []}})
+    solved = journal_event("solved", {"record": {"version": 1}})
+    checked = journal_event("checked", {"record": {"version": 1, "outliers": []}})
     assert replay([solved, checked]).checks
     assert replay([solved, checked, solved]).checks == {}
 

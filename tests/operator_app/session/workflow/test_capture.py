@@ -22,7 +22,7 @@ from operator_app.session.workflow.session import Session
 from solver.chain.arm_model import ArmModel
 from solver.errors import TooFewPosesError
 from solver.loops.dh import DhLoop
-from tests.oracles.hearing import Hearing
+from tests.oracles.hearing import RecordingListener
 from tests.oracles.journal_events import event_data, journal_events
 from tests.oracles.journalled_sessions import Quiet
 from tests.oracles.short_procedure import short_procedure
@@ -43,7 +43,7 @@ def test_changed_drive_settings_are_reported_and_journalled(make_session, identi
     session = make_session(short_procedure(12))
     connect_arm = session.arm.connect
     session.arm.connect = lambda: replace(connect_arm(), **identity)
-    listener, publisher = Hearing(), Quiet(session)
+    listener, publisher = RecordingListener(), Quiet(session)
     connect(session, listener)
     approve(listener.said[0])
     Operations(session, publisher).connect()
@@ -54,7 +54,7 @@ def test_changed_drive_settings_are_reported_and_journalled(make_session, identi
 
 def test_run_recovers_the_arm_and_uploads_its_parameters(make_session):
     session = make_session(short_procedure(20))
-    listener = Hearing()
+    listener = RecordingListener()
     result = run(session, listener)
 
     assert listener.heard == list(range(1, 21))

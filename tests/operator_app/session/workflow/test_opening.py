@@ -54,13 +54,13 @@ def test_app_journals_and_resumes_the_bus_it_opened(source, loopback):
     assert not resumed.snapshot().simulated
 
 
-def test_run_journals_the_bus_it_opened(tmp_path, loopback, ends_with):
+def test_run_journals_the_bus_it_opened(tmp_path, loopback, run_command):
     sessions = tmp_path / "sessions"
     with unattended(begin("hinge", Choices(), root=sessions)) as session:
         state = read_session(session.journal.path.parent).state
     assert state is not None
     assert not sessions.exists()  # an empty session leaves no folder
-    assert "no pose was captured" in ends_with(3, "run", "hinge", "--sessions", sessions).err
+    assert "no pose was captured" in run_command(3, "run", "hinge", "--sessions", sessions).err
     assert not sessions.exists()
     assert (state.settings["interface"], state.settings["channel"]) == ("loopback", CHANNEL)
 

@@ -20,7 +20,7 @@ from operator_app.session.workflow.campaign_replay import is_same_action
 from operator_app.session.workflow.drive_selection import choose
 from operator_app.session.workflow.planned_capture import CampaignEnd, PlannedCapture
 from operator_app.session.workflow.session import Session
-from tests.oracles.hearing import Hearing
+from tests.oracles.hearing import RecordingListener
 from tests.oracles.journal_events import event_data, journal_events
 from tests.oracles.opened import opened
 from tests.oracles.plant_arm import PlantArm
@@ -37,7 +37,7 @@ def planned_procedure(poses: int, **capture: object) -> Procedure:
     return replace(procedure, position_joints=(1, 5), capture=capture_settings)
 
 
-class PlannedRun(Hearing):
+class PlannedRun(RecordingListener):
     """A planned capture of a session, with its reports."""
 
     def __init__(self, session: Session, drives: tuple[int, ...] = (1, 5)) -> None:

@@ -89,6 +89,21 @@ def test_loss_is_detected_without_writing(tmp_path):
     assert [e.name for e in read_journal(journal.kept_folder).events] == ["opened"]
 
 
+def test_rescue_goes_to_the_temporary_folder_if_the_parent_is_gone(tmp_path, monkeypatch):
+    temporary = tmp_path / "tmp"
+    temporary.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(temporary))
+    journal = Journal.create(tmp_path / "sessions" / "one")
+    journal.append("opened", {})
+    shutil.rmtree(tmp_path / "sessions")
+    (tmp_path / "sessions").write_text("a file where the sessions were")
+    with pytest.raises(JournalLostError):
+        journal.append("pose", {})
+    journal.close()
+    assert journal.kept_folder == temporary / "one-rescued"
+    assert len(read_journal(journal.kept_folder).events) == 2
+
+
 def flip_bit(path: Path, line: int = 1) -> None:
     """Change a bit of a line in place."""
     raw = path.read_bytes()

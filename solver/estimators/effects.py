@@ -111,7 +111,8 @@ class NoiseSource:
         """Variance (m, n + k) for variance components `v` (K,)."""
         if self.component is None:
             return self.rates
-        return self.rates * (min(1.0, v[self.component]) if self.missed else v[self.component])
+        factor = float(v[self.component])
+        return self.rates * (min(1.0, factor) if self.missed else factor)
 
 
 class LinearModel(Layout):

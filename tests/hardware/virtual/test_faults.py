@@ -47,6 +47,18 @@ def test_trip_sends_its_code_and_stops_other_drives(arm, quantity, joint, value,
     assert arm.peer.unsigned(joint, 0x603F) == code
 
 
+def test_lost_enable_shows_only_in_the_statusword(arm):
+    states = arm.operational()
+    arm.inject_fault("lost-enable", 3)
+    words = [word for word, _, _ in arm.peer.sync()]
+    assert [word & STATE for word in words] == [0x23 if j == 3 else 0x27 for j in range(1, 8)]
+    assert emergency_codes(arm, 3) == []
+    # Repeating the last command enables the drive again, so an operator must not repeat it.
+    arm.peer.command(3, 0x0F, states[2][1], 8)
+    arm.peer.sync()
+    assert arm.peer.sync()[2][0] & STATE == 0x27
+
+
 def test_deaf_drive_keeps_position_and_clears_statusword_bit_12(arm):
     states = arm.operational()
     assert arm.peer.sync()[0][0] & 0x1000
@@ -59,6 +71,19 @@ def test_deaf_drive_keeps_position_and_clears_statusword_bit_12(arm):
         assert (word & STATE, word & 0x1000) == (0x27, 0)
         assert counts == states[0][1]
     assert arm.peer.sync()[1][0] & 0x1000
+
+
+def test_frozen_sensor_causes_a_following_error(arm):
+    states = arm.operational()
+    arm.inject_fault("frozen-sensor", 2)
+    target = states[1][1]
+    for _ in range(4):
+        target += 90
+        arm.peer.command(2, 0x0F, target, 8)
+        assert arm.peer.sync()[1][1] == states[1][1]
+    expect_trip(arm, 2, 0x8611)
+    arm.clear_disturbance("frozen_counts", 2)
+    assert arm.peer.sync()[1][1] != states[1][1]
 
 
 def test_broken_sensor_trips_7305h_and_reset_needs_repair(arm):
@@ -127,6 +152,17 @@ def test_restart_clears_token_power_and_nmt_state(arm):
     arm.peer.start()
     assert [word & 0x4F for word, _, _ in arm.peer.sync()] == [0x40] * 7
     assert {command.mode for command in arm.plant.commands} == {None}
+
+
+def test_hanging_loop_sends_nothing_until_it_resumes(arm):
+    arm.peer.start()
+    arm.run_in_loop()
+    arm.controller.hang()
+    arm.peer.send(0x080)  # read by the loop, which then hangs
+    arm.clock.time_s += 1.0
+    assert arm.peer.receive(0.1) is None
+    arm.controller.resume_loop()
+    arm.peer.wait_for(lambda number, _: number == 0x710)
 
 
 def test_scripted_faults_occur_at_their_sync():

@@ -65,6 +65,14 @@ class _Frame(dict[str, list[float]]):
         return list(self)
 
 
+def test_pandas_data_frames_are_accepted_and_returned(result):
+    pd = pytest.importorskip("pandas")
+    poses = sarcal.load_poses(EXACT)
+    frame = pd.DataFrame(poses.q_deg, columns=[f"theta{j}_deg" for j in range(1, 8)])
+    np.testing.assert_array_equal(sarcal.load_poses(frame).q_rad, np.deg2rad(poses.q_deg))
+    assert list(result.table().to_frame().columns) == list(result.table().columns)
+
+
 def test_notebook_representations(result):
     for value in (result, result.arm, result.fixture, result.poses, result.table()):
         assert re.fullmatch(".{1,99}", repr(value))

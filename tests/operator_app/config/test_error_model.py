@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fixtures.base import RIGID, Compliance
+from operator_app.config.any_file import json_schema
 from operator_app.config.arm_file import load_arm, parse_arm
 from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import parse_fixture
@@ -221,3 +222,9 @@ def test_link_tolerances_override_and_gravity_has_any_length(length):
 )
 def test_invalid_masses_are_refused(old, new, message):
     assert message in str(single_problem(parse_sarcos, SARCOS, old, new))
+
+
+def test_json_schema_states_the_frame_of_a_centre_and_the_required_keys():
+    link = json_schema("arm")["$defs"]["LinkModel"]
+    assert "along the joint's axis" in link["properties"]["centre_m"]["description"]
+    assert set(link["required"]) == {"link", "mass_kg", "centre_m"}

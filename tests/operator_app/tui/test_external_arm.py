@@ -1,4 +1,4 @@
-"""The terminal app on an arm of another package that a person moves."""
+"""The terminal app on arms of another package: one with drives, and one that a person moves."""
 
 import re
 from collections.abc import AsyncIterator
@@ -43,6 +43,24 @@ async def app_on(name: str, arm: Toy, folder: Path) -> AsyncIterator[Driver]:
 def installed(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(package(tmp_path / "package"))
     return tmp_path / "package"
+
+
+@pytest.mark.campaign
+async def test_external_moving_arm_is_calibrated_by_keys(installed, tmp_path):
+    with toy(installed) as arm:
+        async with app_on("moving_line_arm", arm, tmp_path) as d:
+            await d.to_step(Step.CAPTURE)
+            assert d.s.identity.serial_number == "TOY-0001"
+            assert d.s.simulated, "its nodes report that nothing real moves"
+            await d.press("a")
+            await d.idle()
+            assert len(d.s.state.used_poses) == 6
+            await d.to_step(Step.RESULTS)
+            assert d.s.solution.accepted, d.s.solution.reasons
+            await d.to_step(Step.EXPORT)
+            await d.press("enter")
+            await d.idle()
+            assert (d.s.folder / "parameters.yaml").is_file()
 
 
 async def test_external_hand_guided_arm_shows_targets(installed, tmp_path):

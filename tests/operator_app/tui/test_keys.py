@@ -62,6 +62,10 @@ REFUSALS = [
     (Step.CONNECT, "connected", "c", "already connected"),
     (Step.CONNECT, "start", "right_square_bracket", "no arm is connected"),
     (Step.CONNECT, "start", "2", "Fixture is closed: no arm is connected"),
+    (Step.CONNECT, "start", "3", "Modes is closed"),
+    (Step.CONNECT, "start", "4", "Capture is closed"),
+    (Step.CONNECT, "start", "5", "Calibrate is closed"),
+    (Step.CONNECT, "start", "6", "Results is closed"),
     (Step.CONNECT, "start", "7", "Export is closed"),
     (Step.CONNECT, "start", "o", "no other session"),
     (Step.CONNECT, "start", "space", "STOP: no arm is connected"),
@@ -73,10 +77,14 @@ REFUSALS = [
     (Step.MODES, "start", "a", "no arm is connected"),
     (Step.CAPTURE, "captured", "a", "all 16 poses are captured"),
     (Step.CAPTURE, "modes", "u", "no pose yet"),
+    (Step.CAPTURE, "modes", "n", "no pose yet"),
+    (Step.CAPTURE, "modes", "x", "no pose yet"),
     (Step.CAPTURE, "modes", "b", "no best pose yet"),
     (Step.CALIBRATE, "modes", "s", "0 of the 3 required poses"),
     (Step.EXPORT, "captured", "w", "no calibration"),
     (Step.EXPORT, "captured", "u", "no calibration"),
+    (Step.EXPORT, "captured", "y", "no calibration"),
+    (Step.EXPORT, "captured", "r", "no calibration"),
 ]
 
 

@@ -114,3 +114,11 @@ def test_numbers_are_readable_on_the_darkest_cell(theme, sign):
 def test_both_themes_define_all_colours():
     assert set(LIGHT_COLOURS) == set(DARK_COLOURS)
     assert set(re.findall(r"var\(--([a-z]+)\)", STYLE)) <= set(LIGHT_COLOURS)
+
+
+def test_style_sheet_is_closed_and_loads_nothing():
+    assert STYLE.count("{") == STYLE.count("}")
+    assert "@import" not in STYLE
+    assert "url(" not in STYLE
+    assert "prefers-color-scheme:dark" in STYLE
+    assert "@media print" in STYLE

@@ -93,7 +93,7 @@ def test_hinge_wrench_does_the_virtual_work_of_the_free_joints():
     simulated = session(3, poses=6)
     load, chain = simulated.specimen.load, simulated.specimen.chain
     T = frames(chain, simulated.angles)
-    free_torque = load.torque(T) - load.believed.torque(T, load.down)
+    free_torque = load.torque(T) - load.stated_masses.torque(T, load.down)
     wrench = hinge_wrench(T, free_torque, rub=0.0)
     for joint in (2, 3, 4, 6, 7):
         step = 1e-6 * np.eye(8)[joint]

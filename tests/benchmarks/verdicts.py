@@ -1,10 +1,10 @@
-"""Is a wrong calibration ever believed, and is the cause named? Cases from the shop floor; a table.
+"""Wrong calibrations that are accepted, and causes that are named, in simulated fault cases, as a table.
 
     python -m tests.benchmarks.verdicts [--arms 20] [--sound 100] [--workers 2] [--cases slips,elbow]
 
 A result is wrong when any parameter that still has a truth is beyond four of its own sigmas. Bars: a
 wrong result is never accepted without a cause or warning that names the fault; the right cause comes
-first in 90 % of the arms; at most one in a hundred sound sets is refused.
+first in 90 % of the arms; at most one in a hundred sound sets is refused. Column `unseen`: wrong, accepted, not named.
 """
 
 # ruff: noqa: T201 - a benchmark prints
@@ -42,7 +42,7 @@ class Judged:
     harmless: bool
 
     @property
-    def believed(self) -> bool:
+    def accepted_wrong(self) -> bool:
         """Wrong, and accepted with nothing that says why."""
         return self.wrong and self.outcome.accepted and not self.named
 
@@ -89,16 +89,18 @@ def line(name: str, found: Sequence[Judged]) -> bool:
     accepted = sum(j.outcome.accepted for j in found)
     crashed = sum(j.outcome.verdict == CRASHED for j in found)
     first, named = (sum(getattr(j, key) for j in found) for key in ("first", "named"))
-    wrong, believed = (sum(getattr(j, key) for j in found) for key in ("wrong", "believed"))
+    wrong, accepted_wrong = (
+        sum(getattr(j, key) for j in found) for key in ("wrong", "accepted_wrong")
+    )
     if name == "sound":
         refused = sum(j.outcome.verdict in (REFUSED, CRASHED) for j in found)
-        good = refused <= FALSE * n and believed == 0
+        good = refused <= FALSE * n and accepted_wrong == 0
     else:
-        good = believed == 0 and crashed == 0
+        good = accepted_wrong == 0 and crashed == 0
         good = good and (all(j.harmless for j in found) or first >= RIGHT * n)
     codes = Counter(j.outcome.causes[0] if j.outcome.causes else "-" for j in found)
     print(
-        f"{name:28}{accepted:5}{n - accepted - crashed:5}{crashed:5}{wrong:6}{believed:7}"
+        f"{name:28}{accepted:5}{n - accepted - crashed:5}{crashed:5}{wrong:6}{accepted_wrong:7}"
         f"{first:6}{named:6}   {'      ' if good else 'MISSED'} "
         f"{', '.join(f'{c} {k}' for c, k in codes.most_common(4))}",
         flush=True,
@@ -123,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     rows = {"sound": options.sound} | rows
     good = True
     print(
-        f"{'case':28}{'acc.':>5}{'not':>5}{'crash':>5}{'wrong':>6}{'believ':>7}{'first':>6}"
+        f"{'case':28}{'acc.':>5}{'not':>5}{'crash':>5}{'wrong':>6}{'unseen':>7}{'first':>6}"
         f"{'named':>6}          first causes"
     )
     with ProcessPoolExecutor(options.workers, initializer=threadpool_limits, initargs=(1,)) as pool:

@@ -159,7 +159,7 @@ def _loads(rows: np.ndarray, B: np.ndarray, angles: np.ndarray, sizes: Sizes) ->
     rotation = np.zeros((len(angles), 6, 6))
     rotation[:, :3, :3] = rotation[:, 3:, 3:] = rotation_about_z(angles[:, 0])[:, :3, :3]
     # The wrench is linear in the torque error of the gravity compensation.
-    torque_error = torque - _torques(T, loads.believed, loads.down)
+    torque_error = torque - _torques(T, loads.stated_moments, loads.down)
     unit = np.stack([hinge_wrench(T, np.tile(u, (len(T), 1))) for u in np.eye(LINKS)], axis=-1)
     on_hand = unit @ torque_error
     on_table = rotation @ np.einsum(
@@ -185,7 +185,7 @@ class _Loads:
     """Stacked `Load`s: masses and first moments (d, 8, 4), true and as the compensation has them, and the rest."""
 
     masses: np.ndarray
-    believed: np.ndarray
+    stated_moments: np.ndarray
     down: np.ndarray
     sag: np.ndarray
     ground: np.ndarray
@@ -215,7 +215,7 @@ def _every_load() -> _Loads:
     ]
     return _Loads(
         masses=_moments([load.masses for load in loads]),
-        believed=_moments([load.believed for load in loads]),
+        stated_moments=_moments([load.stated_masses for load in loads]),
         **{name: np.stack([getattr(load, name) for load in loads])
            for name in ("down", "sag", "ground", "hand")},
     )  # fmt: skip

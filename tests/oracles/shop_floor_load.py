@@ -79,7 +79,7 @@ class Load:
     """Joint sag `sag` (8,), rad per N m, and compliances (6, 6) of the hinge's halves on table and hand."""
 
     masses: Masses
-    believed: Masses
+    stated_masses: Masses
     down: np.ndarray
     sag: np.ndarray
     ground: np.ndarray
@@ -104,7 +104,7 @@ class Load:
         down = np.array([-1.0, 0.0, 0.0]) + 0.05 * rng.normal(size=3)
         unscaled = cls(
             masses=masses,
-            believed=masses.with_errors(rng),
+            stated_masses=masses.with_errors(rng),
             down=down / np.linalg.norm(down),
             sag=np.zeros(LINKS),
             ground=_compliance(rng),
@@ -129,7 +129,7 @@ class Load:
 
     def wrenches(self, T: np.ndarray, angles: np.ndarray) -> np.ndarray:
         """Moments over forces (2, m, 6) on the hinge's halves on table and hand."""
-        on_hand = hinge_wrench(T, self.torque(T) - self.believed.torque(T, self.down))
+        on_hand = hinge_wrench(T, self.torque(T) - self.stated_masses.torque(T, self.down))
         turn = np.swapaxes(rotation_about_z(angles[:, 0])[:, :3, :3], -1, -2)
         on_table = -np.concatenate(
             [(turn @ on_hand[:, r : r + 3, None])[..., 0] for r in (0, 3)], axis=-1

@@ -17,8 +17,9 @@ def lateness_text(times: int, longest_s: float) -> str:
     how = f"was late by {longest_s:.1f} s" if times == 1 else f"was late {times} times"
     most = "" if times == 1 else f", by {longest_s:.1f} s at most"
     return (
-        f"this computer {how}{most}: it was too busy, or sarcal was suspended (Ctrl+Z), and sent no new targets. "
-        "The session goes on, unless drives missed the heartbeat (8130h). End other programs on this computer"
+        f"this computer {how}{most}: it was too busy, or sarcal was suspended (Ctrl+Z), and no new targets were sent. "
+        "The session goes on, unless drives missed the heartbeat (8130h). End other programs on this computer, and do "
+        "not suspend sarcal"
     )
 
 

@@ -52,14 +52,14 @@ class CalibrationOperations:
         """Publish the recorded calibration and export of a resumed session, if there are any."""
         known = self._session.recorded_calibration()
         if self.solution is None and known is not None:
-            self.solution = known.solution
-            exported = recorded_export(self._session)
+            self.solution, active = known.solution, self._active_parameters()
+            exported = recorded_export(self._session, active)
             receipt = None if exported is None else exported.receipt
             self._publisher.publish(
                 lambda s: replace(s, cross_checks=known.checks, written=exported, receipt=receipt)
             )
             if known.solution.accepted:
-                self._compare()
+                self._compare(active)
 
     def calibrate(self, estimator: str, unsensed_joints: tuple[int, ...]) -> None:
         """Calibrate in a separate process and publish each iteration; cancelling ends the process immediately."""
@@ -99,13 +99,17 @@ class CalibrationOperations:
         checks = self._session.check(solution, solver)
         self._publisher.publish(lambda s: replace(s, cross_checks=checks))
         if solution.accepted:
-            self._compare()
+            self._compare(self._active_parameters())
 
-    def _compare(self) -> None:
+    def _active_parameters(self) -> bytes:
+        """Read the controller's active document; empty without a connected arm or a document."""
+        session = self._session
+        return session.arm.active_parameters() if session.identity is not None else b""
+
+    def _compare(self, active_document: bytes) -> None:
         """Publish the differences from the parameters active in the controller."""
         session, solution = self._session, self._current_solution()
-        active_bytes = session.arm.active_parameters() if session.identity is not None else b""
-        active = parse_parameters(active_bytes, "active parameters") if active_bytes else None
+        active = parse_parameters(active_document, "active parameters") if active_document else None
         rows = diff_rows(session.document(solution), active)
         self._publisher.publish(lambda s: replace(s, diff=rows))
 
@@ -133,7 +137,7 @@ class CalibrationOperations:
             self._publisher.say(Level.INFO, f"written: {exported.parameters}")
         else:
             self._publisher.publish(lambda s: replace(s, receipt=exported.receipt))
-            self._compare()
+            self._compare(self._active_parameters())
             self._publisher.say(
                 Level.INFO,
                 f"uploaded to slot {exported.receipt.slot} and read back: the same "

@@ -90,21 +90,17 @@ def export(
     )
 
 
-def recorded_export(session: Session) -> Exported | None:
+def recorded_export(session: Session, active_document: bytes) -> Exported | None:
     """Return the session's recorded export; None if there is none, or if parameters.yaml was changed since.
 
-    Its `receipt` is None if the connected controller's active parameters are others.
+    Its `receipt` is None unless `active_document`, of the connected controller, is the one that was uploaded.
     """
     exported, folder = session.state.exported, session.journal.path.parent
     path = folder / PARAMETERS_NAME
     if not exported or not path.exists() or _sha256(path.read_bytes()) != exported.get("sha256"):
         return None
     receipt, uploaded = None, exported["uploaded"]
-    if (
-        uploaded
-        and session.identity is not None
-        and _sha256(session.arm.active_parameters()) == exported["sha256"]
-    ):
+    if uploaded and _sha256(active_document) == exported["sha256"]:
         receipt = UploadReceipt(
             slot=uploaded["slot"],
             sha256=uploaded["sha256"],

@@ -35,7 +35,7 @@ pytestmark = pytest.mark.campaign
 def test_fault_is_named_first_and_not_accepted_unnamed(name):
     verdict = one((name, 3100))
     assert verdict.outcome.verdict != CRASHED, verdict.outcome.said
-    assert not verdict.believed
+    assert not verdict.accepted_wrong
     assert verdict.first, (verdict.outcome.causes, verdict.outcome.said)
 
 

@@ -212,7 +212,7 @@ def test_signal_during_the_confirmation_changes_nothing(
 
 def test_silent_arm_is_not_confirmed_to_be_off(session):
     session.arm.close = lambda: False
-    session.close("the fixture is mounted anew")
+    session.close("the fixture is remounted")
     with pytest.raises(SessionError, match="did not answer"):
         session.require_drives_off()
 
@@ -222,7 +222,7 @@ def test_powered_drives_prevent_remounting(session, held):
     """Also if STOP holds the drives."""
     session.arm.left_powered = (2, 5)
     session.arm.close = lambda: held
-    assert session.close("the fixture is mounted anew") is held
+    assert session.close("the fixture is remounted") is held
     with pytest.raises(DrivesNotOffError, match="drives of joints 2, 5 are still powered") as error:
         session.require_drives_off()
     assert "hardware stop" in error.value.remedy

@@ -46,7 +46,7 @@ def remounted_session(tmp_path_factory):
     session = opened(folder, arm_in(procedure, 1), procedure)
     session.connect()
     take_poses(session, Listener(), (1, 5))
-    session.close("mounted anew")
+    session.close("remounted")
     record_in(folder, "remounting", 2)
     record_in(folder, "remounted", 2)
     return folder, procedure

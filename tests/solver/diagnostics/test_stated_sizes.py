@@ -1,4 +1,4 @@
-"""Noise that is quieter than stated is found so, and a shift of a reading is then seen that was not before."""
+"""Noise below its stated size is estimated as such, which makes the tests for steps of a reading more powerful."""
 
 from dataclasses import replace
 
@@ -15,37 +15,37 @@ from tests.oracles.shop_floor_faults import CASES
 from tests.oracles.shop_floor_misread import slipped_joint
 
 
-def judged(found: Calibrated) -> Diagnosis:
-    return diagnose(found.linear, ARM, taken=found.order)
+def diagnosed(calibrated: Calibrated) -> Diagnosis:
+    return diagnose(calibrated.linear, ARM, taken=calibrated.order)
 
 
-def shares(found: Calibrated) -> tuple[dict[str, float], dict[str, float]]:
-    """Standard deviations of all noise in those that are stated, and in those that were believed before."""
-    fit = found.linear
-    quiet = with_estimated_motion_noise(fit)
+def noise_ratios(calibrated: Calibrated) -> tuple[dict[str, float], dict[str, float]]:
+    """Estimated standard deviations of all noise, by the stated ones and by those of `at_known_noise`."""
+    fit = calibrated.linear
+    estimated = with_estimated_motion_noise(fit)
     names = [c.name for c in fit.design.components]
-    of_stated = np.sqrt(quiet.v / fit.design.stated_variances())
-    of_believed = np.sqrt(quiet.v / fit.at_known_noise.v)
+    by_stated = np.sqrt(estimated.v / fit.design.stated_variances())
+    by_known = np.sqrt(estimated.v / fit.at_known_noise.v)
     noise = fit.design.noise_components
-    return {names[k]: of_stated[k] for k in noise}, {names[k]: of_believed[k] for k in noise}
+    return {names[k]: by_stated[k] for k in noise}, {names[k]: by_known[k] for k in noise}
 
 
 def test_hinge_scatter_is_the_generators_share_of_its_compliance():
-    found = [shares(fit_of(session(seed))) for seed in range(3301, 3307)]
-    of_hinge = np.mean([of_stated["fixture_m"] for of_stated, _ in found])
-    assert of_hinge == pytest.approx(SCATTER, rel=0.25)
-    for _, of_believed in found:
-        assert (of_believed["rvdt_6"], of_believed["rvdt_7"]) == (1.0, 1.0)
+    ratios = [noise_ratios(fit_of(session(seed))) for seed in range(3301, 3307)]
+    hinge = np.mean([by_stated["fixture_m"] for by_stated, _ in ratios])
+    assert hinge == pytest.approx(SCATTER, rel=0.25)
+    for _, by_known in ratios:
+        assert (by_known["rvdt_6"], by_known["rvdt_7"]) == (1.0, 1.0)
 
 
 def test_joint_play_as_stated_is_not_reduced_by_a_stiff_hinge():
-    taken = session(3303)
-    readings = taken.readings.copy()
-    readings[:, :5] += 3e-4 * np.random.default_rng(1).normal(size=(len(taken), 5))
-    of_stated, of_believed = shares(fit_of(replace(taken, readings=readings)))
-    assert of_believed["joint_play"] == 1.0
-    assert of_stated["joint_play"] > 0.9
-    assert of_stated["fixture_m"] < 0.5
+    simulated = session(3303)
+    readings = simulated.readings.copy()
+    readings[:, :5] += 3e-4 * np.random.default_rng(1).normal(size=(len(simulated), 5))
+    by_stated, by_known = noise_ratios(fit_of(replace(simulated, readings=readings)))
+    assert by_known["joint_play"] == 1.0
+    assert by_stated["joint_play"] > 0.9
+    assert by_stated["fixture_m"] < 0.5
 
 
 @pytest.mark.sample(1)
@@ -53,19 +53,19 @@ def test_joint_play_as_stated_is_not_reduced_by_a_stiff_hinge():
 def test_a_step_of_50_counts_is_found_despite_noisier_joints(seed):
     case = CASES["joint slips 50 counts"](seed)
     (cause,) = case.causes
-    trial = judged(fit_of(case.taken))
-    fired = [test.code for test in trial.tests if test.fires]
-    assert fired == ["STEP"]
-    assert trial.best.candidate.cause is Cause.LOST_COUNTS
-    assert f"STEP_JOINT_{trial.best.candidate.subject}" == cause
+    diagnosis = diagnosed(fit_of(case.taken))
+    significant = [test.code for test in diagnosis.tests if test.fires]
+    assert significant == ["STEP"]
+    assert diagnosis.best.candidate.cause is Cause.LOST_COUNTS
+    assert f"STEP_JOINT_{diagnosis.best.candidate.subject}" == cause
 
 
 @pytest.mark.campaign
 def test_sound_sessions_show_no_step():
-    tests = [t for seed in range(3310, 3316) for t in judged(fit_of(session(seed))).tests]
+    tests = [t for seed in range(3310, 3316) for t in diagnosed(fit_of(session(seed))).tests]
     steps = [t for t in tests if t.code == "STEP"]
     assert len(steps) == 6
     assert all(step.statistic < 0.7 * step.threshold for step in steps)
     slipped = slipped_joint(3310, counts=50, only=(1, 2, 3, 4, 5))
-    assert not any(test.fires for test in judged(fit_of(session(3310))).tests)
-    assert any(test.fires for test in judged(fit_of(slipped.taken)).tests)
+    assert not any(test.fires for test in diagnosed(fit_of(session(3310))).tests)
+    assert any(test.fires for test in diagnosed(fit_of(slipped.taken)).tests)

@@ -128,8 +128,8 @@ def test_resuming_shows_the_export_if_file_and_controller_still_have_it(make_ses
     resumed.close("done")
 
     other_controller = make_session(procedure, resume=True, connect=True)
-    export_there = recorded_export(other_controller)
+    export_there = recorded_export(other_controller, other_controller.arm.active_parameters())
     assert export_there is not None
     assert export_there.receipt is None
     exported.parameters.write_text("changed")
-    assert recorded_export(other_controller) is None
+    assert recorded_export(other_controller, b"") is None

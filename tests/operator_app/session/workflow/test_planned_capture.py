@@ -213,7 +213,7 @@ def test_arm_that_did_not_move_continues_the_same_plan(make_session):
     resumed = make_session(procedure, resume=True, arm=session.arm)
     run = PlannedRun(resumed)
     assert run.run().complete
-    assert not any("anew" in text or "going back" in text for text in run.said)
+    assert not any("new plan" in text or "going back" in text for text in run.said)
     assert len(event_data(resumed, "campaign")) == 1
 
 

@@ -81,11 +81,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put real-time tests first, and give campaign tests the time that they need on a busy machine."""
+    """Put real-time tests first."""
     _mark_unsampled_as_campaign(items)
-    for item in items:
-        if item.get_closest_marker("campaign") and not item.get_closest_marker("timeout"):
-            item.add_marker(pytest.mark.timeout(1200))
     # The first worker then has all of them, and no other worker waits.
     items.sort(key=lambda item: item.get_closest_marker("real_time") is None)
 

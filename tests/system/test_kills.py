@@ -7,7 +7,7 @@ import pytest
 
 from tests.oracles.killing import POSES, chain
 
-pytestmark = [pytest.mark.real_time, pytest.mark.campaign, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.real_time, pytest.mark.campaign]
 
 
 @pytest.mark.parametrize(

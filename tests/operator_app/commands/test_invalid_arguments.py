@@ -40,7 +40,6 @@ CASES = [
 ]
 
 
-@pytest.mark.timeout(20)
 @pytest.mark.parametrize(("command", "message"), CASES)
 def test_invalid_argument_is_one_error_and_nothing_is_written(
     tmp_path, command, message, run_command, monkeypatch

@@ -13,7 +13,7 @@ import logging
 import socket
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -279,13 +279,17 @@ class BusOpeners:
     stop: Callable[[BusSettings], can.BusABC] = open_sender
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class ArmOnBus:
-    """The expected arm and what a connection to it needs: bus, profile, SYNC pace, time-outs, bus openers."""
+    """The expected arm, its bus, and how its nodes are set up and timed.
+
+    `pace`: `Pace.FAST_FORWARD` is for simulated arms only, since a real arm needs SYNC at all times.
+    """
 
     description: ArmDescription
     settings: BusSettings
     profile: BusProfile
-    pace: Pace
-    timing: Timing
-    openers: BusOpeners
+    _: KW_ONLY
+    pace: Pace = Pace.REAL_TIME
+    timing: Timing = field(default_factory=Timing)
+    openers: BusOpeners = field(default_factory=BusOpeners)

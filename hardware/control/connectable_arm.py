@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+import time
 from collections.abc import Callable, Generator
 from pathlib import Path
 
@@ -48,18 +49,24 @@ class ConnectableArm:
 
     Attributes
     ----------
-    on_bus
-        The expected arm and its bus.
+    joints
+        Number of joints.
     record_to
-        File to record the bus to from the next connection on; None: no recording.
+        File to record the bus to (``.blf`` or another format of python-can) from the next connection on; None: no
+        recording.
     left_powered
         Joints whose drives reported power when the arm was last closed, including drives that hold after STOP.
     """
 
     def __init__(
-        self, on_bus: ArmOnBus, record_to: Path | None, clock: Callable[[], float]
+        self,
+        on_bus: ArmOnBus,
+        *,
+        record_to: Path | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.on_bus, self.record_to, self._clock = on_bus, record_to, clock
+        self.joints = len(on_bus.description.joints)
         self.left_powered: tuple[int, ...] = ()
         self._latch = StopLatch()  # outlives a connection: a new one does not lift a STOP
         self._takes_over = False

@@ -45,28 +45,19 @@ _NOT_ALLOWED = frozenset({errno.EPERM, errno.EACCES})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusSettings:
-    """Settings of a bus, under python-can's names.
-
-    Attributes
-    ----------
-    interface
-        ``virtual`` (inside this process), ``loopback`` (between processes of this machine),
-        ``socketcan``, or any other interface python-can knows.
-    channel
-        Name of the bus in this interface.
-    bitrate
-        In bit/s; None keeps the current one. ``virtual``, ``loopback`` and ``socketcan`` ignore it.
-    options
-        Other options from ``can.conf`` or ``CAN_CONFIG``, passed to python-can.
-    named_in
-        File that names the interface, for error messages; empty if no file does.
-    """
+    """Settings of a bus, under python-can's names."""
 
     interface: str = DEFAULT_INTERFACE
+    """``virtual`` (inside this process), ``loopback`` (between processes of this machine), ``socketcan``, or any other
+    interface python-can knows."""
     channel: str = DEFAULT_CHANNEL
+    """Name of the bus in this interface."""
     bitrate: int | None = None
+    """In bit/s; None keeps the current one. ``virtual``, ``loopback`` and ``socketcan`` ignore it."""
     options: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    """Other options from ``can.conf`` or ``CAN_CONFIG``, passed to python-can."""
     named_in: str = field(default="", compare=False)
+    """File that names the interface, for error messages; empty if no file does."""
 
     def __str__(self) -> str:
         return f"{self.interface} {self.channel}"

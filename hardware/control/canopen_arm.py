@@ -31,6 +31,7 @@ from hardware.errors import (
     Stopped,
 )
 from hardware.monitors.admission import admit_move, not_enabled
+from hardware.monitors.joint_monitor import stop_error
 
 MODE_ATTEMPTS: Final = 6
 
@@ -156,7 +157,7 @@ class CanopenArm(ConnectableArm):
         """
         link, press = self._link, self._latch.last_press
         not_reached = link.loop.run(
-            motion_steps.reset(link.loop, link.loop.forget_faults, press=press),
+            motion_steps.reset(link.loop, press=press),
             despite=(Stopped, DriveFault, SensorFault, OtherMaster),
         )
         link.read_modes()
@@ -193,8 +194,8 @@ class CanopenArm(ConnectableArm):
 
     @staticmethod
     def _raise_if_stopped(link: Connection) -> None:
-        if link.loop.stop_latched:
-            raise link.loop.watch.stop_cause()
+        if link.loop.latch.latched:
+            raise stop_error(link.loop.watch.divergence)
 
     @staticmethod
     def _raise_for_drives(link: Connection, joints: tuple[int, ...], required: str) -> None:

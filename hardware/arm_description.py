@@ -8,18 +8,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointScale:
-    """Scale of one joint.
-
-    Attributes
-    ----------
-    counts_per_rad
-        Encoder: counts per turn / 2 pi; RVDT: 1 / (one count in rad). Negative if the drive counts backwards.
-    zero_counts
-        Count at sensor coordinate 0.
-    """
+    """Scale of one joint."""
 
     counts_per_rad: float
+    """Encoder: counts per turn / 2 pi; RVDT: 1 / (one count in rad). Negative if the drive counts backwards."""
     zero_counts: int = 0
+    """Count at sensor coordinate 0."""
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.counts_per_rad) or self.counts_per_rad == 0.0:

@@ -6,30 +6,25 @@ Positions in counts are in sensor coordinates.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hardware.arm import DriveState, JointMode
-from hardware.arm_description import JointScale
+from hardware.arm_description import JointDescription, JointScale
 from hardware.canopen.objects import CONTROL_PERIOD_S
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointLimits:
-    """Limits of one joint's commands.
-
-    Attributes
-    ----------
-    lower_counts, upper_counts
-        Range, both ends allowed (607Dh).
-    max_step_counts
-        Largest change of the target in one control period.
-    """
+    """Limits of one joint's commands."""
 
     joint: int
     lower_counts: int
     upper_counts: int
+    """`lower_counts`, `upper_counts`: range, both ends allowed (607Dh)."""
     max_speed_rad_per_s: float
     max_step_counts: int
+    """Largest change of the target in one control period."""
 
     def __post_init__(self) -> None:
         if self.lower_counts > self.upper_counts:
@@ -38,6 +33,22 @@ class JointLimits:
             raise ValueError(f"joint {self.joint}: the largest speed must be positive")
         if self.max_step_counts < 1:
             raise ValueError(f"joint {self.joint}: the largest step must be at least one count")
+
+
+def arm_limits(
+    joints: Sequence[JointDescription], scales: Sequence[JointScale]
+) -> tuple[JointLimits, ...]:
+    """Return the command limits of every joint, in the counts of its scale."""
+    return tuple(
+        joint_limits(
+            number,
+            scale,
+            lower_rad=joint.lower_rad,
+            upper_rad=joint.upper_rad,
+            max_speed_rad_per_s=joint.max_speed_rad_per_s,
+        )
+        for number, (joint, scale) in enumerate(zip(joints, scales, strict=True), 1)
+    )
 
 
 def joint_limits(

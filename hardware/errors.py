@@ -10,16 +10,16 @@ from enum import Enum
 class HardwareError(Exception):
     """Base class of all errors of the arm, its bus and its instrument.
 
-    `kept_writes`: sentences on what was written into drives before the error and remains there.
+    `remaining_writes`: sentences on what was written into drives before the error and remains there.
     """
 
-    kept_writes: tuple[str, ...] = ()
+    remaining_writes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         text = super().__str__()
-        if not self.kept_writes:
+        if not self.remaining_writes:
             return text
-        writes = "; ".join(self.kept_writes)
+        writes = "; ".join(self.remaining_writes)
         return f"{text.removesuffix('.')}. Written before, and not undone: {writes}."
 
 
@@ -108,11 +108,10 @@ class MappingMismatch(HardwareError):
     """Nodes differ from the profile; `differences`: one text for each difference and each node that does not answer."""
 
     def __init__(self, differences: Sequence[ObjectMismatch], silent: Sequence[str] = ()) -> None:
-        self.found = tuple(differences)
         self.differences = (*map(str, differences), *silent)
         super().__init__(
             "These nodes are not set up as this program requires:  "
-            f"{'; '.join(self.differences)}. Nothing was enabled. {'. '.join(_remedies(self.found))}, then connect "
+            f"{'; '.join(self.differences)}. Nothing was enabled. {'. '.join(_remedies(differences))}, then connect "
             "again."
         )
 
@@ -208,9 +207,9 @@ class ModeNotReached(HardwareError):
     """A drive did not report the requested mode or, if `not_following`, that it follows its target in that mode."""
 
     def __init__(
-        self, joint: int, wanted: str, actual: str, *, not_following: bool = False
+        self, joint: int, requested: str, actual: str, *, not_following: bool = False
     ) -> None:
-        self.joint, self.wanted, self.actual = joint, wanted, actual
+        self.joint, self.requested, self.actual = joint, requested, actual
         remedy = (
             "have the drive set that bit, with its maker's tool: without it a joint that does not follow its target "
             "is not detected"
@@ -218,7 +217,7 @@ class ModeNotReached(HardwareError):
             else "`sarcal arm-check --through look` lists the drive's modes"
         )
         super().__init__(
-            f"joint {joint} was asked for {wanted} mode and reports {actual}; {remedy}"
+            f"joint {joint} was asked for {requested} mode and reports {actual}; {remedy}"
         )
 
 

@@ -95,7 +95,6 @@ class LineStream:
             return True
 
     def _take(self) -> int:
-        """Read once; return the number of bytes."""
         if self._ended or not self._ready(0.0):
             return 0
         try:

@@ -26,7 +26,7 @@ from hardware.arm import (
     Watch,
 )
 from hardware.arm_description import ArmDescription
-from hardware.command_limits import JointLimits, joint_limits
+from hardware.command_limits import arm_limits
 from hardware.control.stop_line import StopLatch
 from hardware.errors import (
     BusError,
@@ -42,16 +42,8 @@ from hardware.monitors.admission import admit_move
 class OutsideArm:
     """An `ArmInterface` that wraps the arm returned by `make`, which `connect` calls.
 
-    Parameters
-    ----------
-    make
-        Function that makes the arm, not yet connected.
-    description
-        The arm file's joints, whose ranges and speeds are the limits.
-    keeps_parameters
-        Whether the arm stores a parameter document, according to its `ArmOffer`.
-    record_to
-        File to record the next connection to; None: no recording.
+    The ranges and speeds of the joints in `description` are the limits. `keeps_parameters`: whether the arm stores a
+    parameter document, according to its `ArmOffer`. `record_to`: file to record the next connection to, or None.
     """
 
     def __init__(
@@ -71,16 +63,8 @@ class OutsideArm:
         self._in_control = False
         self._closing, self._left_held = False, True
         self._close_lock = threading.RLock()
-        self._limits: tuple[JointLimits, ...] = tuple(
-            joint_limits(
-                number,
-                joint.scale,
-                lower_rad=joint.lower_rad,
-                upper_rad=joint.upper_rad,
-                max_speed_rad_per_s=joint.max_speed_rad_per_s,
-            )
-            for number, joint in enumerate(description.joints, 1)
-        )
+        self._scales = [joint.scale for joint in description.joints]
+        self._limits = arm_limits(description.joints, self._scales)
 
     def connect(self) -> ArmIdentity:
         """Make the arm, connect it and compare its joints with the arm file; on an error, close the arm again."""
@@ -155,7 +139,7 @@ class OutsideArm:
         joints = self._checked_snapshot(self._connected).joints
         admit_move(
             self._limits,
-            [joint.scale for joint in self._description.joints],
+            self._scales,
             joints,
             targets_rad,
             speed_rad_per_s=speed_rad_per_s,

@@ -27,42 +27,30 @@ class Pace(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timing:
-    """Periods and time-outs of a connection and its control loop.
-
-    Attributes
-    ----------
-    listen_s
-        Time to listen for another operator before anything is sent: three periods of an operator's heartbeat.
-    boot_timeout_s
-        Time-out for a node to boot, and to start.
-    operator_timeout_s
-        Shortest silence after which another operator counts as gone; longer if a node states a longer time-out.
-    upload_retry_s
-        Pause between attempts to upload; a lapsed token is granted again after the next heartbeat (100 ms).
-    answer_timeouts_s
-        Time-out of a joint's answer to SYNC, by pace; longer in fast forward, where waiting takes no simulated time.
-    min_misses, lost_after_s
-        A joint is lost after this many consecutive unanswered SYNCs and this silence; until then a move waits.
-    idle_poll_s
-        First wait for a task when the loop is idle; later waits are longer.
-    speed
-        Factor by which a simulated arm runs faster than real time; 1 for a real arm.
-    """
+    """Periods and time-outs of a connection and its control loop."""
 
     heartbeat_period_s: float = HEARTBEAT_PERIOD_S
     heartbeat_timeout_s: float = 1.0
     listen_s: float = 0.35
+    """Time to listen for another operator before anything is sent: three periods of an operator's heartbeat."""
     boot_timeout_s: float = 3.0
+    """Time-out for a node to boot, and to start."""
     operator_timeout_s: float = 1.0
+    """Shortest silence after which another operator counts as gone; longer if a node states a longer time-out."""
     sdo_timeout_s: float = 1.0
     upload_retry_s: float = 0.5
+    """Pause between attempts to upload; a lapsed token is granted again after the next heartbeat (100 ms)."""
     answer_timeouts_s: Mapping[Pace, float] = field(
         default_factory=lambda: {Pace.REAL_TIME: 0.03, Pace.FAST_FORWARD: 0.5}
     )
+    """Time-out of a joint's answer to SYNC, by pace; longer in fast forward, where waiting takes no simulated time."""
     min_misses: int = 3
     lost_after_s: float = 1.0
+    """A joint is lost after `min_misses` consecutive unanswered SYNCs and this silence; until then a move waits."""
     idle_poll_s: float = 0.002
+    """First wait for a task when the loop is idle; later waits are longer."""
     speed: float = 1.0
+    """Factor by which a simulated arm runs faster than real time; 1 for a real arm."""
 
     @property
     def tick_s(self) -> float:
@@ -133,14 +121,9 @@ class LatencyMonitor:
     clock may be stepped during operation, so a frame's age is limited to the time since the queue was last empty. A
     frame without a usable stamp counts as having arrived when it is read.
 
-    Parameters
-    ----------
-    clock
-        Function that returns monotonic time, s.
-    stamps
-        Function that returns the time (s) of the clock that stamps frames; None if that clock is not this computer's.
-    arm_waits
-        Whether the arm's time stands still while the host is busy (`Pace.FAST_FORWARD`), so that there is no latency.
+    `clock` returns monotonic time, `stamps` the time of the clock that stamps frames, s; `stamps` is None if that clock
+    is not this computer's. `arm_waits`: whether the arm's time stands still while the host is busy
+    (`Pace.FAST_FORWARD`), so that there is no latency.
     """
 
     def __init__(
@@ -151,7 +134,8 @@ class LatencyMonitor:
         arm_waits: bool = False,
     ) -> None:
         self._clock, self._stamps, self._arm_waits = clock, stamps, arm_waits
-        self._lateness = HostLatency()
+        self.lateness = HostLatency()
+        """Latencies above `REPORTED_S` so far."""
         self.begin()
 
     def begin(self) -> None:
@@ -177,11 +161,6 @@ class LatencyMonitor:
         self._late_now = False
 
     @property
-    def lateness(self) -> HostLatency:
-        """Latencies above `REPORTED_S` so far."""
-        return self._lateness
-
-    @property
     def late_s(self) -> float:
         """Total time without polling, s."""
         return self._late_at(self._clock())
@@ -196,7 +175,7 @@ class LatencyMonitor:
         by_s = max(now - self._last[0], waited_s)
         self._last = (now, self._late_at(now))
         if by_s >= REPORTED_S and not self._arm_waits:
-            self._lateness = self._lateness.with_event(by_s, new=not self._late_now)
+            self.lateness = self.lateness.with_event(by_s, new=not self._late_now)
             self._late_now = True
 
     def _late_at(self, now: float) -> float:

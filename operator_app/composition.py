@@ -25,7 +25,7 @@ from hardware.arm_description import (
     RvdtDescription,
 )
 from hardware.arm_plugins import ArmOffer, ArmOrder, offer
-from hardware.buses.python_can import BusOpeners, BusSettings
+from hardware.buses.python_can import ArmOnBus, BusOpeners, BusSettings
 from hardware.control.canopen_arm import CanopenArm
 from hardware.outside_arm import OutsideArm
 from hardware.timing import Pace, Timing, real_time_priority
@@ -143,15 +143,15 @@ def open_arm(
         else:
             openers = BusOpeners()
             stack.enter_context(real_time_priority())
-        arm = CanopenArm(
+        on_bus = ArmOnBus(
             describe(procedure.arm),
             settings,
             procedure.profile,
             pace=pace or (Pace.FAST_FORWARD if embedded else Pace.REAL_TIME),
-            record_to=record_to,
             timing=_timing(procedure, speed=speed, embedded=embedded),
             openers=openers,
         )
+        arm = CanopenArm(on_bus, record_to=record_to)
         recording_ended = partial(_recording_problem, arm)
         stack.callback(_print_problem, recording_ended)
         stack.callback(arm.close)

@@ -7,7 +7,7 @@ none of these can filter, every frame is received, and unknown frames are ignore
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
 import can
 from can.interfaces.virtual import VirtualBus
@@ -43,13 +43,14 @@ def operator_filters(profile: BusProfile) -> list[CanFilter]:
     """Return the operator's filters, which accept frames of the arm and commands of other masters."""
     return [
         _covering(pdo.cob_id for joint in profile.joints for pdo in joint.answers),
-        _single(objects.COB_SYNC),
-        _single(objects.COB_NMT),
+        _covering([objects.COB_SYNC]),
+        _covering([objects.COB_NMT]),
         _covering(pdo.cob_id for joint in profile.joints for pdo in joint.commands),
         *(
-            can_filter
+            _covering(base + node for node in nodes)
             for base in (objects.COB_SDO_FROM_SERVER, objects.COB_SDO_TO_SERVER, objects.COB_EMCY)
-            for can_filter in _nodes_of(profile, base)
+            for nodes in (profile.drives, profile.nodes[len(profile.drives) :])
+            if nodes
         ),
         _filter(objects.COB_HEARTBEAT, _FUNCTION_CODE),  # of every node that may hold the token
     ]
@@ -58,21 +59,15 @@ def operator_filters(profile: BusProfile) -> list[CanFilter]:
 def controller_filters(joints: int) -> list[CanFilter]:
     """Return the filters for the arm's nodes: commands, and any node's heartbeat, since any may hold the token."""
     return [
-        _single(objects.COB_SYNC),
+        _covering([objects.COB_SYNC]),
         *(
             _covering(range(base, base + joints + 1))
             for base in (objects.COB_RPDO1, objects.COB_SDO_TO_SERVER)
         ),
-        _single(objects.COB_SDO_TO_SERVER + objects.SUPERVISOR_NODE),
-        _single(objects.COB_NMT),
+        _covering([objects.COB_SDO_TO_SERVER + objects.SUPERVISOR_NODE]),
+        _covering([objects.COB_NMT]),
         _filter(objects.COB_HEARTBEAT, _FUNCTION_CODE),
     ]
-
-
-def _nodes_of(profile: BusProfile, base: int) -> Iterator[CanFilter]:
-    yield _covering(base + node for node in profile.drives)
-    if profile.supervisor is not None:
-        yield _single(base + profile.supervisor)
 
 
 def _covering(identifiers: Iterable[int]) -> CanFilter:
@@ -81,10 +76,6 @@ def _covering(identifiers: Iterable[int]) -> CanFilter:
     differing = functools.reduce(lambda bits, other: bits | (first ^ other), others, 0)
     mask = _ALL_BITS & ~((1 << differing.bit_length()) - 1)
     return _filter(first & mask, mask)
-
-
-def _single(identifier: int) -> CanFilter:
-    return _filter(identifier, _ALL_BITS)
 
 
 def _filter(identifier: int, mask: int) -> CanFilter:

@@ -122,17 +122,10 @@ def filter_program(filters: CanFilters) -> bytes:
 
 
 class LoopbackBus(can.BusABC):
-    """python-can bus between processes of one machine.
+    """python-can bus between processes of one machine; on Linux the kernel applies the filters.
 
-    Parameters
-    ----------
-    receive_own_messages
-        Also deliver this bus object's own frames to itself, with ``is_rx`` false.
-    send_only
-        Receive nothing, so that no queue of unread frames fills for a handle that only sends.
-    can_filters
-        As in python-can; on Linux the kernel applies them.
-
+    `receive_own_messages`: also deliver this bus object's own frames to itself, with ``is_rx`` false; `send_only`:
+    receive nothing, so that no queue of unread frames fills for a handle that only sends.
     """
 
     def __init__(

@@ -13,7 +13,7 @@ import logging
 import socket
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -45,28 +45,19 @@ _NOT_ALLOWED = frozenset({errno.EPERM, errno.EACCES})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusSettings:
-    """Settings of a bus, under python-can's names.
-
-    Attributes
-    ----------
-    interface
-        ``virtual`` (inside this process), ``loopback`` (between processes of this machine),
-        ``socketcan``, or any other interface python-can knows.
-    channel
-        Name of the bus in this interface.
-    bitrate
-        In bit/s; None keeps the current one. ``virtual``, ``loopback`` and ``socketcan`` ignore it.
-    options
-        Other options from ``can.conf`` or ``CAN_CONFIG``, passed to python-can.
-    named_in
-        File that names the interface, for error messages; empty if no file does.
-    """
+    """Settings of a bus, under python-can's names."""
 
     interface: str = DEFAULT_INTERFACE
+    """``virtual`` (inside this process), ``loopback`` (between processes of this machine), ``socketcan``, or any other
+    interface python-can knows."""
     channel: str = DEFAULT_CHANNEL
+    """Name of the bus in this interface."""
     bitrate: int | None = None
+    """In bit/s; None keeps the current one. ``virtual``, ``loopback`` and ``socketcan`` ignore it."""
     options: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    """Other options from ``can.conf`` or ``CAN_CONFIG``, passed to python-can."""
     named_in: str = field(default="", compare=False)
+    """File that names the interface, for error messages; empty if no file does."""
 
     def __str__(self) -> str:
         return f"{self.interface} {self.channel}"
@@ -279,13 +270,17 @@ class BusOpeners:
     stop: Callable[[BusSettings], can.BusABC] = open_sender
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class ArmOnBus:
-    """The expected arm and what a connection to it needs: bus, profile, SYNC pace, time-outs, bus openers."""
+    """The expected arm, its bus, and how its nodes are set up and timed.
+
+    `pace`: `Pace.FAST_FORWARD` is for simulated arms only, since a real arm needs SYNC at all times.
+    """
 
     description: ArmDescription
     settings: BusSettings
     profile: BusProfile
-    pace: Pace
-    timing: Timing
-    openers: BusOpeners
+    _: KW_ONLY
+    pace: Pace = Pace.REAL_TIME
+    timing: Timing = field(default_factory=Timing)
+    openers: BusOpeners = field(default_factory=BusOpeners)

@@ -30,27 +30,14 @@ _WRITE_ERRORS = (OSError, ValueError, struct.error)
 class Recording:
     """Writes frames to a file in the order of their time stamps; any thread may call.
 
-    A received frame may have waited in a queue, so each frame is held back until `REORDER_S` after its stamp.
-
-    Parameters
-    ----------
-    path
-        File to record to, in the format of its suffix (``.blf``, ``.asc``, ``.log``, ...). An existing file is kept,
-        and a numbered one (``bus-2.blf``) is written instead.
-
-    Attributes
-    ----------
-    failure
-        Why recording ended early (a full disk must not stop the arm); None if it did not.
-
-    Raises
-    ------
-    BusError
-        The recording cannot be started.
+    A received frame may have waited in a queue, so each frame is held back until `REORDER_S` after its stamp. The
+    format is that of the suffix of `path` (``.blf``, ``.asc``, ``.log``, ...). An existing file is kept, and a numbered
+    one (``bus-2.blf``) is written instead. Raises `BusError` if the recording cannot be started.
     """
 
     def __init__(self, path: Path) -> None:
         self.failure: str | None = None
+        """Why recording ended early (a full disk must not stop the arm); None if it did not."""
         self._lock = threading.Lock()
         self._noted: deque[can.Message] = deque()
         self._waiting: list[tuple[float, int, can.Message]] = []
@@ -155,21 +142,9 @@ class Frame(can.Message):
 
 
 class SharedBus:
-    """Sends from any thread, receives in one thread, and records every frame if `record_to` is given.
+    """Sends from any thread, receives in one thread, and records every frame if `record_to` is given (`Recording`).
 
-    Parameters
-    ----------
-    bus
-        Open bus; `close` shuts it down.
-    record_to
-        File to record to, see `Recording`.
-    send_timeout_s
-        Time for which sending is retried while the transmit queue is full.
-
-    Attributes
-    ----------
-    queue_full
-        Number of retries because of a full transmit queue.
+    `close` shuts the `bus` down. Sending is retried for `send_timeout_s` while the transmit queue is full.
     """
 
     def __init__(
@@ -184,6 +159,7 @@ class SharedBus:
         self._send_lock = threading.Lock()
         self._pause = threading.Event()
         self.queue_full = 0
+        """Number of retries because of a full transmit queue."""
         self._recording = None if record_to is None else Recording(record_to)
 
     @property

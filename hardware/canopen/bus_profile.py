@@ -46,69 +46,48 @@ class Pdo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointProfile:
-    """Set-up of one joint's drive on the bus.
-
-    Attributes
-    ----------
-    commands, answers
-        RPDOs and TPDOs used.
-    direction
-        -1 if the drive counts against the positive direction of the arm file, otherwise 1.
-    counts_per_rev
-        Position units of the drive per turn of the joint; None uses the arm file's sensor.
-    zero_counts
-        6064h at sensor coordinate 0.
-    rated_torque_nm
-        Torque at 1000 per mille in 6077h; None: read from 6076h.
-    """
+    """Set-up of one joint's drive on the bus."""
 
     node: int
     commands: tuple[Pdo, ...]
     answers: tuple[Pdo, ...]
+    """RPDOs (`commands`) and TPDOs used."""
     direction: int = 1
+    """-1 if the drive counts against the positive direction of the arm file, otherwise 1."""
     counts_per_rev: float | None = None
+    """Position units of the drive per turn of the joint; None uses the arm file's sensor."""
     zero_counts: int = 0
+    """6064h at sensor coordinate 0."""
     rated_torque_nm: float | None = None
+    """Torque at 1000 per mille in 6077h; None: read from 6076h."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusProfile:
-    """Set-up of the nodes of an arm with joints 1..n.
-
-    Attributes
-    ----------
-    supervisor
-        Node that identifies the arm, grants control and stores parameters; None if there is none.
-    serial_number
-        Serial number of an arm without supervisor.
-    device_type, device_type_mask
-        Value of 1000h required of every drive, in the bits of the mask.
-    mode_codes
-        Value of 6060h for each joint mode.
-    configures_pdos
-        Whether PDOs that differ from the profile are rewritten at every connection; if not, the drive is refused.
-    compared
-        Objects that are compared with the arm file.
-    slowest_heartbeat_ms
-        Upper limit of 1017h: the loss of a node with a longer period would be noticed too late.
-    heartbeat_timeout_s, sdo_timeout_s
-        Time-outs of this arm; None uses the program's defaults.
-    """
+    """Set-up of the nodes of an arm with joints 1..n."""
 
     name: str
     joints: tuple[JointProfile, ...]
     supervisor: int | None
+    """Node that identifies the arm, grants control and stores parameters; None if there is none."""
     serial_number: str = ""
+    """Serial number of an arm without supervisor."""
     device_type: int = objects.DRIVE_DEVICE_TYPE
     device_type_mask: int = objects.DEVICE_TYPE_MASK
+    """Value of 1000h required of every drive, in the bits of the mask."""
     mode_codes: Mapping[JointMode, int] = field(
         default_factory=lambda: MappingProxyType(objects.MODE_CODE)
     )
+    """Value of 6060h for each joint mode."""
     configures_pdos: bool = False
+    """Whether PDOs that differ from the profile are rewritten at every connection; if not, the drive is refused."""
     compared: frozenset[int] = frozenset()
+    """Objects that are compared with the arm file."""
     slowest_heartbeat_ms: int = DEFAULT_HEARTBEAT_LIMIT_MS
+    """Upper limit of 1017h: the loss of a node with a longer period would be noticed too late."""
     heartbeat_timeout_s: float | None = None
     sdo_timeout_s: float | None = None
+    """Both time-outs: of this arm; None uses the program's defaults."""
 
     @property
     def drives(self) -> tuple[int, ...]:

@@ -170,23 +170,12 @@ def statusword(state: DriveState, flags: int = 0) -> int:
     return STATE_BITS[state] | flags
 
 
-def drive_state(status: int) -> DriveState:
-    """Return the state in a statusword; `ValueError` if it shows no CiA 402 state."""
-    state = _decoded(status)
-    if state is None:
-        raise ValueError(f"statusword {status:04X}h shows no CiA 402 state")
-    return state
-
-
-def shows(status: int, state: DriveState) -> bool:
-    """Whether a statusword reports this state."""
-    return _decoded(status) is state
-
-
 @lru_cache(maxsize=4096)
-def _decoded(status: int) -> DriveState | None:
+def state_of(status: int) -> DriveState:
+    """Return the state in a statusword; *not ready to switch on* if the bits encode no state."""
     # Without power, and in a fault, bit 5 (quick stop) may have either value.
-    return _DECODED.get(status & 0x6F) or _DECODED.get(status & 0x4F)
+    known = _DECODED.get(status & 0x6F) or _DECODED.get(status & 0x4F)
+    return known or DriveState.NOT_READY_TO_SWITCH_ON
 
 
 def reached(state: DriveState, target: TargetState) -> bool:
@@ -204,9 +193,9 @@ def next_controlword(status: int, target: TargetState, *, previous: int = 0) -> 
     """Return the controlword that takes the drive one step closer to the target state, or keeps it there.
 
     `status` is the drive's statusword, `previous` the controlword sent last: a fault reset needs a rising edge of
-    bit 7. Raises `ValueError` if the statusword shows no CiA 402 state.
+    bit 7.
     """
-    state = drive_state(status)
+    state = state_of(status)
     match target:
         case TargetState.STOPPED:
             return CONTROLWORD_QUICK_STOP
@@ -222,8 +211,3 @@ def next_controlword(status: int, target: TargetState, *, previous: int = 0) -> 
             return CONTROLWORD_ENABLE_OPERATION
         case _:
             return CONTROLWORD_DISABLE_VOLTAGE
-
-
-def state_of(statusword: int) -> DriveState:
-    """Return the state in a statusword; *not ready to switch on* if the bits encode no state."""
-    return _decoded(statusword) or DriveState.NOT_READY_TO_SWITCH_ON

@@ -13,25 +13,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
+from hardware.canopen import maps
 from hardware.canopen.bus_profile import BusProfile, JointProfile, format_map
-from hardware.canopen.maps import (
-    ABSENT,
-    EVERY_SYNC,
-    EXTENDED,
-    GENERATES_SYNC,
-    IDENTIFIER,
-    INHIBIT,
-    MAX_INHIBIT_S,
-    NOT_VALID,
-    SYNC_START,
-    PdoRecords,
-    conflicting_pdos,
-    inhibit_s,
-    pdo_name,
-    pdo_records,
-    read_map,
-    read_number,
-)
 from hardware.canopen.objects import (
     POSITION_OFFSET,
     TARGET_TORQUE,
@@ -49,7 +32,7 @@ from hardware.errors import (
     ZeroingFailed,
 )
 
-_NO_REMOTE_REQUEST: Final = GENERATES_SYNC
+_NO_REMOTE_REQUEST: Final = maps.GENERATES_SYNC
 """Bit 30 of a PDO's COB-ID (no remote request), which is left as it is in the drive."""
 _ADDED_OBJECTS: Final = (TARGET_TORQUE, TORQUE_OFFSET, POSITION_OFFSET)
 """Objects that a drive adds to its commands."""
@@ -135,7 +118,7 @@ def _nonzero_objects(
         try:
             data = access.read(joint.node, index)
         except SdoRefused as refusal:
-            if refusal.code in ABSENT:
+            if refusal.code in maps.ABSENT:
                 continue
             raise
         if value := int.from_bytes(data, "little", signed=True):
@@ -146,11 +129,11 @@ def plan_changes(access: ObjectAccess, profile: BusProfile) -> tuple[PdoChange, 
     """Return the changes that `configure` would write; only reads. `PdoSetupFailed` if a drive lacks a PDO."""
     changes, missing = list[PdoChange](), list[str]()
     for joint in profile.joints:
-        for number, index, value in conflicting_pdos(access, joint.node, profile, joint):
-            who = f"{profile.who(joint.node)}: {pdo_name(index, number)}"
-            text = f"{who} was on {value & IDENTIFIER:03X}h, an identifier of this arm, and is switched off"
+        for number, index, value in maps.conflicting_pdos(access, joint.node, profile, joint):
+            who = f"{profile.who(joint.node)}: {maps.pdo_name(index, number)}"
+            text = f"{who} was on {value & maps.IDENTIFIER:03X}h, an identifier of this arm, and is switched off"
             changes.append(PdoChange(text, joint.node, ((_invalidate(index, value),), (), ())))
-        for records in pdo_records(joint):
+        for records in maps.pdo_records(joint):
             change = _change(access, profile, joint.node, records)
             if isinstance(change, str):
                 missing.append(change)
@@ -162,17 +145,20 @@ def plan_changes(access: ObjectAccess, profile: BusProfile) -> tuple[PdoChange, 
 
 
 def _change(
-    access: ObjectAccess, profile: BusProfile, node: int, records: PdoRecords
+    access: ObjectAccess, profile: BusProfile, node: int, records: maps.PdoRecords
 ) -> PdoChange | str | None:
     """Return the change that sets a PDO as in the profile; None if unnecessary, a sentence if the PDO is absent."""
     pdo, communication, mapping, types = records
-    cob_id, entries = read_number(access, node, communication, 1), read_map(access, node, mapping)
+    cob_id, entries = (
+        maps.read_number(access, node, communication, 1),
+        maps.read_map(access, node, mapping),
+    )
     if cob_id is None or entries is None:
         index = communication if cob_id is None else mapping
         return str(ObjectMismatch(node, index, None, "a PDO to set up", "no such object"))
-    transmission = read_number(access, node, communication, 2) or 0
-    inhibited = inhibit_s(access, node, communication) >= MAX_INHIBIT_S
-    has_sync_start = bool(read_number(access, node, communication, SYNC_START))
+    transmission = maps.read_number(access, node, communication, 2) or 0
+    inhibited = maps.inhibit_s(access, node, communication) >= maps.MAX_INHIBIT_S
+    has_sync_start = bool(maps.read_number(access, node, communication, maps.SYNC_START))
     writes = list[ObjectWrite]()
     if entries != pdo.entries:
         reason = f"required map: {format_map(pdo.entries)}"
@@ -184,16 +170,16 @@ def _change(
         writes.append((mapping, 0, len(pdo.entries), 1, reason))
     if transmission not in types:
         writes.append((communication, 2, types[-1], 1, f"required transmission type: {types[-1]}"))
-    if types is EVERY_SYNC and inhibited:
-        writes.append((communication, INHIBIT, 0, 2, "required inhibit time: 0"))
-    if types is EVERY_SYNC and has_sync_start:
-        writes.append((communication, SYNC_START, 0, 1, "required SYNC start value: 0"))
-    if not writes and cob_id & (IDENTIFIER | EXTENDED | NOT_VALID) == pdo.cob_id:
+    if types is maps.EVERY_SYNC and inhibited:
+        writes.append((communication, maps.INHIBIT, 0, 2, "required inhibit time: 0"))
+    if types is maps.EVERY_SYNC and has_sync_start:
+        writes.append((communication, maps.SYNC_START, 0, 1, "required SYNC start value: 0"))
+    if not writes and cob_id & (maps.IDENTIFIER | maps.EXTENDED | maps.NOT_VALID) == pdo.cob_id:
         return None
-    invalid, new_id = bool(cob_id & NOT_VALID), cob_id & _NO_REMOTE_REQUEST | pdo.cob_id
+    invalid, new_id = bool(cob_id & maps.NOT_VALID), cob_id & _NO_REMOTE_REQUEST | pdo.cob_id
     text = (
-        f"{profile.who(node)}: {pdo_name(communication, pdo.number)} is {format_map(pdo.entries)} on "
-        f"{pdo.cob_id:03X}h; it was {'off, ' * invalid}{format_map(entries)} on {cob_id & IDENTIFIER:03X}h, type "
+        f"{profile.who(node)}: {maps.pdo_name(communication, pdo.number)} is {format_map(pdo.entries)} on "
+        f"{pdo.cob_id:03X}h; it was {'off, ' * invalid}{format_map(entries)} on {cob_id & maps.IDENTIFIER:03X}h, type "
         f"{transmission}{', inhibited' * inhibited}{', with a SYNC start value' * has_sync_start}"
     )
     valid = (communication, 1, new_id, 4, f"required identifier: {pdo.cob_id:03X}h")
@@ -203,4 +189,10 @@ def _change(
 
 
 def _invalidate(communication: int, cob_id: int) -> ObjectWrite:
-    return communication, 1, cob_id | NOT_VALID, 4, "it must be switched off while it is set up"
+    return (
+        communication,
+        1,
+        cob_id | maps.NOT_VALID,
+        4,
+        "it must be switched off while it is set up",
+    )

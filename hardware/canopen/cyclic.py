@@ -39,23 +39,16 @@ Setpoints = tuple[Setpoint, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sample:
-    """Answers of all joints to one SYNC; a joint in `missing` keeps its last values.
-
-    Attributes
-    ----------
-    sync_count
-        SYNCs since the connection began.
-    statuswords, counts, torques_per_mille
-        6041h, 6064h and 6077h of joints 1..n.
-    missing
-        Joints that did not answer this SYNC in time, or answered twice.
-    """
+    """Answers of all joints to one SYNC; a joint in `missing` keeps its last values."""
 
     sync_count: int
+    """SYNCs since the connection began."""
     statuswords: tuple[int, ...]
     counts: tuple[int, ...]
     torques_per_mille: tuple[int, ...]
+    """The three tuples: 6041h, 6064h and 6077h of joints 1..n."""
     missing: tuple[int, ...] = ()
+    """Joints that did not answer this SYNC in time, or answered twice."""
 
     @property
     def complete(self) -> bool:

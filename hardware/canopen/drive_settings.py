@@ -103,22 +103,15 @@ MIN_WINDOW_COUNTS = 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveFacts:
-    """Settings of one joint's drive; each is None if the drive lacks the object.
-
-    Attributes
-    ----------
-    unsupported_modes
-        6060h codes that the profile uses and 6502h does not list.
-    quick_stop_option
-        605Ah: if 5 or more, the drive holds after a quick stop.
-    operator_timeout_s
-        1016h: silence of node 127 after which the drive stops by itself.
-    """
+    """Settings of one joint's drive; each is None if the drive lacks the object."""
 
     joint: int
     unsupported_modes: tuple[int, ...] | None
+    """6060h codes that the profile uses and 6502h does not list."""
     quick_stop_option: int | None
+    """605Ah: if 5 or more, the drive holds after a quick stop."""
     operator_timeout_s: float | None
+    """1016h: silence of node 127 after which the drive stops by itself."""
 
 
 def read_drive_facts(access: ObjectAccess, profile: BusProfile) -> tuple[DriveFacts, ...]:

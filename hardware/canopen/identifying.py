@@ -13,11 +13,11 @@ from hardware.arm_description import (
     JointScale,
 )
 from hardware.canopen import objects
-from hardware.canopen.bus_profile import BusProfile, JointProfile
-from hardware.canopen.maps import ABSENT, read_number
+from hardware.canopen.bus_profile import BusProfile
+from hardware.canopen.maps import ABSENT, read_if_present, read_number
 from hardware.canopen.objects import SensorKind
 from hardware.canopen.sdo import ObjectAccess
-from hardware.command_limits import JointLimits, joint_limits
+from hardware.command_limits import JointLimits, arm_limits
 from hardware.errors import SdoRefused, WrongArm
 
 
@@ -28,6 +28,10 @@ def read_identity(
 
     Without a supervisor, the model is taken from the arm file and the serial number from the bus profile.
     """
+
+    def optional(node: int, sub: int) -> int:
+        return read_number(access, node, objects.IDENTITY, sub) or 0
+
     supervisor = profile.supervisor
     nodes = [(node, f"joint {joint}") for joint, node in enumerate(profile.drives, 1)]
     if supervisor is not None:
@@ -44,15 +48,12 @@ def read_identity(
             NodeIdentity(
                 node=node,
                 role=role,
-                device_name=_text(access, node, objects.DEVICE_NAME),
+                device_name=read_if_present(access.read_text, node, objects.DEVICE_NAME) or "",
                 # CiA 301 requires the vendor only.
                 vendor_id=access.read_unsigned(node, objects.IDENTITY, objects.IDENTITY_VENDOR),
-                product_code=read_number(access, node, objects.IDENTITY, objects.IDENTITY_PRODUCT)
-                or 0,
-                revision=read_number(access, node, objects.IDENTITY, objects.IDENTITY_REVISION)
-                or 0,
-                serial_number=read_number(access, node, objects.IDENTITY, objects.IDENTITY_SERIAL)
-                or 0,
+                product_code=optional(node, objects.IDENTITY_PRODUCT),
+                revision=optional(node, objects.IDENTITY_REVISION),
+                serial_number=optional(node, objects.IDENTITY_SERIAL),
             )
             for node, role in nodes
         ),
@@ -69,8 +70,14 @@ def check_arm(
 
     Raises `WrongArm` with all differences.
     """
-    differences = list(_arm_differences(access, identity, description, profile.supervisor))
-    limits = limits_of(description, profile)
+    differences, expected_joints = [], len(description.joints)
+    if identity.model != description.model:
+        differences.append(f"its model is {identity.model!r}, expected {description.model!r}")
+    if profile.supervisor is not None:
+        joints = access.read_unsigned(profile.supervisor, objects.ARM, objects.ARM_JOINTS)
+        if joints != expected_joints:
+            differences.append(f"it has {joints} joints, expected {expected_joints}")
+    limits = arm_limits(description.joints, scales_of(description, profile))
     for joint, expected in enumerate(description.joints, 1):
         try:
             differences += [
@@ -92,28 +99,17 @@ def check_arm(
         )
 
 
-def scale_of(joint: JointDescription, drive: JointProfile) -> JointScale:
-    """Return the scale of a joint's counts: the sensor's, unless the profile states counts per turn."""
-    per_rad = joint.sensor.counts_per_rad
-    if drive.counts_per_rev is not None:
-        per_rad = drive.counts_per_rev / math.tau
-    return JointScale(counts_per_rad=drive.direction * per_rad, zero_counts=drive.zero_counts)
-
-
-def limits_of(description: ArmDescription, profile: BusProfile) -> tuple[JointLimits, ...]:
-    """Return the command limits of every joint, in counts of its drive."""
-    return tuple(
-        joint_limits(
-            number,
-            scale_of(joint, drive),
-            lower_rad=joint.lower_rad,
-            upper_rad=joint.upper_rad,
-            max_speed_rad_per_s=joint.max_speed_rad_per_s,
+def scales_of(description: ArmDescription, profile: BusProfile) -> tuple[JointScale, ...]:
+    """Return the scale of every joint's counts: its sensor's, unless the profile states counts per turn."""
+    scales = []
+    for joint, drive in zip(description.joints, profile.joints, strict=True):
+        per_rad = joint.sensor.counts_per_rad
+        if drive.counts_per_rev is not None:
+            per_rad = drive.counts_per_rev / math.tau
+        scales.append(
+            JointScale(counts_per_rad=drive.direction * per_rad, zero_counts=drive.zero_counts)
         )
-        for number, (joint, drive) in enumerate(
-            zip(description.joints, profile.joints, strict=True), 1
-        )
-    )
+    return tuple(scales)
 
 
 def read_rated_torques_nm(access: ObjectAccess, profile: BusProfile) -> tuple[float, ...]:
@@ -133,18 +129,6 @@ def read_rated_torques_nm(access: ObjectAccess, profile: BusProfile) -> tuple[fl
     return tuple(torques)
 
 
-def _arm_differences(
-    access: ObjectAccess, identity: ArmIdentity, description: ArmDescription, supervisor: int | None
-) -> Iterable[str]:
-    if identity.model != description.model:
-        yield f"its model is {identity.model!r}, expected {description.model!r}"
-    if supervisor is None:
-        return
-    joints = access.read_unsigned(supervisor, objects.ARM, objects.ARM_JOINTS)
-    if joints != len(description.joints):
-        yield f"it has {joints} joints, expected {len(description.joints)}"
-
-
 def _joint_differences(
     access: ObjectAccess,
     joint: int,
@@ -159,22 +143,16 @@ def _joint_differences(
         return
     yield from _sensor_differences(access, joint, expected, profile)
     if objects.POSITION_LIMITS in profile.compared:
-        yield from _range_differences(access, node, limits)
+        lower, upper = (access.read_signed(node, objects.POSITION_LIMITS, sub) for sub in (1, 2))
+        if (lower, upper) != (limits.lower_counts, limits.upper_counts):
+            expected_range = f"{limits.lower_counts} .. {limits.upper_counts}"
+            yield f"has the range {lower} .. {upper} counts, expected {expected_range}"
     if objects.CONTROL_PERIOD not in profile.compared:
         return
     digits = access.read_unsigned(node, objects.CONTROL_PERIOD, 1)
     period_s = digits * 10.0 ** access.read_signed(node, objects.CONTROL_PERIOD, 2)
     if abs(period_s - objects.CONTROL_PERIOD_S) > 1e-9:
         yield f"has a control period of {period_s:g} s, expected {objects.CONTROL_PERIOD_S:g} s"
-
-
-def _range_differences(access: ObjectAccess, node: int, limits: JointLimits) -> Iterable[str]:
-    ends = tuple(access.read_signed(node, objects.POSITION_LIMITS, sub) for sub in (1, 2))
-    if ends != (limits.lower_counts, limits.upper_counts):
-        yield (
-            f"has the range {ends[0]} .. {ends[1]} counts, expected "
-            f"{limits.lower_counts} .. {limits.upper_counts}"
-        )
 
 
 def _sensor_differences(
@@ -215,12 +193,3 @@ def _sensor_differences(
             f"has an RVDT of {full_scale * 1e-6:.6f} deg full scale, expected "
             f"{sensor.full_scale_microdegrees * 1e-6:.6f} deg"
         )
-
-
-def _text(access: ObjectAccess, node: int, index: int) -> str:
-    try:
-        return access.read_text(node, index)
-    except SdoRefused as refusal:
-        if refusal.code in ABSENT:
-            return ""
-        raise

@@ -6,9 +6,9 @@ wrong. So all PDOs are compared; afterwards the first position by PDO is compare
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from hardware.canopen import objects
 from hardware.canopen.bus_profile import BusProfile, Entry, JointProfile, Pdo, format_map
@@ -48,6 +48,7 @@ _RESERVED = frozenset(
 )
 """Identifiers of NMT, SYNC, and of EMCY, SDO and heartbeat of all nodes."""
 ABSENT = frozenset({Abort.NO_OBJECT, Abort.NO_SUBINDEX})
+Value = TypeVar("Value")
 
 
 def check_mapping(access: ObjectAccess, profile: BusProfile, silent: Iterable[int] = ()) -> None:
@@ -222,8 +223,15 @@ def _cob_id(
 
 def read_number(access: ObjectAccess, node: int, index: int, sub: int) -> int | None:
     """Read an unsigned number; None if the object is absent."""
+    return read_if_present(access.read_unsigned, node, index, sub)
+
+
+def read_if_present(
+    read: Callable[[int, int, int], Value], node: int, index: int, sub: int = 0
+) -> Value | None:
+    """Return what `read` returns; None if the object is absent."""
     try:
-        return access.read_unsigned(node, index, sub)
+        return read(node, index, sub)
     except SdoRefused as refusal:
         if refusal.code in ABSENT:
             return None

@@ -142,7 +142,6 @@ class ObjectAccess:
         return self.read_once(node, index, subindex)
 
     def _require_answers(self) -> None:
-        """Raise `FramesLost` if nodes on the bus left too many requests unanswered."""
         requests = self._network.asked
         unanswered = {
             n: (k, requests[n]) for n, k in sorted(self._unanswered.items()) if self._answered[n]

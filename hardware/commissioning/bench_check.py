@@ -44,19 +44,7 @@ NOT_TESTED: Final = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bench:
-    """An arm on the bench, not yet connected, and the settings of the check.
-
-    Attributes
-    ----------
-    description
-        The arm file's joints.
-    ask
-        Function that asks the person beside the arm.
-    step_rad, speed_rad_per_s
-        Angle and speed of the test motion of each joint.
-    interrupt
-        Function that simulates Ctrl-C; None if that is not possible.
-    """
+    """An arm on the bench, not yet connected, with the settings of the check and the test motion of each joint."""
 
     arm: ArmInterface
     description: ArmDescription
@@ -64,6 +52,7 @@ class Bench:
     step_rad: float
     speed_rad_per_s: float
     interrupt: Callable[[], None] | None = None
+    """Function that simulates Ctrl-C; None if that is not possible."""
     bounds: Bounds = BENCH
 
     @property
@@ -86,24 +75,20 @@ class Bench:
 
 def check(bench: Bench, *, last: Stage) -> Iterator[CheckFinding]:
     """Check an arm up to and including stage `last`, and yield the findings; the caller must always close the arm."""
-    identities: list[ArmIdentity] = []
-
-    def look() -> Iterator[Clause]:
-        identities.append(bench.arm.connect())
-        yield from _look(bench, identities[0])
-
-    stages: dict[Stage, Callable[[], Iterator[Clause]]] = {
-        Stage.LOOK: look,
-        Stage.HOLD: lambda: _hold(bench, identities[0]),
-        Stage.MOVE: lambda: _move(bench, identities[0]),
-        Stage.FREE: lambda: _free(bench),
-        Stage.LEAVE: lambda: _leave(bench, identities[0]),
-        Stage.SILENCE: lambda: _silence(bench),
+    identity: ArmIdentity | None = None
+    stages = {
+        Stage.LOOK: _look,
+        Stage.HOLD: _hold,
+        Stage.MOVE: _move,
+        Stage.FREE: _free,
+        Stage.LEAVE: _leave,
+        Stage.SILENCE: _silence,
     }
     for stage, run in stages.items():
         passed, names = True, set[str]()
         try:
-            for clause in run():
+            identity = identity or bench.arm.connect()
+            for clause in run(bench, identity):
                 names.add(clause.name)
                 passed = passed and clause.passed is not False
                 yield CheckFinding(stage=stage, **asdict(clause))
@@ -151,12 +136,9 @@ def _look(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
         "a move before control is taken",
         lambda: arm.move({1: position_rad}, speed_rad_per_s=bench.speed_rad_per_s),
     )
-    parameter_bytes = len(arm.active_parameters())
-    text = (
-        f"the arm stores a parameter document of {parameter_bytes} bytes"
-        if parameter_bytes
-        else "the arm stores no parameters"
-    )
+    text = "the arm stores no parameters"
+    if parameter_bytes := len(arm.active_parameters()):
+        text = f"the arm stores a parameter document of {parameter_bytes} bytes"
     yield Clause(name="parameters", passed=True, text=text)
     if isinstance(arm, CanopenArm):
         yield checks.excludes_others(arm)
@@ -253,7 +235,7 @@ def _turn(bench: Bench, joint: int) -> Iterator[Clause]:
     yield from checks.goes(back)
 
 
-def _free(bench: Bench) -> Iterator[Clause]:
+def _free(bench: Bench, _: ArmIdentity) -> Iterator[Clause]:
     arm = bench.arm
     for joint in range(1, bench.joints + 1):
         if not bench.ask(
@@ -291,9 +273,8 @@ def _leave(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
     yield from clauses.is_still("stays", before, after, bench.bounds)
 
 
-def _silence(bench: Bench) -> Iterator[Clause]:
+def _silence(bench: Bench, _: ArmIdentity) -> Iterator[Clause]:
     if isinstance(bench.arm, CanopenArm):
         yield from checks.stops_alone(bench.arm, bench.ask, bench.bounds)
     else:
-        text = "not tried: only for an arm on a CAN bus"
-        yield Clause(name="guard", passed=None, text=text)
+        yield Clause(name="guard", passed=None, text="not tried: only for an arm on a CAN bus")

@@ -20,15 +20,7 @@ _ABORT, _BLOCK_DOWNLOAD, _BLOCK_ANSWER = 0x80, 6, 5
 
 
 class BusMonitor:
-    """Takes in frames in order and describes what changed; `profile` defines the joints and their frames.
-
-    Attributes
-    ----------
-    positions, drives
-        Last 6064h and drive state of each joint.
-    nodes
-        NMT state in the last heartbeat of every node.
-    """
+    """Takes in frames in order and describes what changed; `profile` defines the joints and their frames."""
 
     def __init__(self, profile: BusProfile) -> None:
         self._joint_of = profile.joint_of
@@ -44,7 +36,9 @@ class BusMonitor:
         self.frames: Counter[int] = Counter()
         self.positions: dict[int, int] = {}
         self.drives: dict[int, DriveState] = {}
+        """Last 6064h (`positions`) and drive state of each joint."""
         self.nodes: dict[int, int] = {}
+        """NMT state in the last heartbeat of every node."""
         self._heard_s: dict[int, float] = {}
         self._silent: set[int] = set()
         self._modes: dict[int, int] = {}

@@ -53,38 +53,28 @@ _SUPERVISES: Final = ((objects.ARM, objects.ARM_JOINTS), (objects.TOKEN, 0))
 
 @dataclass(slots=True, kw_only=True)
 class FoundNode:
-    """One node that answers.
-
-    Attributes
-    ----------
-    device_type, device_name, serial_number
-        1000h; 1008h, empty if absent; 1018h sub 4, None if absent.
-    position_counts
-        6064h of a drive.
-    problems, unread, notes
-        Differences from the profile; reason if reading stopped early (also in `problems`), otherwise empty; remarks.
-    pdos, widths
-        PDOs of a drive, and the width in bits of each object that its PDOs must carry.
-    described
-        Objects of a drive that can be compared with an arm file.
-    supervises
-        Whether the node has the supervisor's objects 2020h (arm) and 2010h (control token).
-    """
+    """One node that answers."""
 
     node: int
     device_type: int
     device_name: str = ""
     serial_number: int | None = None
+    """1000h; 1008h, empty if absent; 1018h sub 4, None if absent."""
     drive: bool
     position_counts: int | None = None
+    """6064h of a drive."""
     heard: bool
     problems: tuple[str, ...] = ()
     pdos: tuple[DrivePdo, ...] = ()
     described: tuple[int, ...] = ()
+    """Objects of a drive that can be compared with an arm file."""
     supervises: bool = False
+    """Whether the node has the supervisor's objects 2020h (arm) and 2010h (control token)."""
     widths: Mapping[int, int] = field(default_factory=dict)
+    """Width in bits of each object that the PDOs of a drive must carry."""
     notes: tuple[str, ...] = ()
     unread: str = ""
+    """Why reading stopped early (also in `problems`); otherwise empty."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -122,7 +122,6 @@ def _obstacles(node: FoundNode) -> Iterator[str]:
 
 
 def _read_problem(node: FoundNode) -> str:
-    """Return why a drive's PDOs could not be read."""
     text = node.unread or next(iter(node.problems), "its PDOs could not be read")
     return text if text.lower().startswith(f"node {node.node}") else f"node {node.node}: {text}"
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from hardware.arm import (
@@ -16,9 +14,6 @@ from hardware.arm import (
     UploadReceipt,
     Watch,
 )
-from hardware.arm_description import ArmDescription
-from hardware.buses.python_can import ArmOnBus, BusOpeners, BusSettings
-from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.cia402 import TargetState, state_of
 from hardware.canopen.drive_settings import DriveFacts, read_drive_facts
 from hardware.canopen.objects import ERROR_CODE, OPERATOR_NODE, emergency_text
@@ -36,52 +31,13 @@ from hardware.errors import (
     Stopped,
 )
 from hardware.monitors.admission import admit_move, not_enabled
-from hardware.timing import Pace, Timing
+from hardware.monitors.joint_monitor import stop_error
 
 MODE_ATTEMPTS: Final = 6
 
 
 class CanopenArm(ConnectableArm):
-    """An arm of CiA 402 joints on a CAN bus, with or without a supervisor; see `hardware.arm.ArmInterface`.
-
-    Parameters
-    ----------
-    description, settings, profile
-        The expected arm, its bus, and how its nodes are set up.
-    pace
-        `Pace.FAST_FORWARD` is for simulated arms only: a real arm needs SYNC at all times.
-    record_to
-        File to record the bus to (``.blf`` or another format of python-can); None: no recording.
-    timing
-        Periods and time-outs of the control loop.
-    openers
-        Functions that open the bus; by default those that use `settings`.
-    clock
-        Function that returns this computer's monotonic time, s.
-    """
-
-    def __init__(
-        self,
-        description: ArmDescription,
-        settings: BusSettings,
-        profile: BusProfile,
-        *,
-        pace: Pace = Pace.REAL_TIME,
-        record_to: Path | None = None,
-        timing: Timing | None = None,
-        openers: BusOpeners | None = None,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        on_bus = ArmOnBus(
-            description=description,
-            settings=settings,
-            profile=profile,
-            pace=pace,
-            timing=timing or Timing(),
-            openers=openers or BusOpeners(),
-        )
-        super().__init__(on_bus, record_to, clock)
-        self._n = len(description.joints)
+    """An arm of CiA 402 joints on a CAN bus, with or without a supervisor; see `hardware.arm.ArmInterface`."""
 
     def snapshot(self) -> ArmSnapshot:
         """Return the latest state; never blocks, and may be called from any thread."""
@@ -103,8 +59,8 @@ class CanopenArm(ConnectableArm):
 
         Raises `ModeNotReached` for the first joint whose drive does not confirm its mode or follow its target.
         """
-        if len(modes) != self._n:
-            raise ValueError(f"{self._n} joints need one mode each, not {len(modes)}")
+        if len(modes) != self.joints:
+            raise ValueError(f"{self.joints} joints need one mode each, not {len(modes)}")
         self._set_modes(modes)
         joint = motion_steps.not_following(self._link.loop.sample, modes)
         if joint is not None:
@@ -170,7 +126,7 @@ class CanopenArm(ConnectableArm):
 
     def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
         """Wait until each joint's last `window` positions span no more than `spread_rad`; false on time-out."""
-        if len(spread_rad) != self._n or window < 1:
+        if len(spread_rad) != self.joints or window < 1:
             raise ValueError("settling needs one spread per joint and a window of at least 1")
         link = self._link
         settled: bool = link.loop.run(
@@ -192,7 +148,7 @@ class CanopenArm(ConnectableArm):
     def hold(self) -> None:
         """Put all joints into position mode: free joints at their positions, the others at their last targets."""
         # A sensor fault or another master is no reason not to hold.
-        self._set_modes([JointMode.POSITION] * self._n, despite=(SensorFault, OtherMaster))
+        self._set_modes([JointMode.POSITION] * self.joints, despite=(SensorFault, OtherMaster))
 
     def reset_stop(self) -> None:
         """Clear the STOP latch and the drives' faults; the drives stay disabled until `take_control`.
@@ -201,7 +157,7 @@ class CanopenArm(ConnectableArm):
         """
         link, press = self._link, self._latch.last_press
         not_reached = link.loop.run(
-            motion_steps.reset(link.loop, link.loop.forget_faults, press=press),
+            motion_steps.reset(link.loop, press=press),
             despite=(Stopped, DriveFault, SensorFault, OtherMaster),
         )
         link.read_modes()
@@ -214,15 +170,7 @@ class CanopenArm(ConnectableArm):
 
     def another(self) -> CanopenArm:
         """Return a second, unconnected arm object for the same arm and bus, like that of another program."""
-        setup = self.on_bus
-        return CanopenArm(
-            setup.description,
-            setup.settings,
-            setup.profile,
-            pace=setup.pace,
-            timing=setup.timing,
-            openers=setup.openers,
-        )
+        return CanopenArm(self.on_bus)
 
     def upload_parameters(self, document: bytes) -> UploadReceipt:
         """Stage, read back and commit a document, and read the home offsets back.
@@ -246,8 +194,8 @@ class CanopenArm(ConnectableArm):
 
     @staticmethod
     def _raise_if_stopped(link: Connection) -> None:
-        if link.loop.stop_latched:
-            raise link.loop.watch.stop_cause()
+        if link.loop.latch.latched:
+            raise stop_error(link.loop.watch.divergence)
 
     @staticmethod
     def _raise_for_drives(link: Connection, joints: tuple[int, ...], required: str) -> None:

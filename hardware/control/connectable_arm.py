@@ -8,59 +8,48 @@ from __future__ import annotations
 
 import contextlib
 import threading
+import time
 from collections.abc import Callable, Generator
 from pathlib import Path
 
+from hardware import errors
 from hardware.arm import ArmIdentity, DriveState
 from hardware.buses.python_can import ArmOnBus
-from hardware.canopen.cia402 import CLOSED_LOOP_STATES, TargetState, reached, state_of
+from hardware.canopen.cia402 import CLOSED_LOOP_STATES, TargetState, state_of
 from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.control import motion_steps
 from hardware.control.connection import Connection
 from hardware.control.control_loop import ControlLoop
+from hardware.control.start_up import StartUp
 from hardware.control.stop_line import StopLatch
-from hardware.errors import (
-    BusError,
-    CommandRefused,
-    ControlDenied,
-    DriveFault,
-    DuplicateNodeId,
-    HardwareError,
-    NodeRestarted,
-    OtherMaster,
-    SensorFault,
-    Stopped,
-)
 
-_IGNORED_ALARMS: tuple[type[HardwareError], ...] = (
-    DriveFault,
-    ControlDenied,
-    SensorFault,
-    OtherMaster,
-    DuplicateNodeId,
-    NodeRestarted,
-    CommandRefused,
+_IGNORED_ALARMS: tuple[type[errors.HardwareError], ...] = (
+    errors.DriveFault,
+    errors.ControlDenied,
+    errors.SensorFault,
+    errors.OtherMaster,
+    errors.DuplicateNodeId,
+    errors.NodeRestarted,
+    errors.CommandRefused,
 )
 
 
 class ConnectableArm:
-    """An arm on a CAN bus that can be connected, stopped and released.
-
-    Attributes
-    ----------
-    on_bus
-        The expected arm and its bus.
-    record_to
-        File to record the bus to from the next connection on; None: no recording.
-    left_powered
-        Joints whose drives reported power when the arm was last closed, including drives that hold after STOP.
-    """
+    """An arm on a CAN bus that can be connected, stopped and released."""
 
     def __init__(
-        self, on_bus: ArmOnBus, record_to: Path | None, clock: Callable[[], float]
+        self,
+        on_bus: ArmOnBus,
+        *,
+        record_to: Path | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.on_bus, self.record_to, self._clock = on_bus, record_to, clock
+        """File to record the bus to (``.blf`` or another format of python-can) from the next connection on; None: no
+        recording."""
+        self.joints = len(on_bus.description.joints)
         self.left_powered: tuple[int, ...] = ()
+        """Joints whose drives reported power when the arm was last closed, including drives that hold after STOP."""
         self._latch = StopLatch()  # outlives a connection: a new one does not lift a STOP
         self._takes_over = False
         self._connection: Connection | None = None
@@ -75,14 +64,14 @@ class ConnectableArm:
         """The open connection; `BusError` if there is none."""
         link = self._connection
         if link is None:
-            raise BusError("The arm is not connected.")
+            raise errors.BusError("The arm is not connected.")
         return link
 
     @property
     def recording_failure(self) -> str | None:
         """Why the recording ended early (for example a full disk); None if it did not."""
         link = self._connection
-        return self._recording_failure if link is None else link.recording_failure
+        return self._recording_failure if link is None else link.wire.recording_failure
 
     def take_over(self) -> None:
         """Allow the next connection to reset drives that stay enabled although no operator's heartbeat is heard."""
@@ -102,7 +91,7 @@ class ConnectableArm:
             # For this connection only: another program may enable drives later.
             takes_over, self._takes_over = self._takes_over, False
             try:
-                identity = connection.open(press, takes_over=takes_over)
+                identity = StartUp(connection).run(press, takes_over=takes_over)
             except BaseException:
                 connection.close()
                 raise
@@ -137,7 +126,7 @@ class ConnectableArm:
         # In this order: a connection is `_opening` until it is `_connection`.
         connecting, link = self._connecting, self._opening or self._connection
         if link is None and not connecting:
-            raise BusError("The arm is not connected.")
+            raise errors.BusError("The arm is not connected.")
         self._latch.press()
         if link is not None:
             link.send_quick_stops()
@@ -167,13 +156,13 @@ class ConnectableArm:
             if not link.in_control:
                 # An earlier or another program may have left drives with power.
                 last = link.loop.sample
-                self._left_held = not link.is_lost() and not _following(last)
+                self._left_held = not link.is_lost() and _stopped(last)
                 self.left_powered = _powered(last)
                 return
             sample = release_arm(link.loop)
             if sample is not None:
-                self._left_held, self.left_powered = not _following(sample), _powered(sample)
-            with contextlib.suppress(HardwareError):  # it lapses with the heartbeat
+                self._left_held, self.left_powered = _stopped(sample), _powered(sample)
+            with contextlib.suppress(errors.HardwareError):  # it lapses with the heartbeat
                 link.release_token()
         finally:
             self._end(link)
@@ -181,7 +170,7 @@ class ConnectableArm:
     def _end(self, link: Connection) -> None:
         self._takes_over = link.left_enabled
         link.close()
-        self._recording_failure = link.recording_failure
+        self._recording_failure = link.wire.recording_failure
 
 
 def release_arm(loop: ControlLoop) -> Sample | None:
@@ -191,14 +180,20 @@ def release_arm(loop: ControlLoop) -> Sample | None:
     """
     # A latched STOP holds the drives by itself; a stop that the supervisor reports does not. If one node is silent,
     # the other drives are switched off nevertheless.
-    ignored = (*_IGNORED_ALARMS, BusError, *(() if loop.stop_latched else (Stopped,)))
+    ignored = (
+        *_IGNORED_ALARMS,
+        errors.BusError,
+        *(() if loop.latch.latched else (errors.Stopped,)),
+    )
     try:
-        with contextlib.suppress(Stopped):  # by the latch: only quick stop is sent from now on
+        with contextlib.suppress(
+            errors.Stopped
+        ):  # by the latch: only quick stop is sent from now on
             if loop.commands is not None:
                 loop.run(motion_steps.hold_all(loop), despite=ignored)
             loop.run(motion_steps.drive_to(loop, TargetState.DISABLED), despite=ignored)
-        sample: Sample = loop.run(_wait_until_off(loop), despite=(*_IGNORED_ALARMS, Stopped))
-    except HardwareError:  # the drives hold without an operator too
+        sample: Sample = loop.run(_wait_until_off(loop), despite=(*_IGNORED_ALARMS, errors.Stopped))
+    except errors.HardwareError:  # the drives hold without an operator too
         return None
     return sample
 
@@ -208,19 +203,17 @@ def _wait_until_off(loop: ControlLoop) -> Generator[Setpoints | None, Sample, Sa
     sample = yield None
     for _ in range(motion_steps.TRANSITION_SYNCS):
         motion_steps.raise_alarm(loop)
-        if not (_following(sample) if loop.stop_latched else _powered(sample)):
+        if _stopped(sample) if loop.latch.latched else not _powered(sample):
             break
         sample = yield None
     return sample
 
 
-def _following(sample: Sample) -> tuple[int, ...]:
-    """Return the joints whose drives may still follow a command: neither off nor stopped."""
-    states = enumerate(map(state_of, sample.statuswords), 1)
-    return tuple(joint for joint, state in states if not reached(state, TargetState.STOPPED))
+def _stopped(sample: Sample) -> bool:
+    """Whether no drive may still follow a command: each is off or stopped."""
+    return not motion_steps.not_reached(sample, TargetState.STOPPED)
 
 
 def _powered(sample: Sample) -> tuple[int, ...]:
-    """Return the joints whose drives are powered."""
     states = enumerate(map(state_of, sample.statuswords), 1)
     return tuple(joint for joint, state in states if state in CLOSED_LOOP_STATES)

@@ -9,21 +9,21 @@ from typing import Final
 
 import can
 
-from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, HostLatency, JointMode
+from hardware.arm import ArmSnapshot, DriveState, HostLatency, JointMode
 from hardware.arm_description import EncoderDescription
 from hardware.buses.acceptance_filters import operator_filters, set_hardware_filters
 from hardware.buses.python_can import ArmOnBus, stamping_clock
 from hardware.buses.shared_bus import SharedBus
-from hardware.canopen import identifying
 from hardware.canopen.cia402 import POWERED_STATES, state_of
 from hardware.canopen.cyclic import Sample, Setpoints, frames_of
+from hardware.canopen.identifying import scales_of
 from hardware.canopen.maps import POSITION_AGREEMENT_RAD, check_mapping, check_positions
 from hardware.canopen.objects import MODE_DISPLAY, OPERATOR_NODE, STATUSWORD, TOKEN, Abort
 from hardware.canopen.sdo import ObjectAccess
+from hardware.command_limits import arm_limits
 from hardware.control import motion_steps, uploading
 from hardware.control.control_loop import ControlLoop
 from hardware.control.sampling import build_snapshot
-from hardware.control.start_up import StartUp
 from hardware.control.stop_line import StopLatch, StopLine
 from hardware.errors import (
     BusError,
@@ -44,25 +44,7 @@ POSITION_RECHECKS: Final = 3
 
 
 class Connection:
-    """A connection to an arm.
-
-    Attributes
-    ----------
-    on_bus, wire
-        The expected arm with its settings, and the opened bus.
-    loop, access, stop_line
-        Control loop, object access, and the path by which STOP is sent.
-    limits, scales
-        Limits and scales of joints 1..n.
-    rated_torques_nm
-        Torques of joints 1..n at 1000 per mille in 6077h, N m.
-    modes
-        6061h of each drive as last read; None if it is neither position nor free.
-    token
-        Holder of the control token as last read or written; OPERATOR_NODE may also stand for an earlier operator.
-    in_control, took_control
-        Whether this program is in control now, and whether it was in control at any time in this connection.
-    """
+    """A connection to an arm."""
 
     def __init__(
         self,
@@ -76,17 +58,18 @@ class Connection:
         timing = on_bus.timing
         self.profile = profile
         self.on_bus, self._timing, self._clock = on_bus, timing, clock
-        self.scales = tuple(
-            identifying.scale_of(joint, drive)
-            for joint, drive in zip(description.joints, profile.joints, strict=True)
-        )
-        self.limits = identifying.limits_of(description, profile)
+        self.scales = scales_of(description, profile)
+        self.limits = arm_limits(description.joints, self.scales)
         self.modes: tuple[JointMode | None, ...] = (None,) * len(profile.joints)
+        """6061h of each drive as last read; None if it is neither position nor free."""
         self.token = 0
+        """Holder of the control token as last read or written; OPERATOR_NODE may also stand for an earlier operator."""
         self.in_control = self.took_control = False
+        """Whether this program is in control now, and whether it was at any time in this connection."""
         self._late_before_control = 0
         self._compares_positions = True
         self.rated_torques_nm: tuple[float, ...] = (0.0,) * len(profile.joints)
+        """Torques of joints 1..n at 1000 per mille in 6077h, N m."""
         bus = on_bus.openers.main(settings)
         if record_to is None:  # a recording needs all frames
             set_hardware_filters(bus, operator_filters(profile))
@@ -125,21 +108,8 @@ class Connection:
         except BusError:
             return None
 
-    def open(self, press: object | None = None, *, takes_over: bool = False) -> ArmIdentity:
-        """Find the nodes, check them, start heartbeat and SYNC.
-
-        A STOP pressed after `press` cancels the connection. With `takes_over`, drives that stay enabled although no
-        operator is heard are taken over; otherwise `ArmInUse` is raised.
-        """
-        start_up = StartUp(self)
-        try:
-            return start_up.run(press, takes_over=takes_over)
-        except BaseException as failure:
-            start_up.undo(failure)
-            raise
-
     def read_states(self) -> tuple[DriveState, ...]:
-        """Read the state of every drive (6041h) by SDO; needs no `open`."""
+        """Read the state of every drive (6041h) by SDO; needs no start-up."""
         self.loop.start()
         statuswords = (self.access.read_unsigned(node, STATUSWORD) for node in self.profile.drives)
         return tuple(map(state_of, statuswords))
@@ -149,11 +119,6 @@ class Connection:
         self.loop.close()
         self.stop_line.close()
         self.wire.close()
-
-    @property
-    def recording_failure(self) -> str | None:
-        """Why the recording ended early; None if it did not."""
-        return self.wire.recording_failure
 
     @property
     def left_enabled(self) -> bool:
@@ -282,7 +247,7 @@ class Connection:
             self.limits,
             self.modes,
             in_control=self.in_control,
-            stopped=self.loop.stop_latched,
+            stopped=self.loop.latch.latched,
             sample=sample,
             before=before,
             commands=commands,

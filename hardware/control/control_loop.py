@@ -12,6 +12,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -22,7 +23,7 @@ from hardware.canopen.cyclic import Abandoned, Sample, Setpoints, frames_of
 from hardware.canopen.objects import NmtState
 from hardware.control.sampling import CommandSender, CyclicView, Sampler
 from hardware.control.stop_line import StopLatch
-from hardware.control.tasks import LoopTask, Steps, TaskQueue
+from hardware.control.tasks import LoopTask, Steps
 from hardware.errors import BusError, HardwareError
 from hardware.monitors.joint_monitor import JointMonitor, alarms
 from hardware.monitors.node_monitor import NodeMonitor
@@ -44,33 +45,10 @@ SYNCS_AFTER_STOP = 20
 class ControlLoop:
     """Runs the cyclic traffic of an arm.
 
-    Parameters
-    ----------
-    wire, profile, pace, timing
-        The bus, its nodes and frames, and when SYNC is sent.
-    on_sdo
-        Called in the loop's thread with identifier and data of every SDO answer and foreign SDO request; must not wait.
-    allow
-        Called before new commands are sent, with (sample, last commands, new commands); may raise `CommandRefused`.
-    quick_stop
-        Sends quick stop to all drives; must not wait.
-    watch, latch
-        Monitors of the joints, and the STOP latch, which may outlive the connection.
-    clock, stamps
-        Functions that return monotonic time and the time on the clock that stamps frames, s; see `LatencyMonitor`.
-
-    Attributes
-    ----------
-    latency
-        Monitor of the host's latency, which the nodes' time-outs exclude.
-    commands
-        Commands sent last; None before control was taken.
-    moving
-        Whether steps are moving the arm.
-    failure
-        Error that ended the thread; None if there is none.
-    heartbeat_timeout_s
-        Silence after which a node is lost; set before `begin_sync`.
+    `on_sdo` is called in the loop's thread with identifier and data of every SDO answer and foreign SDO request, and
+    must not wait; nor must `quick_stop`, which sends quick stop to all drives. `allow` is called before new commands
+    are sent, with (sample, last commands, new commands), and may raise `CommandRefused`. For `clock` and `stamps` see
+    `LatencyMonitor`.
     """
 
     def __init__(
@@ -89,12 +67,16 @@ class ControlLoop:
         stamps: Callable[[], float] | None = None,
     ) -> None:
         self.latency = LatencyMonitor(clock, stamps, arm_waits=pace is Pace.FAST_FORWARD)
+        """Monitor of the host's latency, which the nodes' time-outs exclude."""
         self.nodes = NodeMonitor(profile, lambda: self.latency.listened_s)
         self.commands: Setpoints | None = None
+        """Commands sent last; None before control was taken."""
         self.latch = latch or StopLatch()
         self.watch = watch or JointMonitor()
         self.moving = False
+        """Whether steps are moving the arm."""
         self.failure: HardwareError | None = None
+        """Error that ended the thread; None if there is none."""
         self._wire, self._pace = wire, pace
         self._on_sdo, self._allow = on_sdo, allow
         frames = frames_of(profile)
@@ -103,20 +85,16 @@ class ControlLoop:
         )
         self._timing, self._clock = timing, clock
         self.heartbeat_timeout_s = timing.heartbeat_timeout_s
+        """Silence after which a node is lost; set before `begin_sync`."""
         self._answer_timeout_s = timing.answer_timeouts_s[pace]
         self._sampler = Sampler(frames, max_misses=timing.misses(pace), now_s=clock())
         self._thread = threading.Thread(target=self._run, name="sarcal-control", daemon=True)
-        self._tasks = TaskQueue(self._thread.is_alive, self._closed_error)
+        self._tasks: deque[LoopTask] = deque()  # the loop works on the first
         self._syncing = self._watching = self._beating = self._resampled = self._closing = False
         self._next_beat_s = self._next_tick_s = 0.0
         self._syncs_owed = SYNCS_AFTER_STOP
         self._synced_s = clock()
         self._idle_poll_s = timing.idle_poll_s
-
-    @property
-    def stop_latched(self) -> bool:
-        """Whether STOP is latched, so that only quick stop is sent."""
-        return self.latch.latched
 
     @property
     def view(self) -> CyclicView:
@@ -148,11 +126,21 @@ class ControlLoop:
             self._thread.join(5.0)
 
     def run(self, steps: Steps, *, despite: tuple[type[HardwareError], ...] = ()) -> Any:
-        """Run steps and return their result, or raise the error that ended them.
+        """Run steps and return their result, or raise the error that ended them; not for the loop's own thread.
 
         Alarms of the types in `despite` are ignored. On Ctrl-C the arm is first brought to rest.
         """
-        return self._tasks.run(LoopTask(steps, despite))
+        task = LoopTask(steps, despite)
+        try:
+            self._tasks.append(task)
+            answered = task.wait(self._thread)
+        except BaseException:
+            task.abandoned = True
+            task.wait(self._thread)
+            raise
+        if not answered:
+            raise self._closed_error()
+        return task.outcome.result()
 
     @property
     def sample(self) -> Sample:
@@ -161,11 +149,11 @@ class ControlLoop:
 
     def alarm(self) -> HardwareError | None:
         """Return the alarm because of which the current steps must stop the arm and end; None if there is none."""
-        task = self._tasks.first
+        task = self._tasks[0] if self._tasks else None
         every = alarms(
             self.nodes,
             self.watch,
-            stop_latched=self.stop_latched,
+            stop_latched=self.latch.latched,
             lost_joints=self._sampler.lost(),
             duplicate_joints=self._sampler.duplicates(),
             now_s=self.latency.listened_s,
@@ -188,14 +176,14 @@ class ControlLoop:
         except HardwareError as error:
             self.failure = error
         finally:
-            self._tasks.finish_all(self._closed_error())
+            while self._tasks:
+                self._tasks.popleft().finish(error=self._closed_error())
 
     def _work(self) -> None:
         """Advance the task by one step, else run one SYNC or receive a frame; then send the heartbeat if due."""
-        task = self._tasks.first
-        if task is not None and not self._must_resample():
+        if self._tasks and not self._must_resample():
             self._idle_poll_s = self._timing.idle_poll_s
-            self._advance(task)
+            self._advance()
         elif self._syncing and (self._pace is Pace.REAL_TIME or self._needs_another_sync()):
             self._cycle()
         else:
@@ -209,11 +197,8 @@ class ControlLoop:
         If so, a new sample is taken first while the drives hold, but never twice in a row, so that the steps run and
         can react to alarms and interrupts.
         """
-        late = (
-            self._pace is Pace.REAL_TIME
-            and self._syncing
-            and self._clock() - self._synced_s > MAX_SAMPLE_AGE_S
-        )
+        real_time = self._pace is Pace.REAL_TIME and self._syncing
+        late = real_time and self._clock() - self._synced_s > MAX_SAMPLE_AGE_S
         self._resampled = late and not self._resampled
         return self._resampled
 
@@ -222,24 +207,24 @@ class ControlLoop:
 
     def _needs_another_sync(self) -> bool:
         """Whether a simulated arm needs a further SYNC to come to rest after STOP."""
-        if not self.stop_latched:
+        if not self.latch.latched:
             self._syncs_owed = SYNCS_AFTER_STOP
         elif self._syncs_owed > 0:
             self._syncs_owed -= 1
             return True
         return False
 
-    def _advance(self, task: LoopTask) -> None:
-        """Run a task's next step and send its SYNC, or finish the task."""
+    def _advance(self) -> None:
+        """Run the first task's next step and send its SYNC, or finish the task."""
         try:
-            commands = task.advance(self.sample)
+            commands = self._tasks[0].advance(self.sample)
             if commands is not None:
                 self._allow(self.sample, self.commands, commands)
         except StopIteration as stop:
-            self._tasks.finish_first(result=stop.value)
+            self._tasks.popleft().finish(result=stop.value)
             return
         except Exception as error:  # noqa: BLE001 - handed to the caller, who raises it
-            self._tasks.finish_first(error=error)
+            self._tasks.popleft().finish(error=error)
             return
         if commands is not None:
             self.commands = commands

@@ -7,7 +7,7 @@ sample of that SYNC, and returns a result. If it ends early, joints in position 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -48,16 +48,11 @@ TRANSITION_SYNCS = 50
 MODE_SYNCS = 5
 
 
-def follows_command(statusword: int) -> bool:
-    """Whether a statusword reports, by bit 12, that the drive in position mode follows its target."""
-    return bool(statusword & StatusBit.FOLLOWS_COMMAND)
-
-
 def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
     """Return the first joint in position mode whose enabled drive does not report bit 12 (follows); None if all do."""
     for joint, (status, mode) in enumerate(zip(sample.statuswords, modes, strict=True), 1):
         enabled = state_of(status) is DriveState.OPERATION_ENABLED
-        if mode is JointMode.POSITION and enabled and not follows_command(status):
+        if mode is JointMode.POSITION and enabled and not status & StatusBit.FOLLOWS_COMMAND:
             return joint
     return None
 
@@ -94,7 +89,7 @@ def drive_to(
             )
         )
         controlwords = [
-            word if stays else _next_controlword(status, target, word)
+            word if stays else next_controlword(status, target, previous=word)
             for status, word, stays in zip(sample.statuswords, controlwords, done, strict=True)
         ]
         done = [
@@ -105,23 +100,22 @@ def drive_to(
             Setpoint(word, position, CYCLIC_POSITION)
             for word, position in zip(controlwords, positions, strict=True)
         )
-        if not _not_reached(sample, target):
+        if not not_reached(sample, target):
             break
-    return _not_reached(sample, target)
+    return not_reached(sample, target)
 
 
 def reset(
-    loop: ControlLoop, clear: Callable[[], None], *, press: object | None
+    loop: ControlLoop, *, press: object | None
 ) -> Generator[Setpoints | None, Sample, tuple[int, ...]]:
-    """Release the STOP latch and clear drive faults; the drives end disabled.
+    """Release this press of STOP and clear drive faults; the drives end disabled, except those of the joints returned.
 
-    `clear` clears the known emergencies; `press` is the press of STOP to release. Returns the joints that are not
-    disabled at the end. Raises `Stopped`, and changes nothing, if STOP was pressed after `press`.
+    Raises `Stopped`, and changes nothing, if STOP was pressed after `press`.
     """
     if not loop.latch.release(press):
         raise Stopped("STOP was pressed again before it was reset: reset it once more")
     loop.commands = None  # old commands must not be sent again
-    clear()
+    loop.forget_faults()
     return (yield from drive_to(loop, TargetState.FAULT_CLEARED))
 
 
@@ -147,7 +141,7 @@ def change_modes(
                 commands[at] = Setpoint(CONTROLWORD_ENABLE_OPERATION, sample.counts[at], mode)
             elif entering[at] and (
                 # In free mode bit 12 may mean that the torque is followed.
-                command.mode != mode or not follows_command(sample.statuswords[at])
+                command.mode != mode or not sample.statuswords[at] & StatusBit.FOLLOWS_COMMAND
             ):
                 commands[at] = replace(command, target_counts=sample.counts[at], mode=mode)
         sample = yield tuple(commands)
@@ -272,19 +266,13 @@ def _higher_priority(alarm: HardwareError | None, ending: Exception | None) -> E
     return ending
 
 
-def _not_reached(sample: Sample, target: TargetState) -> tuple[int, ...]:
+def not_reached(sample: Sample, target: TargetState) -> tuple[int, ...]:
+    """Return the joints whose drives do not fulfil the request `target`."""
     return tuple(
         joint
         for joint, status in enumerate(sample.statuswords, 1)
         if not reached(state_of(status), target)
     )
-
-
-def _next_controlword(status: int, target: TargetState, previous: int) -> int:
-    try:
-        return next_controlword(status, target, previous=previous)
-    except ValueError:
-        return 0
 
 
 SYNCS_PER_SAMPLE, EXTRA_SYNCS = 20, 100

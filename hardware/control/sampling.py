@@ -15,7 +15,7 @@ from hardware.canopen.cyclic import MAX_LATE_SYNCS, JointFrames, Sample, Setpoin
 from hardware.canopen.objects import CONTROL_PERIOD_S
 from hardware.control.stop_line import StopLatch
 from hardware.monitors.dropout import Dropout
-from hardware.monitors.joint_monitor import JointMonitor
+from hardware.monitors.joint_monitor import JointMonitor, stop_error
 from hardware.monitors.node_monitor import NodeMonitor
 
 if TYPE_CHECKING:
@@ -28,18 +28,7 @@ class CommandSender:
     STOP sends its own frames; its latch is checked before and after the commands, so that quick stop is the last
     command on the bus. If a joint moves uncommanded, its drive may be unable to hold it and is switched off, which
     blocks the joint's valve; all other drives are stopped. A drive that was switched off at the drive itself is not
-    enabled again.
-
-    Parameters
-    ----------
-    send
-        Function that puts a frame on the bus.
-    frames
-        Frames of joints 1..n.
-    latch, watch
-        STOP latch, and the monitors of the joints.
-    quick_stop
-        Sends quick stop to all drives; must not wait.
+    enabled again. `quick_stop` sends quick stop to all drives, and must not wait.
     """
 
     def __init__(
@@ -92,11 +81,7 @@ class CommandSender:
 
 
 def _only_target_changed(before: Setpoint | None, command: Setpoint) -> bool:
-    """Whether only the target changed, as during a move."""
-    return before is not None and (before.controlword, before.mode) == (
-        command.controlword,
-        command.mode,
-    )
+    return before is not None and command == replace(before, target_counts=command.target_counts)
 
 
 DUPLICATE_SYNCS = 10
@@ -123,15 +108,6 @@ class Sampler:
     """Collects the answers of joints 1..n; a joint has answered when all of its TPDOs have come.
 
     A joint that missed `max_misses` samples in a row is lost: it is no longer waited for, until it answers again.
-
-    Attributes
-    ----------
-    view
-        The latest sample, to be read from any thread.
-    waiting
-        Number of joints whose answer to the current SYNC is still expected.
-    answered_late
-        Whether a joint answered after the previous sample closed; that sample may hold an answer to an earlier SYNC.
     """
 
     def __init__(self, frames: Sequence[JointFrames], *, max_misses: int, now_s: float) -> None:
@@ -155,8 +131,11 @@ class Sampler:
         blank = Sample(sync_count=0, **self._columns(), missing=tuple(range(1, joints + 1)))
         self._history: deque[Sample] = deque(maxlen=SPEED_SYNCS)
         self.view = CyclicView(blank, blank, tuple(self._answered_at_s), tuple(self._late_at_s))
+        """The latest sample, to be read from any thread."""
         self.waiting = 0
+        """Number of joints whose answer to the current SYNC is still expected."""
         self.answered_late = False
+        """Whether a joint answered after the previous sample closed: it may hold answers to an earlier SYNC."""
 
     def open(self) -> None:
         """Begin a sample, just before its SYNC is sent."""
@@ -237,21 +216,18 @@ class Sampler:
 def build_snapshot(link: Connection, clock: Callable[[], float]) -> ArmSnapshot:
     """Build the snapshot of a connection; speeds are means over `SPEED_SYNCS` control periods."""
     loop, nodes, view = link.loop, link.loop.nodes, link.loop.view
+    divergence = loop.watch.divergence
     # Read after the view, so that no answer in it is later than now_s.
     now_s = clock()
     listened_s = loop.latency.listened_s
     sample, earlier = view.sample, view.earlier
-    elapsed_s = (sample.sync_count - earlier.sync_count) * CONTROL_PERIOD_S
+    elapsed_s = max(sample.sync_count - earlier.sync_count, 1) * CONTROL_PERIOD_S
     joints = tuple(
         JointState(
             joint=joint + 1,
             position_counts=counts,
             position_rad=scale.to_rad(counts),
-            speed_rad_per_s=(
-                (counts - earlier.counts[joint]) / scale.counts_per_rad / elapsed_s
-                if elapsed_s > 0.0
-                else 0.0
-            ),
+            speed_rad_per_s=(counts - earlier.counts[joint]) / scale.counts_per_rad / elapsed_s,
             torque_nm=sample.torques_per_mille[joint] * 1e-3 * link.rated_torques_nm[joint],
             drive=state_of(sample.statuswords[joint]),
             mode=link.modes[joint],
@@ -268,8 +244,8 @@ def build_snapshot(link: Connection, clock: Callable[[], float]) -> ArmSnapshot:
         ),
         token=link.token,
         faults=nodes.faults or tuple(_fault(nodes, each) for each in loop.watch.dropout.dropouts),
-        stopped=loop.stop_latched,
-        stopped_for=loop.watch.stopped_for,
+        stopped=loop.latch.latched,
+        stopped_for="" if divergence is None else str(stop_error(divergence)),
         moving=loop.moving,
         lateness=loop.latency.lateness,
     )

@@ -56,7 +56,6 @@ _Object = tuple[int, int]
 
 
 def _powered(values: Mapping[_Object, int]) -> dict[int, DriveState]:
-    """Return the states of the powered drives, by node."""
     states = {
         node: state_of(word)
         for (node, index), word in values.items()
@@ -66,7 +65,6 @@ def _powered(values: Mapping[_Object, int]) -> dict[int, DriveState]:
 
 
 def _token_holder(values: Mapping[_Object, int]) -> int:
-    """Return the node in control; 0 if none."""
     return next((holder for (_, index), holder in values.items() if index == objects.TOKEN), 0)
 
 
@@ -106,10 +104,18 @@ class StartUp:
         self._pressed: Callable[[], bool] = lambda: False
 
     def run(self, press: object | None, *, takes_over: bool) -> ArmIdentity:
-        """Find the nodes, check them, start heartbeat and SYNC; arguments as in `Connection.open`.
+        """Find the nodes, check them, start heartbeat and SYNC; set the connection's rated torques, token and modes.
 
-        Sets the connection's rated torques, token and modes.
+        A STOP pressed after `press` cancels the start-up. With `takes_over`, drives that stay enabled although no
+        operator is heard are taken over; otherwise `ArmInUse` is raised.
         """
+        try:
+            return self._run(press, takes_over=takes_over)
+        except BaseException as failure:
+            self._undo(failure)
+            raise
+
+    def _run(self, press: object | None, *, takes_over: bool) -> ArmIdentity:
         loop, access, profile = self._loop, self._access, self._profile
         self._pressed = lambda: loop.latch.last_press is not press
         loop.nodes.cancelled = lambda: self._pressed() or loop.failure is not None
@@ -151,19 +157,15 @@ class StartUp:
         return replace(identity, unwatching=unwatching, configured=configured, zeroed=zeroed)
 
     def _require_unused(self, *, takes_over: bool) -> None:
-        """Check that no other operator can be using the arm; arguments as in `Connection.open`.
+        """Check that no other operator can be using the arm; `takes_over` as in `run`.
 
         An operator may be silent for up to the drives' time-out (1016h), and a communication reset would then hit a
         moving arm. So if drives are enabled or the token is held, this program listens for that time (at least
         `Timing.operator_timeout_s`): either an operator is heard, or the drives stop.
 
-        Raises
-        ------
-        ControlDenied
-            The holder of the token is heard.
-        ArmInUse
-            A drive stays enabled beyond its time-out, or is stopped while the token is still held. If the token is
-            free, a stopped drive is accepted: no operator uses that drive, and connecting enables nothing.
+        Raises `ControlDenied` if the holder of the token is heard, `ArmInUse` if a drive stays enabled beyond its
+        time-out, or is stopped while the token is still held. If the token is free, a stopped drive is accepted: no
+        operator uses that drive, and connecting enables nothing.
         """
         access, profile, timeout_s = self._access, self._profile, self._timing.operator_timeout_s
         statuswords = [(node, objects.STATUSWORD) for node in profile.drives]
@@ -209,13 +211,13 @@ class StartUp:
                 "`sarcal monitor` shows what it sends."
             )
 
-    def undo(self, failure: BaseException) -> None:
+    def _undo(self, failure: BaseException) -> None:
         """After a failure, restore the drives' own PDOs; objects set to 0 remain 0 and are listed in `failure`."""
         if self._configured:
             with suppress(BusError):
                 self._command_nodes(NmtCommand.RESET_COMMUNICATION)
         if isinstance(failure, HardwareError):
-            failure.kept_writes = tuple(self._zeroed)
+            failure.remaining_writes = tuple(self._zeroed)
 
     def _check_drives(self, identity: ArmIdentity) -> tuple[int, ...]:
         """Compare the PDOs with the profile and the arm with its description; write the PDOs if the profile says so.

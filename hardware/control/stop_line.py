@@ -64,15 +64,9 @@ class StopLatch:
 class StopLine:
     """Sends quick stop to all drives.
 
-    Parameters
-    ----------
-    bus
-        Handle used for STOP only; `close` shuts it down. None if the adapter can be opened only once: STOP then uses
-        the shared handle without taking its lock.
-    spare
-        Shared bus: sends the frames that `bus` does not accept, and records all frames that are sent.
-    frames
-        Frames of joints 1..n.
+    `bus` is a handle used for STOP only; `close` shuts it down. None if the adapter can be opened only once: STOP then
+    uses the shared handle without taking its lock. The shared bus `spare` sends the frames that `bus` does not accept,
+    and records all frames that are sent.
     """
 
     def __init__(

@@ -1,11 +1,11 @@
-"""Passes steps from the caller's thread to the control loop, and results back; handles Ctrl-C in the meantime."""
+"""Steps that the control loop runs for a caller in another thread, and their result."""
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, field
+from threading import Thread
 from typing import Any
 
 from hardware.canopen.cyclic import Sample, Setpoints
@@ -46,52 +46,9 @@ class LoopTask:
         else:
             self.outcome.set_exception(error)
 
-    def wait(self, loop_alive: Callable[[], bool]) -> bool:
-        """Wait until `finish` was called; return false if the loop ended without calling it."""
+    def wait(self, loop: Thread) -> bool:
+        """Wait until `finish` was called; return false if the thread `loop` ended without calling it."""
         while not wait([self.outcome], _ALIVE_POLL_S).done:
-            if not loop_alive():
+            if not loop.is_alive():
                 return self.outcome.done()
         return True
-
-
-class TaskQueue:
-    """Tasks in the order in which they were requested; the control loop works on the first.
-
-    `closed_error` returns the error to raise after the loop has ended.
-    """
-
-    def __init__(
-        self, loop_alive: Callable[[], bool], closed_error: Callable[[], HardwareError]
-    ) -> None:
-        self._loop_alive, self._closed_error = loop_alive, closed_error
-        self._tasks: deque[LoopTask] = deque()
-
-    def run(self, task: LoopTask) -> Any:
-        """Run a task and return its result; may be called from any thread but the loop's.
-
-        An interrupt (Ctrl-C) is raised after the steps have brought the arm to rest.
-        """
-        try:
-            self._tasks.append(task)
-            answered = task.wait(self._loop_alive)
-        except BaseException:
-            task.abandoned = True
-            task.wait(self._loop_alive)
-            raise
-        if not answered:
-            raise self._closed_error()
-        return task.outcome.result()
-
-    @property
-    def first(self) -> LoopTask | None:
-        """The task to work on; None if there is none."""
-        return self._tasks[0] if self._tasks else None
-
-    def finish_first(self, *, result: Any = None, error: BaseException | None = None) -> None:
-        """Remove the first task and pass its result or error to its caller."""
-        self._tasks.popleft().finish(result=result, error=error)
-
-    def finish_all(self, error: HardwareError) -> None:
-        """End all tasks with the same error."""
-        while self._tasks:
-            self.finish_first(error=error)

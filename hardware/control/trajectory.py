@@ -32,15 +32,7 @@ def coming_to_rest_s(speed_rad_per_s: float) -> float:
 
 
 class Trapezoid:
-    """Trapezoidal speed profile along a line, from rest to rest.
-
-    Parameters
-    ----------
-    length
-        Distance to go, rad, not negative.
-    speed
-        Maximum speed, rad/s, positive.
-    """
+    """Trapezoidal speed profile from rest to rest over `length` (rad, >= 0), at most at `speed` (rad/s, > 0)."""
 
     def __init__(self, *, length: float, speed: float) -> None:
         self._speed = min(speed, math.sqrt(length * ACCELERATION_RAD_PER_S2))
@@ -83,22 +75,9 @@ class Trapezoid:
 
 
 class StraightMove:
-    """Targets of a straight synchronised move, one vector per control period.
+    """Targets of a straight synchronised move between joint angles of shape (n,), one vector per control period.
 
-    Parameters
-    ----------
-    start_rad, end_rad
-        Joint angles at the start and at the end, shape (n,), rad.
-
-    Attributes
-    ----------
-    finished
-        Whether the last target returned was the final one.
-
-    Raises
-    ------
-    ValueError
-        The speed is not positive or the vectors do not match.
+    Raises `ValueError` if the speed is not positive or the vectors do not match.
     """
 
     def __init__(
@@ -118,13 +97,9 @@ class StraightMove:
         self._line = Trapezoid(length=self._length, speed=speed_rad_per_s)
         self._window = deque([0.0] * SMOOTHING_PERIODS, maxlen=SMOOTHING_PERIODS)
         self._step = 0
-        self._braking = False
-        self.finished = self._length == 0.0
-
-    @property
-    def braking(self) -> bool:
+        self.braking, self.finished = False, self._length == 0.0
         """Whether `brake` was called: the move ends before its target."""
-        return self._braking
+        """Whether the last target returned was the final one."""
 
     def next(self) -> FloatArray:
         """Return the target of the next control period, shape (n,), rad; after the end, the final target."""
@@ -142,8 +117,8 @@ class StraightMove:
 
     def brake(self) -> None:
         """Brake to rest; `next` returns the remaining targets."""
-        if not self._braking:
-            self._braking = True
+        if not self.braking:
+            self.braking = True
             self._line.brake(self._step * CONTROL_PERIOD_S)
 
     def _place(self, distance: float) -> FloatArray:

@@ -49,16 +49,9 @@ def upload(link: Connection, document: bytes) -> UploadReceipt:
     2003h and 2001h show whether a commit was carried out. After any error but `UploadUnknown`, the previous document
     stays active.
 
-    Raises
-    ------
-    UploadRefused
-        The supervisor refused the document (its reason is given), or there is no supervisor.
-    ControlDenied
-        The control token is not held.
-    BusError
-        The supervisor does not answer.
-    UploadUnknown
-        The supervisor stopped answering after the commit was sent: the outcome is unknown.
+    Raises `UploadRefused` if the supervisor refused the document (its reason is given) or there is no supervisor,
+    `ControlDenied` if the control token is not held, `BusError` if the supervisor does not answer, and `UploadUnknown`
+    if it stopped answering after the commit was sent: the outcome is unknown.
     """
     access, supervisor = link.access, link.profile.supervisor
     if supervisor is None:

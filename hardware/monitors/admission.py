@@ -26,14 +26,8 @@ def admit(
     """Check the commands of one SYNC against the limits.
 
     The first target of a joint that enters position mode must be its measured position, and so must every target until
-    its drive has power; every later change of target is checked as a motion.
-
-    Raises
-    ------
-    CommandRefused
-        A command is outside the limits.
-    StopLatched
-        STOP was pressed since the commands were made.
+    its drive has power; every later change of target is checked as a motion. Raises `CommandRefused` if a command is
+    outside the limits, `StopLatched` if STOP was pressed since the commands were made.
     """
     if before is commands:
         return
@@ -71,15 +65,7 @@ def admit_move(
     speed_rad_per_s: float,
     in_control: bool,
 ) -> None:
-    """Check targets and speed of a whole move before it starts.
-
-    Raises
-    ------
-    CommandRefused
-        A limit forbids the move.
-    ValueError
-        There is no such joint.
-    """
+    """Check targets and speed of a whole move: `CommandRefused` if a limit forbids it, `ValueError` for no joint."""
     for joint, target_rad in targets_rad.items():
         if not 1 <= joint <= len(limits):
             raise ValueError(f"there is no joint {joint}")

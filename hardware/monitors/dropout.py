@@ -18,7 +18,6 @@ from hardware.canopen.cia402 import (
     CONTROLWORD_ENABLE_OPERATION,
     CONTROLWORD_QUICK_STOP,
     StatusBit,
-    shows,
     state_of,
 )
 from hardware.canopen.cyclic import Sample, Setpoint, Setpoints
@@ -68,13 +67,14 @@ class _Joint:
             self.enabled_syncs = self.disabled_syncs = 0
             self.following_syncs = self.not_following_syncs = 0
             return None
-        if not shows(status, DriveState.OPERATION_ENABLED):
+        state = state_of(status)
+        if state is not DriveState.OPERATION_ENABLED:
             self.following_syncs = self.not_following_syncs = 0
             self.disabled_syncs += self.enabled_syncs > 0
             confirmed = (
                 self.enabled_syncs >= CONFIRMED_SYNCS or self.disabled_syncs >= DROPOUT_SYNCS
             )
-            return state_of(status) if confirmed else None
+            return state if confirmed else None
         self.enabled_syncs, self.disabled_syncs = self.enabled_syncs + 1, 0
         if command.mode != CYCLIC_POSITION:
             self.following_syncs = self.not_following_syncs = 0

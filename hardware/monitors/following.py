@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from hardware.arm import DriveState
-from hardware.canopen.cia402 import StatusBit, shows
+from hardware.canopen.cia402 import StatusBit, state_of
 from hardware.canopen.cyclic import MAX_LATE_SYNCS, Sample, Setpoints
 from hardware.canopen.objects import CYCLIC_POSITION
 
@@ -37,13 +37,9 @@ class Divergence:
 
 
 class FollowingMonitor:
-    """Compares samples with commands; `windows_counts`, if not empty, limits each joint's distance from its target.
-
-    `divergences`: one for each diverged joint, as of the last sample.
-    """
+    """Compares samples with commands; `windows_counts`, if not empty, limits each joint's distance from its target."""
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
-        self.divergences: tuple[Divergence, ...] = ()
         self._windows = tuple(windows_counts)
         self._outside_syncs = [0] * len(self._windows)
         self._followed = [False] * len(self._windows)
@@ -53,10 +49,9 @@ class FollowingMonitor:
         self._earlier_targets = list(self._targets)
         self._stretch_syncs = 0
 
-    def update(self, sample: Sample, commands: Setpoints | None) -> Divergence | None:
-        """Take in a sample and the commands sent before it; return the first divergence, None if all joints follow."""
-        self.divergences = () if commands is None else tuple(self._find(sample, commands))
-        return next(iter(self.divergences), None)
+    def update(self, sample: Sample, commands: Setpoints | None) -> tuple[Divergence, ...]:
+        """Take in a sample and the commands sent before it; return the divergences of joints that do not follow."""
+        return () if commands is None else tuple(self._find(sample, commands))
 
     def _find(self, sample: Sample, commands: Setpoints) -> Iterator[Divergence]:
         self._stretch_syncs += 1
@@ -79,7 +74,7 @@ class FollowingMonitor:
             counts = sample.counts[at]
             error = min(counts - min(low, lower), 0) or max(counts - max(high, higher), 0)
             follows = bool(status & StatusBit.FOLLOWS_COMMAND) or self._followed[at]
-            self._followed[at] = follows and shows(status, DriveState.OPERATION_ENABLED)
+            self._followed[at] = follows and state_of(status) is DriveState.OPERATION_ENABLED
             outside = self._followed[at] and abs(error) > window
             self._outside_syncs[at] = self._outside_syncs[at] + 1 if outside else 0
             if self._outside_syncs[at] >= DIVERGED_SYNCS:
@@ -127,23 +122,19 @@ class StandstillMonitor:
     If `windows_counts` is empty, nothing is checked. A stopped drive holds at a target of its own, which the operator
     does not know, so the reference is the position where the joint came to rest. A drive that is without power after a
     quick stop (605Ah below 5) reports that in its state and is not checked, nor is a joint in free mode.
-
-    `divergences`: one for each joint that moved away, as of the last sample.
     """
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
-        self.divergences: tuple[Divergence, ...] = ()
         self._windows = tuple(windows_counts)
         self._joints = tuple(_Joint() for _ in self._windows)
 
-    def update(self, sample: Sample, commands: Setpoints | None) -> Divergence | None:
-        """Take in a sample and the commands sent last; return the divergence of the first joint that moved, or None."""
-        self.divergences = () if commands is None else tuple(self._find(sample, commands))
-        return next(iter(self.divergences), None)
+    def update(self, sample: Sample, commands: Setpoints | None) -> tuple[Divergence, ...]:
+        """Take in a sample and the commands sent last; return the divergences of the joints that moved."""
+        return () if commands is None else tuple(self._find(sample, commands))
 
     def _find(self, sample: Sample, commands: Setpoints) -> Iterator[Divergence]:
         for at, (joint, window) in enumerate(zip(self._joints, self._windows, strict=True)):
-            stopped = shows(sample.statuswords[at], DriveState.QUICK_STOP_ACTIVE)
+            stopped = state_of(sample.statuswords[at]) is DriveState.QUICK_STOP_ACTIVE
             if not stopped or commands[at].mode != CYCLIC_POSITION:
                 joint.stopped_syncs = joint.outside_syncs = 0
                 continue

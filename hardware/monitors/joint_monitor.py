@@ -11,23 +11,11 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from hardware import errors
 from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.canopen.objects import OPERATOR_NODE, EmergencyCode
-from hardware.errors import (
-    BusError,
-    CommandRefused,
-    ControlDenied,
-    DriveDiverged,
-    DriveDropout,
-    DriveFault,
-    DuplicateNodeId,
-    HardwareError,
-    NodeRestarted,
-    OtherMaster,
-    SensorFault,
-    StopLatched,
-    Stopped,
-)
 from hardware.monitors.dropout import DropoutMonitor
 from hardware.monitors.following import Divergence, FollowingMonitor, StandstillMonitor
 from hardware.monitors.node_monitor import NodeMonitor
@@ -114,56 +102,30 @@ class ContinuityMonitor:
 
     def _test_increment(self, sync_count: int) -> None:
         """Test the increments that ended with SYNC `sync_count`; a jump becomes the candidate to be confirmed."""
-        jumps: list[CountJump] = []
-        relative = []
-        at_rest = all(
-            abs(a - b) <= allowed
-            for one, two in ((0, 1), (1, 2), (3, 4), (4, 5))
-            for a, b, allowed in zip(
-                self._recent[one], self._recent[two], self._allowed, strict=True
-            )
-        )
-        for at, allowed in enumerate(self._allowed):
-            c0, c1, c2, c3, c4, c5 = (counts[at] for counts in self._recent)
-            d0, d1, d2, d3, d4 = c1 - c0, c2 - c1, c3 - c2, c4 - c3, c5 - c4
-            step = d2 - (4 * (d1 + d3) - d0 - d4) / 6.0  # minus a cubic through the four others
-            relative.append(abs(step) / allowed)
-            if abs(step) > allowed:
-                self._outlier_syncs[at].append(sync_count)
-            acceleration = max(abs(d1 - d0), abs(d4 - d3), abs(d3 - d1))
-            threshold = allowed if at_rest else MOTION_FACTOR * allowed
-            if abs(step) > threshold + acceleration:
-                jumps.append(CountJump(joint=at + 1, counts=round(step), sync_count=sync_count))
+        allowed = np.array(self._allowed)
+        d0, d1, d2, d3, d4 = np.diff(np.array(self._recent), axis=0)
+        steps = d2 - (4 * (d1 + d3) - d0 - d4) / 6.0  # minus a cubic through the four others
+        sizes = np.abs(steps)
+        for outlier in np.flatnonzero(sizes > allowed):
+            self._outlier_syncs[outlier].append(sync_count)
+        at_rest = all(np.all(np.abs(d) <= allowed) for d in (d0, d1, d3, d4))
+        acceleration = np.max(np.abs([d1 - d0, d4 - d3, d3 - d1]), axis=0)
+        threshold = allowed if at_rest else MOTION_FACTOR * allowed
+        jumps = np.flatnonzero(sizes > threshold + acceleration)
         if len(jumps) != 1 or self._candidate is not None:
             return
-        (jump,) = jumps
-        for at, (times, allowed) in enumerate(zip(relative, self._allowed, strict=True)):
-            if (
-                at != jump.joint - 1
-                and times > COUPLED_NOISE + COUPLED_FRACTION * abs(jump.counts) / allowed
-            ):
-                return
-        self._candidate = jump
+        (at,) = jumps.tolist()
+        jump = CountJump(joint=at + 1, counts=round(steps[at]), sync_count=sync_count)
+        coupled = sizes > COUPLED_NOISE * allowed + COUPLED_FRACTION * abs(jump.counts)
+        if np.flatnonzero(coupled).tolist() in ([], [at]):
+            self._candidate = jump
 
 
 class JointMonitor:
     """Checks every sample in the control loop's thread; its attributes may be read from any thread.
 
-    Parameters
-    ----------
-    allowed_counts
-        Each joint's threshold for count jumps at rest; if empty, jumps are not checked.
-    divergence
-        The uncommanded motion for which STOP was latched in an earlier connection, if it is still latched.
-
-    Attributes
-    ----------
-    jump, divergence
-        The first count jump, and the first uncommanded motion, which stopped the arm; None if there was none.
-    switched_off
-        Joints whose drives are switched off because of uncommanded motion.
-    dropout
-        Monitor of drive dropouts.
+    `allowed_counts`: each joint's threshold for count jumps at rest; if empty, jumps are not checked. `divergence`: the
+    uncommanded motion for which STOP was latched in an earlier connection, if it is still latched.
     """
 
     def __init__(
@@ -171,12 +133,11 @@ class JointMonitor:
     ) -> None:
         self.jump: CountJump | None = None
         self.divergence = divergence
+        """The first uncommanded motion, which stopped the arm; None if there was none."""
         self.switched_off: frozenset[int] = frozenset()
+        """Joints whose drives are switched off because of uncommanded motion."""
         self.dropout = DropoutMonitor()
-        self._motion: tuple[FollowingMonitor, StandstillMonitor] = (
-            FollowingMonitor(),
-            StandstillMonitor(),
-        )
+        self.set_following_windows(())
         self._detects_jumps = bool(allowed_counts)
         self._continuity = ContinuityMonitor(allowed_counts)
 
@@ -186,16 +147,6 @@ class JointMonitor:
         To be called before SYNC starts.
         """
         self._motion = FollowingMonitor(windows_counts), StandstillMonitor(windows_counts)
-
-    @property
-    def stopped_for(self) -> str:
-        """Why the control loop latched STOP by itself; empty if it did not."""
-        return "" if self.divergence is None else str(divergence_error(self.divergence))
-
-    def stop_cause(self) -> HardwareError:
-        """Return the error with the reason why STOP is latched: uncommanded motion or the operator's STOP."""
-        divergence = self.divergence
-        return stop_latched_error() if divergence is None else divergence_error(divergence)
 
     def update(
         self,
@@ -216,10 +167,10 @@ class JointMonitor:
         self.dropout.update(sample, commands, stopped=stopped)
         before = self.switched_off
         for monitor in self._motion:
-            first = monitor.update(sample, commands)
-            self.divergence = self.divergence or first
-            # All of them: the drive of the first may not obey.
-            self.switched_off |= {each.joint for each in monitor.divergences}
+            for divergence in monitor.update(sample, commands):
+                self.divergence = self.divergence or divergence
+                # All of them: the drive of the first may not obey.
+                self.switched_off |= {divergence.joint}
         return self.switched_off != before
 
     def expect_jerk(self) -> None:
@@ -233,16 +184,11 @@ class JointMonitor:
         self.switched_off = frozenset()
 
 
-def stop_latched_error() -> StopLatched:
-    """Return the error for a latched STOP."""
-    return StopLatched("STOP is latched: reset it before anything moves again")
-
-
-def divergence_error(divergence: Divergence) -> DriveDiverged:
-    """Return the error for uncommanded motion, for which the control loop latched STOP."""
-    return DriveDiverged(
-        divergence.joint, divergence.counts, divergence.sync_count, stopped=divergence.stopped
-    )
+def stop_error(cause: Divergence | None) -> errors.HardwareError:
+    """Return the error for a latched STOP, for which uncommanded motion may be the `cause`."""
+    if cause is None:
+        return errors.StopLatched("STOP is latched: reset it before anything moves again")
+    return errors.DriveDiverged(cause.joint, cause.counts, cause.sync_count, stopped=cause.stopped)
 
 
 def alarms(
@@ -254,39 +200,41 @@ def alarms(
     duplicate_joints: tuple[int, ...] = (),
     now_s: float,
     heartbeat_timeout_s: float,
-) -> Iterator[HardwareError]:
+) -> Iterator[errors.HardwareError]:
     """Yield all alarms, highest priority first.
 
     `lost_joints`: joints that do not answer SYNC; `duplicate_joints`: joints that answer each SYNC twice.
     """
     if watch.divergence is not None:  # the cause of a STOP comes before the STOP
-        yield divergence_error(watch.divergence)
+        yield stop_error(watch.divergence)
     if stop_latched:
-        yield stop_latched_error()
+        yield stop_error(None)
     for fault in nodes.faults:
         if fault.joint is None:
-            yield Stopped(f"the supervisor reports: {fault.text} ({fault.code:04X}h)")
+            yield errors.Stopped(f"the supervisor reports: {fault.text} ({fault.code:04X}h)")
         elif fault.code == EmergencyCode.REFERENCE_LIMIT:
-            yield CommandRefused(f"joint {fault.joint}: {fault.text}")
+            yield errors.CommandRefused(f"joint {fault.joint}: {fault.text}")
         else:
-            yield DriveFault(fault.joint, fault.code, fault.text)
+            yield errors.DriveFault(fault.joint, fault.code, fault.text)
     if nodes.foreign_command:  # before the NMT states, which that program may have changed
-        yield OtherMaster(
+        yield errors.OtherMaster(
             f"Another program commands this arm: it sent {nodes.foreign_command}. End that program, check what it "
             "changed, then connect again."
         )
     down = nodes.not_operational()
     if down:
         numbers = ", ".join(map(str, down))
-        yield BusError(f"Node {numbers} has left operation, as after a loss of power. Reconnect.")
+        yield errors.BusError(
+            f"Node {numbers} has left operation, as after a loss of power. Reconnect."
+        )
     if nodes.restarted:
         restarted = tuple(sorted(nodes.restarted))
-        yield NodeRestarted(restarted, [nodes.profile.who(node) for node in restarted])
+        yield errors.NodeRestarted(restarted, [nodes.profile.who(node) for node in restarted])
     drives = nodes.profile.drives
     if duplicate_joints:
-        yield DuplicateNodeId(tuple(drives[j - 1] for j in duplicate_joints))
+        yield errors.DuplicateNodeId(tuple(drives[j - 1] for j in duplicate_joints))
     if watch.jump is not None:
-        yield SensorFault(
+        yield errors.SensorFault(
             watch.jump.joint,
             f"jumped by {watch.jump.counts:+d} counts between two SYNCs, and no other joint moved: "
             "its sensor lost counts, or its coupling slipped. No pose has been captured since",
@@ -299,10 +247,10 @@ def alarms(
     if silence := " and ".join(
         f"{what} {', '.join(map(str, joints))}" for what, joints in silent if joints
     ):
-        yield BusError(
+        yield errors.BusError(
             f"The arm has gone silent: {silence}. Check power and cable, then reconnect."
         )
     if nodes.other_operator(now_s, heartbeat_timeout_s):
-        yield ControlDenied(OPERATOR_NODE)
+        yield errors.ControlDenied(OPERATOR_NODE)
     for each in watch.dropout.dropouts:  # last: all of the above may be the cause
-        yield DriveDropout(each.joint, each.state.value, not_following=each.not_following)
+        yield errors.DriveDropout(each.joint, each.state.value, not_following=each.not_following)

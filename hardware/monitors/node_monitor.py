@@ -88,27 +88,7 @@ _TIMEOUT_FACTOR = 5
 
 
 class NodeMonitor:
-    """State of the nodes of `profile`; `clock` returns the time in s, without host latency, by which waits are timed.
-
-    Attributes
-    ----------
-    heard_at_s
-        Time of each node's last heartbeat or boot-up.
-    nmt_state
-        NMT state in each node's last heartbeat.
-    faults
-        Active emergencies, oldest first.
-    other_operator_at_s
-        Time of the last heartbeat of another operator (node 127); None if never.
-    foreign_nodes
-        Nodes heard that do not belong to this arm.
-    restarted
-        Nodes that booted without a command.
-    cancelled
-        Function that returns whether waits should end: STOP was pressed, or no thread receives any more.
-    foreign_command
-        Description of the first command from another master on this bus; empty if none.
-    """
+    """State of the nodes of `profile`; `clock`, which times waits, returns the time in s without host latency."""
 
     def __init__(self, profile: BusProfile, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
@@ -117,13 +97,21 @@ class NodeMonitor:
             identifier: frames for frames in frames_of(profile) for identifier in frames.command_ids
         }
         self.heard_at_s: dict[int, float] = {}
+        """Time of each node's last heartbeat or boot-up."""
         self.nmt_state: dict[int, int] = {}
+        """NMT state in each node's last heartbeat."""
         self.faults: tuple[Fault, ...] = ()
+        """Active emergencies, oldest first."""
         self.other_operator_at_s: float | None = None
+        """Time of the last heartbeat of another operator (node 127); None if never."""
         self.foreign_nodes: frozenset[int] = frozenset()
+        """Nodes heard that do not belong to this arm."""
         self.restarted: frozenset[int] = frozenset()
+        """Nodes that booted without a command."""
         self.foreign_command = ""
+        """Description of the first command from another master on this bus; empty if none."""
         self.cancelled: Callable[[], bool] = lambda: False
+        """Function that returns whether waits should end: STOP was pressed, or no thread receives any more."""
         self._boot_expected = False
         self._booted: set[int] = set()
         self._changed = threading.Condition()
@@ -159,24 +147,15 @@ class NodeMonitor:
 
     def wait_for_boot_up(self, timeout_s: float) -> tuple[int, ...]:
         """Wait until every node has booted; return the nodes that have not booted within `timeout_s`."""
-        with self._changed:
-            self._wait_for(lambda: self._booted.issuperset(self.nodes), timeout_s)
-            return tuple(node for node in self.nodes if node not in self._booted)
+        return self._wait_for_nodes(lambda node: node in self._booted, timeout_s)
 
     def wait_for_state(self, state: NmtState, timeout_s: float) -> tuple[int, ...]:
         """Wait until every node's heartbeat reports `state`; return the nodes in another state after `timeout_s`."""
-
-        def others() -> tuple[int, ...]:
-            return tuple(node for node in self.nodes if self.nmt_state.get(node) != state)
-
-        with self._changed:
-            self._wait_for(lambda: not others(), timeout_s)
-            return others()
+        return self._wait_for_nodes(lambda node: self.nmt_state.get(node) == state, timeout_s)
 
     def wait_for_other_operator(self, timeout_s: float) -> bool:
         """Listen for `timeout_s`; return whether another operator's heartbeat was heard."""
-        with self._changed:
-            return self._wait_for(lambda: self.other_operator_at_s is not None, timeout_s)
+        return self._wait_for(lambda: self.other_operator_at_s is not None, timeout_s)
 
     def silent(self, now_s: float, limit_s: float) -> tuple[int, ...]:
         """Return the nodes that were heard before, but not within the last `limit_s`."""
@@ -208,16 +187,22 @@ class NodeMonitor:
         self.faults = ()
         self.foreign_command = ""
 
+    def _wait_for_nodes(self, ready: Callable[[int], bool], timeout_s: float) -> tuple[int, ...]:
+        """Wait until every node is `ready`; return the nodes that are not."""
+        self._wait_for(lambda: all(map(ready, self.nodes)), timeout_s)
+        return tuple(node for node in self.nodes if not ready(node))
+
     def _wait_for(self, happened: Callable[[], bool], timeout_s: float) -> bool:
         """Wait until `happened` or `cancelled` is true, by polling: STOP takes no lock and cannot notify."""
         end_s = self._clock() + timeout_s
         latest_s = time.monotonic() + _TIMEOUT_FACTOR * timeout_s
-        while not happened() and not self.cancelled():
-            left_s = min(end_s - self._clock(), latest_s - time.monotonic())
-            if left_s <= 0.0:
-                break
-            self._changed.wait(min(left_s, _CANCEL_POLL_S))
-        return happened()
+        with self._changed:
+            while not happened() and not self.cancelled():
+                left_s = min(end_s - self._clock(), latest_s - time.monotonic())
+                if left_s <= 0.0:
+                    break
+                self._changed.wait(min(left_s, _CANCEL_POLL_S))
+            return happened()
 
     def _heartbeat(self, node: int, state: int, now_s: float) -> None:
         if node == objects.OPERATOR_NODE:

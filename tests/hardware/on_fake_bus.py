@@ -6,7 +6,7 @@ from typing import Any
 
 from hardware.arm import JointMode
 from hardware.arm_description import ArmDescription, EncoderDescription, RvdtDescription
-from hardware.buses.python_can import BusOpeners, BusSettings
+from hardware.buses.python_can import ArmOnBus, BusOpeners, BusSettings
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from tests.hardware.fake_arm import COUNTS_PER_REV, JOINTS, FakeArmBus
@@ -34,17 +34,17 @@ def short_timing(**options: Any) -> Timing:
 def make(
     bus: FakeArmBus, *, description: ArmDescription | None = None, **options: Any
 ) -> CanopenArm:
-    options.setdefault("pace", Pace.FAST_FORWARD)
-    options.setdefault("timing", short_timing(heartbeat_timeout_s=0.35))
     opener = options.pop("opener", lambda _settings: bus)
     stop_opener = options.pop("stop_opener", lambda _settings: bus.stop_handle())
-    return CanopenArm(
+    on_bus = ArmOnBus(
         description or describe(),
         BusSettings(channel="fake"),
         options.pop("profile", sarcos()),
+        pace=options.pop("pace", Pace.FAST_FORWARD),
+        timing=options.pop("timing", short_timing(heartbeat_timeout_s=0.35)),
         openers=BusOpeners(main=opener, stop=stop_opener),
-        **options,
     )
+    return CanopenArm(on_bus, **options)
 
 
 def drive(arm: CanopenArm) -> CanopenArm:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import can
 
 from hardware.arm_description import EncoderDescription
-from hardware.buses.python_can import BusSettings
+from hardware.buses.python_can import ArmOnBus, BusSettings
 from hardware.canopen.bus_profile import BusProfile
 from hardware.commissioning.probe import probe
 from hardware.commissioning.profile_draft import draft
@@ -40,7 +40,9 @@ def unconnected(settings: BusSettings, profile: BusProfile) -> CanopenArm:
         answer_timeouts_s=dict.fromkeys(Pace, 0.5),
         heartbeat_timeout_s=5.0,
     )
-    return CanopenArm(DESCRIPTION, settings, profile, pace=Pace.FAST_FORWARD, timing=timing)
+    return CanopenArm(
+        ArmOnBus(DESCRIPTION, settings, profile, pace=Pace.FAST_FORWARD, timing=timing)
+    )
 
 
 def drafted(settings: BusSettings, *, configure: bool = False) -> BusProfile:

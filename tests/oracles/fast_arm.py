@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from hardware.buses.python_can import BusOpeners, BusSettings
+from hardware.buses.python_can import ArmOnBus, BusOpeners, BusSettings
 from hardware.canopen.bus_profile import BusProfile
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
@@ -25,7 +25,12 @@ def fast_arm(
     waits = {"heartbeat_timeout_s": patience_s, "lost_after_s": patience_s, **waits}
     if answers_s is not None:
         waits["answer_timeouts_s"] = dict.fromkeys(Pace, answers_s)
-    options: dict[str, Any] = {"timing": Timing(**waits), "openers": openers}
-    return CanopenArm(
-        describe(arm), settings, profile or sarcos(), pace=Pace.FAST_FORWARD, **options
+    on_bus = ArmOnBus(
+        describe(arm),
+        settings,
+        profile or sarcos(),
+        pace=Pace.FAST_FORWARD,
+        timing=Timing(**waits),
+        openers=openers or BusOpeners(),
     )
+    return CanopenArm(on_bus)

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from functools import partial
 
 from hardware.arm import JointMode
-from hardware.buses.python_can import BusSettings, open_bus
+from hardware.buses.python_can import ArmOnBus, BusSettings, open_bus
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from hardware.virtual.axis import arm_axes
@@ -45,7 +45,9 @@ def controller_on(settings: BusSettings) -> Iterator[VirtualController]:
 def operator_on(settings: BusSettings, timing: Timing | None = None) -> CanopenArm:
     """Return the operator's side of the arm, not connected."""
     timing = timing or Timing(listen_s=0.15)
-    return CanopenArm(describe(MODEL), settings, sarcos(), pace=Pace.FAST_FORWARD, timing=timing)
+    return CanopenArm(
+        ArmOnBus(describe(MODEL), settings, sarcos(), pace=Pace.FAST_FORWARD, timing=timing)
+    )
 
 
 def take_two_joints(arm: CanopenArm) -> CanopenArm:

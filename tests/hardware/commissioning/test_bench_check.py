@@ -15,7 +15,7 @@ from can.interfaces.virtual import VirtualBus
 
 from hardware.arm import ArmSnapshot, DriveState, MoveResult
 from hardware.arm_description import EncoderDescription, RvdtDescription
-from hardware.buses.python_can import BusOpeners, BusSettings, open_bus
+from hardware.buses.python_can import ArmOnBus, BusOpeners, BusSettings, open_bus
 from hardware.canopen.objects import COB_HEARTBEAT, HEARTBEAT_CONSUMER, OPERATOR_NODE
 from hardware.commissioning.bench_check import NOT_TESTED, Bench, check
 from hardware.commissioning.checks import Turn, is_interrupted
@@ -86,7 +86,8 @@ def patient_arm(
         heartbeat_timeout_s=5.0,
         lost_after_s=5.0,
     )
-    return CanopenArm(*args, pace=pace, timing=timing, openers=BusOpeners(main=opener))
+    on_bus = ArmOnBus(*args, pace=pace, timing=timing, openers=BusOpeners(main=opener))
+    return CanopenArm(on_bus)
 
 
 @pytest.fixture

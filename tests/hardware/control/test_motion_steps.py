@@ -12,8 +12,8 @@ def test_stop_pressed_after_reset_request_stays_latched():
     latch.press()
     press_to_reset = latch.last_press
     latch.press()
-    loop = SimpleNamespace(latch=latch, commands=())
-    steps = motion_steps.reset(loop, lambda: cleared.append(None), press=press_to_reset)  # type: ignore[arg-type]
+    loop = SimpleNamespace(latch=latch, commands=(), forget_faults=lambda: cleared.append(None))
+    steps = motion_steps.reset(loop, press=press_to_reset)  # type: ignore[arg-type]
     with pytest.raises(Stopped, match="again"):
         next(steps)
     assert latch.latched

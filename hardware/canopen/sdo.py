@@ -8,6 +8,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from queue import SimpleQueue
 from typing import Any
 
 import canopen
@@ -46,6 +47,21 @@ class _Sender(canopen.Network):
         self._send(can_id, bytes(data))
 
 
+class _Client(SdoClient):
+    """An SDO client whose answers wait in a queue written in C.
+
+    Ctrl-C in a wait can leave the lock of its `queue.Queue` locked; the receiving thread would then stop for ever.
+    """
+
+    @property
+    def responses(self) -> Any:
+        return self._responses
+
+    @responses.setter
+    def responses(self, _empty: object) -> None:
+        self._responses: SimpleQueue[bytes] = SimpleQueue()
+
+
 class ObjectAccess:
     """Reads and writes objects of `nodes`; `send` puts a frame on the bus, `timeout_s` limits the wait for each answer.
 
@@ -69,8 +85,7 @@ class ObjectAccess:
         self._locks: dict[int, threading.Lock] = {}
         self._pause = threading.Event()
         for node in nodes:
-            # SdoClient has no type annotations.
-            client: Any = SdoClient(  # type: ignore[no-untyped-call]
+            client: Any = _Client(  # type: ignore[no-untyped-call]
                 COB_SDO_TO_SERVER + node,
                 COB_SDO_FROM_SERVER + node,
                 canopen.ObjectDictionary(),  # type: ignore[no-untyped-call]

@@ -140,7 +140,9 @@ class ControlLoop:
             raise
         if not answered:
             raise self._closed_error()
-        return task.outcome.result()
+        if task.error is not None:
+            raise task.error
+        return task.result
 
     @property
     def sample(self) -> Sample:

@@ -1,10 +1,15 @@
-"""Steps that the control loop runs for a caller in another thread, and their result."""
+"""Steps that the control loop runs for a caller in another thread, and their result.
+
+The loop takes no lock that Ctrl-C in the caller's thread could leave locked: Python's conditions and futures have such
+locks, `queue.SimpleQueue`, written in C, has not.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Generator
-from concurrent.futures import Future, wait
+from contextlib import suppress
 from dataclasses import dataclass, field
+from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Any
 
@@ -22,14 +27,17 @@ _ALIVE_POLL_S = 0.2
 class LoopTask:
     """Steps to run; `despite`: alarms to ignore; `abandoned`: whether the caller was interrupted.
 
-    `outcome` is the result of the steps, or the error that ended them.
+    When `finished`, the steps have ended with a `result`, or with an `error`.
     """
 
     steps: Steps
     despite: tuple[type[HardwareError], ...] = ()
     abandoned: bool = False
-    outcome: Future[Any] = field(default_factory=Future)
+    finished: bool = False
+    result: Any = None
+    error: BaseException | None = None
     _started: bool = False
+    _wake: SimpleQueue[None] = field(default_factory=SimpleQueue)
 
     def advance(self, sample: Sample) -> Setpoints | None:
         """Run the steps up to the next SYNC and return the commands; raises `StopIteration` when the steps end."""
@@ -41,14 +49,15 @@ class LoopTask:
     def finish(self, *, result: Any = None, error: BaseException | None = None) -> None:
         """Pass the result or error to the caller."""
         self.steps.close()
-        if error is None:
-            self.outcome.set_result(result)
-        else:
-            self.outcome.set_exception(error)
+        self.result, self.error = result, error
+        self.finished = True
+        self._wake.put(None)
 
     def wait(self, loop: Thread) -> bool:
         """Wait until `finish` was called; return false if the thread `loop` ended without calling it."""
-        while not wait([self.outcome], _ALIVE_POLL_S).done:
+        while not self.finished:
+            with suppress(Empty):
+                self._wake.get(timeout=_ALIVE_POLL_S)
             if not loop.is_alive():
-                return self.outcome.done()
-        return True
+                break
+        return self.finished

@@ -6,7 +6,6 @@ The receiving thread updates the state; any thread may read the public attribute
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable
 from typing import Final
@@ -81,8 +80,8 @@ def _describe_sdo(data: bytes) -> str:
     return f"{'a write to' if writes else 'a read of'} {index:04X}h of"
 
 
-_CANCEL_POLL_S = 0.05
-"""Longest time that a wait takes to notice `cancelled`."""
+_POLL_S = 0.005
+"""How often a wait looks. It takes no lock, which Ctrl-C could leave locked for the receiving thread."""
 _TIMEOUT_FACTOR = 5
 """Longest wait in wall-clock time, as a multiple of its time-out, in case no thread receives any more."""
 
@@ -114,7 +113,6 @@ class NodeMonitor:
         """Function that returns whether waits should end: STOP was pressed, or no thread receives any more."""
         self._boot_expected = False
         self._booted: set[int] = set()
-        self._changed = threading.Condition()
 
     def note_command(self, identifier: int, data: bytes | bytearray) -> None:
         """Record the first command received from another program: no other program on this bus should send commands."""
@@ -133,9 +131,8 @@ class NodeMonitor:
 
     def expect_boot_up(self) -> None:
         """Clear everything heard; call before resetting the nodes."""
-        with self._changed:
-            self._booted.clear()
-            self._boot_expected = True
+        self._boot_expected = True
+        self._booted.clear()
         self.restarted, self.foreign_command = frozenset(), ""
         self.heard_at_s.clear()
         self.nmt_state.clear()
@@ -193,34 +190,28 @@ class NodeMonitor:
         return tuple(node for node in self.nodes if not ready(node))
 
     def _wait_for(self, happened: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait until `happened` or `cancelled` is true, by polling: STOP takes no lock and cannot notify."""
+        """Wait until `happened` or `cancelled` is true."""
         end_s = self._clock() + timeout_s
         latest_s = time.monotonic() + _TIMEOUT_FACTOR * timeout_s
-        with self._changed:
-            while not happened() and not self.cancelled():
-                left_s = min(end_s - self._clock(), latest_s - time.monotonic())
-                if left_s <= 0.0:
-                    break
-                self._changed.wait(min(left_s, _CANCEL_POLL_S))
-            return happened()
+        while not happened() and not self.cancelled():
+            left_s = min(end_s - self._clock(), latest_s - time.monotonic())
+            if left_s <= 0.0:
+                break
+            time.sleep(min(left_s, _POLL_S))
+        return happened()
 
     def _heartbeat(self, node: int, state: int, now_s: float) -> None:
         if node == objects.OPERATOR_NODE:
-            with self._changed:
-                self.other_operator_at_s = now_s
-                self._changed.notify_all()
+            self.other_operator_at_s = now_s
         elif node not in self.nodes:
             self.foreign_nodes |= {node}
         else:
             self.heard_at_s[node] = now_s
-            if self.nmt_state.get(node) != state:
-                with self._changed:
-                    self.nmt_state[node] = state
-                    if state == NmtState.BOOT_UP:
-                        self._booted.add(node)
-                        if not self._boot_expected:
-                            self.restarted |= {node}
-                    self._changed.notify_all()
+            if state == NmtState.BOOT_UP and self.nmt_state.get(node) != state:
+                self._booted.add(node)
+                if not self._boot_expected:
+                    self.restarted |= {node}
+            self.nmt_state[node] = state
 
     def _emergency(self, node: int, code: int, sync_count: int) -> None:
         if node not in self.nodes:

@@ -1,0 +1,68 @@
+"""Ctrl-C at any point of a wait in the caller's thread never blocks the thread that receives and controls."""
+
+import sys
+import threading
+from collections.abc import Callable
+
+from hardware.canopen.sdo import ObjectAccess
+from hardware.control import tasks
+from hardware.control.tasks import LoopTask
+from hardware.errors import HardwareError
+
+
+def interrupted_at(opcode: int, work: Callable[[], object]) -> bool:
+    """Run `work`, and raise KeyboardInterrupt before its n-th opcode; whether `work` had so many."""
+    left = opcode
+
+    def trace(frame, event, _argument):
+        nonlocal left
+        frame.f_trace_opcodes = True
+        if event == "opcode":
+            left -= 1
+            if left == 0:
+                raise KeyboardInterrupt
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        work()
+    except (KeyboardInterrupt, HardwareError):
+        pass
+    finally:
+        sys.settrace(before)
+    return left <= 0
+
+
+def ends(work: Callable[[], object]) -> bool:
+    """Whether `work` ends in another thread."""
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    thread.join(20.0)
+    return not thread.is_alive()
+
+
+def test_interrupted_wait_for_a_task_does_not_block_its_end(monkeypatch):
+    monkeypatch.setattr(tasks, "_ALIVE_POLL_S", 1e-3)
+    ended = threading.Thread()  # the wait ends after one poll
+    opcode = 1
+    while True:
+        task = LoopTask(_ for _ in ())
+        if not interrupted_at(opcode, lambda task=task: task.wait(ended)):
+            break
+        assert ends(lambda task=task: task.finish(result=1)), opcode
+        assert task.wait(ended)
+        opcode += 1
+    assert opcode > 20
+
+
+def test_interrupted_sdo_access_does_not_block_the_next_answer():
+    opcode, step = 1, 3
+    while True:
+        access = ObjectAccess(lambda *_: None, [1], timeout_s=1e-3)
+        access.deliver(0x581, bytes(8))  # the client discards an old answer first
+        if not interrupted_at(opcode, lambda access=access: access.read_once(1, 0x1000)):
+            break
+        assert ends(lambda access=access: access.deliver(0x581, bytes(8))), opcode
+        opcode += step
+    assert opcode > 100

@@ -6,12 +6,13 @@ from collections.abc import Generator
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, field
 from threading import Thread
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.errors import HardwareError
 
-Steps = Generator[Setpoints | None, Sample, Any]
+Result = TypeVar("Result")
+Steps = Generator[Setpoints | None, Sample, Result]
 """Generator that yields commands for the next SYNC (None: unchanged), receives its sample, and returns a result."""
 
 _ALIVE_POLL_S = 0.2
@@ -19,16 +20,16 @@ _ALIVE_POLL_S = 0.2
 
 
 @dataclass(slots=True)
-class LoopTask:
+class LoopTask(Generic[Result]):
     """Steps to run; `despite`: alarms to ignore; `abandoned`: whether the caller was interrupted.
 
     `outcome` is the result of the steps, or the error that ended them.
     """
 
-    steps: Steps
+    steps: Steps[Result]
     despite: tuple[type[HardwareError], ...] = ()
     abandoned: bool = False
-    outcome: Future[Any] = field(default_factory=Future)
+    outcome: Future[Result] = field(default_factory=Future)
     _started: bool = False
 
     def advance(self, sample: Sample) -> Setpoints | None:

@@ -27,46 +27,30 @@ GROUP = "sarcal.arm"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmOrder:
-    """Request for an arm.
-
-    Attributes
-    ----------
-    description
-        Joints of the arm file in order, with names, ranges (rad), speeds (rad/s) and sensors.
-    channel
-        Text of ``-c``, in a form that the package defines; empty if absent.
-    bitrate
-        Bit rate of ``-b``; None if absent.
-    record_to
-        File of ``--record``, to which the bus is recorded; None if absent.
-    """
+    """Request for an arm."""
 
     description: ArmDescription
+    """Joints of the arm file in order, with names, ranges (rad), speeds (rad/s) and sensors."""
     channel: str = ""
+    """Text of ``-c``, in a form that the package defines; empty if absent."""
     bitrate: int | None = None
+    """Bit rate of ``-b``; None if absent."""
     record_to: Path | None = None
+    """File of ``--record``, to which the bus is recorded; None if absent."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmOffer:
-    """Object to which an entry point of group ``sarcal.arm`` refers.
-
-    Attributes
-    ----------
-    make
-        Function that makes the arm, not yet connected.
-    says
-        One-line description for people.
-    keeps_parameters
-        Whether a controller stores a parameter document; if not, nothing is uploaded.
-    records
-        Whether `ArmOrder.record_to` is used.
-    """
+    """Object to which an entry point of group ``sarcal.arm`` refers."""
 
     make: Callable[[ArmOrder], ArmInterface]
+    """Function that makes the arm, not yet connected."""
     says: str
+    """One-line description for people."""
     keeps_parameters: bool = False
+    """Whether a controller stores a parameter document; if not, nothing is uploaded."""
     records: bool = False
+    """Whether `ArmOrder.record_to` is used."""
 
 
 def offered_names() -> tuple[str, ...]:
@@ -81,29 +65,23 @@ def offer(name: str) -> ArmOffer | None:
     points = {(_package(p), p.value): p for p in entry_points(group=GROUP, name=name)}
     if not points:
         return None
-    packages = sorted({package for package, _ in points})
     if len(points) > 1:
-        raise BusError(
-            f"Two packages offer an arm called {name}: {' and '.join(packages)}. Uninstall one."
-        )
-    (point,) = points.values()
-    return _loaded(point)
-
-
-def _loaded(point: EntryPoint) -> ArmOffer:
+        packages = " and ".join(sorted({package for package, _ in points}))
+        raise BusError(f"Two packages offer an arm called {name}: {packages}. Uninstall one.")
+    [((package, value), point)] = points.items()
     try:
-        offer = point.load()
+        loaded = point.load()
     except Exception as error:  # a package may raise anything on import
         raise BusError(
-            f"The arm {point.name!r} of the package {_package(point)} cannot be loaded ({point.value}): "
+            f"The arm {name!r} of the package {package} cannot be loaded ({value}): "
             f"{type(error).__name__}: {error}. Install what that package needs, or report this to its author."
         ) from error
-    if not isinstance(offer, ArmOffer):
+    if not isinstance(loaded, ArmOffer):
         raise BusError(
-            f"The arm {point.name!r} of the package {_package(point)} ({point.value}) is a "
-            f"{type(offer).__name__}, not a sarcal.arms.ArmOffer. Report this to the author of the package."
+            f"The arm {name!r} of the package {package} ({value}) is a {type(loaded).__name__}, not a "
+            "sarcal.arms.ArmOffer. Report this to the author of the package."
         )
-    return offer
+    return loaded
 
 
 def _package(point: EntryPoint) -> str:

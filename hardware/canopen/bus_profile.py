@@ -30,6 +30,45 @@ MAX_HEARTBEAT_MS: Final = 10_000
 DEFAULT_HEARTBEAT_LIMIT_MS: Final = 1000
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PdoKind:
+    """RPDOs or TPDOs of a drive; the indices and the identifier are those of the first PDO."""
+
+    name: str
+    communication: int
+    mapping: int
+    cob_id: int
+    transmission_types: tuple[int, ...]
+    """Transmission types allowed; a drive is set to the last."""
+    transmission: str
+    carried: tuple[int, ...]
+    """Objects that the PDOs of a joint carry together."""
+
+    def records(self, number: int) -> tuple[int, int]:
+        """Return the indices of the communication record and of the map of a PDO, numbered from 1."""
+        return self.communication + number - 1, self.mapping + number - 1
+
+
+RPDO: Final = PdoKind(
+    "RPDO",
+    objects.RPDO1_COMMUNICATION,
+    objects.RPDO1_MAP,
+    objects.COB_RPDO1,
+    (254, 255),  # STOP must not wait for a SYNC
+    "acted on when received",
+    COMMAND_OBJECTS,
+)
+TPDO: Final = PdoKind(
+    "TPDO",
+    objects.TPDO1_COMMUNICATION,
+    objects.TPDO1_MAP,
+    objects.COB_TPDO1,
+    (objects.TPDO_EVERY_SYNC,),
+    "on every SYNC",
+    FEEDBACK_OBJECTS,
+)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pdo:
     """One PDO of one joint: number (1 for 1400h/1600h or 1800h/1A00h), identifier and map."""
@@ -60,6 +99,11 @@ class JointProfile:
     """6064h at sensor coordinate 0."""
     rated_torque_nm: float | None = None
     """Torque at 1000 per mille in 6077h; None: read from 6076h."""
+
+    @property
+    def pdos(self) -> tuple[tuple[PdoKind, tuple[Pdo, ...]], ...]:
+        """PDOs used, by kind."""
+        return (RPDO, self.commands), (TPDO, self.answers)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

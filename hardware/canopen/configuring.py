@@ -13,8 +13,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
+from hardware import errors
 from hardware.canopen import maps
-from hardware.canopen.bus_profile import BusProfile, JointProfile, format_map
+from hardware.canopen.bus_profile import TPDO, BusProfile, JointProfile, Pdo, PdoKind, format_map
 from hardware.canopen.objects import (
     POSITION_OFFSET,
     TARGET_TORQUE,
@@ -22,15 +23,6 @@ from hardware.canopen.objects import (
     NmtCommand,
 )
 from hardware.canopen.sdo import ObjectAccess
-from hardware.errors import (
-    BusError,
-    MappingMismatch,
-    ObjectMismatch,
-    PdoSetupFailed,
-    ProfileRemedy,
-    SdoRefused,
-    ZeroingFailed,
-)
 
 _NO_REMOTE_REQUEST: Final = maps.GENERATES_SYNC
 """Bit 30 of a PDO's COB-ID (no remote request), which is left as it is in the drive."""
@@ -70,11 +62,11 @@ def configure(
                 for index, sub, value, size, purpose in change.steps[step]:
                     try:
                         access.write_unsigned(change.node, index, sub, value, size)
-                    except SdoRefused as refusal:
+                    except errors.SdoRefused as refusal:
                         who = profile.who(change.node)
-                        raise PdoSetupFailed([f"{who}: {refusal}; {purpose}"]) from refusal
+                        raise errors.PdoSetupFailed([f"{who}: {refusal}; {purpose}"]) from refusal
     except BaseException:
-        with suppress(BusError):
+        with suppress(errors.BusError):
             command(NmtCommand.RESET_COMMUNICATION)
         raise
     return tuple(change.text for change in changes)
@@ -92,9 +84,11 @@ def zero_residual_torques(access: ObjectAccess, profile: BusProfile) -> Iterator
         for nonzero_object in _nonzero_objects(access, joint)
     ]
     if nonzero and not profile.configures_pdos:
-        raise MappingMismatch(
+        raise errors.MappingMismatch(
             [
-                ObjectMismatch(node, index, None, "0", str(value), ProfileRemedy.SEND_ZERO)
+                errors.ObjectMismatch(
+                    node, index, None, "0", str(value), errors.ProfileRemedy.SEND_ZERO
+                )
                 for node, index, value, _ in nonzero
             ]
         )
@@ -102,8 +96,8 @@ def zero_residual_torques(access: ObjectAccess, profile: BusProfile) -> Iterator
         who = profile.who(node)
         try:
             access.write_unsigned(node, index, 0, 0, size)
-        except SdoRefused as refusal:
-            raise ZeroingFailed([f"{who}: {refusal}; the required value is 0"]) from refusal
+        except errors.SdoRefused as refusal:
+            raise errors.ZeroingFailed([f"{who}: {refusal}; the required value is 0"]) from refusal
         yield f"{who}: {index:04X}h is 0; it was {value}"
 
 
@@ -115,12 +109,7 @@ def _nonzero_objects(
     for index in _ADDED_OBJECTS:
         if index in sent:
             continue
-        try:
-            data = access.read(joint.node, index)
-        except SdoRefused as refusal:
-            if refusal.code in maps.ABSENT:
-                continue
-            raise
+        data = maps.read_if_present(access.read, joint.node, index) or b""
         if value := int.from_bytes(data, "little", signed=True):
             yield joint.node, index, value, len(data)
 
@@ -129,33 +118,33 @@ def plan_changes(access: ObjectAccess, profile: BusProfile) -> tuple[PdoChange, 
     """Return the changes that `configure` would write; only reads. `PdoSetupFailed` if a drive lacks a PDO."""
     changes, missing = list[PdoChange](), list[str]()
     for joint in profile.joints:
-        for number, index, value in maps.conflicting_pdos(access, joint.node, profile, joint):
-            who = f"{profile.who(joint.node)}: {maps.pdo_name(index, number)}"
+        for kind, number, value in maps.conflicting_pdos(access, joint.node, profile, joint):
+            who = f"{profile.who(joint.node)}: {kind.name}{number}"
             text = f"{who} was on {value & maps.IDENTIFIER:03X}h, an identifier of this arm, and is switched off"
-            changes.append(PdoChange(text, joint.node, ((_invalidate(index, value),), (), ())))
-        for records in maps.pdo_records(joint):
-            change = _change(access, profile, joint.node, records)
-            if isinstance(change, str):
-                missing.append(change)
-            elif change is not None:
-                changes.append(change)
+            invalid = _invalidate(kind.records(number)[0], value)
+            changes.append(PdoChange(text, joint.node, ((invalid,), (), ())))
+        for kind, pdos in joint.pdos:
+            for pdo in pdos:
+                change = _change(access, profile, joint.node, kind, pdo)
+                if isinstance(change, str):
+                    missing.append(change)
+                elif change is not None:
+                    changes.append(change)
     if missing:
-        raise PdoSetupFailed(missing)
+        raise errors.PdoSetupFailed(missing)
     return tuple(changes)
 
 
 def _change(
-    access: ObjectAccess, profile: BusProfile, node: int, records: maps.PdoRecords
+    access: ObjectAccess, profile: BusProfile, node: int, kind: PdoKind, pdo: Pdo
 ) -> PdoChange | str | None:
     """Return the change that sets a PDO as in the profile; None if unnecessary, a sentence if the PDO is absent."""
-    pdo, communication, mapping, types = records
-    cob_id, entries = (
-        maps.read_number(access, node, communication, 1),
-        maps.read_map(access, node, mapping),
-    )
+    communication, mapping = kind.records(pdo.number)
+    cob_id = maps.read_number(access, node, communication, 1)
+    entries = maps.read_map(access, node, mapping)
     if cob_id is None or entries is None:
         index = communication if cob_id is None else mapping
-        return str(ObjectMismatch(node, index, None, "a PDO to set up", "no such object"))
+        return str(errors.ObjectMismatch(node, index, None, "a PDO to set up", "no such object"))
     transmission = maps.read_number(access, node, communication, 2) or 0
     inhibited = maps.inhibit_s(access, node, communication) >= maps.MAX_INHIBIT_S
     has_sync_start = bool(maps.read_number(access, node, communication, maps.SYNC_START))
@@ -168,17 +157,18 @@ def _change(
             for at, (index, sub, bits) in enumerate(pdo.entries, 1)
         )
         writes.append((mapping, 0, len(pdo.entries), 1, reason))
-    if transmission not in types:
-        writes.append((communication, 2, types[-1], 1, f"required transmission type: {types[-1]}"))
-    if types is maps.EVERY_SYNC and inhibited:
+    *_, required = kind.transmission_types
+    if transmission not in kind.transmission_types:
+        writes.append((communication, 2, required, 1, f"required transmission type: {required}"))
+    if kind is TPDO and inhibited:
         writes.append((communication, maps.INHIBIT, 0, 2, "required inhibit time: 0"))
-    if types is maps.EVERY_SYNC and has_sync_start:
+    if kind is TPDO and has_sync_start:
         writes.append((communication, maps.SYNC_START, 0, 1, "required SYNC start value: 0"))
     if not writes and cob_id & (maps.IDENTIFIER | maps.EXTENDED | maps.NOT_VALID) == pdo.cob_id:
         return None
     invalid, new_id = bool(cob_id & maps.NOT_VALID), cob_id & _NO_REMOTE_REQUEST | pdo.cob_id
     text = (
-        f"{profile.who(node)}: {maps.pdo_name(communication, pdo.number)} is {format_map(pdo.entries)} on "
+        f"{profile.who(node)}: {kind.name}{pdo.number} is {format_map(pdo.entries)} on "
         f"{pdo.cob_id:03X}h; it was {'off, ' * invalid}{format_map(entries)} on {cob_id & maps.IDENTIFIER:03X}h, type "
         f"{transmission}{', inhibited' * inhibited}{', with a SYNC start value' * has_sync_start}"
     )
@@ -189,10 +179,5 @@ def _change(
 
 
 def _invalidate(communication: int, cob_id: int) -> ObjectWrite:
-    return (
-        communication,
-        1,
-        cob_id | maps.NOT_VALID,
-        4,
-        "it must be switched off while it is set up",
-    )
+    purpose = "it must be switched off while it is set up"
+    return communication, 1, cob_id | maps.NOT_VALID, 4, purpose

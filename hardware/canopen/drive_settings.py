@@ -14,8 +14,11 @@ from hardware.canopen.bus_profile import (
     COMMAND_OBJECTS,
     FEEDBACK_OBJECTS,
     MAX_HEARTBEAT_MS,
+    RPDO,
+    TPDO,
     BusProfile,
     Entry,
+    PdoKind,
 )
 from hardware.canopen.maps import IDENTIFIER, NOT_VALID, read_map, read_number, read_records
 from hardware.errors import MappingMismatch, ObjectMismatch, ProfileRemedy, SdoRefused
@@ -44,30 +47,26 @@ class DrivePdo:
     entries: tuple[Entry, ...]
 
     @property
-    def name(self) -> str:
-        """Name of the PDO, e.g. ``TPDO1``."""
-        return f"{'T' if self.sent else 'R'}PDO{self.number}"
+    def kind(self) -> PdoKind:
+        """Kind of the PDO."""
+        return TPDO if self.sent else RPDO
 
 
 def read_pdos(access: ObjectAccess, node: int) -> tuple[DrivePdo, ...]:
     """Read the PDOs of a drive, RPDOs first."""
     pdos = []
-    for communication, mapping, sent in (
-        (objects.RPDO1_COMMUNICATION, objects.RPDO1_MAP, False),
-        (objects.TPDO1_COMMUNICATION, objects.TPDO1_MAP, True),
-    ):
-        for number, cob_id in read_records(access, node, communication):
+    for kind in (RPDO, TPDO):
+        for number, cob_id in read_records(access, node, kind):
+            communication, mapping = kind.records(number)
             valid = not cob_id & NOT_VALID
-            transmission = (
-                read_number(access, node, communication + number - 1, 2) if valid else None
-            )
+            transmission = read_number(access, node, communication, 2) if valid else None
             pdo = DrivePdo(
-                sent=sent,
+                sent=kind is TPDO,
                 number=number,
                 valid=valid,
                 cob_id=cob_id & IDENTIFIER,
                 transmission=255 if transmission is None else transmission,
-                entries=(read_map(access, node, mapping + number - 1) or ()) if valid else (),
+                entries=(read_map(access, node, mapping) or ()) if valid else (),
             )
             pdos.append(pdo)
     return tuple(pdos)

@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
 from hardware.canopen import objects
-from hardware.canopen.bus_profile import BusProfile, Entry, JointProfile, Pdo, format_map
+from hardware.canopen.bus_profile import TPDO, BusProfile, Entry, JointProfile, PdoKind, format_map
 from hardware.canopen.objects import Abort
 from hardware.errors import MappingMismatch, ObjectMismatch, ProfileRemedy, SdoRefused
 
@@ -25,9 +25,6 @@ POSITION_AGREEMENT_RAD = 0.01
 NOT_VALID, EXTENDED, GENERATES_SYNC = 1 << 31, 1 << 29, 1 << 30
 """Flag bits of a COB-ID."""
 IDENTIFIER = 0x1FFFFFFF
-ON_RECEIPT = (254, 255)
-"""Transmission types allowed for RPDOs: STOP must not wait for a SYNC."""
-EVERY_SYNC = (objects.TPDO_EVERY_SYNC,)
 _SYNC_COUNTER = 0x1019
 """Synchronous counter overflow value; if not 0, SYNC carries a counter."""
 MAX_PDOS, PDOS_PER_AXIS, MAX_ABSENT_PDOS = 512, 64, 16
@@ -106,56 +103,39 @@ def _communication(access: ObjectAccess, node: int) -> Iterator[ObjectMismatch]:
         yield replace(each, remedy=ProfileRemedy.NONE)
 
 
-PdoRecords = tuple[Pdo, int, int, tuple[int, ...]]
-"""A PDO of the profile, the indices of its two records in the drive, and the transmission types allowed."""
-
-
-def pdo_records(joint: JointProfile) -> Iterator[PdoRecords]:
-    """Yield the PDOs of a joint, RPDOs first."""
-    for communication, mapping, types, pdos in (
-        (objects.RPDO1_COMMUNICATION, objects.RPDO1_MAP, ON_RECEIPT, joint.commands),
-        (objects.TPDO1_COMMUNICATION, objects.TPDO1_MAP, EVERY_SYNC, joint.answers),
-    ):
-        for pdo in pdos:
-            yield pdo, communication + pdo.number - 1, mapping + pdo.number - 1, types
-
-
-def pdo_name(communication: int, number: int) -> str:
-    """Return the name of a PDO, e.g. ``TPDO1``; `communication` is the index of its communication record."""
-    return f"{'T' if communication >= objects.TPDO1_COMMUNICATION else 'R'}PDO{number}"
-
-
 def pdo_differences(
     access: ObjectAccess, node: int, profile: BusProfile
 ) -> Iterator[ObjectMismatch]:
     """Yield how a drive's PDOs differ from the bus profile or conflict with other frames of the arm."""
     yield from _communication(access, node)
     joint = profile.joints[profile.joint_of[node] - 1]
-    for pdo, communication, mapping, types in pdo_records(joint):
+    for kind, pdo in ((kind, pdo) for kind, pdos in joint.pdos for pdo in pdos):
+        communication, mapping = kind.records(pdo.number)
         yield from _cob_id(access, node, communication, 1, pdo.cob_id, refused=NOT_VALID)
-        kind = read_number(access, node, communication, 2)
-        if kind not in types:
-            expected = f"transmission type {' or '.join(map(str, types))}"
-            yield ObjectMismatch(node, communication, 2, expected, _number(kind, "d"))
-        if types is EVERY_SYNC:
+        transmission = read_number(access, node, communication, 2)
+        if transmission not in kind.transmission_types:
+            expected = f"transmission type {' or '.join(map(str, kind.transmission_types))}"
+            yield ObjectMismatch(node, communication, 2, expected, _number(transmission, "d"))
+        if kind is TPDO:
             yield from _on_every_sync(access, node, communication)
         entries = read_map(access, node, mapping)
         if entries != pdo.entries:
-            expected = f"{pdo_name(communication, pdo.number)} = {format_map(pdo.entries)}"
+            expected = f"{kind.name}{pdo.number} = {format_map(pdo.entries)}"
             actual = "no such object" if entries is None else format_map(entries)
             yield ObjectMismatch(node, mapping, None, expected, actual)
-    for _, index, value in conflicting_pdos(access, node, profile, joint):
+    for kind, number, value in conflicting_pdos(access, node, profile, joint):
+        index, _ = kind.records(number)
         actual = f"{value & IDENTIFIER:03X}h"
         expected = "an identifier that no other frame of this arm has"
         yield ObjectMismatch(node, index, 1, expected, actual)
 
 
-def read_records(access: ObjectAccess, node: int, communication: int) -> Iterator[tuple[int, int]]:
-    """Yield number and COB-ID (with flag bits) of every RPDO or TPDO; `communication` is 1400h or 1800h."""
+def read_records(access: ObjectAccess, node: int, kind: PdoKind) -> Iterator[tuple[int, int]]:
+    """Yield number and COB-ID (with flag bits) of every PDO of a kind."""
     for axis in range(0, MAX_PDOS, PDOS_PER_AXIS):
         absent = 0 if axis == 0 else MAX_ABSENT_PDOS - 1
         for at in range(axis, axis + PDOS_PER_AXIS):
-            value = read_number(access, node, communication + at, 1)
+            value = read_number(access, node, kind.communication + at, 1)
             if value is not None:
                 yield at + 1, value
             absent = 0 if value is not None else absent + 1
@@ -165,23 +145,19 @@ def read_records(access: ObjectAccess, node: int, communication: int) -> Iterato
 
 def conflicting_pdos(
     access: ObjectAccess, node: int, profile: BusProfile, joint: JointProfile
-) -> Iterator[tuple[int, int, int]]:
+) -> Iterator[tuple[PdoKind, int, int]]:
     """Yield valid PDOs that the profile does not use but whose identifiers are those of other frames of the arm.
 
-    A drive with such a PDO could obey another drive's commands. Each is yielded as number, index of the communication
-    record, and COB-ID.
+    A drive with such a PDO could obey another drive's commands. Each is yielded as kind, number and COB-ID.
     """
     in_use = _RESERVED | {
         pdo.cob_id for each in profile.joints for pdo in (*each.commands, *each.answers)
     }
-    for communication, pdos in (
-        (objects.RPDO1_COMMUNICATION, joint.commands),
-        (objects.TPDO1_COMMUNICATION, joint.answers),
-    ):
+    for kind, pdos in joint.pdos:
         used = {pdo.number for pdo in pdos}
-        for number, value in read_records(access, node, communication):
+        for number, value in read_records(access, node, kind):
             if number not in used and not value & NOT_VALID and value & IDENTIFIER in in_use:
-                yield number, communication + number - 1, value
+                yield kind, number, value
 
 
 def _on_every_sync(access: ObjectAccess, node: int, index: int) -> Iterator[ObjectMismatch]:

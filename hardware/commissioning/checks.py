@@ -139,8 +139,8 @@ def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause
         text = f"{turn.overtravel(watch)}; the drives are {'on' if enabled else 'off'}"
     passed = interrupted and enabled and not snapshot.moving
     yield Clause(name="Ctrl-C", passed=passed, text=text, joint=turn.joint)
-    first, then = (turn.arm.capture(turn.bounds.samples).mean_rad for _ in range(2))
-    yield from is_still("held", first, then, turn.bounds)
+    before = turn.arm.capture(turn.bounds.samples).mean_rad
+    yield is_still("held", before, turn.arm, turn.bounds)
 
 
 def is_stopped(turn: Turn) -> Iterator[Clause]:
@@ -312,4 +312,4 @@ def stops_alone(arm: CanopenArm, ask: Ask, bounds: Bounds) -> Iterator[Clause]:
         if on
         else f"no drive stayed enabled; faults: {', '.join(reasons) or 'none'}",
     )
-    yield from is_still("held alone", before, arm.capture(bounds.samples).mean_rad, bounds)
+    yield is_still("held alone", before, arm, bounds)

@@ -133,7 +133,7 @@ def is_enabled_unmoved(arm: ArmInterface, bounds: Bounds) -> Iterator[Clause]:
     other_mode = [j.joint for j in joints if j.mode is not JointMode.POSITION]
     must = ", in which an enabled drive must hold its joint"
     yield _of_all_drives("holding mode", other_mode, "in position mode", must)
-    yield from is_still("holds", before, arm.capture(bounds.samples).mean_rad, bounds)
+    yield is_still("holds", before, arm, bounds)
 
 
 def reads_modes_back(arm: ArmInterface, modes: Sequence[JointMode]) -> Iterator[Clause]:
@@ -256,7 +256,7 @@ def resets_unmoved(arm: ArmInterface, before: FloatArray, bounds: Bounds) -> Ite
         text="; ".join(wrong) or "the reset releases STOP and leaves the drives off",
     )
     settled = replace(bounds, still_rad=bounds.single_sample_rad)
-    yield from is_still("reset holds", before, arm.capture(bounds.samples).mean_rad, settled)
+    yield is_still("reset holds", before, arm, settled)
 
 
 def leaves_and_returns(arm: ArmInterface, identity: ArmIdentity) -> Iterator[Clause]:
@@ -289,11 +289,11 @@ def drives_off(arm: ArmInterface) -> Clause:
     return Clause(name="drives off", passed=not on, text=text)
 
 
-def is_still(name: str, before: FloatArray, after: FloatArray, bounds: Bounds) -> Iterator[Clause]:
-    """Check that no joint moved between two readings (n,), rad."""
-    gone = np.abs(after - before)
+def is_still(name: str, before: FloatArray, arm: ArmInterface, bounds: Bounds) -> Clause:
+    """Check that no joint has moved since the reading `before` (n,), rad."""
+    gone = np.abs(arm.capture(bounds.samples).mean_rad - before)
     most = float(gone.max(initial=0.0))
-    yield Clause(
+    return Clause(
         name=name,
         passed=most <= bounds.still_rad,
         text=f"no joint moved by more than {deg(most)} (joint {int(np.argmax(gone)) + 1})",

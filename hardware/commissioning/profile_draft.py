@@ -9,20 +9,20 @@ from hardware.canopen.bus_profile import (
     COMMAND_OBJECTS,
     FEEDBACK_OBJECTS,
     FIELD_BITS,
+    RPDO,
+    TPDO,
     ZERO_OBJECTS,
     BusProfile,
     Entry,
     JointProfile,
     Pdo,
+    PdoKind,
 )
 from hardware.canopen.drive_settings import DrivePdo
-from hardware.canopen.maps import EVERY_SYNC, ON_RECEIPT
-from hardware.canopen.objects import COB_NEXT_PDO, COB_RPDO1, COB_TPDO1
+from hardware.canopen.objects import COB_NEXT_PDO
 from hardware.commissioning.probe import FoundNode
 
 FRAME_BITS: Final = 64
-_NEEDED: Final = {False: COMMAND_OBJECTS, True: FEEDBACK_OBJECTS}
-"""Objects that a joint's RPDOs (False) and TPDOs (True, sent by the drive) must carry."""
 
 
 class DraftRefused(Exception):
@@ -50,9 +50,7 @@ def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> 
     return BusProfile(
         name=name,
         joints=tuple(
-            JointProfile(
-                node=node.node, commands=pdos(node, sent=False), answers=pdos(node, sent=True)
-            )
+            JointProfile(node=node.node, commands=pdos(node, RPDO), answers=pdos(node, TPDO))
             for node in drives
         ),
         configures_pdos=configure,
@@ -62,10 +60,10 @@ def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> 
     )
 
 
-def _current(node: FoundNode, *, sent: bool) -> tuple[Pdo, ...]:
+def _current(node: FoundNode, kind: PdoKind) -> tuple[Pdo, ...]:
     """Choose usable PDOs one by one, each time the one that adds most of the needed objects, until none adds any."""
-    usable = [pdo for pdo in node.pdos if pdo.valid and pdo.sent is sent and not _unusable(pdo)]
-    missing, chosen = set(_NEEDED[sent]), list[DrivePdo]()
+    usable = [pdo for pdo in node.pdos if pdo.valid and pdo.kind is kind and not _unusable(pdo)]
+    missing, chosen = set(kind.carried), list[DrivePdo]()
     while missing:
         best = max(usable, key=lambda pdo: len(missing & _carried(pdo)), default=None)
         if best is None or not missing & _carried(best):
@@ -84,15 +82,13 @@ def _carried(pdo: DrivePdo | Pdo) -> set[int]:
 
 def _unusable(pdo: DrivePdo) -> str:
     """Return why a PDO cannot be used; empty if it can."""
-    if pdo.sent and pdo.transmission not in EVERY_SYNC:
-        return f"is of transmission type {pdo.transmission}, not 1 (on every SYNC)"
-    if not pdo.sent and pdo.transmission not in ON_RECEIPT:
-        return (
-            f"is of transmission type {pdo.transmission}, not 254 or 255 (acted on when received)"
-        )
+    kind = pdo.kind
+    if pdo.transmission not in kind.transmission_types:
+        required = f"{' or '.join(map(str, kind.transmission_types))} ({kind.transmission})"
+        return f"is of transmission type {pdo.transmission}, not {required}"
     if any(bits % 8 for _, _, bits in pdo.entries):
         return "maps parts of bytes"
-    if not pdo.sent:
+    if kind is RPDO:
         others = [
             i for i, _, _ in pdo.entries if i not in COMMAND_OBJECTS and i not in ZERO_OBJECTS
         ]
@@ -106,19 +102,18 @@ def _obstacles(node: FoundNode) -> Iterator[str]:
     if not any(pdo.valid for pdo in node.pdos):
         yield _read_problem(node)
         return
-    for sent, needed in _NEEDED.items():
-        carried = {i for pdo in _current(node, sent=sent) for i in _carried(pdo)}
-        for index in needed:
+    for kind in (RPDO, TPDO):
+        carried = {i for pdo in _current(node, kind) for i in _carried(pdo)}
+        for index in kind.carried:
             if index in carried:
                 continue
-            kind = "TPDO" if sent else "RPDO"
             reasons = [
-                f"{pdo.name} {_unusable(pdo)}"
+                f"{kind.name}{pdo.number} {_unusable(pdo)}"
                 for pdo in node.pdos
-                if pdo.sent is sent and index in _carried(pdo)
+                if pdo.kind is kind and index in _carried(pdo)
             ]
             because = f" ({'; '.join(reasons)})" if reasons else ""
-            yield f"node {node.node}: no usable {kind} carries {index:04X}h{because}"
+            yield f"node {node.node}: no usable {kind.name} carries {index:04X}h{because}"
 
 
 def _read_problem(node: FoundNode) -> str:
@@ -126,10 +121,10 @@ def _read_problem(node: FoundNode) -> str:
     return text if text.lower().startswith(f"node {node.node}") else f"node {node.node}: {text}"
 
 
-def _frames(node: FoundNode, *, sent: bool) -> list[tuple[Entry, ...]]:
+def _frames(node: FoundNode, kind: PdoKind) -> list[tuple[Entry, ...]]:
     """Return the PDO maps that carry the needed objects, each of at most 8 bytes."""
     frames, free_bits = list[tuple[Entry, ...]](), 0
-    for index in _NEEDED[sent]:
+    for index in kind.carried:
         entry = (index, 0, node.widths.get(index, 0))
         if entry[2] > free_bits:
             frames.append(())
@@ -139,15 +134,15 @@ def _frames(node: FoundNode, *, sent: bool) -> list[tuple[Entry, ...]]:
     return frames
 
 
-def _numbers(node: FoundNode, *, sent: bool) -> list[int]:
-    return [pdo.number for pdo in node.pdos if pdo.sent is sent]
+def _numbers(node: FoundNode, kind: PdoKind) -> list[int]:
+    return [pdo.number for pdo in node.pdos if pdo.kind is kind]
 
 
-def _set_up(node: FoundNode, *, sent: bool) -> tuple[Pdo, ...]:
-    base, frames = COB_TPDO1 if sent else COB_RPDO1, _frames(node, sent=sent)
+def _set_up(node: FoundNode, kind: PdoKind) -> tuple[Pdo, ...]:
+    pdos = zip(_numbers(node, kind), _frames(node, kind), strict=False)
     return tuple(
-        Pdo(number=number, cob_id=base + COB_NEXT_PDO * at + node.node, entries=entries)
-        for at, (number, entries) in enumerate(zip(_numbers(node, sent=sent), frames, strict=False))
+        Pdo(number=number, cob_id=kind.cob_id + COB_NEXT_PDO * at + node.node, entries=entries)
+        for at, (number, entries) in enumerate(pdos)
     )
 
 
@@ -164,8 +159,7 @@ def _configuration_obstacles(node: FoundNode) -> Iterator[str]:
     yield from (f"node {node.node}: {index:04X}h cannot be read" for index in absent)
     if absent:  # how many frames are needed is not known
         return
-    for sent in (False, True):
-        needed, numbers = len(_frames(node, sent=sent)), _numbers(node, sent=sent)
+    for kind in (RPDO, TPDO):
+        needed, numbers = len(_frames(node, kind)), _numbers(node, kind)
         if len(numbers) < needed:
-            kind = "TPDO" if sent else "RPDO"
-            yield f"node {node.node}: {needed} {kind}s are needed, but it has {len(numbers)}"
+            yield f"node {node.node}: {needed} {kind.name}s are needed, but it has {len(numbers)}"

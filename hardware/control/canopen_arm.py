@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+from hardware import errors
 from hardware.arm import (
     ArmSnapshot,
     DriveState,
@@ -20,16 +21,6 @@ from hardware.canopen.objects import ERROR_CODE, OPERATOR_NODE, emergency_text
 from hardware.control import motion_steps, uploading
 from hardware.control.connectable_arm import ConnectableArm
 from hardware.control.connection import Connection
-from hardware.errors import (
-    CommandRefused,
-    ControlDenied,
-    DriveFault,
-    HardwareError,
-    ModeNotReached,
-    OtherMaster,
-    SensorFault,
-    Stopped,
-)
 from hardware.monitors.admission import admit_move, not_enabled
 from hardware.monitors.joint_monitor import stop_error
 
@@ -48,7 +39,7 @@ class CanopenArm(ConnectableArm):
         link = self._link
         self._raise_if_stopped(link)
         if link.other_operator():
-            raise ControlDenied(OPERATOR_NODE)
+            raise errors.ControlDenied(OPERATOR_NODE)
         link.take_token()
         not_reached = link.loop.run(motion_steps.drive_to(link.loop, TargetState.ENABLED))
         link.read_modes()
@@ -64,7 +55,7 @@ class CanopenArm(ConnectableArm):
         self._set_modes(modes)
         joint = motion_steps.not_following(self._link.loop.sample, modes)
         if joint is not None:
-            raise ModeNotReached(
+            raise errors.ModeNotReached(
                 joint,
                 JointMode.POSITION.value,
                 "it, but not that it follows its target (6041h, bit 12)",
@@ -72,7 +63,7 @@ class CanopenArm(ConnectableArm):
             )
 
     def _set_modes(
-        self, modes: Sequence[JointMode], *, despite: tuple[type[HardwareError], ...] = ()
+        self, modes: Sequence[JointMode], *, despite: tuple[type[errors.HardwareError], ...] = ()
     ) -> None:
         link = self._link
         self._raise_if_stopped(link)
@@ -94,7 +85,7 @@ class CanopenArm(ConnectableArm):
         for joint, (requested, actual) in enumerate(zip(modes, link.modes, strict=True), 1):
             if requested is not actual:
                 name = "neither position nor free" if actual is None else actual.value
-                raise ModeNotReached(joint, requested.value, name)
+                raise errors.ModeNotReached(joint, requested.value, name)
 
     def move(
         self,
@@ -117,7 +108,7 @@ class CanopenArm(ConnectableArm):
             speed_rad_per_s=speed_rad_per_s,
             in_control=link.in_control,
         )
-        result: MoveResult = link.loop.run(
+        result = link.loop.run(
             motion_steps.move(link, dict(targets_rad), speed_rad_per_s=speed_rad_per_s, watch=watch)
         )
         if not result.reached:
@@ -129,26 +120,27 @@ class CanopenArm(ConnectableArm):
         if len(spread_rad) != self.joints or window < 1:
             raise ValueError("settling needs one spread per joint and a window of at least 1")
         link = self._link
-        settled: bool = link.loop.run(
+        return link.loop.run(
             motion_steps.settle(
                 link, window=window, spread_rad=spread_rad, timeout_syncs=timeout_syncs
             )
         )
-        return settled
 
     def capture(self, samples: int) -> Reading:
         """Average `samples` samples, each latched on one SYNC; `MappingChanged` if a drive's PDO map was changed."""
         if samples < 1:
             raise ValueError("a reading needs at least one sample")
         link = self._link
-        reading: Reading = link.loop.run(motion_steps.capture(link, samples))
+        reading = link.loop.run(motion_steps.capture(link, samples))
         link.require_same_maps()
         return reading
 
     def hold(self) -> None:
         """Put all joints into position mode: free joints at their positions, the others at their last targets."""
         # A sensor fault or another master is no reason not to hold.
-        self._set_modes([JointMode.POSITION] * self.joints, despite=(SensorFault, OtherMaster))
+        self._set_modes(
+            [JointMode.POSITION] * self.joints, despite=(errors.SensorFault, errors.OtherMaster)
+        )
 
     def reset_stop(self) -> None:
         """Clear the STOP latch and the drives' faults; the drives stay disabled until `take_control`.
@@ -158,7 +150,7 @@ class CanopenArm(ConnectableArm):
         link, press = self._link, self._latch.last_press
         not_reached = link.loop.run(
             motion_steps.reset(link.loop, press=press),
-            despite=(Stopped, DriveFault, SensorFault, OtherMaster),
+            despite=(errors.Stopped, errors.DriveFault, errors.SensorFault, errors.OtherMaster),
         )
         link.read_modes()
         self._raise_if_stopped(link)
@@ -181,7 +173,7 @@ class CanopenArm(ConnectableArm):
         link = self._link
         if not link.in_control:
             if link.token or link.other_operator():
-                raise CommandRefused(
+                raise errors.CommandRefused(
                     "parameters can be uploaded only in control: take control first"
                 )
             link.take_token()
@@ -204,7 +196,7 @@ class CanopenArm(ConnectableArm):
             state = state_of(link.loop.sample.statuswords[joint - 1])
             if state is DriveState.FAULT:
                 code = link.access.read_unsigned(link.profile.drives[joint - 1], ERROR_CODE)
-                raise DriveFault(joint, code, emergency_text(code))
-            raise CommandRefused(
+                raise errors.DriveFault(joint, code, emergency_text(code))
+            raise errors.CommandRefused(
                 f"joint {joint} cannot be {required}: the drive is in state {state.value}"
             )

@@ -9,19 +9,20 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from pathlib import Path
 
 from hardware import errors
 from hardware.arm import ArmIdentity, DriveState
 from hardware.buses.python_can import ArmOnBus
 from hardware.canopen.cia402 import CLOSED_LOOP_STATES, TargetState, state_of
-from hardware.canopen.cyclic import Sample, Setpoints
+from hardware.canopen.cyclic import Sample
 from hardware.control import motion_steps
 from hardware.control.connection import Connection
 from hardware.control.control_loop import ControlLoop
 from hardware.control.start_up import StartUp
 from hardware.control.stop_line import StopLatch
+from hardware.control.tasks import Steps
 
 _IGNORED_ALARMS: tuple[type[errors.HardwareError], ...] = (
     errors.DriveFault,
@@ -192,13 +193,12 @@ def release_arm(loop: ControlLoop) -> Sample | None:
             if loop.commands is not None:
                 loop.run(motion_steps.hold_all(loop), despite=ignored)
             loop.run(motion_steps.drive_to(loop, TargetState.DISABLED), despite=ignored)
-        sample: Sample = loop.run(_wait_until_off(loop), despite=(*_IGNORED_ALARMS, errors.Stopped))
+        return loop.run(_wait_until_off(loop), despite=(*_IGNORED_ALARMS, errors.Stopped))
     except errors.HardwareError:  # the drives hold without an operator too
         return None
-    return sample
 
 
-def _wait_until_off(loop: ControlLoop) -> Generator[Setpoints | None, Sample, Sample]:
+def _wait_until_off(loop: ControlLoop) -> Steps[Sample]:
     """Run at most 50 SYNC cycles, until the drives report that they are off or, if STOP is latched, stopped."""
     sample = yield None
     for _ in range(motion_steps.TRANSITION_SYNCS):

@@ -9,6 +9,7 @@ from typing import Final
 
 import can
 
+from hardware import errors
 from hardware.arm import ArmSnapshot, DriveState, HostLatency, JointMode
 from hardware.arm_description import EncoderDescription
 from hardware.buses.acceptance_filters import operator_filters, set_hardware_filters
@@ -25,17 +26,6 @@ from hardware.control import motion_steps, uploading
 from hardware.control.control_loop import ControlLoop
 from hardware.control.sampling import build_snapshot
 from hardware.control.stop_line import StopLatch, StopLine
-from hardware.errors import (
-    BusError,
-    ControlDenied,
-    DuplicateNodeId,
-    FramesLost,
-    HardwareError,
-    HostLatencyExceeded,
-    MappingChanged,
-    MappingMismatch,
-    SdoRefused,
-)
 from hardware.monitors.admission import admit
 from hardware.monitors.joint_monitor import ENCODER_COUNTS, RVDT_COUNTS, JointMonitor
 
@@ -105,7 +95,7 @@ class Connection:
         """Open the second handle, for STOP; None if it cannot be opened, as with adapters that open only once."""
         try:
             return on_bus.openers.stop(on_bus.settings)
-        except BusError:
+        except errors.BusError:
             return None
 
     def read_states(self) -> tuple[DriveState, ...]:
@@ -148,11 +138,11 @@ class Connection:
         differs = self._differing_positions()
         if differs is None:
             return
-        with suppress(BusError, SdoRefused, DuplicateNodeId):
+        with suppress(errors.BusError, errors.SdoRefused, errors.DuplicateNodeId):
             try:
                 check_mapping(self.access, self.profile)
-            except MappingMismatch as why:
-                raise MappingChanged(why) from why
+            except errors.MappingMismatch as why:
+                raise errors.MappingChanged(why) from why
         for _ in range(POSITION_RECHECKS):  # noise, or a joint not yet at rest
             spread = [POSITION_AGREEMENT_RAD] * len(self.scales)
             self.loop.run(
@@ -161,19 +151,19 @@ class Connection:
             differs = self._differing_positions()
             if differs is None:
                 return
-        raise MappingChanged(differs)
+        raise errors.MappingChanged(differs)
 
-    def _differing_positions(self) -> MappingMismatch | None:
+    def _differing_positions(self) -> errors.MappingMismatch | None:
         """Return the differences between SDO and PDO positions; None if they agree or a node does not answer."""
         counts = self.loop.view.sample.counts
         try:
             if self._compares_positions:
                 check_positions(self.access, self.profile, counts, self.scales)
-        except MappingMismatch as differs:
+        except errors.MappingMismatch as differs:
             return differs
-        except BusError:  # after three attempts: do not delay every later pose
+        except errors.BusError:  # after three attempts: do not delay every later pose
             self._compares_positions = False
-        except (SdoRefused, DuplicateNodeId):
+        except (errors.SdoRefused, errors.DuplicateNodeId):
             pass
         return None
 
@@ -191,14 +181,14 @@ class Connection:
         if supervisor is not None:
             try:
                 self.access.write_unsigned(supervisor, TOKEN, 0, OPERATOR_NODE, 4)
-            except SdoRefused as refused:
+            except errors.SdoRefused as refused:
                 self.token = self.access.read_unsigned(supervisor, TOKEN)
                 reason = uploading.refusal(self.access, supervisor)
-                raise ControlDenied(self.token, reason) from refused
+                raise errors.ControlDenied(self.token, reason) from refused
         self._late_before_control = self.loop.latency.lateness.times
         self.token, self.in_control, self.took_control = OPERATOR_NODE, True, True
 
-    def may_repeat(self, error: HardwareError) -> bool:
+    def may_repeat(self, error: errors.HardwareError) -> bool:
         """Whether to repeat a step after this error.
 
         False if the arm is silent, or if control lapsed for a reason other than host latency; after host latency,
@@ -207,21 +197,25 @@ class Connection:
         if self.is_lost():
             return False
         supervisor = self.profile.supervisor
-        if not isinstance(error, SdoRefused) or error.code != Abort.LOCAL_CONTROL or not supervisor:
+        if (
+            not isinstance(error, errors.SdoRefused)
+            or error.code != Abort.LOCAL_CONTROL
+            or not supervisor
+        ):
             return True
         if not self.in_control or self._late_since_control() is None:
             return False
-        with suppress(SdoRefused, BusError):  # the next attempt requests it again
+        with suppress(errors.SdoRefused, errors.BusError):  # the next attempt requests it again
             self.access.write_unsigned(supervisor, TOKEN, 0, OPERATOR_NODE, 4)
         return True
 
-    def explain(self, error: HardwareError) -> HardwareError:
+    def explain(self, error: errors.HardwareError) -> errors.HardwareError:
         """Return `HostLatencyExceeded` if host latency since control was taken explains `error`; otherwise `error`."""
         late = self._late_since_control()
-        refused = isinstance(error, SdoRefused) and error.code != Abort.LOCAL_CONTROL
-        if late is None or refused or isinstance(error, DuplicateNodeId | FramesLost):
+        refused = isinstance(error, errors.SdoRefused) and error.code != Abort.LOCAL_CONTROL
+        if late is None or refused or isinstance(error, errors.DuplicateNodeId | errors.FramesLost):
             return error
-        return HostLatencyExceeded(late.times, late.longest_s)
+        return errors.HostLatencyExceeded(late.times, late.longest_s)
 
     def _late_since_control(self) -> HostLatency | None:
         """Host latency since control was taken; None if there was none."""

@@ -23,7 +23,7 @@ from hardware.canopen.cyclic import Abandoned, Sample, Setpoints, frames_of
 from hardware.canopen.objects import NmtState
 from hardware.control.sampling import CommandSender, CyclicView, Sampler
 from hardware.control.stop_line import StopLatch
-from hardware.control.tasks import LoopTask, Steps
+from hardware.control.tasks import LoopTask, Result, Steps
 from hardware.errors import BusError, HardwareError
 from hardware.monitors.joint_monitor import JointMonitor, alarms
 from hardware.monitors.node_monitor import NodeMonitor
@@ -89,7 +89,7 @@ class ControlLoop:
         self._answer_timeout_s = timing.answer_timeouts_s[pace]
         self._sampler = Sampler(frames, max_misses=timing.misses(pace), now_s=clock())
         self._thread = threading.Thread(target=self._run, name="sarcal-control", daemon=True)
-        self._tasks: deque[LoopTask] = deque()  # the loop works on the first
+        self._tasks: deque[LoopTask[Any]] = deque()  # the loop works on the first
         self._syncing = self._watching = self._beating = self._resampled = self._closing = False
         self._next_beat_s = self._next_tick_s = 0.0
         self._syncs_owed = SYNCS_AFTER_STOP
@@ -125,7 +125,7 @@ class ControlLoop:
         if self._thread.ident is not None:
             self._thread.join(5.0)
 
-    def run(self, steps: Steps, *, despite: tuple[type[HardwareError], ...] = ()) -> Any:
+    def run(self, steps: Steps[Result], *, despite: tuple[type[HardwareError], ...] = ()) -> Result:
         """Run steps and return their result, or raise the error that ended them; not for the loop's own thread.
 
         Alarms of the types in `despite` are ignored. On Ctrl-C the arm is first brought to rest.
@@ -142,7 +142,8 @@ class ControlLoop:
             raise self._closed_error()
         if task.error is not None:
             raise task.error
-        return task.result
+        result: Result = task.result
+        return result
 
     @property
     def sample(self) -> Sample:

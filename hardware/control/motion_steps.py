@@ -7,12 +7,13 @@ sample of that SYNC, and returns a result. If it ends early, joints in position 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hardware import errors
 from hardware.arm import DriveState, JointMode, MoveResult, Reading, Watch
 from hardware.canopen.cia402 import (
     CLOSED_LOOP_STATES,
@@ -26,16 +27,8 @@ from hardware.canopen.cia402 import (
 from hardware.canopen.cyclic import Sample, Setpoint, Setpoints
 from hardware.canopen.objects import CYCLIC_POSITION, MODE_CODE
 from hardware.control.control_loop import ControlLoop
+from hardware.control.tasks import Steps
 from hardware.control.trajectory import StraightMove
-from hardware.errors import (
-    BusError,
-    CommandRefused,
-    DriveDropout,
-    DriveFault,
-    HardwareError,
-    OtherMaster,
-    Stopped,
-)
 from hardware.monitors.admission import not_enabled
 
 if TYPE_CHECKING:
@@ -57,7 +50,7 @@ def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
     return None
 
 
-def first_complete_sample(loop: ControlLoop) -> Generator[Setpoints | None, Sample, Sample]:
+def first_complete_sample(loop: ControlLoop) -> Steps[Sample]:
     """Exchange at least two SYNCs without commands, until a sample is complete; return that sample."""
     sample = loop.sample
     for syncs in range(INCOMPLETE_SYNCS):
@@ -68,9 +61,7 @@ def first_complete_sample(loop: ControlLoop) -> Generator[Setpoints | None, Samp
     raise incomplete_samples(sample)
 
 
-def drive_to(
-    loop: ControlLoop, target: TargetState
-) -> Generator[Setpoints | None, Sample, tuple[int, ...]]:
+def drive_to(loop: ControlLoop, target: TargetState) -> Steps[tuple[int, ...]]:
     """Bring all drives to a state, in position mode at their current positions.
 
     Until a drive has power its target follows its joint, which may sink while a brake opens. A drive that has reached
@@ -78,24 +69,16 @@ def drive_to(
     reach it in time.
     """
     sample = yield None
-    positions = sample.counts
+    positions = list(sample.counts)
     controlwords, done = [0] * len(positions), [False] * len(positions)
     for _ in range(TRANSITION_SYNCS):
         raise_alarm(loop)
-        positions = tuple(
-            position if state_of(status) in CLOSED_LOOP_STATES else counts
-            for status, position, counts in zip(
-                sample.statuswords, positions, sample.counts, strict=True
-            )
-        )
-        controlwords = [
-            word if stays else next_controlword(status, target, previous=word)
-            for status, word, stays in zip(sample.statuswords, controlwords, done, strict=True)
-        ]
-        done = [
-            stays or reached(state_of(status), target)
-            for status, stays in zip(sample.statuswords, done, strict=True)
-        ]
+        for at, status in enumerate(sample.statuswords):
+            if state_of(status) not in CLOSED_LOOP_STATES:
+                positions[at] = sample.counts[at]
+            if not done[at]:
+                controlwords[at] = next_controlword(status, target, previous=controlwords[at])
+                done[at] = reached(state_of(status), target)
         sample = yield tuple(
             Setpoint(word, position, CYCLIC_POSITION)
             for word, position in zip(controlwords, positions, strict=True)
@@ -105,23 +88,19 @@ def drive_to(
     return not_reached(sample, target)
 
 
-def reset(
-    loop: ControlLoop, *, press: object | None
-) -> Generator[Setpoints | None, Sample, tuple[int, ...]]:
+def reset(loop: ControlLoop, *, press: object | None) -> Steps[tuple[int, ...]]:
     """Release this press of STOP and clear drive faults; the drives end disabled, except those of the joints returned.
 
     Raises `Stopped`, and changes nothing, if STOP was pressed after `press`.
     """
     if not loop.latch.release(press):
-        raise Stopped("STOP was pressed again before it was reset: reset it once more")
+        raise errors.Stopped("STOP was pressed again before it was reset: reset it once more")
     loop.commands = None  # old commands must not be sent again
     loop.forget_faults()
     return (yield from drive_to(loop, TargetState.FAULT_CLEARED))
 
 
-def change_modes(
-    loop: ControlLoop, modes: Sequence[JointMode]
-) -> Generator[Setpoints | None, Sample, None]:
+def change_modes(loop: ControlLoop, modes: Sequence[JointMode]) -> Steps[None]:
     """Request one mode per joint for `MODE_SYNCS` SYNCs.
 
     The target of a joint that enters position mode is its measured position until its drive follows; a joint already in
@@ -154,7 +133,7 @@ def move(
     *,
     speed_rad_per_s: float,
     watch: Watch | None,
-) -> Generator[Setpoints | None, Sample, MoveResult]:
+) -> Steps[MoveResult]:
     """Move joints along a straight line in joint space, so that all arrive together.
 
     A non-empty result of `watch` ends the move and becomes its reason. On an alarm other than STOP, the joints first
@@ -191,10 +170,10 @@ def move(
             incomplete = 0 if sample.complete else incomplete + 1
             alarm = loop.alarm() or not_enabled(sample)
             ending = _higher_priority(alarm, ending)
-            faulted = faulted or isinstance(alarm, DriveFault)
+            faulted = faulted or isinstance(alarm, errors.DriveFault)
             if ending is None and incomplete >= INCOMPLETE_SYNCS:
                 ending = incomplete_samples(sample)
-            if isinstance(ending, Stopped):
+            if isinstance(ending, errors.Stopped):
                 raise ending
             if ending is None and watch is not None and not path.braking:
                 try:
@@ -218,16 +197,16 @@ def move(
     )
 
 
-def incomplete_samples(sample: Sample) -> BusError:
+def incomplete_samples(sample: Sample) -> errors.BusError:
     """Return the error for too many incomplete samples in a row."""
     named = ", ".join(map(str, sample.missing)) or "varying joints"
-    return BusError(
+    return errors.BusError(
         "Hardly any SYNC is answered exactly once by every joint; missing in the last one: joint "
         f"{named}. Check the cable, the bus load and that drive, then go on."
     )
 
 
-def hold_all(loop: ControlLoop) -> Generator[Setpoints | None, Sample, None]:
+def hold_all(loop: ControlLoop) -> Steps[None]:
     """Put all joints into position mode: free joints at their positions, the others at their last targets."""
     sample = yield None
     yield tuple(
@@ -247,21 +226,27 @@ def raise_alarm(loop: ControlLoop) -> None:
 
 def _last_commands(loop: ControlLoop) -> Setpoints:
     if loop.commands is None:
-        raise CommandRefused("the drives are not enabled: take control first")
+        raise errors.CommandRefused("the drives are not enabled: take control first")
     return loop.commands
 
 
-def _higher_priority(alarm: HardwareError | None, ending: Exception | None) -> Exception | None:
+def _higher_priority(
+    alarm: errors.HardwareError | None, ending: Exception | None
+) -> Exception | None:
     """Return `alarm` if it is STOP or caused the earlier error `ending`, or if `ending` is None; else `ending`."""
-    if ending is None or isinstance(alarm, Stopped):
+    if ending is None or isinstance(alarm, errors.Stopped):
         return alarm
     # The first sign of a trip or a lost node is often that its drive, or a neighbour's, is not enabled.
-    if isinstance(ending, DriveDropout) and isinstance(alarm, DriveFault | BusError):
+    if isinstance(ending, errors.DriveDropout) and isinstance(
+        alarm, errors.DriveFault | errors.BusError
+    ):
         stopped = ending.state == DriveState.QUICK_STOP_ACTIVE.value
-        own = isinstance(alarm, DriveFault) and alarm.joint == ending.joint
+        own = isinstance(alarm, errors.DriveFault) and alarm.joint == ending.joint
         return alarm if stopped or own else ending
     # What another program commanded is the cause of a later trip.
-    if isinstance(alarm, DriveFault) and not isinstance(ending, DriveFault | OtherMaster):
+    if isinstance(alarm, errors.DriveFault) and not isinstance(
+        ending, errors.DriveFault | errors.OtherMaster
+    ):
         return alarm
     return ending
 
@@ -281,7 +266,7 @@ SYNCS_PER_SAMPLE, EXTRA_SYNCS = 20, 100
 
 def settle(
     link: Connection, *, window: int, spread_rad: Sequence[float], timeout_syncs: int
-) -> Generator[Setpoints | None, Sample, bool]:
+) -> Steps[bool]:
     """Wait until each joint's last `window` complete samples span no more than `spread_rad`; false on time-out."""
     bounds = np.array([s * scale.density for s, scale in zip(spread_rad, link.scales, strict=True)])
     recent: deque[tuple[int, ...]] = deque(maxlen=window)
@@ -295,7 +280,7 @@ def settle(
     return False
 
 
-def capture(link: Connection, samples: int) -> Generator[Setpoints | None, Sample, Reading]:
+def capture(link: Connection, samples: int) -> Steps[Reading]:
     """Average complete samples, each with all joints latched on one SYNC; `BusError` if too few are complete."""
     scales = link.scales
     rows: list[tuple[int, ...]] = []

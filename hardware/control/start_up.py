@@ -7,7 +7,7 @@ description; start the heartbeat, the nodes (NMT) and SYNC.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
@@ -15,11 +15,12 @@ from functools import partial
 from math import ceil
 from typing import TYPE_CHECKING, Final
 
+from hardware import errors
 from hardware.arm import ArmIdentity, DriveState
 from hardware.canopen import identifying, objects
 from hardware.canopen.cia402 import POWERED_STATES, state_of
 from hardware.canopen.configuring import configure, zero_residual_torques
-from hardware.canopen.cyclic import Sample, Setpoints
+from hardware.canopen.cyclic import Sample
 from hardware.canopen.drive_settings import (
     check_operator_monitoring,
     following_windows_counts,
@@ -30,17 +31,7 @@ from hardware.canopen.maps import check_communication, check_mapping, check_posi
 from hardware.canopen.objects import NmtCommand, NmtState
 from hardware.canopen.sdo import ObjectAccess
 from hardware.control import motion_steps
-from hardware.errors import (
-    ArmInUse,
-    BusError,
-    ControlDenied,
-    DriveDiverged,
-    DriveFault,
-    HardwareError,
-    NodeMissing,
-    OtherMaster,
-    Stopped,
-)
+from hardware.control.tasks import Steps
 from hardware.timing import Pace
 
 if TYPE_CHECKING:
@@ -74,7 +65,7 @@ def _read_all(access: ObjectAccess, needed: Sequence[_Object]) -> dict[_Object, 
     def read(key: _Object) -> int | None:
         try:
             return int.from_bytes(access.read_once(*key), "little")
-        except HardwareError:
+        except errors.HardwareError:
             return None
 
     with ThreadPoolExecutor(max(len(needed), 1)) as pool:
@@ -86,10 +77,8 @@ def _stated_timeout_s(access: ObjectAccess, nodes: Iterable[int]) -> float:
     """Return `MARGIN` times the longest operator time-out (s) that these nodes state; 0 if no node states one."""
     timeout_s = 0.0
     for node in nodes:
-        try:
+        with suppress(errors.BusError):
             timeout_s = max(timeout_s, MARGIN * (operator_timeout_s(access, node) or 0.0))
-        except BusError:
-            continue
     return timeout_s
 
 
@@ -147,7 +136,8 @@ class StartUp:
             self._link.token = access.read_unsigned(profile.supervisor, objects.TOKEN)
         loop.begin_sync()
         first = loop.run(
-            motion_steps.first_complete_sample(loop), despite=(DriveFault, Stopped, DriveDiverged)
+            motion_steps.first_complete_sample(loop),
+            despite=(errors.DriveFault, errors.Stopped, errors.DriveDiverged),
         )
         check_positions(access, profile, first.counts, self._link.scales)
         self._read_fault_codes(first)
@@ -183,7 +173,7 @@ class StartUp:
         for _ in range(ceil(timeout_s / poll_s)):
             self._listen(poll_s)
             if holder in self._loop.nodes.foreign_nodes:
-                raise ControlDenied(holder)
+                raise errors.ControlDenied(holder)
             # A node without an answer keeps its last value.
             values |= _read_all(
                 access, [*((node, objects.STATUSWORD) for node in enabled), *tokens]
@@ -196,16 +186,16 @@ class StartUp:
             named = [
                 f"{profile.who(node)} is in state {state.value}" for node, state in enabled.items()
             ]
-            raise ArmInUse(named, timeout_s)
+            raise errors.ArmInUse(named, timeout_s)
 
     def _listen(self, for_s: float) -> None:
         """Listen for `for_s` s; raise an error on hearing another operator or master."""
         nodes = self._loop.nodes
         if nodes.wait_for_other_operator(for_s):
-            raise ControlDenied(objects.OPERATOR_NODE)
+            raise errors.ControlDenied(objects.OPERATOR_NODE)
         self._raise_if_cancelled()
         if nodes.foreign_command:
-            raise OtherMaster(
+            raise errors.OtherMaster(
                 f"Another program uses this bus: it sent {nodes.foreign_command}. Nothing "
                 "was sent to the arm. End that program, or take its device off this bus, then connect again; "
                 "`sarcal monitor` shows what it sends."
@@ -214,9 +204,9 @@ class StartUp:
     def _undo(self, failure: BaseException) -> None:
         """After a failure, restore the drives' own PDOs; objects set to 0 remain 0 and are listed in `failure`."""
         if self._configured:
-            with suppress(BusError):
+            with suppress(errors.BusError):
                 self._command_nodes(NmtCommand.RESET_COMMUNICATION)
-        if isinstance(failure, HardwareError):
+        if isinstance(failure, errors.HardwareError):
             failure.remaining_writes = tuple(self._zeroed)
 
     def _check_drives(self, identity: ArmIdentity) -> tuple[int, ...]:
@@ -227,16 +217,13 @@ class StartUp:
         access, profile = self._access, self._profile
         if profile.configures_pdos:
             # All checks that only read come first: nothing is written into a wrong or refused arm.
-            differences = self._check_arm(identity)
+            unwatching = self._check_arm(identity)
             check_communication(access, profile)
             self._raise_if_cancelled()
             self._configured = configure(access, profile, self._command_nodes)
-            check_mapping(access, profile)
-            self._raise_if_cancelled()
-            return differences
         check_mapping(access, profile)
         self._raise_if_cancelled()
-        return self._check_arm(identity)
+        return unwatching if profile.configures_pdos else self._check_arm(identity)
 
     def _check_arm(self, identity: ArmIdentity) -> tuple[int, ...]:
         """Check the arm except for its PDOs; set heartbeat time-out, following windows and rated torques."""
@@ -254,7 +241,7 @@ class StartUp:
         if failure is not None:
             raise failure
         if self._pressed():
-            raise Stopped(
+            raise errors.Stopped(
                 "STOP was pressed while connecting, and stays latched: nothing was enabled, and the connection "
                 "is closed. Connect again first"
             )
@@ -295,7 +282,7 @@ class StartUp:
         }
         nodes = self._loop.nodes
 
-        def note() -> Generator[Setpoints | None, Sample, None]:
+        def note() -> Steps[None]:
             for node, code in codes.items():
                 nodes.assume_fault(node, code, first.sync_count)
             yield from ()
@@ -305,4 +292,4 @@ class StartUp:
 
 def _require(missing: tuple[int, ...]) -> None:
     if missing:
-        raise NodeMissing(missing)
+        raise errors.NodeMissing(missing)

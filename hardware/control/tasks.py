@@ -11,12 +11,13 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from queue import Empty, SimpleQueue
 from threading import Thread
-from typing import Any
+from typing import Any, TypeVar
 
 from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.errors import HardwareError
 
-Steps = Generator[Setpoints | None, Sample, Any]
+Result = TypeVar("Result")
+Steps = Generator[Setpoints | None, Sample, Result]
 """Generator that yields commands for the next SYNC (None: unchanged), receives its sample, and returns a result."""
 
 _ALIVE_POLL_S = 0.2
@@ -30,7 +31,7 @@ class LoopTask:
     When `finished`, the steps have ended with a `result`, or with an `error`.
     """
 
-    steps: Steps
+    steps: Steps[Any]
     despite: tuple[type[HardwareError], ...] = ()
     abandoned: bool = False
     finished: bool = False

@@ -8,21 +8,12 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from hardware import errors
 from hardware.arm import UploadReceipt
 from hardware.canopen import objects
 from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.objects import Abort, ParameterCommand, Slot
 from hardware.canopen.sdo import ObjectAccess
-from hardware.errors import (
-    BusError,
-    ControlDenied,
-    DuplicateNodeId,
-    FramesLost,
-    HardwareError,
-    SdoRefused,
-    UploadRefused,
-    UploadUnknown,
-)
 
 if TYPE_CHECKING:
     from hardware.control.connection import Connection
@@ -36,7 +27,7 @@ def read_document(access: ObjectAccess, profile: BusProfile) -> bytes:
         return b""
     try:
         return access.read(profile.supervisor, objects.DOCUMENT)
-    except SdoRefused as refused:
+    except errors.SdoRefused as refused:
         if refused.code == Abort.NO_DATA:
             return b""
         raise
@@ -55,7 +46,7 @@ def upload(link: Connection, document: bytes) -> UploadReceipt:
     """
     access, supervisor = link.access, link.profile.supervisor
     if supervisor is None:
-        raise UploadRefused(
+        raise errors.UploadRefused(
             f"The arm of the bus profile {link.profile.name} has no supervisor that stores parameters. They "
             "are in parameters.yaml of the session's folder."
         )
@@ -66,25 +57,27 @@ def upload(link: Connection, document: bytes) -> UploadReceipt:
                 attempt.stage()
                 attempt.commit()
             return attempt.receipt(link.profile.drives)
-        except (BusError, DuplicateNodeId, SdoRefused) as lost:
+        except (errors.BusError, errors.DuplicateNodeId, errors.SdoRefused) as lost:
             if attempts_left and attempt.is_transient(lost) and link.may_repeat(lost):
                 threading.Event().wait(link.on_bus.timing.upload_retry_s)
                 continue
             why, known = link.explain(lost), False
-            with suppress(BusError, DuplicateNodeId, SdoRefused):
+            with suppress(errors.BusError, errors.DuplicateNodeId, errors.SdoRefused):
                 if attempt.committed():
                     return attempt.receipt(link.profile.drives)
                 known = not attempt.commit_pending()
             if attempt.commit_sent and not known:
-                raise UploadUnknown(
+                raise errors.UploadUnknown(
                     "it is not known whether the controller has stored the parameters: the commit was sent, and then: "
                     f"{why}"
                 ) from lost
-            if why is lost and isinstance(lost, SdoRefused):
+            if why is lost and isinstance(lost, errors.SdoRefused):
                 reason = refusal(access, supervisor)
-                why = UploadRefused(reason or str(lost))
+                why = errors.UploadRefused(reason or str(lost))
                 if lost.code == Abort.LOCAL_CONTROL:
-                    why = ControlDenied(access.read_unsigned(supervisor, objects.TOKEN), reason)
+                    why = errors.ControlDenied(
+                        access.read_unsigned(supervisor, objects.TOKEN), reason
+                    )
             raise why from lost
     raise AssertionError("unreachable: the last attempt returns or raises")
 
@@ -98,15 +91,15 @@ class _Attempt:
         self._answer_missed = False
         self.commit_sent = False
 
-    def is_transient(self, error: HardwareError) -> bool:
+    def is_transient(self, error: errors.HardwareError) -> bool:
         """Whether a further attempt may succeed after this error.
 
         A refusal after a missed answer is transient: the earlier command may have been carried out.
         """
-        if isinstance(error, SdoRefused):
+        if isinstance(error, errors.SdoRefused):
             return error.code == Abort.LOCAL_CONTROL or self._answer_missed
-        self._answer_missed = self._answer_missed or isinstance(error, BusError)
-        return not isinstance(error, DuplicateNodeId | FramesLost)
+        self._answer_missed = self._answer_missed or isinstance(error, errors.BusError)
+        return not isinstance(error, errors.DuplicateNodeId | errors.FramesLost)
 
     def stage(self) -> None:
         """Write, stage and compare the document, unless it is still staged because a commit was not carried out."""
@@ -122,11 +115,11 @@ class _Attempt:
         try:
             self.commit_sent = True
             self._access.command(self._supervisor, objects.COMMAND, 0, ParameterCommand.COMMIT)
-        except SdoRefused:
+        except errors.SdoRefused:
             self.commit_sent = self._answer_missed
             raise
         if not self.committed():
-            raise BusError(
+            raise errors.BusError(
                 f"Node {self._supervisor} confirmed the commit, but 2003h does not show the document as active. "
                 "Upload it again."
             )
@@ -166,7 +159,7 @@ class _Attempt:
         pairs = enumerate(zip(staged, document, strict=False))
         at = next((k for k, (a, b) in pairs if a != b), None)
         where = f"{len(staged)} bytes came back" if at is None else f"byte {at} differs"
-        raise UploadRefused(
+        raise errors.UploadRefused(
             f"The document read back from the controller differs from the one sent ({where} of "
             f"{len(document)}). It was dropped; the previous one stays active."
         )
@@ -182,5 +175,5 @@ def refusal(access: ObjectAccess, supervisor: int) -> str:
     """Read the supervisor's reason for its last refusal (2004h); empty if there is none."""
     try:
         return access.read_text(supervisor, objects.REFUSAL)
-    except SdoRefused:
+    except errors.SdoRefused:
         return ""

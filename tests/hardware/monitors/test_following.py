@@ -1,6 +1,8 @@
+from collections.abc import Iterable
+
 import pytest
 
-from hardware.canopen.cyclic import MAX_LATE_SYNCS, Setpoint
+from hardware.canopen.cyclic import MAX_LATE_SYNCS, Sample, Setpoint
 from hardware.monitors.following import (
     DIVERGED_SYNCS,
     MAX_BRAKING_SYNCS,
@@ -22,36 +24,35 @@ def first(divergences: tuple[Divergence, ...]) -> Divergence | None:
     return next(iter(divergences), None)
 
 
+def results_of(
+    monitor: FollowingMonitor | StandstillMonitor, samples: Iterable[Sample], *targets: Setpoint
+) -> list[Divergence | None]:
+    """Results of the samples, SYNC by SYNC."""
+    return [first(monitor.update(each, targets)) for each in samples]
+
+
 def follow(
     *errors: int, status: int = FOLLOWS, mode: int = CSP, missing: tuple[int, ...] = ()
 ) -> list[Divergence | None]:
     """Results from `FIRST_SYNC` on, with joint 2 at these distances from its target, SYNC by SYNC."""
-    monitor = FollowingMonitor([WINDOW, WINDOW])
-    commands = (Setpoint(0x0F, 7, CSP), Setpoint(0x0F, 1000, mode))
-    return [
-        first(
-            monitor.update(
-                sample((FOLLOWS, status), (7, 1000 + error), sync=sync, missing=missing), commands
-            )
-        )
+    samples = (
+        sample((FOLLOWS, status), (7, 1000 + error), sync=sync, missing=missing)
         for sync, error in enumerate(errors, FIRST_SYNC)
-    ]
+    )
+    monitor = FollowingMonitor([WINDOW, WINDOW])
+    return results_of(monitor, samples, Setpoint(0x0F, 7, CSP), Setpoint(0x0F, 1000, mode))
 
 
 def brake(
     *counts: int, status: int = STOPPED, mode: int = CSP, missing: tuple[int, ...] = ()
 ) -> list[Divergence | None]:
     """Results after a stop, with joint 2 at these positions, SYNC by SYNC."""
-    monitor = StandstillMonitor([WINDOW, WINDOW])
-    commands = (Setpoint(0x0F, 7, CSP), Setpoint(0x0F, 9000, mode))
-    return [
-        first(
-            monitor.update(
-                sample((STOPPED, status), (7, position), sync=sync, missing=missing), commands
-            )
-        )
+    samples = (
+        sample((STOPPED, status), (7, position), sync=sync, missing=missing)
         for sync, position in enumerate(counts, FIRST_SYNC - MIN_BRAKING_SYNCS)
-    ]
+    )
+    monitor = StandstillMonitor([WINDOW, WINDOW])
+    return results_of(monitor, samples, Setpoint(0x0F, 7, CSP), Setpoint(0x0F, 9000, mode))
 
 
 def stand(

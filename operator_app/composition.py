@@ -86,12 +86,8 @@ def open_arm(
 ) -> Iterator[Rig]:
     """Open the arm of a session and yield it as a `Rig`; for the embedded virtual arm, also start its controller.
 
-    Parameters
-    ----------
-    pace
-        None: fast-forward for the embedded virtual arm, real time on any other bus.
-    speed
-        Factor by which the embedded virtual arm runs faster than real time.
+    `pace` by default: fast-forward for the embedded virtual arm, which runs `speed` times faster than real time; real
+    time on any other bus.
 
     Raises
     ------

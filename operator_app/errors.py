@@ -13,13 +13,7 @@ def _as_sentence(remedy: str) -> str:
 
 
 class SessionError(Exception):
-    """An error that the operator can act on.
-
-    Attributes
-    ----------
-    happened, remedy
-        What happened, and what to do.
-    """
+    """An error that the operator can act on: what happened, and the remedy."""
 
     def __init__(self, happened: str, remedy: str) -> None:
         self.happened = happened
@@ -36,10 +30,7 @@ class SessionError(Exception):
 class DrivesNotOffError(SessionError):
     """The arm was released but did not confirm that it holds and that its drives are off.
 
-    Attributes
-    ----------
-    powered
-        Joints whose drives reported that they are powered; empty if the arm did not answer.
+    `powered`: joints whose drives reported that they are powered; empty if the arm did not answer.
     """
 
     def __init__(self, powered: tuple[int, ...]) -> None:
@@ -70,10 +61,7 @@ class GuardError(SessionError):
 class ClosureRefusedError(GuardError):
     """The joint readings do not close the loop; no drive was enabled.
 
-    Attributes
-    ----------
-    probability
-        Probability of a larger chi2 for an unchanged arm; None if another check refused.
+    `probability` of a larger chi2 for an unchanged arm; None if another check refused.
     """
 
     def __init__(self, happened: str, remedy: str, *, probability: float | None = None) -> None:
@@ -103,12 +91,7 @@ class JournalExistsError(JournalError):
 class JournalDamagedError(JournalError):
     """A complete line of a journal was changed, or its data are not valid.
 
-    Attributes
-    ----------
-    path, line, key
-        Place of the problem; the key is empty if the problem concerns the whole line.
-    events
-        Number of valid lines before the damaged line.
+    `key` is empty if the problem concerns the whole line. `events`: number of valid lines before it.
     """
 
     def __init__(self, *, path: Path, line: int, problem: str, events: int, key: str = "") -> None:
@@ -128,10 +111,7 @@ class JournalForeignError(JournalError):
 class JournalLostError(JournalError):
     """The journal was deleted, moved, replaced or changed while a session was using it.
 
-    Attributes
-    ----------
-    rescued
-        Folder of a new session with all entries; None if it could not be written.
+    `rescued`: folder of a new session with all entries; None if it could not be written.
     """
 
     def __init__(self, happened: str, remedy: str, *, rescued: Path | None) -> None:

@@ -42,15 +42,8 @@ def as_json(value: object) -> str:
 def say(text: str = "", *, err: bool = False, streaming: bool = False) -> None:
     """Print lines on stdout or stderr.
 
-    A failed write to stderr and a closed pipe are ignored, since exit code and files hold the result; if `streaming`,
-    a closed pipe is an error.
-
-    Raises
-    ------
-    BrokenPipeError
-        The reader of a streaming command has closed the pipe.
-    OSError
-        A result cannot be written, e.g. to a full disk.
+    A failed write to stderr and a closed pipe are ignored, since exit code and files hold the result; if `streaming`, a
+    closed pipe raises `BrokenPipeError`. `OSError` if a result cannot be written, e.g. to a full disk.
     """
     if err:
         stderr = Stderr()

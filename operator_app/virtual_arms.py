@@ -40,10 +40,7 @@ def virtual_arm(
 ) -> Scenario:
     """Return the scenario of a virtual arm for these files and this placement of the fixture.
 
-    Raises
-    ------
-    SessionError
-        No virtual arm can be built from these files.
+    Raises `SessionError` if no virtual arm can be built from these files.
     """
     stated = SpecimenFiles(
         arm=arm,
@@ -122,10 +119,7 @@ def run_controller(
 def slots_in(folder: Path | None) -> ParameterStore:
     """Return the parameter slots in a folder, after checking them; None: in memory.
 
-    Raises
-    ------
-    SessionError
-        The folder cannot be used, or a slot in it cannot be read.
+    Raises `SessionError` if the folder cannot be used, or a slot in it cannot be read.
     """
     if folder is None:
         return ParameterStore()

@@ -22,12 +22,7 @@ class Drive:
     After a quick stop or the loss of the operator's heartbeat the drive holds the measured position in position mode.
     After any other trip the joint's valve is blocked.
 
-    Parameters
-    ----------
-    axis
-        Scale, limits and sensor of the joint.
-    on_error, on_all_clear
-        Called with the code of every new error, and when the last error has ended.
+    `on_error` is called with the code of every new error, `on_all_clear` when the last error has ended.
     """
 
     def __init__(
@@ -65,8 +60,6 @@ class Drive:
         self._torque_for = 0
         self._following_for = 0
         self._command: JointCommand | None = None
-
-    # ---- commands from the bus -----------------------------------------------------------------
 
     def obey(self, controlword: int, target_counts: int, mode_code: int) -> None:
         """Act on an RPDO1."""
@@ -119,8 +112,6 @@ class Drive:
         else:
             self._begin(EmergencyCode.REFERENCE_LIMIT)
 
-    # ---- events ----------------------------------------------------------------------------------
-
     def quick_stop(self) -> None:
         """If enabled, stop and hold; no controlword is needed."""
         after = cia402.after_event(self.state, DriveEvent.QUICK_STOP)
@@ -146,8 +137,6 @@ class Drive:
     def finish_reaction(self) -> None:
         """Change from *fault reaction active* to *fault*; no effect in other states."""
         self.state = cia402.after_event(self.state, DriveEvent.FAULT_REACTION_DONE)
-
-    # ---- every control period --------------------------------------------------------------------
 
     def command(self) -> JointCommand:
         """Return the joint's command for the next control period."""
@@ -181,8 +170,6 @@ class Drive:
         if EmergencyCode.FOLLOWING in self.errors:
             flags |= StatusBit.FOLLOWING_ERROR
         return flags
-
-    # ---- inside ----------------------------------------------------------------------------------
 
     def _make_command(self) -> JointCommand:
         enabled = self.state is DriveState.OPERATION_ENABLED

@@ -33,20 +33,7 @@ _HIGHEST_I32: Final = 2**31 - 1
 
 
 class DriveNode(VirtualNode):
-    """Node of one joint.
-
-    Parameters
-    ----------
-    axis
-        The joint's settings; the joint number is the node number.
-    serial_number
-        1018h sub 4.
-
-    Attributes
-    ----------
-    reports_speed
-        Whether TPDO1 carries 606Ch in place of 6064h.
-    """
+    """Node of one joint; its number is the joint's. `reports_speed`: TPDO1 carries 606Ch in place of 6064h."""
 
     def __init__(self, axis: AxisSettings, *, serial_number: int) -> None:
         super().__init__(objects.joint_node(axis.joint), serial_number=serial_number)
@@ -61,8 +48,6 @@ class DriveNode(VirtualNode):
         self.reports_speed = False
         self._per_mille = 1000.0 / axis.max_torque_nm
         self._serve_objects()
-
-    # ---- PDOs ----------------------------------------------------------------------------------------
 
     def on_rpdo1(self, data: bytes | bytearray) -> None:
         """Act on an RPDO1; ignored if of a wrong length or outside *operational*."""
@@ -85,8 +70,6 @@ class DriveNode(VirtualNode):
             self._torque_per_mille(),
         )
 
-    # ---- node ----------------------------------------------------------------------------------------
-
     def power_up(self) -> None:
         """Power up; the supervisor sets the home offset again."""
         super().power_up()
@@ -95,8 +78,6 @@ class DriveNode(VirtualNode):
     def left_operational(self) -> None:
         """Stop and hold, as no more commands can arrive."""
         self.drive.quick_stop()
-
-    # ---- inside --------------------------------------------------------------------------------------
 
     def _register(self) -> ErrorBit:
         register = ErrorBit(0)

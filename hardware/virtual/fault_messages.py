@@ -33,18 +33,14 @@ ALL_POSES = "every pose accepted before"
 
 @dataclass(frozen=True, slots=True)
 class FaultDescription:
-    """One fault.
+    """One fault: what fails, and what the operator does about it.
 
     Attributes
     ----------
-    broken, remedy
-        What fails, and what the operator does about it.
     texts
         Parts of possible messages to the operator; ``{joint}`` is the joint at fault.
-    arm
-        Reaction of the arm when the fault is reported.
-    kept
-        What remains of the session.
+    arm, kept
+        Reaction of the arm when the fault is reported, and what remains of the session.
     at_connect
         Whether the fault shows while the arm is being connected, so that it must be injected before that.
     always_reported

@@ -59,8 +59,6 @@ class VirtualNode(canopen.LocalNode):
             self.serve(objects.ERROR_FIELD, k + 1, lambda k=k: self._history_entry(k))  # type: ignore[misc]
         self.serve(objects.IDENTITY, objects.IDENTITY_SERIAL, lambda: serial_number)
 
-    # ---- network -----------------------------------------------------------------------------------
-
     def associate_network(self, network: canopen.Network) -> None:
         """Subscribe to SDO requests only: the controller passes NMT commands to `on_nmt`."""
         super().associate_network(network)
@@ -107,8 +105,6 @@ class VirtualNode(canopen.LocalNode):
     def left_operational(self) -> None:
         """Called when the node leaves *operational*: no more PDOs."""
 
-    # ---- emergencies -------------------------------------------------------------------------------
-
     def send_emergency(self, code: EmergencyCode, register: ErrorBit) -> None:
         """Send EMCY for an error, or for its end (`NONE`), and update 1001h and 1003h."""
         self.error_register = register
@@ -117,8 +113,6 @@ class VirtualNode(canopen.LocalNode):
         if self.state in (NmtState.OPERATIONAL, NmtState.PRE_OPERATIONAL):
             data = objects.EMCY.pack(code, register, bytes(5))
             self.network.send_message(objects.COB_EMCY + self.number, data)
-
-    # ---- objects -----------------------------------------------------------------------------------
 
     def serve(self, index: int, subindex: int, reader: Reader) -> None:
         """Let `reader` answer reads of an object."""
@@ -166,8 +160,6 @@ class VirtualNode(canopen.LocalNode):
         """Raise `SdoAbortedError` for an object that cannot be written."""
         if not self._variable(index, subindex).writable:
             raise SdoAbortedError(Abort.READ_ONLY)
-
-    # ---- inside ------------------------------------------------------------------------------------
 
     def _variable(self, index: int, subindex: int) -> ODVariable:
         variable = self._variables.get((index, subindex))

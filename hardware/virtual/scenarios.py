@@ -75,24 +75,10 @@ COMPLIANT = Loads(
 class Scenario:
     """Description of a virtual arm in its fixture, from which `build` makes a plant.
 
-    Attributes
-    ----------
-    name, seed
-        The same name and seed give the same arm and noise.
-    specimen
-        Seed of the arm's errors (linearity, lengths); None uses `seed`.
-    truth
-        True geometry before length errors.
-    encoders_only
-        Whether every joint has a 400,000-count encoder.
-    noise
-        Whether sensors have the noise of their description.
-    linearity_of_full_scale
-        Peak linearity deviation of every RVDT, fraction of full scale; 0 for no deviation.
-    lengths
-        Smallest and largest magnitude of the errors of the fixed lengths, m, of either sign; None for no errors.
-    placement
-        Number of this mounting of the fixture, from 1; each mounting has different noise.
+    The same name and seed give the same arm and noise; `specimen`, if given, is the seed of the arm's errors
+    (linearity, lengths) instead. `truth` is the geometry before the errors of the fixed lengths, whose magnitude in m
+    is within `lengths`. `linearity_of_full_scale`: peak linearity deviation of every RVDT, fraction of full scale.
+    `placement`: number of this mounting of the fixture, from 1; each mounting has different noise.
     """
 
     name: str

@@ -91,14 +91,9 @@ def _first_that_closes(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Specimen:
-    """Differences of one arm from its file.
+    """Differences of one arm from its file: theta_off (rad), s (m), a (m), alpha and beta (rad).
 
-    Attributes
-    ----------
-    free
-        (5, n): differences of theta_off (rad), s (m), a (m), alpha and beta (rad) in entries that may be identified.
-    maker
-        (4, n): differences of s (m), a (m), alpha and beta (rad) in entries that are not identified.
+    `free` (5, n): in entries that may be identified. `maker` (4, n), without theta_off: in entries that are not.
     """
 
     free: FloatArray

@@ -48,21 +48,8 @@ class _Refused(Exception):
 class SupervisorNode(VirtualNode):
     """The supervisor, node 16.
 
-    Parameters
-    ----------
-    arm
-        Model and serial number of the arm.
-    group
-        Drives of joints 1..n, to which changes of control and home offsets are passed.
-    validate
-        Function that strictly parses a document.
-    later
-        Function that queues work, to be run outside the control loop in the order of the calls.
-
-    Attributes
-    ----------
-    active_document
-        Committed document in use; None before a first document is committed.
+    It passes changes of control and home offsets to the drives of `group`. `later` queues work, to be run outside the
+    control loop in the order of the calls. `active_document` is the committed document in use, or None.
     """
 
     def __init__(
@@ -89,8 +76,6 @@ class SupervisorNode(VirtualNode):
         self.active_document: bytes | None = None
         self._serve_objects()
         self.load()
-
-    # ---- power-up and control ------------------------------------------------------------------------
 
     def power_up(self) -> None:
         """Power up: no node in control, nothing staged, home offsets from the active slot."""
@@ -125,8 +110,6 @@ class SupervisorNode(VirtualNode):
             else:
                 self.send_emergency(EmergencyCode.NONE, ErrorBit(0))
 
-    # ---- control token -------------------------------------------------------------------------------
-
     def _ask_for_control(self, value: Value) -> None:
         node = int(value)
         if node == self.holder:
@@ -146,8 +129,6 @@ class SupervisorNode(VirtualNode):
         if not self._busy:
             self._received = self._staged = None
         self._group.control_changed(node)
-
-    # ---- parameters ----------------------------------------------------------------------------------
 
     def _receive(self, value: Value) -> None:
         self._require_control()
@@ -240,8 +221,6 @@ class SupervisorNode(VirtualNode):
         if text is not None:
             raise _Refused(text)
         return parameters
-
-    # ---- objects -------------------------------------------------------------------------------------
 
     def _document(self) -> bytes:
         document = self.active_document if self._received is None else self._received

@@ -28,14 +28,8 @@ ENDPOINT_FIELDS = ("x_m", "y_m", "z_m", "rx_deg", "ry_deg", "rz_deg")
 class SimulatedTracker:
     """Measures the target on the tool of a virtual open arm.
 
-    Parameters
-    ----------
-    angles_rad
-        Function that returns the current true joint angles theta' (n,).
-    sigma_m, sigma_rad, rng
-        Standard deviations of the noise of each component, and the generator that draws it.
-    full_pose
-        Whether the tracker measures orientation too.
+    `angles_rad` returns the current true joint angles theta' (n,). `sigma_m` and `sigma_rad` are standard deviations of
+    the noise of each component. `full_pose`: whether the tracker measures orientation too.
     """
 
     def __init__(

@@ -98,8 +98,6 @@ class Plain:
                     raise
         return "left"
 
-    # -- menus -------------------------------------------------------------------------------------
-
     def _menu(self) -> None:
         s = self.snapshot()
         self._terminal.say("\n" + lines(describe(self._step, s)))
@@ -275,8 +273,6 @@ class Plain:
             self.refuse(words(error).happened)
         else:
             self._terminal.say(history_text(history))
-
-    # -- inside ------------------------------------------------------------------------------------
 
     def _wait(self) -> None:
         """Wait for the running task; Enter cancels a motion."""

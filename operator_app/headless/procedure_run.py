@@ -118,12 +118,7 @@ def next_placement(
     """Wait for the confirmation of the next placement, record it, and return the session to resume.
 
     `drives_off`: whether this program has just released the arm, and the drives confirmed that they are off. For an arm
-    simulated by this program there is nothing to confirm.
-
-    Raises
-    ------
-    SessionError
-        The mounting was not confirmed.
+    simulated by this program there is nothing to confirm. Raises `SessionError` if the mounting was not confirmed.
     """
     listener.close()
     # Take the bus from the journal, since the options may leave it to the environment.
@@ -143,10 +138,7 @@ def next_placement(
 def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
     """If a placement after the first has no pose yet, wait for and record the confirmation that the fixture is mounted.
 
-    Raises
-    ------
-    SessionError
-        The mounting was not confirmed.
+    Raises `SessionError` if the mounting was not confirmed.
     """
     if not opening.unconfirmed_placement:
         return

@@ -115,13 +115,16 @@ def _dispatch(argv: Sequence[str]) -> int:
         complete(parser, chosen)
     args = parser.parse_args(_with_their_options(argv))
 
+    from operator_app.config.errors import ConfigError
     from operator_app.exit_codes import EXPECTED_ERRORS, exit_code
 
     command = module(args.command or APP)
     try:
         code = int(command.execute(args))
     except EXPECTED_ERRORS as error:
-        say(_in_words(error), err=True)
+        # Problems of a file have a line each.
+        text = f"sarcal: {error}"
+        say(text if isinstance(error, ConfigError) else sanitized(text), err=True)
         return int(exit_code(error))
     # Flush here, so that a full disk is reported.
     try:
@@ -140,14 +143,6 @@ def _with_their_options(arguments: Sequence[str]) -> list[str]:
         else:
             joined.append(word)
     return joined
-
-
-def _in_words(error: Exception) -> str:
-    """Return the message of an error: one line for each problem of a file, or a single line."""
-    from operator_app.config.errors import ConfigError
-
-    text = f"sarcal: {error}"
-    return text if isinstance(error, ConfigError) else sanitized(text)
 
 
 ALSO_CALLED = {

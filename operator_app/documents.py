@@ -49,9 +49,10 @@ def parameters_at(reference: str, root: Path) -> ParametersDocument:
         folder = where
         if not (where / PARAMETERS_NAME).is_file():
             raise
-    document = _document_in_journal(folder)
-    if document is not None:
-        return document
+    state = read_session(folder).state
+    calibration = None if state is None else journal_calibration(state)
+    if state is not None and isinstance(calibration, StoredCalibration):
+        return _document(folder, state, calibration)
     file = folder / PARAMETERS_NAME
     if not file.is_file():
         raise SessionError(
@@ -121,15 +122,6 @@ def arm_history(
             f"serial numbers there: {known}; another folder: --sessions",
         )
     return history_of(calibrations, checks, left_out=left_out, interval=interval)
-
-
-def _document_in_journal(folder: Path) -> ParametersDocument | None:
-    """Return the document of the calibration in a session's journal; None if there is no calibration."""
-    state = read_session(folder).state
-    calibration = None if state is None else journal_calibration(state)
-    if state is None or not isinstance(calibration, StoredCalibration):
-        return None
-    return _document(folder, state, calibration)
 
 
 def _document(

@@ -7,18 +7,16 @@ from pathlib import Path
 COMMAND_WORDS = ("pip ", "sarcal ")
 
 
-def _as_sentence(remedy: str) -> str:
-    """Return the remedy with a capital letter, unless it begins with a command to type."""
-    return remedy if remedy.startswith(COMMAND_WORDS) else remedy[:1].upper() + remedy[1:]
-
-
 class SessionError(Exception):
     """An error that the operator can act on: what happened, and the remedy."""
 
     def __init__(self, happened: str, remedy: str) -> None:
         self.happened = happened
         self.remedy = remedy
-        super().__init__(f"{happened}. {_as_sentence(remedy)}." if remedy else f"{happened}.")
+        # A remedy begins with a capital letter, unless it is a command to type.
+        if not remedy.startswith(COMMAND_WORDS):
+            remedy = remedy[:1].upper() + remedy[1:]
+        super().__init__(f"{happened}. {remedy}." if remedy else f"{happened}.")
 
     def preceded_by(self, earlier: str) -> None:
         """Put a message about an earlier event in front of this error's message."""

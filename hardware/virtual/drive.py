@@ -141,7 +141,12 @@ class Drive:
     def command(self) -> JointCommand:
         """Return the joint's command for the next control period."""
         if self._command is None:
-            self._command = self._make_command()
+            enabled = self.state is DriveState.OPERATION_ENABLED
+            servo = self._holding or (enabled and self.mode is JointMode.POSITION)
+            self._command = JointCommand(
+                mode=JointMode.POSITION if servo else self.mode if enabled else None,
+                target_rad=self.axis.scale.to_rad(self.target_counts if servo else self.counts),
+            )
         return self._command
 
     def read(self, counts: int, torque_nm: float, speed_rad_per_s: float) -> None:
@@ -170,14 +175,6 @@ class Drive:
         if EmergencyCode.FOLLOWING in self.errors:
             flags |= StatusBit.FOLLOWING_ERROR
         return flags
-
-    def _make_command(self) -> JointCommand:
-        enabled = self.state is DriveState.OPERATION_ENABLED
-        if self._holding or (enabled and self.mode is JointMode.POSITION):
-            target_rad = self.axis.scale.to_rad(self.target_counts)
-            return JointCommand(mode=JointMode.POSITION, target_rad=target_rad)
-        mode = self.mode if enabled else None
-        return JointCommand(mode=mode, target_rad=self.axis.scale.to_rad(self.counts))
 
     def _hold(self) -> None:
         self._holding = True

@@ -166,18 +166,15 @@ def scenario(name: str, seed: int = 0) -> Scenario:
     """Return a scenario by name; `ValueError` for an unknown name or a negative seed."""
     if seed < 0:
         raise ValueError("a seed must be a whole number of at least 0")
+    paper = Scenario(name=name, seed=seed, truth=paper_loop())
     match name:
         case "exact":
-            return Scenario(
-                name=name, seed=seed, truth=paper_loop(), encoders_only=True, noise=False
-            )
+            return replace(paper, encoders_only=True, noise=False)
         case "datasheet":
-            return Scenario(name=name, seed=seed, truth=paper_loop(), linearity_of_full_scale=0.02)
+            return replace(paper, linearity_of_full_scale=0.02)
         case "as_reported":
-            return Scenario(
-                name=name,
-                seed=seed,
-                truth=paper_loop(),
+            return replace(
+                paper,
                 specimen=8,
                 linearity_of_full_scale=0.019,
                 lengths=(0.001, 0.002),
@@ -185,7 +182,7 @@ def scenario(name: str, seed: int = 0) -> Scenario:
             )
         case "wild":
             truth = draw_wild_loop(np.random.default_rng([seed, int(_Stream.WILD)]))
-            return Scenario(name=name, seed=seed, truth=truth, linearity_of_full_scale=0.02)
+            return replace(paper, truth=truth, linearity_of_full_scale=0.02)
         case _:
             raise ValueError(f"no scenario {name!r}; there are {', '.join(SCENARIOS)}")
 

@@ -83,9 +83,13 @@ def execute(args: argparse.Namespace) -> int:
             + "Ctrl-C ends it.",
             err=True,
         )
-        while controller.failure is None:
+        while (failure := controller.failure) is None:
             time.sleep(_LOOK_S)
-    raise _controller_error(controller.failure)
+    if isinstance(failure, (CanError, OSError)):
+        raise BusError(
+            f"The bus can no longer be used: {failure}. Check adapter and interface, and start again."
+        ) from failure
+    raise failure
 
 
 def script_of(args: argparse.Namespace, joints: int) -> list[ScriptedFault]:
@@ -103,15 +107,6 @@ def script_of(args: argparse.Namespace, joints: int) -> list[ScriptedFault]:
         )
         for kind in args.fault
     ]
-
-
-def _controller_error(failure: Exception) -> Exception:
-    """Return the exception to raise if the controller has ended by itself."""
-    if isinstance(failure, (CanError, OSError)):
-        return BusError(
-            f"The bus can no longer be used: {failure}. Check adapter and interface, and start again."
-        )
-    return failure
 
 
 @contextmanager

@@ -111,7 +111,7 @@ def command_section(name: str, shared: dict[str, list[tuple[str, str]]] | None =
     also = []
     for group in parser._action_groups:  # noqa: SLF001 - argparse has no public list
         rows = [
-            (_form(action), _meaning(action, parser.prog))
+            (_form(action), (action.help or "") % {**vars(action), "prog": parser.prog})
             for action in group._group_actions  # noqa: SLF001 - as above
             if action.dest != "help" and action.help is not argparse.SUPPRESS
         ]
@@ -141,10 +141,6 @@ def _form(action: argparse.Action) -> str:
         return f"`[{value}]`" if action.nargs in ("?", "*") else f"`{value}`"
     argument = "" if action.nargs == 0 else f" {value}"
     return ", ".join(f"`{name}{argument}`" for name in action.option_strings)
-
-
-def _meaning(action: argparse.Action, prog: str) -> str:
-    return (action.help or "") % {**vars(action), "prog": prog}
 
 
 def _anchor(title: str) -> str:

@@ -310,8 +310,6 @@ class StandardTerminal:
 
     def touched(self, timeout_s: float) -> bool:
         """Wait up to `timeout_s` for a line from a terminal; true if one came, false for a pipe (not read)."""
-        if not sys.stdin.isatty():
-            select.select([], [], [], timeout_s)
-            return False
-        ready, _, _ = select.select([sys.stdin], [], [], timeout_s)
+        inputs = [sys.stdin] if sys.stdin.isatty() else []
+        ready, _, _ = select.select(inputs, [], [], timeout_s)
         return bool(ready) and bool(sys.stdin.readline())

@@ -117,7 +117,7 @@ class VirtualController:
         self._network = ControllerNetwork(bus, self.disturbances)
         watched = objects.OPERATOR_NODE << 16 | round(heartbeat_timeout_s * 1e3)
         for node in self._nodes:
-            node.serve(objects.HEARTBEAT_CONSUMER, 1, lambda: watched)
+            node.answers[objects.HEARTBEAT_CONSUMER, 1] = watched
             self._network.add_node(node)
         self._loop = threading.Thread(target=self._run, name="sarcal-virtual-arm", daemon=True)
         self._worker = threading.Thread(

@@ -93,18 +93,14 @@ def _flag(name: str) -> FaultAction:
     return act
 
 
-def _override(arm: VirtualController, joint: int, index: int, subindex: int, value: int) -> None:
-    """Make an object of a drive read as `value`."""
-    arm.drives[joint - 1].serve(index, subindex, lambda: value)
-
-
 def _cut_cable(arm: VirtualController, node: int) -> None:
     """Stop a node from sending and receiving."""
     arm.disturbances.cut_since_s.setdefault(node, arm.now_s())
 
 
 def _slow_heartbeat(arm: VirtualController, joint: int) -> None:
-    _override(arm, joint, objects.HEARTBEAT_PRODUCER, 0, round(SLOW_HEARTBEAT_S * 1e3))
+    period_ms = round(SLOW_HEARTBEAT_S * 1e3)
+    arm.drives[joint - 1].answers[objects.HEARTBEAT_PRODUCER, 0] = period_ms
     arm.disturbances.heartbeat_period_s[joint] = SLOW_HEARTBEAT_S
 
 
@@ -116,8 +112,9 @@ def _swap_tpdo_id(arm: VirtualController, joint: int) -> None:
 
 def _report_speed(arm: VirtualController, joint: int) -> None:
     """Map the speed into TPDO1 in place of the position; the map in 1A00h then shows it."""
-    _override(arm, joint, objects.TPDO1_MAP, 2, objects.VELOCITY_ACTUAL << 16 | 32)
-    arm.drives[joint - 1].reports_speed = True
+    node = arm.drives[joint - 1]
+    node.answers[objects.TPDO1_MAP, 2] = objects.VELOCITY_ACTUAL << 16 | 32
+    node.reports_speed = True
 
 
 def _restart_node(arm: VirtualController, joint: int) -> None:
@@ -133,7 +130,7 @@ def _restart_node(arm: VirtualController, joint: int) -> None:
 
 def _stop_watching(arm: VirtualController, joint: int) -> None:
     """Make a drive ignore the loss of the operator's heartbeat; its 1016h then reads 0."""
-    _override(arm, joint, objects.HEARTBEAT_CONSUMER, 1, 0)
+    arm.drives[joint - 1].answers[objects.HEARTBEAT_CONSUMER, 1] = 0
     _flag("ignores_heartbeat")(arm, joint)
 
 

@@ -227,21 +227,25 @@ class SupervisorNode(VirtualNode):
         return b"" if document is None else document
 
     def _serve_objects(self) -> None:
-        self.serve(objects.DOCUMENT, 0, self._document)
-        self.accept(objects.DOCUMENT, self._receive)
-        self.serve(
-            objects.DIGEST, objects.DIGEST_SHA256, lambda: hashlib.sha256(self._document()).digest()
-        )
-        self.serve(objects.DIGEST, objects.DIGEST_LENGTH, lambda: len(self._document()))
-        self.accept(objects.COMMAND, self._order)
-        self.serve(objects.SLOTS, objects.SLOTS_ACTIVE, lambda: int(self._active))
-        for sub, slot in ((objects.SLOTS_A, Slot.A), (objects.SLOTS_B, Slot.B)):
-            self.serve(objects.SLOTS, sub, lambda slot=slot: int(self._store.state(slot)))  # type: ignore[misc]
-        self.serve(objects.SLOTS, objects.SLOTS_STAGED, lambda: int(self._staged is not None))
-        # 2004h is a visible string: ASCII with escapes.
-        self.serve(objects.REFUSAL, 0, lambda: self._refusal.encode("ascii", "backslashreplace"))
-        self.serve(objects.TOKEN, 0, lambda: self.holder)
-        self.accept(objects.TOKEN, self._ask_for_control)
-        self.serve(objects.ARM, objects.ARM_MODEL, lambda: self.arm.model)
-        self.serve(objects.ARM, objects.ARM_SERIAL, lambda: self.arm.serial_number)
-        self.serve(objects.ARM, objects.ARM_JOINTS, lambda: len(self._axes))
+        self.answers |= {
+            (objects.DOCUMENT, 0): self._document,
+            (objects.DIGEST, objects.DIGEST_SHA256): (
+                lambda: hashlib.sha256(self._document()).digest()
+            ),
+            (objects.DIGEST, objects.DIGEST_LENGTH): lambda: len(self._document()),
+            (objects.SLOTS, objects.SLOTS_ACTIVE): lambda: int(self._active),
+            (objects.SLOTS, objects.SLOTS_A): lambda: int(self._store.state(Slot.A)),
+            (objects.SLOTS, objects.SLOTS_B): lambda: int(self._store.state(Slot.B)),
+            (objects.SLOTS, objects.SLOTS_STAGED): lambda: int(self._staged is not None),
+            # 2004h is a visible string: ASCII with escapes.
+            (objects.REFUSAL, 0): lambda: self._refusal.encode("ascii", "backslashreplace"),
+            (objects.TOKEN, 0): lambda: self.holder,
+            (objects.ARM, objects.ARM_MODEL): self.arm.model,
+            (objects.ARM, objects.ARM_SERIAL): self.arm.serial_number,
+            (objects.ARM, objects.ARM_JOINTS): len(self._axes),
+        }
+        self.writers |= {
+            objects.DOCUMENT: self._receive,
+            objects.COMMAND: self._order,
+            objects.TOKEN: self._ask_for_control,
+        }

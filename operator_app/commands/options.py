@@ -190,11 +190,6 @@ def tolerance_m(args: argparse.Namespace) -> float | None:
     return tolerance_mm / 1e3
 
 
-def parse_joints(text: str | None) -> tuple[int, ...]:
-    """Parse ``--unsensed``; returns () if it is absent."""
-    return given_joints(text) or ()
-
-
 def given_joints(text: str | None) -> tuple[int, ...] | None:
     """Parse ``--unsensed``; returns None if it is absent."""
     return None if text is None else parse_numbers(text, "--unsensed")
@@ -209,8 +204,10 @@ def parse_numbers(text: str, option: str) -> tuple[int, ...]:
     return tuple(sorted({int(part) for part in text.replace(" ", "").split(",")}))
 
 
-def require_joints(joints: tuple[int, ...], joint_count: int) -> None:
-    """Raise UsageError if one of `joints` is not a joint of the arm."""
-    wrong = [j for j in joints if j > joint_count]
+def unsensed_joints(args: argparse.Namespace, joint_count: int) -> tuple[int, ...] | None:
+    """Return ``--unsensed``, None if it is absent; raises UsageError if one of them is not a joint of the arm."""
+    joints = given_joints(args.unsensed)
+    wrong = [j for j in joints or () if j > joint_count]
     if wrong:
         raise UsageError(f"--unsensed: there is no joint {wrong[0]}; the arm has {joint_count}")
+    return joints

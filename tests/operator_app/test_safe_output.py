@@ -17,7 +17,7 @@ import operator_app
 from operator_app.cli import main
 from operator_app.config.poses_file import load_poses
 from operator_app.headless.console import ConsoleListener
-from operator_app.headless.plain import StandardTerminal
+from operator_app.headless.plain import Terminal
 from operator_app.report.html.markup import element
 from operator_app.report.table import Column, FactTable
 from operator_app.report.text import aligned, paragraph, table_lines
@@ -71,7 +71,7 @@ def test_every_output_replaces_control_characters(text):
 
 def test_console_and_plain_mode_replace_control_characters(capsys):
     ConsoleListener().say(f"one {HOSTILE}")
-    StandardTerminal().say(f"one\ntwo {HOSTILE}")
+    Terminal().say(f"one\ntwo {HOSTILE}")
     captured = capsys.readouterr()
     assert control_characters(captured.out + captured.err) == set()
     assert captured.err.count("\n") == 1

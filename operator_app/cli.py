@@ -18,12 +18,7 @@ from typing import NoReturn
 from operator_app.commands.table import APP, COMMANDS, complete, declare, module, words_to_complete
 from operator_app.package_names import ForeignPackageError, require_own_names
 from operator_app.safe_output import open_closed_streams, sanitized, say, silence
-from operator_app.signals import (
-    INTERRUPTED,
-    ProcessEnd,
-    ending_signals_interrupt,
-    interrupted,
-)
+from operator_app.signals import INTERRUPTED, ProcessEnd, ending_signals_interrupt, interrupted
 
 NUMBERS = re.compile(r"-[\d.][\d.eE+-]*(,[\d.eE+-]+)+")
 OPTION = re.compile(r"--[a-z-]+")

@@ -78,11 +78,7 @@ def prepare_real_time() -> None:
 
 @contextmanager
 def open_arm(
-    opening: Opening,
-    *,
-    pace: Pace | None = None,
-    speed: float = 1.0,
-    record_to: Path | None = None,
+    opening: Opening, *, pace: Pace | None = None, speed: float = 1.0, record_to: Path | None = None
 ) -> Iterator[Rig]:
     """Open the arm of a session and yield it as a `Rig`; for the embedded virtual arm, also start its controller.
 

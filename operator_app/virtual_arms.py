@@ -14,11 +14,7 @@ from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import EmbeddedBus
 from hardware.virtual.faults import ScriptedFault
-from hardware.virtual.parameter_store import (
-    FolderDisk,
-    ParameterStore,
-    ValidatedParameters,
-)
+from hardware.virtual.parameter_store import FolderDisk, ParameterStore, ValidatedParameters
 from hardware.virtual.scenarios import Scenario, scenario_of
 from hardware.virtual.specimens import SpecimenFiles
 from hardware.virtual.supervisor_node import ArmLabel

@@ -156,10 +156,8 @@ class Disturbances:
     def loses_tpdo(self, joint: int) -> bool:
         """Whether this TPDO1 of a joint is lost; if so, decrement the number still to be lost."""
         remaining = self.lost_tpdos.get(joint, 0)
-        if remaining == 0:
-            return False
-        self.lost_tpdos[joint] = remaining - 1
-        return True
+        self.lost_tpdos[joint] = max(0, remaining - 1)
+        return remaining > 0
 
     def divergence(self, joint: int) -> int:
         """Return the distance of a joint from its drive's target in this period, counts; each call increases it."""

@@ -38,13 +38,10 @@ class Drive:
         self.torque_nm = 0.0
         self.speed_rad_per_s = 0.0
         self.in_control = False
-        self.external_stop = False
-        self.sensor_failed = False
-        self.refuses_modes = False
-        self.ignores_heartbeat = False
+        # Set by `hardware.virtual.faults`.
+        self.external_stop = self.sensor_failed = self.refuses_modes = False
+        self.ignores_heartbeat = self.ignores_targets = self.loses_enable = False
         self.sees_no_following_error = False
-        self.loses_enable = False
-        self.ignores_targets = False
         self.power_up()
 
     def power_up(self) -> None:

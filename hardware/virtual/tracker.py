@@ -6,13 +6,12 @@ tracker's own frame, and orientation as a rotation vector.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import socketserver
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
@@ -97,7 +96,7 @@ class _Server(socketserver.ThreadingTCPServer):
         full = {
             "error": f"{CLIENTS} programs are connected, the largest number allowed: end one of them"
         }
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             request.sendall(json.dumps(full).encode() + b"\n")
         self.shutdown_request(request)
 

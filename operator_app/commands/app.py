@@ -49,10 +49,7 @@ def execute(args: argparse.Namespace) -> int:
 
         def join(opening: Opening) -> AbstractContextManager[Rig]:
             return open_arm(
-                opening,
-                pace=Pace.REAL_TIME,
-                speed=args.speed,
-                record_to=recording(args, opening),
+                opening, pace=Pace.REAL_TIME, speed=args.speed, record_to=recording(args, opening)
             )
 
         made.append(

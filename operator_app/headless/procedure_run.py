@@ -90,13 +90,11 @@ def _advice(session: Session, solution: Solution, end: CampaignEnd | None) -> st
     """Return text on a hinge placement that would make the imprecise parameters more precise; "" if not needed."""
     if end is None or not end.weak or session.fixture.kind != "hinge":
         return ""
-    estimate = solution.estimate
-    values = {p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)}
     try:
         ranked = advise(
             session.model,
             session.fixture,
-            values=values,
+            values=solution.estimate.values_by_name,
             parameters=tuple(w.name for w in end.weak),
             unsensed_joints=session.procedure.unsensed_joints,
             samples=session.procedure.capture.samples_per_pose,

@@ -18,12 +18,7 @@ from typing import NoReturn
 from operator_app.commands.table import APP, COMMANDS, complete, declare, module, words_to_complete
 from operator_app.package_names import ForeignPackageError, require_own_names
 from operator_app.safe_output import open_closed_streams, sanitized, say, silence
-from operator_app.signals import (
-    INTERRUPTED,
-    ProcessEnd,
-    ending_signals_interrupt,
-    interrupted,
-)
+from operator_app.signals import INTERRUPTED, ProcessEnd, ending_signals_interrupt, interrupted
 
 NUMBERS = re.compile(r"-[\d.][\d.eE+-]*(,[\d.eE+-]+)+")
 OPTION = re.compile(r"--[a-z-]+")
@@ -115,13 +110,16 @@ def _dispatch(argv: Sequence[str]) -> int:
         complete(parser, chosen)
     args = parser.parse_args(_with_their_options(argv))
 
+    from operator_app.config.errors import ConfigError
     from operator_app.exit_codes import EXPECTED_ERRORS, exit_code
 
     command = module(args.command or APP)
     try:
         code = int(command.execute(args))
     except EXPECTED_ERRORS as error:
-        say(_in_words(error), err=True)
+        # Problems of a file have a line each.
+        text = f"sarcal: {error}"
+        say(text if isinstance(error, ConfigError) else sanitized(text), err=True)
         return int(exit_code(error))
     # Flush here, so that a full disk is reported.
     try:
@@ -140,14 +138,6 @@ def _with_their_options(arguments: Sequence[str]) -> list[str]:
         else:
             joined.append(word)
     return joined
-
-
-def _in_words(error: Exception) -> str:
-    """Return the message of an error: one line for each problem of a file, or a single line."""
-    from operator_app.config.errors import ConfigError
-
-    text = f"sarcal: {error}"
-    return text if isinstance(error, ConfigError) else sanitized(text)
 
 
 ALSO_CALLED = {

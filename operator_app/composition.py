@@ -10,7 +10,7 @@ import gc
 import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from importlib import import_module
@@ -78,20 +78,12 @@ def prepare_real_time() -> None:
 
 @contextmanager
 def open_arm(
-    opening: Opening,
-    *,
-    pace: Pace | None = None,
-    speed: float = 1.0,
-    record_to: Path | None = None,
+    opening: Opening, *, pace: Pace | None = None, speed: float = 1.0, record_to: Path | None = None
 ) -> Iterator[Rig]:
     """Open the arm of a session and yield it as a `Rig`; for the embedded virtual arm, also start its controller.
 
-    Parameters
-    ----------
-    pace
-        None: fast-forward for the embedded virtual arm, real time on any other bus.
-    speed
-        Factor by which the embedded virtual arm runs faster than real time.
+    `pace` by default: fast-forward for the embedded virtual arm, which runs `speed` times faster than real time; real
+    time on any other bus.
 
     Raises
     ------
@@ -115,7 +107,7 @@ def open_arm(
         opening = replace(
             opening, procedure=replace(procedure, upload=keeps_parameters), choices=choices
         )
-        with _outside_arm(outside, opening, bus, record_to) as theirs:
+        with closing(_outside_arm(outside, opening, bus, record_to)) as theirs:
             instrument = _instrument(procedure, choices, None)
             yield Rig(arm=theirs, opening=opening, simulated=False, instrument=instrument)
         return
@@ -168,11 +160,10 @@ def open_arm(
         )
 
 
-@contextmanager
 def _outside_arm(
     offer: ArmOffer, opening: Opening, bus: BusSettings, record_to: Path | None
-) -> Iterator[OutsideArm]:
-    """Open an arm of another package; when the context ends, the arm holds its position."""
+) -> OutsideArm:
+    """Return an arm of another package; when it is closed, it holds its position."""
     if record_to is not None and not offer.records:
         raise SessionError(
             f"the arm {bus.interface!r} cannot record its bus",
@@ -187,10 +178,7 @@ def _outside_arm(
         keeps_parameters=offer.keeps_parameters,
         record_to=record_to,
     )
-    try:
-        yield arm
-    finally:
-        arm.close()
+    return arm
 
 
 def _recording_problem(arm: CanopenArm) -> str:

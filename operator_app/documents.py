@@ -35,17 +35,9 @@ if TYPE_CHECKING:
 
 
 def parameters_at(reference: str, root: Path) -> ParametersDocument:
-    """Read a parameters file, or the calibration in the journal of a session.
+    """Read a parameters file, or the calibration in the journal of a session: folder, name in `root`, or ``latest``.
 
-    Parameters
-    ----------
-    reference
-        A file; or a session: its folder, its name in folder `root`, or ``latest``.
-
-    Raises
-    ------
-    ConfigError, SessionError
-        There is no such file or session, or no calibration in it.
+    Raises `ConfigError` or `SessionError` if there is no such file or session, or no calibration in it.
     """
     where = expanded(reference)
     if where.is_file():
@@ -57,9 +49,10 @@ def parameters_at(reference: str, root: Path) -> ParametersDocument:
         folder = where
         if not (where / PARAMETERS_NAME).is_file():
             raise
-    document = _document_in_journal(folder)
-    if document is not None:
-        return document
+    state = read_session(folder).state
+    calibration = None if state is None else journal_calibration(state)
+    if state is not None and isinstance(calibration, StoredCalibration):
+        return _document(folder, state, calibration)
     file = folder / PARAMETERS_NAME
     if not file.is_file():
         raise SessionError(
@@ -74,18 +67,10 @@ def arm_history(
 ) -> ArmHistory:
     """Return the history of an arm, from the journals of the sessions below `root`.
 
-    Parameters
-    ----------
-    kept_mounted
-        Whether the fixture stays mounted from one session to the next, except before a session with several placements.
-        If false, the fixture counts as remounted for each session.
-    interval
-        Interval between calibrations, which sets the date of the next one; None: usual interval of the past.
-
-    Raises
-    ------
-    SessionError
-        There is no accepted calibration of this arm.
+    `kept_mounted`: the fixture stays mounted from one session to the next, except before a session with several
+    placements; otherwise it counts as remounted for each session. `interval`: interval between calibrations, which sets
+    the date of the next one; None: usual interval of the past. Raises `SessionError` if this arm has no accepted
+    calibration.
     """
     calibrations: list[PastCalibration] = []
     checks: list[PastVerification] = []
@@ -137,15 +122,6 @@ def arm_history(
             f"serial numbers there: {known}; another folder: --sessions",
         )
     return history_of(calibrations, checks, left_out=left_out, interval=interval)
-
-
-def _document_in_journal(folder: Path) -> ParametersDocument | None:
-    """Return the document of the calibration in a session's journal; None if there is no calibration."""
-    state = read_session(folder).state
-    calibration = None if state is None else journal_calibration(state)
-    if state is None or not isinstance(calibration, StoredCalibration):
-        return None
-    return _document(folder, state, calibration)
 
 
 def _document(

@@ -7,24 +7,16 @@ from pathlib import Path
 COMMAND_WORDS = ("pip ", "sarcal ")
 
 
-def _as_sentence(remedy: str) -> str:
-    """Return the remedy with a capital letter, unless it begins with a command to type."""
-    return remedy if remedy.startswith(COMMAND_WORDS) else remedy[:1].upper() + remedy[1:]
-
-
 class SessionError(Exception):
-    """An error that the operator can act on.
-
-    Attributes
-    ----------
-    happened, remedy
-        What happened, and what to do.
-    """
+    """An error that the operator can act on: what happened, and the remedy."""
 
     def __init__(self, happened: str, remedy: str) -> None:
         self.happened = happened
         self.remedy = remedy
-        super().__init__(f"{happened}. {_as_sentence(remedy)}." if remedy else f"{happened}.")
+        # A remedy begins with a capital letter, unless it is a command to type.
+        if not remedy.startswith(COMMAND_WORDS):
+            remedy = remedy[:1].upper() + remedy[1:]
+        super().__init__(f"{happened}. {remedy}." if remedy else f"{happened}.")
 
     def preceded_by(self, earlier: str) -> None:
         """Put a message about an earlier event in front of this error's message."""
@@ -36,10 +28,7 @@ class SessionError(Exception):
 class DrivesNotOffError(SessionError):
     """The arm was released but did not confirm that it holds and that its drives are off.
 
-    Attributes
-    ----------
-    powered
-        Joints whose drives reported that they are powered; empty if the arm did not answer.
+    `powered`: joints whose drives reported that they are powered; empty if the arm did not answer.
     """
 
     def __init__(self, powered: tuple[int, ...]) -> None:
@@ -70,10 +59,7 @@ class GuardError(SessionError):
 class ClosureRefusedError(GuardError):
     """The joint readings do not close the loop; no drive was enabled.
 
-    Attributes
-    ----------
-    probability
-        Probability of a larger chi2 for an unchanged arm; None if another check refused.
+    `probability` of a larger chi2 for an unchanged arm; None if another check refused.
     """
 
     def __init__(self, happened: str, remedy: str, *, probability: float | None = None) -> None:
@@ -103,12 +89,7 @@ class JournalExistsError(JournalError):
 class JournalDamagedError(JournalError):
     """A complete line of a journal was changed, or its data are not valid.
 
-    Attributes
-    ----------
-    path, line, key
-        Place of the problem; the key is empty if the problem concerns the whole line.
-    events
-        Number of valid lines before the damaged line.
+    `key` is empty if the problem concerns the whole line. `events`: number of valid lines before it.
     """
 
     def __init__(self, *, path: Path, line: int, problem: str, events: int, key: str = "") -> None:
@@ -128,10 +109,7 @@ class JournalForeignError(JournalError):
 class JournalLostError(JournalError):
     """The journal was deleted, moved, replaced or changed while a session was using it.
 
-    Attributes
-    ----------
-    rescued
-        Folder of a new session with all entries; None if it could not be written.
+    `rescued`: folder of a new session with all entries; None if it could not be written.
     """
 
     def __init__(self, happened: str, remedy: str, *, rescued: Path | None) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import IntEnum
-from types import MappingProxyType
 
 from fixtures.errors import FixtureError
 from hardware.errors import BusSettingsError, HardwareError
@@ -24,16 +23,14 @@ class ExitCode(IntEnum):
     INTERRUPTED = 130
 
 
-MEANING: Mapping[ExitCode, str] = MappingProxyType(
-    {
-        ExitCode.ACCEPTED: "done; a calibration: accepted, with or without warnings",
-        ExitCode.BAD_INPUT: "usage or bad input",
-        ExitCode.ARM_FAULT: "bus or arm fault, or an arm that is not known to be held when it was let go",
-        ExitCode.NOT_ACCEPTED: "solved but not accepted; a verification or comparison: something is off",
-        ExitCode.NOT_IDENTIFIABLE: "not identifiable: the poses cannot tell every parameter",
-        ExitCode.INTERRUPTED: "interrupted; the arm is held, the session is kept",
-    }
-)
+MEANING: Mapping[ExitCode, str] = {
+    ExitCode.ACCEPTED: "done; a calibration: accepted, with or without warnings",
+    ExitCode.BAD_INPUT: "usage or bad input",
+    ExitCode.ARM_FAULT: "bus or arm fault, or an arm that is not known to be held when it was let go",
+    ExitCode.NOT_ACCEPTED: "solved but not accepted; a verification or comparison: something is off",
+    ExitCode.NOT_IDENTIFIABLE: "not identifiable: the poses cannot tell every parameter",
+    ExitCode.INTERRUPTED: "interrupted; the arm is held, the session is kept",
+}
 """Meaning of each exit code, as text for the manual."""
 
 

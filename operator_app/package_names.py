@@ -21,13 +21,7 @@ REPAIR = "pip install --force-reinstall --no-deps FOLDER, the folder or wheel th
 
 
 class ForeignPackageError(ImportError):
-    """Python finds another package under the name of one of this program's packages.
-
-    Attributes
-    ----------
-    name, found
-        The top-level name, and the file that Python finds under this name.
-    """
+    """Python finds another package, at `found`, under the name of one of this program's packages."""
 
     def __init__(self, name: str, location: str, owners: Sequence[str], *, ours: bool) -> None:
         self.found = location
@@ -52,10 +46,7 @@ class ForeignPackageError(ImportError):
 def require_own_names() -> None:
     """Check that Python finds this program's other top-level packages, unchanged, beside this one.
 
-    Raises
-    ------
-    ForeignPackageError
-        A package is missing, or its content is not this program's; the text states the remedy.
+    Raises `ForeignPackageError` if a package is missing or is not this program's; the text states the remedy.
     """
     home = Path(__file__).resolve().parents[1]
     for name, first_words in DOCSTRING_STARTS.items():

@@ -13,7 +13,7 @@ import unicodedata
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 MARK = "\ufffd"
 """Replaces each character that is not shown, so that columns keep their width."""
@@ -42,19 +42,12 @@ def as_json(value: object) -> str:
 def say(text: str = "", *, err: bool = False, streaming: bool = False) -> None:
     """Print lines on stdout or stderr.
 
-    A failed write to stderr and a closed pipe are ignored, since exit code and files hold the result; if `streaming`,
-    a closed pipe is an error.
-
-    Raises
-    ------
-    BrokenPipeError
-        The reader of a streaming command has closed the pipe.
-    OSError
-        A result cannot be written, e.g. to a full disk.
+    A failed write to stderr and a closed pipe are ignored, since exit code and files hold the result; if `streaming`, a
+    closed pipe raises `BrokenPipeError`. `OSError` if a result cannot be written, e.g. to a full disk.
     """
     if err:
         stderr = Stderr()
-        stderr.write(_shown(text, stderr.encoding))
+        stderr.write(_shown(text, stderr.encoding or "utf-8"))
         stderr.flush()
         return
     try:
@@ -74,18 +67,9 @@ class Stderr:
         stream: TextIO = getattr(sys.stderr, "rich_proxied_file", sys.stderr)
         return stream
 
-    @property
-    def encoding(self) -> str:
-        """Encoding of the underlying stream."""
-        return self._stream.encoding or "utf-8"
-
-    def isatty(self) -> bool:
-        """Whether stderr is a terminal."""
-        return self._stream.isatty()
-
-    def fileno(self) -> int:
-        """File descriptor of the underlying stream."""
-        return self._stream.fileno()
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute of the underlying stream, such as `isatty`."""
+        return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
         """Write text; ignore errors."""

@@ -101,12 +101,8 @@ class Figure:
         """The number at full precision, in the units of the contract; None if unknown."""
         if self.value is None or not math.isfinite(self.value):
             return None
-        # Counts stay integers.
-        return (
-            self.value
-            if self.quantity.json_per_si == 1.0
-            else self.quantity.json_per_si * self.value
-        )
+        factor = self.quantity.json_per_si
+        return self.value if factor == 1.0 else factor * self.value  # counts stay integers
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,11 +14,7 @@ from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import EmbeddedBus
 from hardware.virtual.faults import ScriptedFault
-from hardware.virtual.parameter_store import (
-    FolderDisk,
-    ParameterStore,
-    ValidatedParameters,
-)
+from hardware.virtual.parameter_store import FolderDisk, ParameterStore, ValidatedParameters
 from hardware.virtual.scenarios import Scenario, scenario_of
 from hardware.virtual.specimens import SpecimenFiles
 from hardware.virtual.supervisor_node import ArmLabel
@@ -40,10 +36,7 @@ def virtual_arm(
 ) -> Scenario:
     """Return the scenario of a virtual arm for these files and this placement of the fixture.
 
-    Raises
-    ------
-    SessionError
-        No virtual arm can be built from these files.
+    Raises `SessionError` if no virtual arm can be built from these files.
     """
     stated = SpecimenFiles(
         arm=arm,
@@ -122,10 +115,7 @@ def run_controller(
 def slots_in(folder: Path | None) -> ParameterStore:
     """Return the parameter slots in a folder, after checking them; None: in memory.
 
-    Raises
-    ------
-    SessionError
-        The folder cannot be used, or a slot in it cannot be read.
+    Raises `SessionError` if the folder cannot be used, or a slot in it cannot be read.
     """
     if folder is None:
         return ParameterStore()

@@ -54,20 +54,14 @@ class AxisSettings:
         Command limits; the speed limit is the overspeed trip level as well.
     max_torque_nm, following_window_counts
         Trip levels of torque (also the rated torque) and of the following error (6065h).
-    max_speed_counts_per_s
-        Value of 607Fh.
-    home_offset_limit_counts
-        Largest home offset of a revolute joint, in either direction.
+    max_speed_counts_per_s; increments, revolutions
+        Values of 607Fh and 608Fh.
     sensor_kind, full_scale_microdeg, converter_bits
         Values of 2100h.
-    increments, revolutions
-        Values of 608Fh.
     lowest_counts, highest_counts
         Ends of an RVDT's converter, at which the sensor counts as failed; infinite for an encoder.
-    mode_switch_cycles
-        Control periods from a new 6060h to the new 6061h.
-    trip_cycles
-        Control periods above a trip level until the drive trips.
+    mode_switch_cycles, trip_cycles
+        Control periods from a new 6060h to the new 6061h, and above a trip level until the drive trips.
     """
 
     mode_switch_cycles = trip_cycles = 3

@@ -50,33 +50,14 @@ _STORM_EMERGENCY = objects.EMCY.pack(0x1000, objects.ErrorBit.GENERIC, bytes(5))
 class VirtualController:
     """Simulated controller on one bus: a drive node for each of `axes`, and a supervisor.
 
-    Parameters
-    ----------
-    bus
-        Open bus of the caller, not closed here; its filters are set.
-    axes
-        Joints 1..n, see `hardware.virtual.axis.arm_axes`.
-    arm
-        Model and serial number.
-    validate
-        Function that strictly parses parameter documents; by default all are refused.
-    store
-        Parameter slots; in memory by default.
-    heartbeat_timeout_s
-        Silence after which the operator counts as lost.
-    clock
-        Function that returns monotonic time, s.
-    script
-        Faults at given SYNCs; faults of SYNC 0 occur before the first SYNC.
-    attended
-        Whether the operator is in this process and calls `attend` while it waits for frames.
+    `bus` is open, and is not closed here; its filters are set. `axes`: see `hardware.virtual.axis.arm_axes`. By default
+    `validate` refuses all parameter documents, and `store` is in memory. `heartbeat_timeout_s`: silence after which the
+    operator counts as lost. `attended`: the operator is in this process and calls `attend` while it waits for frames.
 
     Attributes
     ----------
     drives, supervisor
         The nodes; threads other than the control loop must hold a node's `lock` to use it.
-    group
-        Drives and plant, which step together.
     sync_count
         SYNCs answered so far.
     tracker
@@ -99,7 +80,7 @@ class VirtualController:
         script: Sequence[ScriptedFault] = (),
         attended: bool = False,
     ) -> None:
-        self._bus, self._clock = bus, clock
+        self._bus, self.now_s = bus, clock
         self._attended = attended
         self._timeout_s = heartbeat_timeout_s
         self._script = sorted(script, key=lambda fault: fault.at_sync, reverse=True)
@@ -119,7 +100,6 @@ class VirtualController:
         self._next_beat_s = 0.0
         serial = arm.number % 1_000_000 * 100
         self.drives = tuple(DriveNode(axis, serial_number=serial + axis.joint) for axis in axes)
-        self._joints = {node.number for node in self.drives}
         self.group = DriveGroup(self.drives, plant, self.disturbances)
         self.plant: Plant = plant
         self.supervisor = SupervisorNode(
@@ -137,7 +117,7 @@ class VirtualController:
         self._network = ControllerNetwork(bus, self.disturbances)
         watched = objects.OPERATOR_NODE << 16 | round(heartbeat_timeout_s * 1e3)
         for node in self._nodes:
-            node.serve(objects.HEARTBEAT_CONSUMER, 1, lambda: watched)
+            node.answers[objects.HEARTBEAT_CONSUMER, 1] = watched
             self._network.add_node(node)
         self._loop = threading.Thread(target=self._run, name="sarcal-virtual-arm", daemon=True)
         self._worker = threading.Thread(
@@ -150,7 +130,7 @@ class VirtualController:
         for node in self._nodes:
             node.boot()
         self._inject_due_faults(0)
-        self._next_beat_s = self._clock() + HEARTBEAT_PERIOD_S
+        self._next_beat_s = self.now_s() + HEARTBEAT_PERIOD_S
         self._worker.start()
         self._loop.start()
 
@@ -178,10 +158,6 @@ class VirtualController:
             action()
         else:
             self._posted.put(action)
-
-    def now_s(self) -> float:
-        """Return the time of the controller's clock, s."""
-        return self._clock()
 
     def restart(self) -> None:
         """Power-cycle all nodes; call through `post` only."""
@@ -308,7 +284,7 @@ class VirtualController:
             self._script.pop().happen(self)
 
     def _handle_deadlines(self) -> None:
-        now = self._clock()
+        now = self.now_s()
         self._network.send_overdue()
         if (wire := self.disturbances.wire_in) is not None:
             for message in wire.overdue():
@@ -327,7 +303,7 @@ class VirtualController:
                 self.group.lose_heartbeat()
                 self.supervisor.end_control()
         for number, since in self.disturbances.cut_since_s.items():
-            if number in self._joints and now - since > self._timeout_s:
+            if number <= len(self.drives) and now - since > self._timeout_s:
                 self.group.lose_heartbeat_at(number)
         if now >= self._next_beat_s:
             # Counted from now, so that a late loop sends no burst.

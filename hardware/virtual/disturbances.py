@@ -92,20 +92,16 @@ class Disturbances:
     ----------
     cut_since_s
         Nodes with a cut cable, and since when (the controller's clock).
-    no_heartbeat, heartbeat_period_s
-        Nodes without heartbeat, and nodes with another period.
-    lost_tpdos, doubled_tpdos
-        Number of TPDO1 that a joint will still lose; joints that answer every SYNC twice.
+    heartbeat_period_s
+        Nodes with another heartbeat period.
+    lost_tpdos
+        Number of TPDO1 that a joint will still lose.
     frozen_counts, lost_counts, ripple_counts
         Fixed reading of a sensor, offset of its readings (which the drive follows), standard deviation of added noise.
     diverged_counts
         Distance of a joint from its drive's target, which grows every control period.
     blocked, sagging
         Joints that do not move in free mode, and joints that do not hold in position mode.
-    storming
-        Joints that send emergencies on every SYNC.
-    stalled_sdo, refused_sdo
-        Nodes that do not answer SDO, and nodes that abort it.
     off_until_s
         Time until which no frame passes (the controller's clock); None if frames pass.
     wire_out, wire_in
@@ -160,10 +156,8 @@ class Disturbances:
     def loses_tpdo(self, joint: int) -> bool:
         """Whether this TPDO1 of a joint is lost; if so, decrement the number still to be lost."""
         remaining = self.lost_tpdos.get(joint, 0)
-        if remaining == 0:
-            return False
-        self.lost_tpdos[joint] = remaining - 1
-        return True
+        self.lost_tpdos[joint] = max(0, remaining - 1)
+        return remaining > 0
 
     def divergence(self, joint: int) -> int:
         """Return the distance of a joint from its drive's target in this period, counts; each call increases it."""

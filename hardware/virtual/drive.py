@@ -22,12 +22,7 @@ class Drive:
     After a quick stop or the loss of the operator's heartbeat the drive holds the measured position in position mode.
     After any other trip the joint's valve is blocked.
 
-    Parameters
-    ----------
-    axis
-        Scale, limits and sensor of the joint.
-    on_error, on_all_clear
-        Called with the code of every new error, and when the last error has ended.
+    `on_error` is called with the code of every new error, `on_all_clear` when the last error has ended.
     """
 
     def __init__(
@@ -43,13 +38,10 @@ class Drive:
         self.torque_nm = 0.0
         self.speed_rad_per_s = 0.0
         self.in_control = False
-        self.external_stop = False
-        self.sensor_failed = False
-        self.refuses_modes = False
-        self.ignores_heartbeat = False
+        # Set by `hardware.virtual.faults`.
+        self.external_stop = self.sensor_failed = self.refuses_modes = False
+        self.ignores_heartbeat = self.ignores_targets = self.loses_enable = False
         self.sees_no_following_error = False
-        self.loses_enable = False
-        self.ignores_targets = False
         self.power_up()
 
     def power_up(self) -> None:
@@ -65,8 +57,6 @@ class Drive:
         self._torque_for = 0
         self._following_for = 0
         self._command: JointCommand | None = None
-
-    # ---- commands from the bus -----------------------------------------------------------------
 
     def obey(self, controlword: int, target_counts: int, mode_code: int) -> None:
         """Act on an RPDO1."""
@@ -119,8 +109,6 @@ class Drive:
         else:
             self._begin(EmergencyCode.REFERENCE_LIMIT)
 
-    # ---- events ----------------------------------------------------------------------------------
-
     def quick_stop(self) -> None:
         """If enabled, stop and hold; no controlword is needed."""
         after = cia402.after_event(self.state, DriveEvent.QUICK_STOP)
@@ -147,12 +135,15 @@ class Drive:
         """Change from *fault reaction active* to *fault*; no effect in other states."""
         self.state = cia402.after_event(self.state, DriveEvent.FAULT_REACTION_DONE)
 
-    # ---- every control period --------------------------------------------------------------------
-
     def command(self) -> JointCommand:
         """Return the joint's command for the next control period."""
         if self._command is None:
-            self._command = self._make_command()
+            enabled = self.state is DriveState.OPERATION_ENABLED
+            servo = self._holding or (enabled and self.mode is JointMode.POSITION)
+            self._command = JointCommand(
+                mode=JointMode.POSITION if servo else self.mode if enabled else None,
+                target_rad=self.axis.scale.to_rad(self.target_counts if servo else self.counts),
+            )
         return self._command
 
     def read(self, counts: int, torque_nm: float, speed_rad_per_s: float) -> None:
@@ -181,16 +172,6 @@ class Drive:
         if EmergencyCode.FOLLOWING in self.errors:
             flags |= StatusBit.FOLLOWING_ERROR
         return flags
-
-    # ---- inside ----------------------------------------------------------------------------------
-
-    def _make_command(self) -> JointCommand:
-        enabled = self.state is DriveState.OPERATION_ENABLED
-        if self._holding or (enabled and self.mode is JointMode.POSITION):
-            target_rad = self.axis.scale.to_rad(self.target_counts)
-            return JointCommand(mode=JointMode.POSITION, target_rad=target_rad)
-        mode = self.mode if enabled else None
-        return JointCommand(mode=mode, target_rad=self.axis.scale.to_rad(self.counts))
 
     def _hold(self) -> None:
         self._holding = True

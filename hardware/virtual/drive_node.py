@@ -33,20 +33,7 @@ _HIGHEST_I32: Final = 2**31 - 1
 
 
 class DriveNode(VirtualNode):
-    """Node of one joint.
-
-    Parameters
-    ----------
-    axis
-        The joint's settings; the joint number is the node number.
-    serial_number
-        1018h sub 4.
-
-    Attributes
-    ----------
-    reports_speed
-        Whether TPDO1 carries 606Ch in place of 6064h.
-    """
+    """Node of one joint; its number is the joint's. `reports_speed`: TPDO1 carries 606Ch in place of 6064h."""
 
     def __init__(self, axis: AxisSettings, *, serial_number: int) -> None:
         super().__init__(objects.joint_node(axis.joint), serial_number=serial_number)
@@ -61,8 +48,6 @@ class DriveNode(VirtualNode):
         self.reports_speed = False
         self._per_mille = 1000.0 / axis.max_torque_nm
         self._serve_objects()
-
-    # ---- PDOs ----------------------------------------------------------------------------------------
 
     def on_rpdo1(self, data: bytes | bytearray) -> None:
         """Act on an RPDO1; ignored if of a wrong length or outside *operational*."""
@@ -85,8 +70,6 @@ class DriveNode(VirtualNode):
             self._torque_per_mille(),
         )
 
-    # ---- node ----------------------------------------------------------------------------------------
-
     def power_up(self) -> None:
         """Power up; the supervisor sets the home offset again."""
         super().power_up()
@@ -95,8 +78,6 @@ class DriveNode(VirtualNode):
     def left_operational(self) -> None:
         """Stop and hold, as no more commands can arrive."""
         self.drive.quick_stop()
-
-    # ---- inside --------------------------------------------------------------------------------------
 
     def _register(self) -> ErrorBit:
         register = ErrorBit(0)
@@ -114,7 +95,7 @@ class DriveNode(VirtualNode):
 
     def _serve_objects(self) -> None:
         axis, drive = self.axis, self.drive
-        values: dict[tuple[int, int], int] = {
+        self.answers |= {
             (objects.FOLLOWING_WINDOW, 0): axis.following_window_counts,
             (objects.RATED_TORQUE, 0): round(axis.max_torque_nm * 1e3),
             (objects.POSITION_LIMITS, 1): axis.limits.lower_counts,
@@ -125,28 +106,26 @@ class DriveNode(VirtualNode):
             (objects.SENSOR, objects.SENSOR_KIND): int(axis.sensor_kind),
             (objects.SENSOR, objects.SENSOR_FULL_SCALE): axis.full_scale_microdeg,
             (objects.SENSOR, objects.SENSOR_BITS): axis.converter_bits,
+            (objects.TARGET_TORQUE, 0): 0,
+            (objects.HOME_OFFSET, 0): lambda: self.home_offset_counts,
+            (objects.ERROR_CODE, 0): lambda: drive.errors[-1] if drive.errors else 0,
+            (objects.CONTROLWORD, 0): lambda: drive.controlword,
+            (objects.STATUSWORD, 0): lambda: cia402.statusword(drive.state, drive.flags),
+            (objects.MODE, 0): lambda: drive.mode_request,
+            (objects.MODE_DISPLAY, 0): (
+                lambda: 0 if drive.mode is None else objects.MODE_CODE[drive.mode]
+            ),
+            (objects.POSITION_ACTUAL, 0): lambda: drive.counts,
+            (objects.VELOCITY_ACTUAL, 0): self._speed,
+            (objects.TORQUE_ACTUAL, 0): self._torque_per_mille,
+            (objects.TARGET_POSITION, 0): lambda: drive.target_counts,
         }
-        for (index, subindex), value in values.items():
-            self.serve(index, subindex, lambda value=value: value)  # type: ignore[misc]
-        self.serve(objects.ERROR_CODE, 0, lambda: drive.errors[-1] if drive.errors else 0)
-        self.serve(objects.CONTROLWORD, 0, lambda: drive.controlword)
-        self.serve(objects.STATUSWORD, 0, lambda: cia402.statusword(drive.state, drive.flags))
-        self.serve(objects.MODE, 0, lambda: drive.mode_request)
-        self.serve(
-            objects.MODE_DISPLAY,
-            0,
-            lambda: 0 if drive.mode is None else objects.MODE_CODE[drive.mode],
-        )
-        self.serve(objects.POSITION_ACTUAL, 0, lambda: drive.counts)
-        self.serve(objects.VELOCITY_ACTUAL, 0, self._speed)
-        self.serve(objects.TARGET_TORQUE, 0, lambda: 0)
-        self.serve(objects.TORQUE_ACTUAL, 0, self._torque_per_mille)
-        self.serve(objects.TARGET_POSITION, 0, lambda: drive.target_counts)
-        self.serve(objects.HOME_OFFSET, 0, lambda: self.home_offset_counts)
-        self.accept(objects.CONTROLWORD, lambda value: drive.obey_controlword(_whole(value)))
-        self.accept(objects.MODE, lambda value: drive.ask_for_mode(_whole(value)))
-        self.accept(objects.TARGET_TORQUE, lambda _: None)  # only 0 is in the range of 6071h
-        self.accept(objects.TARGET_POSITION, lambda value: drive.obey_target(_whole(value)))
+        self.writers |= {
+            objects.CONTROLWORD: lambda value: drive.obey_controlword(_whole(value)),
+            objects.MODE: lambda value: drive.ask_for_mode(_whole(value)),
+            objects.TARGET_TORQUE: lambda _: None,  # only 0 is in the range of 6071h
+            objects.TARGET_POSITION: lambda value: drive.obey_target(_whole(value)),
+        }
 
 
 def _whole(value: Value) -> int:

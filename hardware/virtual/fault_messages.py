@@ -6,9 +6,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from enum import StrEnum
-from types import MappingProxyType
 
 
 class ArmReaction(StrEnum):
@@ -32,42 +31,41 @@ class ArmReaction(StrEnum):
 ALL_POSES = "every pose accepted before"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class FaultDescription:
-    """One fault.
+    """One fault: what fails, and what the operator does about it.
 
     Attributes
     ----------
     texts
         Parts of possible messages to the operator; ``{joint}`` is the joint at fault.
-    goes_on
-        Whether a session may also run to its end without any such message.
-    arm
-        Reaction of the arm when the fault is reported.
-    kept
-        What remains of the session.
+    arm, kept
+        Reaction of the arm when the fault is reported, and what remains of the session.
     at_connect
         Whether the fault shows while the arm is being connected, so that it must be injected before that.
+    always_reported
+        Whether no session runs to its end without one of these messages.
     """
 
     broken: str
-    texts: tuple[str, ...] = ()
-    goes_on: bool = False
     remedy: str
+    _: KW_ONLY
+    texts: tuple[str, ...] = ()
     arm: ArmReaction = ArmReaction.STANDS
     kept: str = ALL_POSES
     at_connect: bool = False
+    always_reported: bool = False
 
     def symptom(self) -> str:
         """Return what the operator sees, as text."""
         clauses = " or ".join(f'"... {part.format(joint="J")} ..."' for part in self.texts)
-        if not self.goes_on:
+        if self.always_reported:
             return f"the message {clauses}"
         return f"nothing, or the message {clauses}" if clauses else "nothing: the session continues"
 
     def does(self) -> str:
         """Return the reaction of the arm, as text."""
-        if not self.goes_on:
+        if self.always_reported:
             return str(self.arm)
         return f"goes on; once the fault is reported: {self.arm}" if self.texts else "goes on"
 
@@ -96,363 +94,318 @@ _COUNT_LOSS_REMEDY = (
 )
 _SENSOR = "Retake the marked poses; check the encoder's coupling and its cable."
 
-FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
-    {
-        "frames-lost": FaultDescription(
-            broken="1 % of all frames are lost",
-            texts=_BAD_FRAMES,
-            goes_on=True,
-            remedy=_CABLE,
+FAULTS: Mapping[str, FaultDescription] = {
+    "frames-lost": FaultDescription("1 % of all frames are lost", _CABLE, texts=_BAD_FRAMES),
+    "frames-lost-10": FaultDescription("10 % of all frames are lost", _CABLE, texts=_BAD_FRAMES),
+    "frames-doubled": FaultDescription(
+        "10 % of all frames come twice",
+        "A repeater or gateway echoes: remove it.",
+        texts=("two devices answer",),
+    ),
+    "frames-reordered": FaultDescription(
+        "10 % of all frames change places with the next",
+        "A gateway with several queues: configure it to keep the order, or remove it.",
+        texts=(*_BAD_FRAMES, "jumped by", "two devices answer", "does not come to rest"),
+    ),
+    # A late target is a step back, which is refused or trips the drive; a late controlword undoes later ones.
+    "frames-late": FaultDescription(
+        "5 % of all frames come 5 to 50 ms late",
+        "A busy gateway or network in between delays them: connect the arm's bus directly.",
+        texts=(
+            *_BAD_FRAMES,
+            "jumped by",
+            "two devices answer",
+            "does not come to rest",
+            "target refused",
+            "overspeed",
+            "the drive is in",
         ),
-        "frames-lost-10": FaultDescription(
-            broken="10 % of all frames are lost",
-            texts=_BAD_FRAMES,
-            goes_on=True,
-            remedy=_CABLE,
+        arm=ArmReaction.LATE,
+    ),
+    "frames-flipped": FaultDescription(
+        "1 % of all frames have one bit of their data flipped",
+        "CAN detects such errors, so a gateway or a driver causes them: replace it.",
+        texts=(
+            *_BAD_FRAMES,
+            "jumped by",
+            "refused",
+            "are not set up as",
+            "no CiA 402",
+            "tripped: ",
+            "has restarted",
+            "is not the one",
+            "range",
+            "does not come to rest",
+            "in control",
+            "the drive is in",
+            "STOP is latched",
+            "the supervisor reports",
         ),
-        "frames-doubled": FaultDescription(
-            broken="10 % of all frames come twice",
-            texts=("two devices answer",),
-            goes_on=True,
-            remedy="A repeater or gateway echoes: remove it.",
+    ),
+    "babbling": FaultDescription(
+        "five foreign frames follow every frame",
+        "`sarcal monitor` counts them by identifier; take that node off the bus.",
+    ),
+    "bus-flicker": FaultDescription("the bus fails for 0.2 s", _CABLE, texts=_BAD_FRAMES),
+    # Not reported if the bus is back while the nodes are awaited: they get the command again.
+    "bus-off": FaultDescription(
+        "the bus fails for 3 s (bus-off, or a plug pulled and put back)",
+        f"{_CABLE} The drives hold until then; `sarcal reset` clears their 8130h.",
+        texts=(*_BAD_FRAMES, "operator's heartbeat lost", "the drive is in"),
+        arm=ArmReaction.HOLDS,
+    ),
+    "silent-node": FaultDescription(
+        "a joint's cable is cut", _CABLE, texts=_GONE, arm=ArmReaction.HOLDS, always_reported=True
+    ),
+    "silent-supervisor": FaultDescription("the supervisor's cable is cut", _CABLE, texts=_GONE),
+    "no-heartbeat": FaultDescription("a joint sends no heartbeat", _RECONNECT, texts=_GONE),
+    "other-heartbeat": FaultDescription(
+        "a joint sends a heartbeat only every 5 s",
+        _COMMISSION,
+        texts=("a heartbeat every 1 ..", *_GONE),
+        at_connect=True,
+    ),
+    "missed-answers": FaultDescription(
+        "a joint misses ten SYNCs", "Nothing: incomplete samples are not used."
+    ),
+    "double-answers": FaultDescription(
+        "a joint answers every SYNC twice",
+        "Two devices have the same number: give one of them another.",
+        texts=("two devices answer as node {joint}",),
+        always_reported=True,
+    ),
+    "wrong-node": FaultDescription(
+        "a joint answers with the number of the next one",
+        "Give each drive its own number again.",
+        texts=(*_GONE, "two devices answer as node"),
+        always_reported=True,
+    ),
+    # During a session it is detected when a pose is read, unless the joint seems to jump before.
+    "other-map": FaultDescription(
+        "a joint's TPDO1 carries its speed where its position belongs",
+        _COMMISSION,
+        texts=(
+            "are not set up as this program requires",
+            "the set-up of these nodes was changed",
+            "jumped by",
+            "counts from its target",
         ),
-        "frames-reordered": FaultDescription(
-            broken="10 % of all frames change places with the next",
-            texts=(
-                *_BAD_FRAMES,
-                "jumped by",
-                "two devices answer",
-                "does not come to rest",
-            ),
-            goes_on=True,
-            remedy="A gateway with several queues: configure it to keep the order, or remove it.",
+        at_connect=True,
+        always_reported=True,
+    ),
+    "sdo-stall": FaultDescription(
+        "a joint answers no object access (SDO)",
+        _RECONNECT,
+        texts=("Node {joint} does not answer when asked for",),
+    ),
+    "sdo-stall-supervisor": FaultDescription(
+        "the supervisor answers no object access (SDO)",
+        _RECONNECT,
+        texts=("Node 16 does not answer when asked for",),
+        kept=f"{ALL_POSES}; of an upload, the document that was active",
+    ),
+    "sdo-abort": FaultDescription(
+        "a joint refuses every object access (08000000h)",
+        _RECONNECT,
+        texts=("node {joint} refused ",),
+    ),
+    # The counter is near zero if the arm has sagged before the next connection.
+    "restart-node": FaultDescription(
+        "a joint's drive restarts, its counter at zero",
+        "Find out why it lost its power; reference its counter, then connect again.",
+        texts=("has left operation", "has restarted", "outside its range", "at zero", "near zero"),
+        kept=f"{ALL_POSES}; not the zero of that drive's counter",
+        always_reported=True,
+    ),
+    "restart": FaultDescription(
+        "the whole controller restarts",
+        _RECONNECT,
+        texts=(*_GONE, "heartbeat lost", "refused", "in control"),
+        arm=ArmReaction.BLOCKS,
+    ),
+    "hang": FaultDescription(
+        "the control loop hangs",
+        _RECONNECT,
+        texts=_GONE,
+        arm=ArmReaction.UNHEARD,
+        always_reported=True,
+    ),
+    "unwatched": FaultDescription(
+        "a drive does not monitor the operator's heartbeat (1016h): it would go on without one",
+        _COMMISSION,
+        texts=("for the heartbeat of node",),
+        at_connect=True,
+    ),
+    "lost-counts-5": FaultDescription(
+        "an encoder loses 5 counts", _SENSOR, texts=("joint {joint} jumped",)
+    ),
+    "lost-counts-500": FaultDescription(
+        "an encoder loses 500 counts", _COUNT_LOSS_REMEDY, texts=_COUNT_LOSS, kept=_COUNT_LOSS_KEPT
+    ),
+    # The drive of a driven joint compensates the jump, which jerks all joints: overspeed.
+    "sensor-jump": FaultDescription(
+        "a sensor, encoder or RVDT, reads 2 deg more from one SYNC to the next",
+        _COUNT_LOSS_REMEDY,
+        texts=(*_COUNT_LOSS, "overspeed"),
+        kept=_COUNT_LOSS_KEPT,
+    ),
+    "ripple": FaultDescription(
+        "a sensor has noise of ten counts, as of an unsteady supply",
+        "Supply and shield of that sensor; RVDT amplifier.",
+        texts=("does not come to rest",),
+    ),
+    # The deviation of a driven joint is detected on the way, by its drive or by this program.
+    "frozen-sensor": FaultDescription(
+        "a sensor's reading is frozen",
+        _SENSOR,
+        texts=("reads the same count as at pose", "following error", "counts from its target"),
+        always_reported=True,
+    ),
+    "broken-sensor": FaultDescription(
+        "a drive detects that its sensor has failed (7305h)",
+        "Repair the sensor, reset (R, or `sarcal reset`), then go on.",
+        texts=("angle sensor failed", "the drive is in"),
+        arm=ArmReaction.TRIPS,
+        always_reported=True,
+    ),
+    "collision": FaultDescription(
+        "a joint trips for excess torque (8311h)",
+        "The arm holds. Remove the obstacle, reset (R, or `sarcal reset`), then go on.",
+        texts=("excess torque", "the drive is in"),
+        arm=ArmReaction.TRIPS,
+        always_reported=True,
+    ),
+    "blocked-joint": FaultDescription(
+        "a joint in free mode does not move",
+        "Check that joint's valve; reset (R, or `sarcal reset`), then go on.",
+        texts=(
+            "excess torque",
+            "the drive is in",
+            "poses could be reached",
+            "does not come to rest",
         ),
-        "frames-late": FaultDescription(
-            broken="5 % of all frames come 5 to 50 ms late",
-            texts=(
-                *(*_BAD_FRAMES, "jumped by", "two devices answer", "does not come to rest"),
-                # A target that arrives after its successors is a step back, which is refused or trips the drive; a
-                # controlword undoes their effect.
-                *("target refused", "overspeed", "the drive is in"),
-            ),
-            goes_on=True,
-            arm=ArmReaction.LATE,
-            remedy="A busy gateway or network in between delays them: connect the arm's bus directly.",
+        arm=ArmReaction.TRIPS,
+    ),
+    "sagging-drive": FaultDescription(
+        "a drive in position mode does not hold, and reports no fault",
+        _DIVERGED,
+        texts=(
+            "following error",
+            "counts from its target",
+            "excess torque",
+            "poses could be reached",
+            "does not come to rest",
+            "the drive is in",
+            "after it was stopped",
         ),
-        "frames-flipped": FaultDescription(
-            broken="1 % of all frames have one bit of their data flipped",
-            texts=(
-                *_BAD_FRAMES,
-                *("jumped by", "refused", "are not set up as", "no CiA 402", "tripped: "),
-                *(
-                    "has restarted",
-                    "is not the one",
-                    "range",
-                    "does not come to rest",
-                    "in control",
-                ),
-                *("the drive is in", "STOP is latched", "the supervisor reports"),
-            ),
-            goes_on=True,
-            remedy="CAN detects such errors, so a gateway or a driver causes them: replace it.",
+        arm=ArmReaction.STOPPED,
+        always_reported=True,
+    ),
+    "slipped-fixture": FaultDescription(
+        "the fixture slips by 1 mm on the table",
+        "No single reading shows it; the verdict does, given enough poses before and after. Fasten it, and "
+        "start a new session.",
+    ),
+    "bound-hinge": FaultDescription(
+        "the hinge is blocked",
+        "Clean and grease the hinge; reset (R, or `sarcal reset`), then go on.",
+        texts=("excess torque", "following error", "the drive is in"),
+        arm=ArmReaction.TRIPS,
+    ),
+    "stray": FaultDescription(
+        "a drive moves 5 deg from its target, and reports no fault",
+        _DIVERGED,
+        texts=(
+            "counts from its target",
+            "after it was stopped",
+            "excess torque",
+            "does not come to rest",
+            "the drive is in",
         ),
-        "babbling": FaultDescription(
-            broken="five foreign frames follow every frame",
-            goes_on=True,
-            remedy="`sarcal monitor` counts them by identifier; take that node off the bus.",
-        ),
-        "bus-flicker": FaultDescription(
-            broken="the bus fails for 0.2 s",
-            texts=_BAD_FRAMES,
-            goes_on=True,
-            remedy=_CABLE,
-        ),
-        "bus-off": FaultDescription(
-            broken="the bus fails for 3 s (bus-off, or a plug pulled and put back)",
-            texts=(*_BAD_FRAMES, "operator's heartbeat lost", "the drive is in"),
-            # If the bus is back while the nodes are awaited: those that are heard get the command again.
-            goes_on=True,
-            remedy=f"{_CABLE} The drives hold until then; `sarcal reset` clears their 8130h.",
-            arm=ArmReaction.HOLDS,
-        ),
-        "silent-node": FaultDescription(
-            broken="a joint's cable is cut",
-            texts=_GONE,
-            remedy=_CABLE,
-            arm=ArmReaction.HOLDS,
-        ),
-        "silent-supervisor": FaultDescription(
-            broken="the supervisor's cable is cut",
-            texts=_GONE,
-            goes_on=True,
-            remedy=_CABLE,
-        ),
-        "no-heartbeat": FaultDescription(
-            broken="a joint sends no heartbeat",
-            texts=_GONE,
-            goes_on=True,
-            remedy=_RECONNECT,
-        ),
-        "other-heartbeat": FaultDescription(
-            broken="a joint sends a heartbeat only every 5 s",
-            texts=("a heartbeat every 1 ..", *_GONE),
-            goes_on=True,
-            remedy=_COMMISSION,
-            at_connect=True,
-        ),
-        "missed-answers": FaultDescription(
-            broken="a joint misses ten SYNCs",
-            goes_on=True,
-            remedy="Nothing: incomplete samples are not used.",
-        ),
-        "double-answers": FaultDescription(
-            broken="a joint answers every SYNC twice",
-            texts=("two devices answer as node {joint}",),
-            remedy="Two devices have the same number: give one of them another.",
-        ),
-        "wrong-node": FaultDescription(
-            broken="a joint answers with the number of the next one",
-            texts=(*_GONE, "two devices answer as node"),
-            remedy="Give each drive its own number again.",
-        ),
-        "other-map": FaultDescription(
-            broken="a joint's TPDO1 carries its speed where its position belongs",
-            texts=(
-                "are not set up as this program requires",
-                # During a session: detected at the reading of a pose, unless the joint seems to jump before.
-                *("the set-up of these nodes was changed", "jumped by", "counts from its target"),
-            ),
-            remedy=_COMMISSION,
-            at_connect=True,
-        ),
-        "sdo-stall": FaultDescription(
-            broken="a joint answers no object access (SDO)",
-            texts=("Node {joint} does not answer when asked for",),
-            goes_on=True,
-            remedy=_RECONNECT,
-        ),
-        "sdo-stall-supervisor": FaultDescription(
-            broken="the supervisor answers no object access (SDO)",
-            texts=("Node 16 does not answer when asked for",),
-            goes_on=True,
-            remedy=_RECONNECT,
-            kept=f"{ALL_POSES}; of an upload, the document that was active",
-        ),
-        "sdo-abort": FaultDescription(
-            broken="a joint refuses every object access (08000000h)",
-            texts=("node {joint} refused ",),
-            goes_on=True,
-            remedy=_RECONNECT,
-        ),
-        "restart-node": FaultDescription(
-            broken="a joint's drive restarts, its counter at zero",
-            # Near zero if the arm has sagged before the next connection.
-            texts=(
-                "has left operation",
-                "has restarted",
-                "outside its range",
-                "at zero",
-                "near zero",
-            ),
-            remedy="Find out why it lost its power; reference its counter, then connect again.",
-            kept=f"{ALL_POSES}; not the zero of that drive's counter",
-        ),
-        "restart": FaultDescription(
-            broken="the whole controller restarts",
-            texts=(*_GONE, "heartbeat lost", "refused", "in control"),
-            goes_on=True,
-            remedy=_RECONNECT,
-            arm=ArmReaction.BLOCKS,
-        ),
-        "hang": FaultDescription(
-            broken="the control loop hangs",
-            texts=_GONE,
-            arm=ArmReaction.UNHEARD,
-            remedy=_RECONNECT,
-        ),
-        "unwatched": FaultDescription(
-            broken="a drive does not monitor the operator's heartbeat (1016h): it would go on without one",
-            texts=("for the heartbeat of node",),
-            goes_on=True,
-            remedy=_COMMISSION,
-            at_connect=True,
-        ),
-        "lost-counts-5": FaultDescription(
-            broken="an encoder loses 5 counts",
-            texts=("joint {joint} jumped",),
-            goes_on=True,
-            remedy=_SENSOR,
-        ),
-        "lost-counts-500": FaultDescription(
-            broken="an encoder loses 500 counts",
-            texts=_COUNT_LOSS,
-            goes_on=True,
-            remedy=_COUNT_LOSS_REMEDY,
-            kept=_COUNT_LOSS_KEPT,
-        ),
-        "sensor-jump": FaultDescription(
-            broken="a sensor, encoder or RVDT, reads 2 deg more from one SYNC to the next",
-            # For a driven joint: its drive compensates, which is a jerk of all joints.
-            texts=(*_COUNT_LOSS, "overspeed"),
-            goes_on=True,
-            remedy=_COUNT_LOSS_REMEDY,
-            kept=_COUNT_LOSS_KEPT,
-        ),
-        "ripple": FaultDescription(
-            broken="a sensor has noise of ten counts, as of an unsteady supply",
-            texts=("does not come to rest",),
-            goes_on=True,
-            remedy="Supply and shield of that sensor; RVDT amplifier.",
-        ),
-        "frozen-sensor": FaultDescription(
-            broken="a sensor's reading is frozen",
-            texts=(
-                "reads the same count as at pose",
-                # For a driven joint: its drive, or this program, detects the deviation on the way.
-                *("following error", "counts from its target"),
-            ),
-            remedy=_SENSOR,
-        ),
-        "broken-sensor": FaultDescription(
-            broken="a drive detects that its sensor has failed (7305h)",
-            texts=("angle sensor failed", "the drive is in"),
-            remedy="Repair the sensor, reset (R, or `sarcal reset`), then go on.",
-            arm=ArmReaction.TRIPS,
-        ),
-        "collision": FaultDescription(
-            broken="a joint trips for excess torque (8311h)",
-            texts=("excess torque", "the drive is in"),
-            remedy="The arm holds. Remove the obstacle, reset (R, or `sarcal reset`), then go on.",
-            arm=ArmReaction.TRIPS,
-        ),
-        "blocked-joint": FaultDescription(
-            broken="a joint in free mode does not move",
-            texts=(
-                "excess torque",
-                "the drive is in",
-                "poses could be reached",
-                "does not come to rest",
-            ),
-            goes_on=True,
-            remedy="Check that joint's valve; reset (R, or `sarcal reset`), then go on.",
-            arm=ArmReaction.TRIPS,
-        ),
-        "sagging-drive": FaultDescription(
-            broken="a drive in position mode does not hold, and reports no fault",
-            texts=(
-                *("following error", "counts from its target", "excess torque"),
-                *("poses could be reached", "does not come to rest", "the drive is in"),
-                "after it was stopped",
-            ),
-            remedy=_DIVERGED,
-            arm=ArmReaction.STOPPED,
-        ),
-        "slipped-fixture": FaultDescription(
-            broken="the fixture slips by 1 mm on the table",
-            goes_on=True,
-            remedy="No single reading shows it; the verdict does, given enough poses before and after. Fasten it, and "
-            "start a new session.",
-        ),
-        "bound-hinge": FaultDescription(
-            broken="the hinge is blocked",
-            texts=("excess torque", "following error", "the drive is in"),
-            goes_on=True,
-            remedy="Clean and grease the hinge; reset (R, or `sarcal reset`), then go on.",
-            arm=ArmReaction.TRIPS,
-        ),
-        "stray": FaultDescription(
-            broken="a drive moves 5 deg from its target, and reports no fault",
-            texts=(
-                *("counts from its target", "after it was stopped", "excess torque"),
-                *("does not come to rest", "the drive is in"),
-            ),
-            remedy=_DIVERGED,
-            arm=ArmReaction.STOPPED,
-        ),
-        "lost-enable": FaultDescription(
-            broken="a drive loses its enable for a moment: it switches off, and sends no emergency",
-            # A drive that drops out before it reports enabled gets the command again until it reports enabled.
-            texts=("the drive is in",),
-            goes_on=True,
-            remedy="Find out who switched it off, and why: it is not enabled again automatically. Reset (R, or "
-            "`sarcal reset`) when it is safe, then go on.",
-        ),
-        "deaf-drive": FaultDescription(
-            broken="a drive in position mode does not move, and reports that it does not follow (6041h, bit 12)",
-            texts=("(6041h, bit 12)", "following error", "counts from its target"),
-            goes_on=True,
-            remedy="Check that drive: interpolation, halt, internal limits. Reset (R, or `sarcal reset`), then go on.",
-        ),
-        "emcy-storm": FaultDescription(
-            broken="a drive sends fifty emergencies on every SYNC",
-            texts=("joint {joint} tripped: ", "Hardly any SYNC is answered"),
-            remedy="`sarcal monitor` shows the errors; take that drive off the bus.",
-        ),
-        "refused-modes": FaultDescription(
-            broken="a drive does not change its mode",
-            texts=("joint {joint} was asked for",),
-            goes_on=True,
-            remedy="Check that drive's fault and its 6502h, reset it, set the modes again.",
-        ),
-        "external-stop": FaultDescription(
-            broken="the external stop is pressed (5441h)",
-            texts=("external stop", "the drive is in"),
-            remedy="Release it when it is safe, reset (R, or `sarcal reset`), then go on.",
-            arm=ArmReaction.BLOCKS,
-        ),
-    }
-)
+        arm=ArmReaction.STOPPED,
+        always_reported=True,
+    ),
+    # A drive that drops out before it reports enabled gets the command again until it reports enabled.
+    "lost-enable": FaultDescription(
+        "a drive loses its enable for a moment: it switches off, and sends no emergency",
+        "Find out who switched it off, and why: it is not enabled again automatically. Reset (R, or "
+        "`sarcal reset`) when it is safe, then go on.",
+        texts=("the drive is in",),
+    ),
+    "deaf-drive": FaultDescription(
+        "a drive in position mode does not move, and reports that it does not follow (6041h, bit 12)",
+        "Check that drive: interpolation, halt, internal limits. Reset (R, or `sarcal reset`), then go on.",
+        texts=("(6041h, bit 12)", "following error", "counts from its target"),
+    ),
+    "emcy-storm": FaultDescription(
+        "a drive sends fifty emergencies on every SYNC",
+        "`sarcal monitor` shows the errors; take that drive off the bus.",
+        texts=("joint {joint} tripped: ", "Hardly any SYNC is answered"),
+        always_reported=True,
+    ),
+    "refused-modes": FaultDescription(
+        "a drive does not change its mode",
+        "Check that drive's fault and its 6502h, reset it, set the modes again.",
+        texts=("joint {joint} was asked for",),
+    ),
+    "external-stop": FaultDescription(
+        "the external stop is pressed (5441h)",
+        "Release it when it is safe, reset (R, or `sarcal reset`), then go on.",
+        texts=("external stop", "the drive is in"),
+        arm=ArmReaction.BLOCKS,
+        always_reported=True,
+    ),
+}
 """All faults by name, in the order bus, nodes, sensors, mechanics, people."""
 
 
-OPERATOR_SIDE: Mapping[str, FaultDescription] = MappingProxyType(
-    {
-        # tests/system/test_fault_recovery.py, test_freeze_of_0_3_s_trips_no_drive_and_loses_no_pose
-        "frozen for 0.3 s": FaultDescription(
-            broken="the operator's program freezes for less than the drives' heartbeat time-out (0.5 s)",
-            goes_on=True,
-            remedy="Nothing.",
-        ),
-        # tests/system/test_fault_recovery.py, test_resume_succeeds_after_frozen_operator_trips_drives
-        "frozen for longer": FaultDescription(
-            broken="the operator's program freezes for longer than that",
-            texts=("operator's heartbeat lost",),
-            remedy="Go on as the last line says: `sarcal run --resume` resets and compares the arm first.",
-            arm=ArmReaction.HOLDS,
-        ),
-        # tests/system/test_kills.py and tests/oracles/killing.py
-        "killed": FaultDescription(
-            broken="the operator's program, or its computer, dies",
-            texts=("--resume",),
-            remedy="Start it again with `--resume latest`: every accepted pose is on disk.",
-            arm=ArmReaction.HOLDS,
-        ),
-        # tests/operator_app/session/test_journal.py
-        "disk full": FaultDescription(
-            broken="the journal cannot be written",
-            texts=("cannot write",),
-            remedy="Free disk space, then go on: a pose that was not written was not accepted.",
-        ),
-        # tests/system/test_fault_campaign.py, test_changes_of_the_wall_clock_lose_no_pose
-        "clock set back": FaultDescription(
-            broken="somebody sets the computer's clock",
-            goes_on=True,
-            remedy="Nothing: poses count in the order in which they were taken.",
-        ),
-        # tests/system/test_busy_bus.py, tests/benchmarks/busy_bus.py
-        "busy computer": FaultDescription(
-            broken="other programs take the processor",
-            texts=("operator's heartbeat lost",),
-            goes_on=True,
-            remedy="End them, or give `sarcal` real-time priority.",
-            arm=ArmReaction.HOLDS,
-        ),
-        # tests/contracts/arm/test_contract.py, two operators exclude each other;
-        # tests/hardware/control/canopen_arm/test_watching.py
-        "second operator": FaultDescription(
-            broken="another program wants to command the arm",
-            texts=("in control", "Another program commands this arm"),
-            remedy="End one of the two.",
-        ),
-    }
-)
+OPERATOR_SIDE: Mapping[str, FaultDescription] = {
+    # tests/system/test_fault_recovery.py, test_freeze_of_0_3_s_trips_no_drive_and_loses_no_pose
+    "frozen for 0.3 s": FaultDescription(
+        "the operator's program freezes for less than the drives' heartbeat time-out (0.5 s)",
+        "Nothing.",
+    ),
+    # tests/system/test_fault_recovery.py, test_resume_succeeds_after_frozen_operator_trips_drives
+    "frozen for longer": FaultDescription(
+        "the operator's program freezes for longer than that",
+        "Go on as the last line says: `sarcal run --resume` resets and compares the arm first.",
+        texts=("operator's heartbeat lost",),
+        arm=ArmReaction.HOLDS,
+        always_reported=True,
+    ),
+    # tests/system/test_kills.py and tests/oracles/killing.py
+    "killed": FaultDescription(
+        "the operator's program, or its computer, dies",
+        "Start it again with `--resume latest`: every accepted pose is on disk.",
+        texts=("--resume",),
+        arm=ArmReaction.HOLDS,
+        always_reported=True,
+    ),
+    # tests/operator_app/session/test_journal.py
+    "disk full": FaultDescription(
+        "the journal cannot be written",
+        "Free disk space, then go on: a pose that was not written was not accepted.",
+        texts=("cannot write",),
+        always_reported=True,
+    ),
+    # tests/system/test_fault_campaign.py, test_changes_of_the_wall_clock_lose_no_pose
+    "clock set back": FaultDescription(
+        "somebody sets the computer's clock",
+        "Nothing: poses count in the order in which they were taken.",
+    ),
+    # tests/system/test_busy_bus.py, tests/benchmarks/busy_bus.py
+    "busy computer": FaultDescription(
+        "other programs take the processor",
+        "End them, or give `sarcal` real-time priority.",
+        texts=("operator's heartbeat lost",),
+        arm=ArmReaction.HOLDS,
+    ),
+    # tests/contracts/arm/test_contract.py, two operators exclude each other;
+    # tests/hardware/control/canopen_arm/test_watching.py
+    "second operator": FaultDescription(
+        "another program wants to command the arm",
+        "End one of the two.",
+        texts=("in control", "Another program commands this arm"),
+        always_reported=True,
+    ),
+}

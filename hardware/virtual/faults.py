@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from hardware.canopen import objects
@@ -94,18 +93,14 @@ def _flag(name: str) -> FaultAction:
     return act
 
 
-def _override(arm: VirtualController, joint: int, index: int, subindex: int, value: int) -> None:
-    """Make an object of a drive read as `value`."""
-    arm.drives[joint - 1].serve(index, subindex, lambda: value)
-
-
 def _cut_cable(arm: VirtualController, node: int) -> None:
     """Stop a node from sending and receiving."""
     arm.disturbances.cut_since_s.setdefault(node, arm.now_s())
 
 
 def _slow_heartbeat(arm: VirtualController, joint: int) -> None:
-    _override(arm, joint, objects.HEARTBEAT_PRODUCER, 0, round(SLOW_HEARTBEAT_S * 1e3))
+    period_ms = round(SLOW_HEARTBEAT_S * 1e3)
+    arm.drives[joint - 1].answers[objects.HEARTBEAT_PRODUCER, 0] = period_ms
     arm.disturbances.heartbeat_period_s[joint] = SLOW_HEARTBEAT_S
 
 
@@ -117,8 +112,9 @@ def _swap_tpdo_id(arm: VirtualController, joint: int) -> None:
 
 def _report_speed(arm: VirtualController, joint: int) -> None:
     """Map the speed into TPDO1 in place of the position; the map in 1A00h then shows it."""
-    _override(arm, joint, objects.TPDO1_MAP, 2, objects.VELOCITY_ACTUAL << 16 | 32)
-    arm.drives[joint - 1].reports_speed = True
+    node = arm.drives[joint - 1]
+    node.answers[objects.TPDO1_MAP, 2] = objects.VELOCITY_ACTUAL << 16 | 32
+    node.reports_speed = True
 
 
 def _restart_node(arm: VirtualController, joint: int) -> None:
@@ -134,7 +130,7 @@ def _restart_node(arm: VirtualController, joint: int) -> None:
 
 def _stop_watching(arm: VirtualController, joint: int) -> None:
     """Make a drive ignore the loss of the operator's heartbeat; its 1016h then reads 0."""
-    _override(arm, joint, objects.HEARTBEAT_CONSUMER, 1, 0)
+    arm.drives[joint - 1].answers[objects.HEARTBEAT_CONSUMER, 1] = 0
     _flag("ignores_heartbeat")(arm, joint)
 
 
@@ -158,63 +154,61 @@ def _diverge(arm: VirtualController, joint: int) -> None:
     arm.disturbances.diverged_counts[joint] = 0
 
 
-FAULT_KINDS: Mapping[str, FaultAction] = MappingProxyType(
-    {
-        "frames-lost": _frames(lost=0.01),
-        "frames-lost-10": _frames(lost=0.1),
-        "frames-doubled": _frames(doubled=0.1),
-        "frames-reordered": _frames(swapped=0.1),
-        "frames-late": _frames(late=0.05),
-        "frames-flipped": _frames(flipped=0.01),
-        "babbling": _frames(babble=5.0),
-        "bus-flicker": _leave_bus(0.2),
-        "bus-off": _leave_bus(3.0),
-        "silent-node": _cut_cable,
-        "silent-supervisor": lambda arm, _joint: _cut_cable(arm, objects.SUPERVISOR_NODE),
-        "no-heartbeat": _add("no_heartbeat"),
-        "other-heartbeat": _slow_heartbeat,
-        "missed-answers": _set_of_joint("lost_tpdos", MISSED_ANSWERS),
-        "double-answers": _add("doubled_tpdos"),
-        "wrong-node": _swap_tpdo_id,
-        "other-map": _report_speed,
-        "sdo-stall": _add("stalled_sdo"),
-        "sdo-stall-supervisor": lambda arm, _joint: arm.disturbances.stalled_sdo.add(
-            objects.SUPERVISOR_NODE
-        ),
-        "sdo-abort": _add("refused_sdo"),
-        "restart-node": _restart_node,
-        "restart": lambda arm, _joint: arm.restart(),
-        "hang": lambda arm, _joint: arm.hang(),
-        "unwatched": _stop_watching,
-        "lost-counts-5": partial(lose_counts, counts=-5),
-        "lost-counts-500": partial(lose_counts, counts=-500),
-        "sensor-jump": _sensor_jump,
-        "ripple": _set_of_joint("ripple_counts", RIPPLE_COUNTS),
-        "frozen-sensor": _freeze_sensor,
-        "broken-sensor": _flag("sensor_failed"),
-        "collision": _collide,
-        "blocked-joint": _add("blocked"),
-        "sagging-drive": _add("sagging"),
-        "slipped-fixture": lambda arm, _joint: arm.plant.slip(SLIP_M),
-        "bound-hinge": lambda arm, _joint: arm.plant.bind_hinge(),
-        "stray": _diverge,
-        "lost-enable": _flag("loses_enable"),
-        "deaf-drive": _flag("ignores_targets"),
-        "emcy-storm": _add("storming"),
-        "refused-modes": _flag("refuses_modes"),
-        "external-stop": lambda arm, _joint: external_stop(arm, pressed=True),
-    }
-)
+FAULT_KINDS: Mapping[str, FaultAction] = {
+    "frames-lost": _frames(lost=0.01),
+    "frames-lost-10": _frames(lost=0.1),
+    "frames-doubled": _frames(doubled=0.1),
+    "frames-reordered": _frames(swapped=0.1),
+    "frames-late": _frames(late=0.05),
+    "frames-flipped": _frames(flipped=0.01),
+    "babbling": _frames(babble=5.0),
+    "bus-flicker": _leave_bus(0.2),
+    "bus-off": _leave_bus(3.0),
+    "silent-node": _cut_cable,
+    "silent-supervisor": lambda arm, _joint: _cut_cable(arm, objects.SUPERVISOR_NODE),
+    "no-heartbeat": _add("no_heartbeat"),
+    "other-heartbeat": _slow_heartbeat,
+    "missed-answers": _set_of_joint("lost_tpdos", MISSED_ANSWERS),
+    "double-answers": _add("doubled_tpdos"),
+    "wrong-node": _swap_tpdo_id,
+    "other-map": _report_speed,
+    "sdo-stall": _add("stalled_sdo"),
+    "sdo-stall-supervisor": lambda arm, _joint: arm.disturbances.stalled_sdo.add(
+        objects.SUPERVISOR_NODE
+    ),
+    "sdo-abort": _add("refused_sdo"),
+    "restart-node": _restart_node,
+    "restart": lambda arm, _joint: arm.restart(),
+    "hang": lambda arm, _joint: arm.hang(),
+    "unwatched": _stop_watching,
+    "lost-counts-5": partial(lose_counts, counts=-5),
+    "lost-counts-500": partial(lose_counts, counts=-500),
+    "sensor-jump": _sensor_jump,
+    "ripple": _set_of_joint("ripple_counts", RIPPLE_COUNTS),
+    "frozen-sensor": _freeze_sensor,
+    "broken-sensor": _flag("sensor_failed"),
+    "collision": _collide,
+    "blocked-joint": _add("blocked"),
+    "sagging-drive": _add("sagging"),
+    "slipped-fixture": lambda arm, _joint: arm.plant.slip(SLIP_M),
+    "bound-hinge": lambda arm, _joint: arm.plant.bind_hinge(),
+    "stray": _diverge,
+    "lost-enable": _flag("loses_enable"),
+    "deaf-drive": _flag("ignores_targets"),
+    "emcy-storm": _add("storming"),
+    "refused-modes": _flag("refuses_modes"),
+    "external-stop": lambda arm, _joint: external_stop(arm, pressed=True),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScriptedFault:
     """A fault to inject at a SYNC, before the plant's step; SYNCs count from 1, and 0 means before the first SYNC."""
 
+    kind: str
+    joint: int
     at_sync: int
-    happen: Callable[[VirtualController], None]
 
-
-def scripted(kind: str, *, joint: int, at_sync: int) -> ScriptedFault:
-    """Return the fault of this kind, to be injected into a joint at a SYNC."""
-    return ScriptedFault(at_sync=at_sync, happen=lambda arm: inject(arm, kind, joint))
+    def happen(self, arm: VirtualController) -> None:
+        """Inject the fault."""
+        inject(arm, self.kind, self.joint)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 import threading
 from collections.abc import Callable
+from functools import partial
 
 import can
 import canopen
@@ -23,8 +24,6 @@ from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.sdo_server import NodeSdoServer
 
 Value = int | bytes | str
-Reader = Callable[[], Value]
-Writer = Callable[[Value], None]
 
 _NUMBERS = frozenset(ODVariable.STRUCT_TYPES)
 
@@ -32,8 +31,9 @@ _NUMBERS = frozenset(ODVariable.STRUCT_TYPES)
 class VirtualNode(canopen.LocalNode):
     """A node on the bus; `serial_number` is 1018h sub 4.
 
-    Reads of an object call its reader (`serve`), or else return its default; writes call its writer (`accept`), or else
-    are refused. Methods that handle frames take `lock`.
+    A read of an object returns its entry in `answers`, a value or a function, or else its default. A write (sub-index
+    0) calls its entry in `writers`, which may raise `SdoAbortedError`, or else is refused. Methods that handle frames
+    take `lock`.
     """
 
     def __init__(self, node: int, *, serial_number: int) -> None:
@@ -42,8 +42,6 @@ class VirtualNode(canopen.LocalNode):
         self.state = NmtState.BOOT_UP
         self.error_register = ErrorBit(0)
         self._history: list[int] = []
-        self._readers: dict[tuple[int, int], Reader] = {}
-        self._writers: dict[tuple[int, int], Writer] = {}
         self._variables = variables(self.object_dictionary)
         self.number = node
         self.server = self.sdo = NodeSdoServer(
@@ -52,14 +50,16 @@ class VirtualNode(canopen.LocalNode):
             self,
             self._may_answer_sdo,
         )
-        self.serve(objects.ERROR_REGISTER, 0, lambda: int(self.error_register))
-        self.serve(objects.ERROR_FIELD, 0, lambda: len(self._history))
-        self.accept(objects.ERROR_FIELD, self._clear_history)
-        for k in range(objects.ERROR_HISTORY):
-            self.serve(objects.ERROR_FIELD, k + 1, lambda k=k: self._history_entry(k))  # type: ignore[misc]
-        self.serve(objects.IDENTITY, objects.IDENTITY_SERIAL, lambda: serial_number)
-
-    # ---- network -----------------------------------------------------------------------------------
+        self.answers: dict[tuple[int, int], Value | Callable[[], Value]] = {
+            (objects.IDENTITY, objects.IDENTITY_SERIAL): serial_number,
+            (objects.ERROR_REGISTER, 0): lambda: int(self.error_register),
+            (objects.ERROR_FIELD, 0): lambda: len(self._history),
+        }
+        for place in range(objects.ERROR_HISTORY):
+            self.answers[objects.ERROR_FIELD, place + 1] = partial(self._history_entry, place)
+        self.writers: dict[int, Callable[[Value], None]] = {
+            objects.ERROR_FIELD: self._clear_history
+        }
 
     def associate_network(self, network: canopen.Network) -> None:
         """Subscribe to SDO requests only: the controller passes NMT commands to `on_nmt`."""
@@ -107,8 +107,6 @@ class VirtualNode(canopen.LocalNode):
     def left_operational(self) -> None:
         """Called when the node leaves *operational*: no more PDOs."""
 
-    # ---- emergencies -------------------------------------------------------------------------------
-
     def send_emergency(self, code: EmergencyCode, register: ErrorBit) -> None:
         """Send EMCY for an error, or for its end (`NONE`), and update 1001h and 1003h."""
         self.error_register = register
@@ -118,23 +116,13 @@ class VirtualNode(canopen.LocalNode):
             data = objects.EMCY.pack(code, register, bytes(5))
             self.network.send_message(objects.COB_EMCY + self.number, data)
 
-    # ---- objects -----------------------------------------------------------------------------------
-
-    def serve(self, index: int, subindex: int, reader: Reader) -> None:
-        """Let `reader` answer reads of an object."""
-        self._readers[index, subindex] = reader
-
-    def accept(self, index: int, writer: Writer) -> None:
-        """Let `writer` handle writes of an object (sub-index 0); it may raise `SdoAbortedError`."""
-        self._writers[index, 0] = writer
-
     def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:  # noqa: FBT001, FBT002
         """Return the bytes of an object; raises `SdoAbortedError` if it is absent or write-only."""
         variable = self._variable(index, subindex)
         if check_readable and not variable.readable:
             raise SdoAbortedError(Abort.WRITE_ONLY)
-        reader = self._readers.get((index, subindex))
-        value = variable.default if reader is None else reader()
+        answer = self.answers.get((index, subindex), variable.default)
+        value = answer() if callable(answer) else answer
         return b"" if value is None else bytes(variable.encode_raw(value))
 
     def set_data(
@@ -157,7 +145,7 @@ class VirtualNode(canopen.LocalNode):
                 raise SdoAbortedError(Abort.VALUE_TOO_LOW)
             if variable.max is not None and value > variable.max:
                 raise SdoAbortedError(Abort.VALUE_TOO_HIGH)
-        writer = self._writers.get((index, subindex))
+        writer = self.writers.get(index) if subindex == 0 else None
         if writer is None:
             raise SdoAbortedError(Abort.READ_ONLY)
         writer(value)
@@ -166,8 +154,6 @@ class VirtualNode(canopen.LocalNode):
         """Raise `SdoAbortedError` for an object that cannot be written."""
         if not self._variable(index, subindex).writable:
             raise SdoAbortedError(Abort.READ_ONLY)
-
-    # ---- inside ------------------------------------------------------------------------------------
 
     def _variable(self, index: int, subindex: int) -> ODVariable:
         variable = self._variables.get((index, subindex))

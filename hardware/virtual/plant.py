@@ -52,18 +52,10 @@ PAPER_TORQUE_NM = 100.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loads:
-    """Stiffness of the fixture, and the loads on the arm.
+    """Stiffness of the fixture, equal in all directions, and the loads on the arm.
 
-    Attributes
-    ----------
-    fixture_n_per_m, fixture_nm_per_rad
-        Stiffness, equal in all directions.
-    friction_nm
-        Dry friction of each joint, shape (n,).
-    payload_kg
-        Uncompensated mass at the origin of each of frames 1..n, shape (n,).
-    down
-        (3,) unit vector along gravity in frame 0.
+    `friction_nm` (n,): dry friction of each joint. `payload_kg` (n,): uncompensated mass at the origin of each of
+    frames 1..n. `down` (3,): unit vector along gravity in frame 0.
     """
 
     fixture_n_per_m: float

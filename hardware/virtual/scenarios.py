@@ -75,24 +75,10 @@ COMPLIANT = Loads(
 class Scenario:
     """Description of a virtual arm in its fixture, from which `build` makes a plant.
 
-    Attributes
-    ----------
-    name, seed
-        The same name and seed give the same arm and noise.
-    specimen
-        Seed of the arm's errors (linearity, lengths); None uses `seed`.
-    truth
-        True geometry before length errors.
-    encoders_only
-        Whether every joint has a 400,000-count encoder.
-    noise
-        Whether sensors have the noise of their description.
-    linearity_of_full_scale
-        Peak linearity deviation of every RVDT, fraction of full scale; 0 for no deviation.
-    lengths
-        Smallest and largest magnitude of the errors of the fixed lengths, m, of either sign; None for no errors.
-    placement
-        Number of this mounting of the fixture, from 1; each mounting has different noise.
+    The same name and seed give the same arm and noise; `specimen`, if given, is the seed of the arm's errors
+    (linearity, lengths) instead. `truth` is the geometry before the errors of the fixed lengths, whose magnitude in m
+    is within `lengths`. `linearity_of_full_scale`: peak linearity deviation of every RVDT, fraction of full scale.
+    `placement`: number of this mounting of the fixture, from 1; each mounting has different noise.
     """
 
     name: str
@@ -180,18 +166,15 @@ def scenario(name: str, seed: int = 0) -> Scenario:
     """Return a scenario by name; `ValueError` for an unknown name or a negative seed."""
     if seed < 0:
         raise ValueError("a seed must be a whole number of at least 0")
+    paper = Scenario(name=name, seed=seed, truth=paper_loop())
     match name:
         case "exact":
-            return Scenario(
-                name=name, seed=seed, truth=paper_loop(), encoders_only=True, noise=False
-            )
+            return replace(paper, encoders_only=True, noise=False)
         case "datasheet":
-            return Scenario(name=name, seed=seed, truth=paper_loop(), linearity_of_full_scale=0.02)
+            return replace(paper, linearity_of_full_scale=0.02)
         case "as_reported":
-            return Scenario(
-                name=name,
-                seed=seed,
-                truth=paper_loop(),
+            return replace(
+                paper,
                 specimen=8,
                 linearity_of_full_scale=0.019,
                 lengths=(0.001, 0.002),
@@ -199,7 +182,7 @@ def scenario(name: str, seed: int = 0) -> Scenario:
             )
         case "wild":
             truth = draw_wild_loop(np.random.default_rng([seed, int(_Stream.WILD)]))
-            return Scenario(name=name, seed=seed, truth=truth, linearity_of_full_scale=0.02)
+            return replace(paper, truth=truth, linearity_of_full_scale=0.02)
         case _:
             raise ValueError(f"no scenario {name!r}; there are {', '.join(SCENARIOS)}")
 

@@ -31,14 +31,7 @@ class _Step(IntEnum):
 class BlockDownload:
     """A block download; the initiating frame has the first byte `head` and announces the size `announced`.
 
-    Attributes
-    ----------
-    announced
-        Size in bytes; None if `head` says that no size is announced.
-    data
-        Received bytes, in whole segments.
-    done
-        Whether all segments were received, so that `end` is next.
+    `data` is what was received, in whole segments. `done`: all segments were received, so that `end` is next.
     """
 
     def __init__(self, head: int, announced: int) -> None:

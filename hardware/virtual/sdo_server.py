@@ -71,16 +71,10 @@ class _Blocks:
 
 
 class NodeSdoServer(SdoServer):
-    """Server of one node.
+    """Server of one node, whose `get_data` and `set_data` it calls.
 
-    Parameters
-    ----------
-    rx_cobid, tx_cobid
-        Identifiers of requests and answers.
-    node
-        Node whose `get_data` and `set_data` are called.
-    may_answer
-        Whether the node's NMT state allows SDO; if not, requests are ignored.
+    Requests have the identifier `rx_cobid`, answers `tx_cobid`. While `may_answer` returns false (because of the node's
+    NMT state), requests are ignored.
     """
 
     def __init__(

@@ -72,18 +72,10 @@ class LinearityDeviation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointSensor:
-    """One joint's sensor with its errors.
+    """One joint's sensor with its errors; `noise_counts` is the standard deviation before rounding.
 
-    Attributes
-    ----------
-    resolution_rad
-        Angle of one count.
-    noise_counts
-        Standard deviation of the noise before rounding.
-    lowest_counts, highest_counts
-        Counts at which the sensor saturates; infinite for an encoder.
-    curve, zero_rad
-        Linearity deviation and electrical zero of an RVDT.
+    The sensor saturates at `lowest_counts` and `highest_counts`. `curve` and `zero_rad`: linearity deviation and
+    electrical zero of an RVDT.
     """
 
     resolution_rad: float

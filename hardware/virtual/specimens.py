@@ -61,10 +61,14 @@ def draw_truth(stated: SpecimenFiles, rng: np.random.Generator, *, maker_errors:
         raise ValueError(
             f"no pose near the arm's home_deg and inside its ranges closes the loop of this {kind} fixture"
         )
-    own, rows = _Specimen.drawn(arm, rng), model.arm_rows()
+    (free, maker), rows = _arm_differences(arm, rng), model.arm_rows()
     if maker_errors:
-        rows[1:] += own.maker
-    errors, observable = own.of(model), _observable(stated, model, nominal, home_pose)
+        rows[1:] += maker
+    of_fixture, errors = {*model.ground_side, *model.hand_side}, np.zeros(len(nominal))
+    for k, entry in enumerate(model.entries):
+        if entry.kind is DhKind.THETA_OFF or entry.name not in of_fixture:
+            errors[k] = free[entry.kind, entry.row - 1]
+    observable = _observable(stated, model, nominal, home_pose)
     placed = (
         nominal + observable * (errors + _placement_errors(model, stated, rng))
         for _ in range(MAX_DRAWS)
@@ -89,45 +93,23 @@ def _first_that_closes(
     raise ValueError(otherwise)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Specimen:
-    """Differences of one arm from its file.
+def _arm_differences(arm: ArmModel, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Draw differences of an arm from its file, rad and m: of free entries (5, n), and of the maker's s to beta (4, n).
 
-    Attributes
-    ----------
-    free
-        (5, n): differences of theta_off (rad), s (m), a (m), alpha and beta (rad) in entries that may be identified.
-    maker
-        (4, n): differences of s (m), a (m), alpha and beta (rad) in entries that are not identified.
+    All are drawn first, needed or not, so that a seed always gives the same arm.
     """
-
-    free: FloatArray
-    maker: FloatArray
-
-    @classmethod
-    def drawn(cls, arm: ArmModel, rng: np.random.Generator) -> _Specimen:
-        """Draw all differences first, needed or not, so that a seed always gives the same arm."""
-        n, hayati = arm.joint_count, [row - 1 for row in arm.hayati_rows]
-        stated = np.array([arm.length_tolerance_m, arm.length_tolerance_m, arm.twist_tolerance_rad])
-        free, maker = np.zeros((5, n)), np.zeros((4, n))
-        free[DhKind.THETA_OFF] = SPECIMEN_OFFSET_RAD * rng.uniform(-1.0, 1.0, n)
-        free[1:4] = 3.0 * stated * _clipped_normal(rng, (3, n))
-        maker[:3] = stated * rng.standard_normal((3, n))
-        # For parallel axes (Hayati) a twist about y replaces the offset along z.
-        twist = arm.twist_tolerance_rad[hayati]
-        free[DhKind.BETA, hayati] = 3.0 * twist * _clipped_normal(rng, twist.shape)
-        maker[-1, hayati] = twist * rng.standard_normal(len(hayati))
-        maker[0, hayati] = 0.0
-        return cls(free=free, maker=maker)
-
-    def of(self, model: ArmLoop) -> FloatArray:
-        """Return the errors (P,) of a loop's unknowns that belong to the arm; 0 for unknowns of the fixture."""
-        placed = {*model.ground_side, *model.hand_side}
-        errors = np.zeros(len(model.parameters))
-        for k, entry in enumerate(model.entries):
-            if entry.kind is DhKind.THETA_OFF or entry.name not in placed:
-                errors[k] = self.free[entry.kind, entry.row - 1]
-        return errors
+    n, hayati = arm.joint_count, [row - 1 for row in arm.hayati_rows]
+    stated = np.array([arm.length_tolerance_m, arm.length_tolerance_m, arm.twist_tolerance_rad])
+    free, maker = np.zeros((5, n)), np.zeros((4, n))
+    free[DhKind.THETA_OFF] = SPECIMEN_OFFSET_RAD * rng.uniform(-1.0, 1.0, n)
+    free[1:4] = 3.0 * stated * _clipped_normal(rng, (3, n))
+    maker[:3] = stated * rng.standard_normal((3, n))
+    # For parallel axes (Hayati) a twist about y replaces the offset along z.
+    twist = arm.twist_tolerance_rad[hayati]
+    free[DhKind.BETA, hayati] = 3.0 * twist * _clipped_normal(rng, twist.shape)
+    maker[-1, hayati] = twist * rng.standard_normal(len(hayati))
+    maker[0, hayati] = 0.0
+    return free, maker
 
 
 def _observable(stated: SpecimenFiles, model: ArmLoop, x: FloatArray, q: FloatArray) -> FloatArray:

@@ -48,21 +48,8 @@ class _Refused(Exception):
 class SupervisorNode(VirtualNode):
     """The supervisor, node 16.
 
-    Parameters
-    ----------
-    arm
-        Model and serial number of the arm.
-    group
-        Drives of joints 1..n, to which changes of control and home offsets are passed.
-    validate
-        Function that strictly parses a document.
-    later
-        Function that queues work, to be run outside the control loop in the order of the calls.
-
-    Attributes
-    ----------
-    active_document
-        Committed document in use; None before a first document is committed.
+    It passes changes of control and home offsets to the drives of `group`. `later` queues work, to be run outside the
+    control loop in the order of the calls. `active_document` is the committed document in use, or None.
     """
 
     def __init__(
@@ -89,8 +76,6 @@ class SupervisorNode(VirtualNode):
         self.active_document: bytes | None = None
         self._serve_objects()
         self.load()
-
-    # ---- power-up and control ------------------------------------------------------------------------
 
     def power_up(self) -> None:
         """Power up: no node in control, nothing staged, home offsets from the active slot."""
@@ -125,8 +110,6 @@ class SupervisorNode(VirtualNode):
             else:
                 self.send_emergency(EmergencyCode.NONE, ErrorBit(0))
 
-    # ---- control token -------------------------------------------------------------------------------
-
     def _ask_for_control(self, value: Value) -> None:
         node = int(value)
         if node == self.holder:
@@ -146,8 +129,6 @@ class SupervisorNode(VirtualNode):
         if not self._busy:
             self._received = self._staged = None
         self._group.control_changed(node)
-
-    # ---- parameters ----------------------------------------------------------------------------------
 
     def _receive(self, value: Value) -> None:
         self._require_control()
@@ -241,28 +222,30 @@ class SupervisorNode(VirtualNode):
             raise _Refused(text)
         return parameters
 
-    # ---- objects -------------------------------------------------------------------------------------
-
     def _document(self) -> bytes:
         document = self.active_document if self._received is None else self._received
         return b"" if document is None else document
 
     def _serve_objects(self) -> None:
-        self.serve(objects.DOCUMENT, 0, self._document)
-        self.accept(objects.DOCUMENT, self._receive)
-        self.serve(
-            objects.DIGEST, objects.DIGEST_SHA256, lambda: hashlib.sha256(self._document()).digest()
-        )
-        self.serve(objects.DIGEST, objects.DIGEST_LENGTH, lambda: len(self._document()))
-        self.accept(objects.COMMAND, self._order)
-        self.serve(objects.SLOTS, objects.SLOTS_ACTIVE, lambda: int(self._active))
-        for sub, slot in ((objects.SLOTS_A, Slot.A), (objects.SLOTS_B, Slot.B)):
-            self.serve(objects.SLOTS, sub, lambda slot=slot: int(self._store.state(slot)))  # type: ignore[misc]
-        self.serve(objects.SLOTS, objects.SLOTS_STAGED, lambda: int(self._staged is not None))
-        # 2004h is a visible string: ASCII with escapes.
-        self.serve(objects.REFUSAL, 0, lambda: self._refusal.encode("ascii", "backslashreplace"))
-        self.serve(objects.TOKEN, 0, lambda: self.holder)
-        self.accept(objects.TOKEN, self._ask_for_control)
-        self.serve(objects.ARM, objects.ARM_MODEL, lambda: self.arm.model)
-        self.serve(objects.ARM, objects.ARM_SERIAL, lambda: self.arm.serial_number)
-        self.serve(objects.ARM, objects.ARM_JOINTS, lambda: len(self._axes))
+        self.answers |= {
+            (objects.DOCUMENT, 0): self._document,
+            (objects.DIGEST, objects.DIGEST_SHA256): (
+                lambda: hashlib.sha256(self._document()).digest()
+            ),
+            (objects.DIGEST, objects.DIGEST_LENGTH): lambda: len(self._document()),
+            (objects.SLOTS, objects.SLOTS_ACTIVE): lambda: int(self._active),
+            (objects.SLOTS, objects.SLOTS_A): lambda: int(self._store.state(Slot.A)),
+            (objects.SLOTS, objects.SLOTS_B): lambda: int(self._store.state(Slot.B)),
+            (objects.SLOTS, objects.SLOTS_STAGED): lambda: int(self._staged is not None),
+            # 2004h is a visible string: ASCII with escapes.
+            (objects.REFUSAL, 0): lambda: self._refusal.encode("ascii", "backslashreplace"),
+            (objects.TOKEN, 0): lambda: self.holder,
+            (objects.ARM, objects.ARM_MODEL): self.arm.model,
+            (objects.ARM, objects.ARM_SERIAL): self.arm.serial_number,
+            (objects.ARM, objects.ARM_JOINTS): len(self._axes),
+        }
+        self.writers |= {
+            objects.DOCUMENT: self._receive,
+            objects.COMMAND: self._order,
+            objects.TOKEN: self._ask_for_control,
+        }

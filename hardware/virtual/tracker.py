@@ -6,13 +6,12 @@ tracker's own frame, and orientation as a rotation vector.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import socketserver
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
@@ -28,14 +27,8 @@ ENDPOINT_FIELDS = ("x_m", "y_m", "z_m", "rx_deg", "ry_deg", "rz_deg")
 class SimulatedTracker:
     """Measures the target on the tool of a virtual open arm.
 
-    Parameters
-    ----------
-    angles_rad
-        Function that returns the current true joint angles theta' (n,).
-    sigma_m, sigma_rad, rng
-        Standard deviations of the noise of each component, and the generator that draws it.
-    full_pose
-        Whether the tracker measures orientation too.
+    `angles_rad` returns the current true joint angles theta' (n,). `sigma_m` and `sigma_rad` are standard deviations of
+    the noise of each component. `full_pose`: whether the tracker measures orientation too.
     """
 
     def __init__(
@@ -103,7 +96,7 @@ class _Server(socketserver.ThreadingTCPServer):
         full = {
             "error": f"{CLIENTS} programs are connected, the largest number allowed: end one of them"
         }
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             request.sendall(json.dumps(full).encode() + b"\n")
         self.shutdown_request(request)
 

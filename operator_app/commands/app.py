@@ -49,10 +49,7 @@ def execute(args: argparse.Namespace) -> int:
 
         def join(opening: Opening) -> AbstractContextManager[Rig]:
             return open_arm(
-                opening,
-                pace=Pace.REAL_TIME,
-                speed=args.speed,
-                record_to=recording(args, opening),
+                opening, pace=Pace.REAL_TIME, speed=args.speed, record_to=recording(args, opening)
             )
 
         made.append(
@@ -118,7 +115,7 @@ class _Ended(BaseException):
 
 
 def _plain(args: argparse.Namespace, source: Sessions) -> str:
-    from operator_app.headless.plain import Plain, StandardTerminal
+    from operator_app.headless.plain import Plain, Terminal
     from operator_app.signals import ending_signals_ignored
 
     def end(number: int, _: object) -> NoReturn:
@@ -129,7 +126,7 @@ def _plain(args: argparse.Namespace, source: Sessions) -> str:
     before[signal.SIGINT] = signal.signal(signal.SIGINT, signal.default_int_handler)
     reason = "failed"
     try:
-        reason = Plain(source, StandardTerminal(), resume=args.resume, manual=manual()).run()
+        reason = Plain(source, Terminal(), resume=args.resume, manual=manual()).run()
     except _Ended as ended:
         reason = str(ended)
     except KeyboardInterrupt:

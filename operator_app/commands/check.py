@@ -12,13 +12,18 @@ from operator_app.planning.inspection import chains_of
 from operator_app.report.results.check import check_text, found_json, problems_text
 from operator_app.safe_output import as_json, say
 
+KINDS: tuple[Kind, ...] = ("arm", "fixture", "procedure")
+"""Kinds of file that have an option and built-in files."""
+
 
 def execute(args: argparse.Namespace) -> int:
     """Check the files and report on stdout."""
     missing: list[Problem] = []
     sources: list[Resource] = []
     known: dict[str, AnyKind] = {}
-    for kind, name in _asked(args):
+    named: list[tuple[AnyKind | None, str]] = [(None, file) for file in args.files]
+    named += [(kind, name) for kind in KINDS if (name := getattr(args, kind))]
+    for kind, name in named:
         try:
             source = _read(kind, name)
         except ConfigError as error:
@@ -41,22 +46,11 @@ def execute(args: argparse.Namespace) -> int:
     return ExitCode.NOT_IDENTIFIABLE if refused else ExitCode.ACCEPTED
 
 
-def _asked(args: argparse.Namespace) -> list[tuple[AnyKind | None, str]]:
-    """Return kind and name of every file to check; the kind is None for a file given without an option."""
-    named: list[tuple[AnyKind | None, str]] = [
-        ("arm", args.arm),
-        ("fixture", args.fixture),
-        ("procedure", args.procedure),
-    ]
-    return [*((None, file) for file in args.files), *(n for n in named if n[1])]
-
-
 def _read(kind: AnyKind | None, name: str) -> Resource:
     """Read a file; a built-in name is refused unless an option states its kind."""
-    if kind in ("arm", "fixture", "procedure"):
+    if kind in KINDS:
         return resolve(kind, name)
-    kinds: tuple[Kind, ...] = ("arm", "fixture", "procedure")
-    builtin = [k for k in kinds if name in builtin_names(k)]
+    builtin = [k for k in KINDS if name in builtin_names(k)]
     if builtin and not expanded(name).exists():
         options = " or ".join(f"--{k} {name}" for k in builtin)
         raise UsageError(

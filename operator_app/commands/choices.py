@@ -56,6 +56,12 @@ def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:
         raise UsageError("--seed: must be a whole number of at least 0")
     if args.channel is not None and not (args.channel.isprintable() and len(args.channel) <= 255):
         raise UsageError("--channel: a bus name has at most 255 printable characters, e.g. can0")
+    operator = None
+    if journal:
+        settings, wrong = valid_settings()
+        operator = settings.operator
+        if wrong:
+            say(f"sarcal: {wrong}.", err=True)
     as_typed = ("poses", "plan", "estimator", "profile", "tracker", "placements")
     return Choices(
         unsensed_joints=given_joints(getattr(args, "unsensed", None)),
@@ -66,16 +72,9 @@ def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:
         bitrate=args.bitrate,
         scenario=args.scenario,
         seed=args.seed,
-        operator=_operator_name() if journal else None,
+        operator=operator,
         **{name: getattr(args, name, None) for name in as_typed},
     )
-
-
-def _operator_name() -> str | None:
-    settings, wrong = valid_settings()
-    if wrong:
-        say(f"sarcal: {wrong}.", err=True)
-    return settings.operator
 
 
 def print_warnings(file: str, loaded: LoadedPoses) -> None:

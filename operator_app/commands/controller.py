@@ -13,13 +13,11 @@ from can import CanError
 
 from hardware.buses.python_can import BusSettings, bus_settings
 from hardware.buses.shared_bus import record_bus
-from hardware.canopen.objects import (
-    HEARTBEAT_TIMEOUT_S,
-)
+from hardware.canopen.objects import HEARTBEAT_TIMEOUT_S
 from hardware.errors import BusError
 from hardware.timing import real_time_priority
 from hardware.virtual.fault_messages import FAULTS
-from hardware.virtual.faults import ScriptedFault, scripted
+from hardware.virtual.faults import ScriptedFault
 from hardware.virtual.tracker import HOST, TRACKER_PORT, SimulatedTracker, serve_tracker
 from operator_app.commands.bus_arguments import FAULT_HELP
 from operator_app.commands.choices import choices_from
@@ -75,21 +73,23 @@ def execute(args: argparse.Namespace) -> int:
         again = f", placement {args.placement}" if args.placement > 1 else ""
         say(
             f"Virtual {arm.name} in {fixture.name} (scenario {chosen.name}, seed {chosen.seed}{again}) on "
-            f"{settings}. "
-            f"In another terminal: sarcal run {run} "
-            f"-i {settings.interface} -c {settings.channel}"
+            f"{settings}. In another terminal: sarcal run {run} -i {settings.interface} -c {settings.channel}"
             f"{' --scenario exact' if chosen.name == 'exact' else ''}{tracker}\n"
             + "".join(
                 f"{f'At SYNC {fault.at_sync}' if fault.at_sync else 'From the beginning'}: "
-                f"{FAULTS[kind].broken} (joint {args.fault_joint}).\n"
-                for kind, fault in zip(args.fault, script, strict=True)
+                f"{FAULTS[fault.kind].broken} (joint {fault.joint}).\n"
+                for fault in script
             )
             + "Ctrl-C ends it.",
             err=True,
         )
-        while controller.failure is None:
+        while (failure := controller.failure) is None:
             time.sleep(_LOOK_S)
-    raise _controller_error(controller.failure)
+    if isinstance(failure, (CanError, OSError)):
+        raise BusError(
+            f"The bus can no longer be used: {failure}. Check adapter and interface, and start again."
+        ) from failure
+    raise failure
 
 
 def script_of(args: argparse.Namespace, joints: int) -> list[ScriptedFault]:
@@ -100,22 +100,13 @@ def script_of(args: argparse.Namespace, joints: int) -> list[ScriptedFault]:
         raise UsageError("--fault-sync: SYNCs count from 1; 0 is before the connection")
     usual = {kind: 0 if FAULTS[kind].at_connect else _AT_SYNC for kind in args.fault}
     return [
-        scripted(
-            kind,
+        ScriptedFault(
+            kind=kind,
             joint=args.fault_joint,
             at_sync=usual[kind] if args.fault_sync is None else args.fault_sync,
         )
         for kind in args.fault
     ]
-
-
-def _controller_error(failure: Exception) -> Exception:
-    """Return the exception to raise if the controller has ended by itself."""
-    if isinstance(failure, (CanError, OSError)):
-        return BusError(
-            f"The bus can no longer be used: {failure}. Check adapter and interface, and start again."
-        )
-    return failure
 
 
 @contextmanager
@@ -153,24 +144,20 @@ def _tracker(tracker: SimulatedTracker | None, port: int | None) -> Iterator[str
 
 def fault_table() -> str:
     """Return the table of faults: what is broken, what the operator sees, reaction of the arm, remedy."""
-    rows = [
-        f"{kind}\n"
-        + "\n".join(
+    rows = []
+    for kind, fault in FAULTS.items():
+        facts = {
+            "broken": fault.broken,
+            "you see": fault.symptom(),
+            "arm": fault.does(),
+            "kept": fault.kept,
+            "do": fault.remedy,
+        }
+        lines = (
             textwrap.fill(
-                text,
-                width=100,
-                initial_indent=f"  {head:<8}",
-                subsequent_indent=" " * 10,
-                break_on_hyphens=False,
+                f"  {head:<8}{text}", 100, subsequent_indent=" " * 10, break_on_hyphens=False
             )
-            for head, text in (
-                ("broken", fault_words.broken),
-                ("you see", fault_words.symptom()),
-                ("arm", fault_words.does()),
-                ("kept", fault_words.kept),
-                ("do", fault_words.remedy),
-            )
+            for head, text in facts.items()
         )
-        for kind, fault_words in FAULTS.items()
-    ]
+        rows.append("\n".join((kind, *lines)))
     return "\n\n".join(rows)

@@ -30,13 +30,13 @@ def execute(args: argparse.Namespace) -> int:
     to_stdout = str(args.output) == "-"
     if args.json and to_stdout:
         raise UsageError("--json: -o - writes to stdout already; name a file")
-    opening = resume(args.session, choices_from(args), root=args.sessions)
+    chosen = choices_from(args)
+    opening = resume(args.session, chosen, root=args.sessions)
     state = read_session(opening.folder).state
     if state is None or not state.used_poses:
         say(f"sarcal: {opening.folder} has no pose yet: nothing to export.", err=True)
         return ExitCode.BAD_INPUT
     procedure = effective_procedure(opening)
-    chosen = choices_from(args, journal=False)
     calibration = session_calibration(
         state, procedure, estimator=chosen.estimator, unsensed_joints=chosen.unsensed_joints
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import shutil
 import sys
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +15,6 @@ from operator_app.safe_output import say
 
 WIDEST = 100
 """Longest line, in characters."""
-
-APP_SUMMARY = "open the terminal app"
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -30,7 +27,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.topic is None:
         text = _contents(pages)
     elif args.topic in COMMANDS:
-        text = command_section(parser_of(args.topic), COMMANDS[args.topic])
+        text = command_section(args.topic)
     else:
         try:
             text = pages.page(args.topic).markdown
@@ -75,11 +72,7 @@ def _write_files(pages: Manual, topic: str | None, folder: Path) -> int:
 
 def manual() -> Manual:
     """Return the manual of this program."""
-
-    def commands() -> str:
-        return commands_page({APP: APP_SUMMARY} | COMMANDS, parser_of)
-
-    return Manual({**reference(), "commands": commands})
+    return Manual({**reference(), "commands": commands_page})
 
 
 def _contents(pages: Manual) -> str:
@@ -102,30 +95,23 @@ works wherever a name does. Results go to stdout, progress to stderr. `sarcal CO
 same as this page; what a command returns is on the page of [exit codes](exit-codes.md)."""
 
 
-def commands_page(
-    commands: Mapping[str, str], parser_of: Callable[[str], argparse.ArgumentParser]
-) -> str:
-    """Return the page of all commands; `commands` maps names to summaries, ``app`` stands for `sarcal` itself."""
+def commands_page() -> str:
+    """Return the page of `sarcal` without a command, and of all commands."""
     shared: dict[str, list[tuple[str, str]]] = {}
-    blocks = [INTRODUCTION]
-    for name, summary in commands.items():
-        blocks.append(command_section(parser_of(name), summary, shared))
+    blocks = [INTRODUCTION, *(command_section(name, shared) for name in (APP, *COMMANDS))]
     for title, rows in shared.items():
         blocks += [f"## {_capital(title)}", table(("option", "meaning"), rows)]
     return "\n\n".join(blocks) + "\n"
 
 
-def command_section(
-    parser: argparse.ArgumentParser,
-    summary: str,
-    shared: dict[str, list[tuple[str, str]]] | None = None,
-) -> str:
+def command_section(name: str, shared: dict[str, list[tuple[str, str]]] | None = None) -> str:
     """Return summary and options of one command; if `shared` is given, shared options are collected there instead."""
-    blocks = [f"## {parser.prog}", f"{_capital(summary)}."]
+    parser = parser_of(name)
+    blocks = [f"## {parser.prog}", f"{_capital(COMMANDS.get(name, 'open the terminal app'))}."]
     also = []
     for group in parser._action_groups:  # noqa: SLF001 - argparse has no public list
         rows = [
-            (_form(action), _meaning(action, parser.prog))
+            (_form(action), (action.help or "") % {**vars(action), "prog": parser.prog})
             for action in group._group_actions  # noqa: SLF001 - as above
             if action.dest != "help" and action.help is not argparse.SUPPRESS
         ]
@@ -155,10 +141,6 @@ def _form(action: argparse.Action) -> str:
         return f"`[{value}]`" if action.nargs in ("?", "*") else f"`{value}`"
     argument = "" if action.nargs == 0 else f" {value}"
     return ", ".join(f"`{name}{argument}`" for name in action.option_strings)
-
-
-def _meaning(action: argparse.Action, prog: str) -> str:
-    return (action.help or "") % {**vars(action), "prog": prog}
 
 
 def _anchor(title: str) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from operator_app.commands.choices import print_warnings
-from operator_app.commands.options import parse_joints, require_joints, tolerance_m
+from operator_app.commands.options import tolerance_m, unsensed_joints
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.dwells import (
     DWELL_S,
@@ -43,8 +43,7 @@ def execute(args: argparse.Namespace) -> int:
     """Create the session, calibrate, report on stdout."""
     arm = resolve("arm", args.arm)
     model = parse_arm(arm.data, arm.file)
-    unsensed = parse_joints(args.unsensed)
-    require_joints(unsensed, model.joint_count)
+    unsensed = unsensed_joints(args, model.joint_count) or ()
     poses, recordings = _poses(args, tuple(joint.name for joint in model.joints))
     session = ImportedSession(
         poses,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +42,14 @@ def a_path(text: str) -> Path:
         ) from error
 
 
+def placement_count(text: str) -> int:
+    """Parse ``--placements`` and ``--placement``."""
+    count = int(text) if re.fullmatch(r"\d{1,4}", text) else 0
+    if count < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number of at least 1")
+    return count
+
+
 SHARED = {
     "session SESSION": "session folder, its name or latest",
     "--json": "print one JSON object on stdout",
@@ -73,11 +81,15 @@ ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
 """Further arguments to argparse for some of these options."""
 
 
-def option(parser: argparse._ActionsContainer, usage: str, description: str, **more: Any) -> None:
-    """Declare an option by its usage, such as ``-o --output FILE``, or an argument: ``poses+ FILE``, ``poses``.
+Declaration = Callable[[argparse._ActionsContainer], object]  # noqa: SLF001 - no public name
+"""Adds one or more arguments and options to a parser."""
+
+
+def option(usage: str, description: str, **more: Any) -> Declaration:
+    """Return the declaration of an option, such as ``-o --output FILE``, or argument: ``poses+ FILE``, ``poses``.
 
     An option without a metavar (and without `choices`) is a switch; other options and arguments take, by default, text
-    that must not be empty.
+    that must not be empty. `more`: further arguments to argparse.
     """
     names = usage.split()
     if not usage.startswith("-"):
@@ -88,87 +100,84 @@ def option(parser: argparse._ActionsContainer, usage: str, description: str, **m
         more = {"type": a_name, "metavar": names.pop()} | more
     elif "choices" not in more:
         more["action"] = "store_true"
-    parser.add_argument(*names, help=description, **more)
+    return lambda parser: parser.add_argument(*names, help=description, **more)
 
 
-def options(parser: argparse.ArgumentParser, usages: str) -> None:
-    """Declare shared options; `usages` are keys of `SHARED`, separated by commas."""
-    for usage in usages.split(", "):
-        option(parser, usage, SHARED[usage], **ARGUMENTS.get(usage, {}))
+def declaration(*parts: Declaration) -> Declaration:
+    """Return the declaration of all parts."""
+
+    def declare(parser: argparse._ActionsContainer) -> None:
+        for part in parts:
+            part(parser)
+
+    return declare
 
 
-def bus_options(parser: argparse.ArgumentParser, *, profile: bool = True) -> None:
-    """Declare ``-i -c -b`` as in python-can, and ``--profile``."""
-    group = parser.add_argument_group("bus (python-can's names; also CAN_INTERFACE and can.conf)")
+def group(title: str, *parts: Declaration) -> Declaration:
+    """Return the declaration of options under a title."""
+    return lambda parser: declaration(*parts)(parser.add_argument_group(title))
+
+
+def one_of(*parts: Declaration) -> Declaration:
+    """Return the declaration of options that exclude each other."""
+    return lambda parser: declaration(*parts)(parser.add_mutually_exclusive_group())
+
+
+def shared(usages: str) -> Declaration:
+    """Return the declaration of shared options; `usages` are keys of `SHARED`, separated by commas."""
+    return declaration(*(option(u, SHARED[u], **ARGUMENTS.get(u, {})) for u in usages.split(", ")))
+
+
+_BUS = (
     option(
-        group,
         "-i --interface INTERFACE",
         "virtual (default, embedded controller), loopback, socketcan, ...",
-    )
-    option(group, "-c --channel CHANNEL", "e.g. can0, vcan0; for loopback any name")
-    option(group, "-b --bitrate BITRATE", "bit/s, e.g. 1000000", type=int)
-    if profile:
-        option(
-            group,
-            "--profile P",
-            "set-up of the arm's nodes: bus profile file or built-in name (default sarcos, or "
-            "that of the procedure); sarcal probe --draft writes one",
-        )
-
-
-def scenario_options(parser: argparse.ArgumentParser) -> None:
-    """Declare ``--scenario`` and ``--seed`` of the virtual arm."""
-    group = parser.add_argument_group("virtual arm")
+    ),
+    option("-c --channel CHANNEL", "e.g. can0, vcan0; for loopback any name"),
+    option("-b --bitrate BITRATE", "bit/s, e.g. 1000000", type=int),
+)
+_PROFILE = option(
+    "--profile P",
+    "set-up of the arm's nodes: bus profile file or built-in name (default sarcos, or "
+    "that of the procedure); sarcal probe --draft writes one",
+)
+_BUS_TITLE = "bus (python-can's names; also CAN_INTERFACE and can.conf)"
+BUS, BUS_WITHOUT_PROFILE = group(_BUS_TITLE, *_BUS, _PROFILE), group(_BUS_TITLE, *_BUS)
+VIRTUAL_ARM = group(
+    "virtual arm",
     option(
-        group,
         "--scenario",
         "what is wrong with the virtual arm: exact (nothing), datasheet (sensors at their "
         "specification), as_reported (the paper's three error sources), wild (another arm and "
         f"hinge for every seed); default {DEFAULT_SCENARIO}",
         choices=SCENARIOS,
-    )
-    option(group, "--seed SEED", "of the virtual arm (default 0)", type=int)
-
-
-def arm_bus_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options for the bus of a real or virtual arm."""
-    bus_options(parser)
-    scenario_options(parser)
-
-
-def placement_count(text: str) -> int:
-    """Parse ``--placements`` and ``--placement``."""
-    count = int(text) if re.fullmatch(r"\d{1,4}", text) else 0
-    if count < 1:
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number of at least 1")
-    return count
-
-
-def arm_and_fixture_options(parser: argparse.ArgumentParser) -> None:
-    """Declare ``--arm``, ``--fixture`` and ``--drop-unidentifiable`` for a command with a file of poses."""
-    option(parser, "--arm ARM", "arm file or built-in name", default="sarcos_dextrous")
-    option(parser, "--fixture FIXTURE", "fixture file or built-in name", default="hinge")
+    ),
+    option("--seed SEED", "of the virtual arm (default 0)", type=int),
+)
+ARM_BUS = declaration(BUS, VIRTUAL_ARM)
+"""The bus of a real or virtual arm."""
+ARM_AND_FIXTURE = declaration(
+    option("--arm ARM", "arm file or built-in name", default="sarcos_dextrous"),
+    option("--fixture FIXTURE", "fixture file or built-in name", default="hinge"),
     option(
-        parser,
         "--drop-unidentifiable",
         "fix unidentifiable parameters at their nominal values, instead of refusing",
-    )
-
-
-def arm_options(parser: argparse.ArgumentParser) -> None:
-    """Declare SESSION and ``--arm``, which select the arm of a command without poses."""
+    ),
+)
+"""Arm and fixture of a command with a file of poses."""
+ARM = declaration(
     option(
-        parser,
         "session? SESSION",
         "a session on the arm: its arm file and its bus (folder, name or latest)",
-    )
+    ),
     option(
-        parser,
         "--arm ARM",
         "arm file or built-in name, where no session is named (default sarcos_dextrous)",
         default="sarcos_dextrous",
-    )
-    options(parser, "--sessions DIR")
+    ),
+    shared("--sessions DIR"),
+)
+"""The arm of a command without poses: its session, or its file."""
 
 
 def tolerance_m(args: argparse.Namespace) -> float | None:
@@ -179,11 +188,6 @@ def tolerance_m(args: argparse.Namespace) -> float | None:
     if not 0.0 < tolerance_mm <= 100.0:
         raise UsageError("--length-tolerance: millimetres, more than 0 and at most 100")
     return tolerance_mm / 1e3
-
-
-def parse_joints(text: str | None) -> tuple[int, ...]:
-    """Parse ``--unsensed``; returns () if it is absent."""
-    return given_joints(text) or ()
 
 
 def given_joints(text: str | None) -> tuple[int, ...] | None:
@@ -200,8 +204,10 @@ def parse_numbers(text: str, option: str) -> tuple[int, ...]:
     return tuple(sorted({int(part) for part in text.replace(" ", "").split(",")}))
 
 
-def require_joints(joints: tuple[int, ...], joint_count: int) -> None:
-    """Raise UsageError if one of `joints` is not a joint of the arm."""
-    wrong = [j for j in joints if j > joint_count]
+def unsensed_joints(args: argparse.Namespace, joint_count: int) -> tuple[int, ...] | None:
+    """Return ``--unsensed``, None if it is absent; raises UsageError if one of them is not a joint of the arm."""
+    joints = given_joints(args.unsensed)
+    wrong = [j for j in joints or () if j > joint_count]
     if wrong:
         raise UsageError(f"--unsensed: there is no joint {wrong[0]}; the arm has {joint_count}")
+    return joints

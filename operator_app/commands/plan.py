@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from fixtures.base import Severity
 from operator_app.commands.file_arguments import PLANNED_POSES
-from operator_app.commands.options import given_joints, parse_joints, require_joints
+from operator_app.commands.options import given_joints, unsensed_joints
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.procedure import Procedure
@@ -95,9 +95,8 @@ def _of_files(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, s
         if args.procedure is None and fixture.kind != procedure.fixture.kind:
             procedure = replace(procedure, position_joints=None)
         procedure = replace(procedure, fixture=fixture)
-    if args.unsensed is not None:
-        joints = parse_joints(args.unsensed)
-        require_joints(joints, procedure.arm.joint_count)
+    joints = unsensed_joints(args, procedure.arm.joint_count)
+    if joints is not None:
         procedure = replace(procedure, unsensed_joints=joints)
     return procedure, None, "nominal geometry"
 

@@ -8,7 +8,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from hardware.canopen.bus_profile import BusProfile
 from hardware.commissioning.probe import Probe, probe
 from hardware.commissioning.profile_draft import DraftRefused, draft
 from operator_app.commands.choices import bus_of_others
@@ -56,19 +55,18 @@ def execute(args: argparse.Namespace) -> int:
         return ExitCode.ACCEPTED if fine else ExitCode.ARM_FAULT
     if _report_no_nodes(result, str(settings)):
         return ExitCode.ARM_FAULT
-    rows = [["node", "device", "type (1000h)", "serial", "6064h (counts)", "state"]]
-    for node in result.nodes:
-        rows.append(
-            [
-                str(node.node),
-                node.device_name or "-",
-                f"{node.device_type:08X}h",
-                "-" if node.serial_number is None else str(node.serial_number),
-                "-" if node.position_counts is None else str(node.position_counts),
-                "differs" if node.problems else "as expected",
-            ]
-        )
-    say(aligned(rows))
+    rows = [
+        [
+            str(node.node),
+            node.device_name or "-",
+            f"{node.device_type:08X}h",
+            "-" if node.serial_number is None else str(node.serial_number),
+            "-" if node.position_counts is None else str(node.position_counts),
+            "differs" if node.problems else "as expected",
+        ]
+        for node in result.nodes
+    ]
+    say(aligned([["node", "device", "type (1000h)", "serial", "6064h (counts)", "state"], *rows]))
     for line in (*problems, *(note for node in result.nodes for note in node.notes)):
         say(line)
     say("Nothing was enabled and nothing has moved.")
@@ -135,18 +133,14 @@ def _draft(args: argparse.Namespace, result: Probe) -> int:
     if args.json:
         say(as_json({**probe_json(result), "draft": str(args.draft)}))
         return ExitCode.ACCEPTED
-    say(_drafted(made, args.draft))
-    return ExitCode.ACCEPTED
-
-
-def _drafted(made: BusProfile, file: Path) -> str:
     joints = ", ".join(f"joint {j} = node {node}" for j, node in enumerate(made.drives, 1))
     keeper = "no supervisor" if made.supervisor is None else f"supervisor = node {made.supervisor}"
-    return (
-        f"{file}: {joints}; {keeper}.\n"
+    say(
+        f"{args.draft}: {joints}; {keeper}.\n"
         "Nothing was enabled and nothing has moved. Read its first lines, check them on the arm, then go on "
-        f"with: sarcal arm-check --profile {file}"
+        f"with: sarcal arm-check --profile {args.draft}"
     )
+    return ExitCode.ACCEPTED
 
 
 def _name(file: Path) -> str:

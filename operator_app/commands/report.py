@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from operator_app.commands.options import given_joints, require_joints
+from operator_app.commands.options import given_joints, unsensed_joints
 from operator_app.config.atomic import write_atomically
 from operator_app.effective_procedure import effective_procedure
 from operator_app.exit_codes import ExitCode
@@ -26,10 +26,9 @@ from solver.errors import UnidentifiableError
 
 def execute(args: argparse.Namespace) -> int:
     """Read the session's calibration and show it."""
-    unsensed = given_joints(args.unsensed)
     opening = resume(args.session, Choices(), root=args.sessions)
     procedure = effective_procedure(opening)
-    require_joints(unsensed or (), procedure.arm.joint_count)
+    unsensed = unsensed_joints(args, procedure.arm.joint_count)
     contents = read_journal(opening.folder)
     state = session_state(contents)
     calibration, unidentifiable = None, None

@@ -66,7 +66,11 @@ def execute(args: argparse.Namespace) -> int:
                 folder = session.journal.path.parent  # another program may have taken the name
                 opening = replace(opening, folder=folder, next_due=True)
     except UnidentifiableError as error:
-        _report_unidentifiable(args, session, error)
+        if args.json:
+            folder, state = session.journal.path.parent, session.state
+            say(as_json(unidentifiable_json(error, session.procedure, folder, state)))
+        else:
+            say(unidentifiable_text(error))
         return ExitCode.NOT_IDENTIFIABLE
     except DrivesNotOffError:
         if result is not None:
@@ -101,13 +105,3 @@ def _report(args: argparse.Namespace, session: Session, result: RunResult) -> No
     if result.capture is not None:
         say(f"\n{capture_text(result.capture, result.advice, parameters)}")
     say(f"\n{session_text(folder, state, accepted=solution.accepted)}")
-
-
-def _report_unidentifiable(
-    args: argparse.Namespace, session: Session, error: UnidentifiableError
-) -> None:
-    if not args.json:
-        say(unidentifiable_text(error))
-        return
-    folder = session.journal.path.parent
-    say(as_json(unidentifiable_json(error, session.procedure, folder, session.state)))

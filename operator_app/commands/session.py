@@ -35,7 +35,11 @@ def execute(args: argparse.Namespace) -> int:
             )
         return ExitCode.ACCEPTED
     if args.action == "repair":
-        return _repair(args)
+        if args.name is None:
+            raise UsageError("session repair: name the session; `sarcal session list` shows them")
+        repair = repair_journal(find_session(args.sessions, args.name))
+        say(as_json(repair_json(repair)) if args.json else repair_text(repair))
+        return ExitCode.ACCEPTED
     entry = read_session(find_session(args.sessions, args.name or "latest"))
     if entry.problem:
         raise JournalError(entry.problem, entry.remedy)
@@ -88,11 +92,3 @@ def _procedure_of(state: SessionState) -> str:
         return "not known"
     known = [str(document[key]) for key in ("arm", "fixture") if key in document]
     return f"{document.get('name', 'not known')}: {', '.join(known)}"
-
-
-def _repair(args: argparse.Namespace) -> int:
-    if args.name is None:
-        raise UsageError("session repair: name the session; `sarcal session list` shows them")
-    repair = repair_journal(find_session(args.sessions, args.name))
-    say(as_json(repair_json(repair)) if args.json else repair_text(repair))
-    return ExitCode.ACCEPTED

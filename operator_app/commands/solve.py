@@ -17,7 +17,7 @@ from operator_app.calibration.verification import (
     require_new,
     verify_poses,
 )
-from operator_app.commands.options import parse_joints, parse_numbers, require_joints, tolerance_m
+from operator_app.commands.options import parse_numbers, tolerance_m, unsensed_joints
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.parameters_file import load_parameters
@@ -42,8 +42,7 @@ def execute(args: argparse.Namespace) -> int:
     """Solve and report on stdout."""
     arm = load_arm(args.arm)
     fixture = load_fixture(args.fixture).fixture
-    unsensed = parse_joints(args.unsensed)
-    require_joints(unsensed, arm.joint_count)
+    unsensed = unsensed_joints(args, arm.joint_count) or ()
     loaded = load_poses(args.poses, joint_count=arm.joint_count)
     poses = loaded.poses
     if args.placements:

@@ -8,7 +8,10 @@ import os
 import shlex
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from operator_app.config.resources import Kind
 
 COMMANDS = {
     "run": "calibrate an arm from start to finish, without questions",
@@ -66,7 +69,7 @@ def parser_of(command: str) -> argparse.ArgumentParser:
     return made
 
 
-BY_DEST: dict[str, Any] = {"arm": "arm", "fixture": "fixture", "procedure": "procedure"}
+FILES: tuple[Kind, ...] = ("arm", "fixture", "procedure")
 COPIED = "packaged"
 SESSION_ARGUMENTS = ("session", "name", "a", "b", "resume")
 
@@ -92,7 +95,7 @@ def complete(parser: argparse.ArgumentParser, command: argparse.ArgumentParser |
     for action in () if command is None else command._actions:  # noqa: SLF001 - not listed elsewhere
         if action.dest == "topic":
             action.completer = _topics  # type: ignore[attr-defined]
-        elif action.dest in (*BY_DEST, *SESSION_ARGUMENTS, COPIED):
+        elif action.dest in (*FILES, *SESSION_ARGUMENTS, COPIED):
             action.completer = _names(action.dest)  # type: ignore[attr-defined]
     argcomplete.autocomplete(parser)
 
@@ -107,17 +110,13 @@ def _names(dest: str) -> Any:
     def completer(prefix: str, parsed_args: argparse.Namespace, **_: object) -> Iterable[str]:
         from operator_app.config.resources import builtin_names
 
-        kind: Any
         if dest == COPIED:
             # The kind, as in `new arm --from`, is not parsed yet: take it from the typed words.
             typed = words_to_complete() or []
-            return [
-                name for kind in BY_DEST.values() if kind in typed for name in builtin_names(kind)
-            ]
-        if dest in BY_DEST:
+            return [name for kind in FILES if kind in typed for name in builtin_names(kind)]
+        if dest in FILES:
             # A path is valid too, and is completed only if the prefix begins like a path.
-            kind = BY_DEST[dest]
-            return [*builtin_names(kind), *_paths(prefix)]
+            return [*builtin_names(dest), *_paths(prefix)]
         root = getattr(parsed_args, "sessions", None) or Path("sessions")
         folders = sorted(p.name for p in root.iterdir() if p.is_dir()) if root.is_dir() else []
         return ["latest", *folders, *_paths(prefix)]

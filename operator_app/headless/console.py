@@ -47,6 +47,8 @@ class ConsoleListener(Listener):
         """Write one line."""
         self._console.print(sanitized(text), markup=False)
 
+    report = say
+
     def resumed(self, session: Session) -> None:
         """Report the number of poses of a resumed session."""
         if session.journal.contents.torn:
@@ -109,10 +111,6 @@ class ConsoleListener(Listener):
         self._progress.update(
             self._progress.task_ids[0], completed=len(state.used_poses), total=total
         )
-
-    def report(self, text: str) -> None:
-        """Write a message of the session."""
-        self.say(text)
 
     def solved(self, solution: Solution) -> None:
         """Remove the bar and report the calibration."""
@@ -184,14 +182,11 @@ def _how_to_continue(cut: CutShort) -> list[str]:
     cause, session = cut.cause, cut.session
     folder = session.journal.path.parent
     goes_on = f"Go on with: sarcal run --resume {folder}"
+    if isinstance(cause, DriveDropout):
+        return [f"Find out why the drive of joint {cause.joint} left its state.", goes_on]
     if isinstance(cause, DriveFault) and cause.code != EmergencyCode.HEARTBEAT_LOST:
         embedded = session.state.settings.get("interface") in (None, "virtual")
         reset = "" if embedded else f" Then clear its trip with: sarcal reset {folder}"
-        if isinstance(cause, DriveDropout):
-            return [
-                f"Find out why the drive of joint {cause.joint} left its state.",
-                goes_on,
-            ]
         return [f"{trip_cause_remedy(cause.code)}.{reset}", goes_on]
     if isinstance(cause, DriveDiverged):
         return [

@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Protocol
 
 from operator_app.documents import arm_history
 from operator_app.headless.plain_messages import describe, results
@@ -36,17 +35,23 @@ WAIT_S = 0.1
 PAGE_WIDTH = 80
 
 
-class Terminal(Protocol):
-    """Input and output of lines."""
+class Terminal:
+    """Input and output of lines: standard input and output."""
 
     def say(self, text: str) -> None:
-        """Write text of one or more lines."""
+        """Write and flush lines."""
+        say(text)
+        sys.stdout.flush()
 
     def ask(self, prompt: str) -> str:
-        """Return the typed line; raises EOFError at the end of the input."""
+        """Write a prompt and return the typed line; raises EOFError at the end of the input."""
+        return input(sanitized(prompt))
 
     def touched(self, timeout_s: float) -> bool:
-        """Wait `timeout_s` at most for a line; return whether one was typed, and discard it."""
+        """Wait up to `timeout_s` for a line from a terminal, and discard it; false for a pipe, which is not read."""
+        inputs = [sys.stdin] if sys.stdin.isatty() else []
+        ready, _, _ = select.select(inputs, [], [], timeout_s)
+        return bool(ready) and bool(sys.stdin.readline())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,8 +102,6 @@ class Plain:
                 if not self._stop():
                     raise
         return "left"
-
-    # -- menus -------------------------------------------------------------------------------------
 
     def _menu(self) -> None:
         s = self.snapshot()
@@ -276,8 +279,6 @@ class Plain:
         else:
             self._terminal.say(history_text(history))
 
-    # -- inside ------------------------------------------------------------------------------------
-
     def _wait(self) -> None:
         """Wait for the running task; Enter cancels a motion."""
         s = self.snapshot()
@@ -298,24 +299,3 @@ class Plain:
         self.runner.stop()
         self.snapshot()
         return True
-
-
-class StandardTerminal:
-    """Standard input and output as a `Terminal`."""
-
-    def say(self, text: str) -> None:
-        """Write and flush lines."""
-        say(text)
-        sys.stdout.flush()
-
-    def ask(self, prompt: str) -> str:
-        """Write a prompt and return a line."""
-        return input(sanitized(prompt))
-
-    def touched(self, timeout_s: float) -> bool:
-        """Wait up to `timeout_s` for a line from a terminal; true if one came, false for a pipe (not read)."""
-        if not sys.stdin.isatty():
-            select.select([], [], [], timeout_s)
-            return False
-        ready, _, _ = select.select([sys.stdin], [], [], timeout_s)
-        return bool(ready) and bool(sys.stdin.readline())

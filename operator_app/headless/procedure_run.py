@@ -90,13 +90,11 @@ def _advice(session: Session, solution: Solution, end: CampaignEnd | None) -> st
     """Return text on a hinge placement that would make the imprecise parameters more precise; "" if not needed."""
     if end is None or not end.weak or session.fixture.kind != "hinge":
         return ""
-    estimate = solution.estimate
-    values = {p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)}
     try:
         ranked = advise(
             session.model,
             session.fixture,
-            values=values,
+            values=solution.estimate.values_by_name,
             parameters=tuple(w.name for w in end.weak),
             unsensed_joints=session.procedure.unsensed_joints,
             samples=session.procedure.capture.samples_per_pose,
@@ -118,12 +116,7 @@ def next_placement(
     """Wait for the confirmation of the next placement, record it, and return the session to resume.
 
     `drives_off`: whether this program has just released the arm, and the drives confirmed that they are off. For an arm
-    simulated by this program there is nothing to confirm.
-
-    Raises
-    ------
-    SessionError
-        The mounting was not confirmed.
+    simulated by this program there is nothing to confirm. Raises `SessionError` if the mounting was not confirmed.
     """
     listener.close()
     # Take the bus from the journal, since the options may leave it to the environment.
@@ -143,10 +136,7 @@ def next_placement(
 def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
     """If a placement after the first has no pose yet, wait for and record the confirmation that the fixture is mounted.
 
-    Raises
-    ------
-    SessionError
-        The mounting was not confirmed.
+    Raises `SessionError` if the mounting was not confirmed.
     """
     if not opening.unconfirmed_placement:
         return

@@ -19,7 +19,7 @@ from hardware.arm import DriveState, JointMode
 from hardware.buses.python_can import BusSettings
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import attended_openers
-from hardware.virtual.faults import ScriptedFault, inject, scripted
+from hardware.virtual.faults import ScriptedFault, inject
 from hardware.virtual.plant import Plant
 from operator_app.messages.errors import EXPECTED
 from operator_app.session.store.journal import Clock, utc_now
@@ -144,7 +144,7 @@ def run_session_with_fault(
     moved_deg = 0.0
     states: DriveStates = ()
     if kind and at_sync:
-        script = [scripted(kind, joint=joint, at_sync=at_sync)]
+        script = [ScriptedFault(kind=kind, joint=joint, at_sync=at_sync)]
     chosen = Choices(scenario="exact", seed=0)
     procedure = short_procedure(poses)
     settings = BusSettings(channel=f"campaign-{os.getpid()}-{next(_channels)}")

@@ -287,7 +287,7 @@ def test_drives_that_ignore_operator_loss_are_reported(pace):
         bench = VirtualBench(stack, heartbeat_timeout_s=1e3)
         entry = OPERATOR_NODE << 16 | int(1e3 * HEARTBEAT_TIMEOUT_S)
         for drive in bench.controller.drives:
-            drive.serve(HEARTBEAT_CONSUMER, 1, lambda: entry)
+            drive.answers[HEARTBEAT_CONSUMER, 1] = entry
         findings = findings_of(bench.arm(pace), User("Joint", "closed"))
         states = {drive.drive.state for drive in bench.controller.drives}
     assert failed(findings) == [("stops alone", None)]

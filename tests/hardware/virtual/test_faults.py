@@ -3,7 +3,7 @@
 import pytest
 
 from hardware.arm import JointMode
-from hardware.virtual.faults import external_stop, inject, scripted
+from hardware.virtual.faults import ScriptedFault, external_stop, inject
 from tests.hardware.virtual.conftest import wait_for_heartbeats
 from tests.oracles.virtual_rig import Rig, rig
 
@@ -167,8 +167,8 @@ def test_hanging_loop_sends_nothing_until_it_resumes(arm):
 
 def test_scripted_faults_occur_at_their_sync():
     script = [
-        scripted("broken-sensor", joint=2, at_sync=12),
-        scripted("missed-answers", joint=5, at_sync=14),
+        ScriptedFault(kind="broken-sensor", joint=2, at_sync=12),
+        ScriptedFault(kind="missed-answers", joint=5, at_sync=14),
     ]
 
     def run() -> list[tuple[int, bytes]]:

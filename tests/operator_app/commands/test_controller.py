@@ -2,7 +2,7 @@
 
 import os
 import time
-from dataclasses import replace
+from dataclasses import asdict
 from pathlib import Path
 
 import can
@@ -61,15 +61,13 @@ def test_every_fault_kind_can_be_requested_and_runs(kind):
     options = ["--fault", kind, "--fault-joint", "6", "--fault-sync", "0" if at_connect else "1"]
     applied: list[int] = []
 
-    def logged(fault: ScriptedFault) -> ScriptedFault:
-        def happen(controller):
-            applied.append(fault.at_sync)
-            fault.happen(controller)
-
-        return replace(fault, happen=happen)
+    class Logged(ScriptedFault):
+        def happen(self, arm):
+            applied.append(self.at_sync)
+            super().happen(arm)
 
     args = parser_of("controller").parse_args(["-i", "loopback", *options])
-    script = [logged(fault) for fault in script_of(args, 7)]
+    script = [Logged(**asdict(fault)) for fault in script_of(args, 7)]
     settings, arm = BusSettings(channel=f"kind-{kind}"), load_procedure("hinge").arm
     with (
         can.Bus(settings.channel, interface="virtual") as bus,

@@ -12,10 +12,17 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, TypeVar, cast
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, ValidationInfo
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    TypeAdapter,
+    ValidationError,
+    ValidationInfo,
+)
 from pydantic_core import ErrorDetails
 
 from operator_app.config.errors import (
@@ -61,25 +68,29 @@ def adapter(model: type[M]) -> TypeAdapter[M]:
     return _ADAPTERS[model]
 
 
-def report(info: ValidationInfo, path: Path, text: str, remedy: str = "") -> None:
-    """Record a problem at `path` from inside a validator, without stopping the validation.
+def checked(check: Callable[[Any, Mapping[str, Any]], Iterable[Complaint]]) -> AfterValidator:
+    """Return the annotation of a field whose value is compared with other fields, without stopping the validation.
 
-    For checks that compare fields: they may have to report several places, which pydantic's exceptions cannot do.
+    `check` takes the value and the valid fields before it, by name, and yields problems, at any place of the file.
     """
-    cast("list[Complaint]", info.context).append((path, text, remedy))
+
+    def validate(value: Any, info: ValidationInfo) -> Any:
+        cast("list[Complaint]", info.context).extend(check(value, info.data))
+        return value
+
+    return AfterValidator(validate)
 
 
-def check_numbered(info: ValidationInfo, items: Sequence[Any], first: int, key: str) -> None:
-    """Report every item of a list whose number, under `key`, differs from its place, counted from `first`."""
-    for k, item in enumerate(items):
-        number, place = getattr(item, key), k + first
-        if number != place:
-            report(
-                info,
-                (str(info.field_name), k, key),
-                f"{key} {number} is listed in place of {key} {place}",
-                f"list {key}s {first} to n in order, each once",
-            )
+def numbered(place: str, key: str, first: int = 1) -> AfterValidator:
+    """Return the annotation of the list at `place` whose items are to be numbered from `first`, under `key`."""
+
+    def check(items: Sequence[Any], _: Mapping[str, Any]) -> Iterator[Complaint]:
+        for k, item in enumerate(items):
+            if (number := getattr(item, key)) != k + first:
+                text = f"{key} {number} is listed in place of {key} {k + first}"
+                yield (place, k, key), text, f"list {key}s {first} to n in order, each once"
+
+    return checked(check)
 
 
 def read_model(model: type[M], data: bytes, *, kind: str, file: str) -> M:

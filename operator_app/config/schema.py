@@ -94,38 +94,13 @@ def numbered(place: str, key: str, first: int = 1) -> AfterValidator:
 
 
 def read_model(model: type[M], data: bytes, *, kind: str, file: str) -> M:
-    """Read the bytes of a file of `kind` (``schema: sarcal/<kind>/1``) into `model`.
-
-    Raises
-    ------
-    ConfigError
-        The file is invalid; the error lists all problems.
-    """
+    """Read the bytes of a file of `kind` (``schema: sarcal/<kind>/1``); raises ConfigError with all its problems."""
     return check_model(model, load_strict(data, file), kind=kind)
 
 
 def check_model(model: type[M], document: YamlDocument, *, kind: str) -> M:
     """Check a document that has already been read; otherwise like `read_model`."""
-    return _validate(model, document, [*document.problems, *_check_schema(document, kind)])
-
-
-def read_by_kind(models: Mapping[str, type[M]], data: bytes, *, kind: str, file: str) -> M:
-    """Read a file whose key ``kind`` selects its model; otherwise like `read_model`."""
-    document = load_strict(data, file)
     problems = [*document.problems, *_check_schema(document, kind)]
-    which = document.data.get("kind")
-    if not isinstance(which, str) or which not in models:
-        options = ", ".join(models)
-        near = difflib.get_close_matches(str(which), list(models), n=1)
-        hint = f"did you mean {near[0]}? " if near else ""
-        known = f"{value_in_words(which)} is not a known kind of {kind}"
-        text = known if "kind" in document.data else "is missing"
-        problems.append(document.problem(("kind",), text, f"{hint}use one of: {options}"))
-        raise ConfigError(problems)
-    return _validate(models[which], document, problems)
-
-
-def _validate(model: type[M], document: YamlDocument, problems: list[Problem]) -> M:
     body = {key: value for key, value in document.data.items() if key != "schema"}
     notes: list[Complaint] = []
     checked: M | None = None
@@ -133,10 +108,24 @@ def _validate(model: type[M], document: YamlDocument, problems: list[Problem]) -
         checked = adapter(model).validate_python(body, context=notes)
     except ValidationError as error:
         problems += _problems(document, model, error.errors(include_url=False), noted=bool(notes))
-    problems += [document.problem(path, text, remedy) for path, text, remedy in notes]
+    problems += [document.problem(*note) for note in notes]
     if problems or checked is None:
         raise ConfigError(problems)
     return checked
+
+
+def read_by_kind(models: Mapping[str, type[M]], data: bytes, *, kind: str, file: str) -> M:
+    """Read a file whose key ``kind`` selects its model; otherwise like `read_model`."""
+    document = load_strict(data, file)
+    which = document.data.get("kind")
+    if isinstance(which, str) and which in models:
+        return check_model(models[which], document, kind=kind)
+    near = difflib.get_close_matches(str(which), list(models), n=1)
+    hint = f"did you mean {near[0]}? " if near else ""
+    known = f"{value_in_words(which)} is not a known kind of {kind}"
+    text = known if "kind" in document.data else "is missing"
+    problem = document.problem(("kind",), text, f"{hint}use one of: {', '.join(models)}")
+    raise ConfigError((*document.problems, *_check_schema(document, kind), problem))
 
 
 def is_unlike_any_key(problem: Problem) -> bool:
@@ -158,27 +147,19 @@ def _check_schema(document: YamlDocument, kind: str) -> Iterator[Problem]:
         return
     stated = document.data["schema"]
     if stated not in [f"sarcal/{kind}/{version}" for version in versions]:
+        text, remedy = f"{stated!r} is not a schema this program knows", line
         match = re.fullmatch(r"sarcal/([a-z]+)/(\d{1,9})", str(stated))
-        problem = document.problem(
-            ("schema",), f"{stated!r} is not a schema this program knows", line
-        )
         if match is not None and match[1] != kind:
-            problem = document.problem(
-                ("schema",),
-                f"this is a file of kind {match[1]}",
-                f"a file of kind {kind} is required: {line}",
-            )
+            text = f"this is a file of kind {match[1]}"
+            remedy = f"a file of kind {kind} is required: {line}"
         elif match is not None:
-            problem = document.problem(
-                ("schema",),
-                f"the {kind} file has version {match[2]}",
-                (
-                    f"this program reads version {', '.join(map(str, versions))}: use a version of sarcal that reads "
-                    f"version {match[2]}"
-                ),
+            text = f"the {kind} file has version {match[2]}"
+            remedy = (
+                f"this program reads version {', '.join(map(str, versions))}: use a version of sarcal that reads "
+                f"version {match[2]}"
             )
         # All other problems would only follow from this one.
-        raise ConfigError((problem,))
+        raise ConfigError((document.problem(("schema",), text, remedy),))
     if next(iter(document.data)) != "schema":
         yield document.problem(("schema",), "is not the first key", line)
 
@@ -200,11 +181,9 @@ def _problems(
             meant.add(instead)
         yield document.problem(path, text, remedy)
     for path, error in placed:
-        if error["type"] in UNKNOWN_KEY or path in meant:
-            continue
-        if any(path[: len(bad)] == bad for bad in document.unreadable):
-            continue
-        yield document.problem(path, *words_for(error))
+        follows = any(path[: len(bad)] == bad for bad in document.unreadable)
+        if not (follows or error["type"] in UNKNOWN_KEY or path in meant):
+            yield document.problem(path, *words_for(error))
 
 
 def _without_alternatives(

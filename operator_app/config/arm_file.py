@@ -71,10 +71,7 @@ class RowModel(StrictModel):
 
 
 class SensorFields(StrictModel):
-    """Common base of all sensors.
-
-    Apart from `kind`, a sensor's keys are the arguments of the domain object, in the units of the file.
-    """
+    """Base of sensors, whose keys, apart from `kind`, are the domain object's arguments in the units of the file."""
 
     makes: ClassVar[type[Sensor]]
 
@@ -332,13 +329,7 @@ def _identified_instead(entry: DhEntry, hayati: tuple[int, ...]) -> DhEntry:
 
 
 def parse_arm(data: bytes, file: str) -> ArmModel:
-    """Read an arm from the bytes of its file; `file` is its name in messages.
-
-    Raises
-    ------
-    ConfigError
-        The file is invalid; the error lists all problems.
-    """
+    """Read an arm from the bytes of its file, called `file` in messages; raises ConfigError with all its problems."""
     return read_model(ArmFile, data, kind="arm", file=file).model()
 
 

@@ -36,16 +36,9 @@ from operator_app.config.strict_yaml import Complaint
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixtureSpec:
-    """A fixture as described in its file.
+    """A fixture as described in its file, at its nominal placement.
 
-    Attributes
-    ----------
-    name
-        Name shown to the operator.
-    fixture
-        The fixture at its nominal placement.
-    checklist
-        Check list that the operator confirms before anything moves.
+    `checklist`: what the operator confirms before anything moves.
     """
 
     name: str
@@ -69,19 +62,9 @@ class FixtureSpec:
 
 
 def parse_fixture(data: bytes, file: str) -> FixtureSpec:
-    """Read a fixture from the bytes of its file; `file` is its name in messages.
-
-    Raises
-    ------
-    ConfigError
-        The file is invalid; the error lists all problems.
-    """
+    """Read a fixture from the bytes of its file, `file` in messages; raises ConfigError with all its problems."""
     model = read_by_kind(MODELS, data, kind="fixture", file=file)
-    return FixtureSpec(
-        name=model.name,
-        fixture=model.fixture(),
-        checklist=model.checklist,
-    )
+    return FixtureSpec(name=model.name, fixture=model.fixture(), checklist=model.checklist)
 
 
 def load_fixture(reference: str | Path) -> FixtureSpec:
@@ -130,14 +113,11 @@ class CommonFields(StrictModel, ABC):
     def fixture(self) -> EndpointConstraint:
         """Return the fixture as a domain object."""
         placed = in_si(self.placement.model_dump(exclude_none=True))
-        return self.makes(
-            **placed, stays_on_hand=self.stays_on_hand, tolerance=self.tolerance(), **self.own()
-        )
-
-    def tolerance(self) -> Tolerance:
-        """Return the tolerance of the placement."""
-        return Tolerance(
+        tolerance = Tolerance(
             position_m=self.tolerance_mm / 1e3, orientation_rad=math.radians(self.tolerance_deg)
+        )
+        return self.makes(
+            **placed, stays_on_hand=self.stays_on_hand, tolerance=tolerance, **self.own()
         )
 
     @abstractmethod

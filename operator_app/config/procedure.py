@@ -154,16 +154,12 @@ class CapturePlan(StrictRecord):
     strategy
         Named ``plan`` in the file. ``explore``: visit waypoints in the box; ``planned``: explore a little, then plan
         with the estimate and take `poses` further poses.
-    poses
-        Number of poses.
     exploration
         Ranges of the drive joints' angles ("box"); empty if the modes are chosen automatically.
     speed_deg_per_s
         Command speed of the drive joints.
     samples_per_pose
         SYNC samples averaged into one pose.
-    seed
-        Seed of the sequence of poses.
     requested_sigma
         Combined standard uncertainties at which a planned capture may end early, by parameter name with unit.
     """
@@ -230,16 +226,12 @@ class Procedure:
 
     Attributes
     ----------
-    name
-        Name shown to the operator.
     arm, fixture
         As read from their files, except that the arm has this procedure's home and the entries in `held` are not free.
     held
         Fixed entries by name, each with the reason.
     tracker
         Source of an instrument's measurements.
-    profile
-        Set-up of the arm's nodes on the bus.
     sources
         The four files as read (procedure, arm, fixture, profile), of which the session keeps copies.
     position_joints
@@ -247,9 +239,7 @@ class Procedure:
     trial
         Whether the automatic choice of these joints also uses small trial motions of the arm.
     unsensed_joints
-        Joints whose readings are not used.
-    estimator
-        ``paper`` or ``implicit``.
+        Joints (1-based) whose readings are not used.
     upload
         Whether the parameters are uploaded to the controller.
     length_tolerance_m

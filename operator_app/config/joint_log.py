@@ -74,10 +74,7 @@ def load_joint_log(
     joints
         Names of joints 1 to n in the arm file.
 
-    Raises
-    ------
-    ConfigError
-        The file is invalid; the error lists all problems.
+    Raises ConfigError with all problems of the file.
     """
     data, file = read_limited(expanded(path), str(path), limit=LIMIT_BYTES), str(path)
     rows = read_rows(decode_text(data, file))
@@ -102,9 +99,8 @@ def load_joint_log(
     if header and len(header) != len(all_columns):
         text = f"the header has {len(header)} cells, but the first row of angles has {len(all_columns)}"
         raise only(file, text, "name each column, or remove the header", line=rows[0].line)
-    by = (
-        find_column("--placement", placement, header, len(all_columns), file) if placement else None
-    )
+    width = len(all_columns)
+    by = find_column("--placement", placement, header, width, file) if placement else None
     remaining = [k for k in all_columns if k != by]
     where = find_columns(columns, header, remaining, joint_count, file, joints)
     q = _angles(body, where, file, radians=unit == "rad")
@@ -204,16 +200,10 @@ def find_columns(
         # Other columns of a log, mostly times, come before the joints.
         first = max(1, count - joint_count + 1)
         example = f"{first}-{first + joint_count - 1}"
-        if header:
-            likely = [header[k] for k in remaining if not OTHER_COLUMNS.fullmatch(header[k])][
-                :joint_count
-            ]
-            example = ",".join(likely) if len(likely) == joint_count else example
-        raise only(
-            file,
-            text,
-            f"select the columns of the joints, e.g. --columns {example}, or write a header: {HEADER_COLUMNS}",
-        )
+        likely = [name for name in named if not OTHER_COLUMNS.fullmatch(name)][:joint_count]
+        example = ",".join(likely) if len(likely) == joint_count else example
+        remedy = f"select the columns of the joints, e.g. --columns {example}, or write a header: {HEADER_COLUMNS}"
+        raise only(file, text, remedy)
     columns: list[int] = []
     for word in (part.strip() for part in option.split(",")):
         if match := RANGE.fullmatch(word):
@@ -259,14 +249,11 @@ def _angles(body: list[Row], where: tuple[int, ...], file: str, *, radians: bool
     for k, row in enumerate(body):
         if len(row.cells) != width:
             text = f"has {len(row.cells)} cells; the lines before it have {width}"
-            problems.append(
-                Problem(file=file, line=row.line, text=text, remedy="correct this line")
-            )
+            problems += only(file, text, "correct this line", line=row.line).problems
             continue
         for j, column in enumerate(where):
-            cell = Problem(
-                file=file, line=row.line, column=column + 1, key=f"joint {j + 1}", text=""
-            )
+            key = f"joint {j + 1}"
+            cell = Problem(file=file, line=row.line, column=column + 1, key=key, text="")
             try:
                 value = angles[k, j] = number(row.cells[column])
             except BadCell as error:

@@ -52,16 +52,9 @@ class WhichFixture(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointParameters(StrictRecord):
-    """Parameters of one joint.
+    """Offset of one joint (theta' = theta + theta_off) and its standard deviation, None if it was not calibrated.
 
-    Attributes
-    ----------
-    theta_off_deg
-        Joint-angle offset: theta' = theta + theta_off.
-    sigma_deg
-        Standard deviation of the offset; None if it was not calibrated.
-    home_offset_counts
-        The same offset in counts of the joint's sensor, for object 607Ch; None for a joint without a sensor.
+    `home_offset_counts`: the offset in counts of the joint's sensor (object 607Ch); None for a joint without a sensor.
     """
 
     joint: Count

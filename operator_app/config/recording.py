@@ -82,10 +82,7 @@ def load_timed_log(
     unit
         Unit of the angles; None: degrees, but angles that look like radians are refused.
 
-    Raises
-    ------
-    ConfigError
-        The file is invalid; the error states the problem.
+    Raises ConfigError if the file is invalid.
     """
     file = str(path)
     text = decode_text(read_limited(expanded(path), file, limit=RECORDING_LIMIT_BYTES), file)
@@ -157,10 +154,7 @@ def recording_of(
 ) -> JointRecording:
     """Return the samples in order of time, without incomplete samples and repeated times.
 
-    Raises
-    ------
-    ConfigError
-        No complete sample remains, or the values are not angles.
+    Raises ConfigError if no complete sample remains, or if the values are not angles.
     """
     complete = np.flatnonzero(np.isfinite(time_s) & np.all(np.isfinite(q_rad), axis=1))
     if not len(complete):
@@ -235,10 +229,7 @@ def load_bag(
     topic
         Topic of the joint states; empty: ``/joint_states``, or else the only topic of that type.
 
-    Raises
-    ------
-    ConfigError
-        The bag cannot be read, or the optional package for bags is not installed; the error states the problem.
+    Raises ConfigError if the bag cannot be read, or if the optional package for bags is not installed.
     """
     file = str(path)
     try:

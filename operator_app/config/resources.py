@@ -55,19 +55,9 @@ def builtin_names(kind: Kind) -> tuple[str, ...]:
 
 
 def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) -> Resource:
-    """Find and read a file by built-in name or path.
+    """Find and read a file by built-in name or path; relative paths start in `folder` (default: working directory).
 
-    Parameters
-    ----------
-    reference
-        Built-in name or path.
-    folder
-        Start of relative paths (default: the working directory).
-
-    Raises
-    ------
-    ConfigError
-        `reference` is no built-in name and no file (the message lists the built-in names), or the file cannot be read.
+    Raises ConfigError if `reference` is no built-in name and no file, or if the file cannot be read.
     """
     text = str(reference)
     names = builtin_names(kind)
@@ -79,11 +69,8 @@ def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) ->
         near = [name for name in names if text and name.startswith(text.lower())]
         near = near or difflib.get_close_matches(text.lower(), names, n=1)
         hint = f"did you mean {near[0]}? " if near else ""
-        raise only(
-            text or "''",
-            f"is neither a built-in {WORDS[kind]} nor a file",
-            f"{hint}built-in: {', '.join(names)}; or give a path",
-        )
+        remedy = f"{hint}built-in: {', '.join(names)}; or give a path"
+        raise only(text or "''", f"is neither a built-in {WORDS[kind]} nor a file", remedy)
     shown = text if folder is None else str(path)
     data = read_limited(path, shown, limit=YAML_LIMIT_BYTES)
     return Resource(file=shown, folder=path.parent, data=data)
@@ -107,10 +94,8 @@ def read_limited(path: Path, shown: str, *, limit: int) -> bytes:
         with path.open("rb") as file:
             data = file.read(limit + 1)
     except FileNotFoundError as error:
-        remedy = "check the path"
         near = difflib.get_close_matches(path.name, _siblings(path), n=1)
-        if near:
-            remedy = f"did you mean {path.with_name(near[0])}?"
+        remedy = f"did you mean {path.with_name(near[0])}?" if near else "check the path"
         raise only(shown, "there is no such file", remedy) from error
     except IsADirectoryError as error:
         raise only(shown, "is a folder, not a file", "name the file in it") from error

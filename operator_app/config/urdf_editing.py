@@ -37,13 +37,8 @@ def format_urdf(
     """Return a URDF of links 1..n with the geometry of `table`, and ranges, speeds and torques of `arm`.
 
     Joints have the arm file's names if all are valid in a URDF (without spaces, and unique), else ``joint_1`` etc.
-
-    Parameters
-    ----------
-    T_tip
-        Pose of the link 'tip' relative to the last link at a reading of zero, (4, 4), m; None: no link 'tip'.
-    comment
-        Lines of a comment in the file.
+    `T_tip`: pose of the link 'tip' relative to the last link at a reading of zero, (4, 4), m; None: no link 'tip'.
+    `comment`: lines of a comment in the file.
     """
     names = [joint.name for joint in arm.joints]
     if len({re.sub(r"\s", "", name) for name in names} & set(names)) != len(names):
@@ -106,27 +101,16 @@ z."""
 def with_calibration(
     data: bytes, file: str, arm: ArmModel, table: DhTable, comment: Sequence[str]
 ) -> bytes:
-    """Return the file with a comment, and with joint origins changed to the geometry of `table`.
+    """Return a file with the lines of a comment, and with joint origins changed to the geometry of `table`.
 
-    Parameters
-    ----------
-    data, file
-        A URDF, a xacro whose chain has literal numbers, or UR's ``default_kinematics.yaml``; and its name.
-    arm
-        The arm that was calibrated, with the nominal values of its file.
-    comment
-        Lines of a comment in the file.
-
-    Raises
-    ------
-    ConfigError
-        The file cannot be read, or describes another arm; the text states the difference.
+    The file is a URDF, a xacro whose chain has literal numbers, or UR's ``default_kinematics.yaml``. `arm` is the arm
+    that was calibrated, with the nominal values of its file. Raises ConfigError if the file cannot be read or describes
+    another arm.
     """
-    if file.lower().endswith((".yaml", ".yml")):
-        chain = _matching([_ur_chain(data, file)], arm, file)
-        return _into_yaml(data, calibrated_origins(chain, table), comment)
-    chain = _matching(_chains(data, file, arm), arm, file)
-    return _into_xml(data, calibrated_origins(chain, table), comment)
+    is_yaml = file.lower().endswith((".yaml", ".yml"))
+    chains = [_ur_chain(data, file)] if is_yaml else _chains(data, file, arm)
+    origins = calibrated_origins(_matching(chains, arm, file), table)
+    return (_into_yaml if is_yaml else _into_xml)(data, origins, comment)
 
 
 def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray]:

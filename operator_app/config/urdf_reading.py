@@ -103,17 +103,10 @@ class UrdfChain:
 
 
 def parse_urdf(data: bytes, file: str, *, base: str = "", tip: str = "") -> UrdfChain:
-    """Read the chain of revolute joints from one link to another; the rest of the file is ignored.
+    """Read the chain of revolute joints between the links `base` and `tip`; the rest of the file is ignored.
 
-    Parameters
-    ----------
-    base, tip
-        Names of the links; empty: the file's root link, and the link at the end of the only arm, without a gripper.
-
-    Raises
-    ------
-    ConfigError
-        The file is not a URDF, or its joints are not a serial chain of revolute joints; the text names the wrong joint.
+    Empty names stand for the file's root link, and for the link at the end of the only arm, without a gripper. Raises
+    ConfigError if the file is not a URDF, or if its joints are not a serial chain of revolute joints.
     """
     return UrdfTree.read(data, file).chain(base, tip)
 

@@ -32,19 +32,10 @@ class AxisLine:
 def rows_of(
     axes: Sequence[AxisLine], T_base_tip: FloatArray
 ) -> tuple[DhTable, tuple[FloatArray, ...]]:
-    """Return the D-H rows of a chain whose last row ends at a tip.
+    """Return the D-H rows 1..n of the axes of joints 1..n and a tip at `T_base_tip` (4, 4), m; and their frames.
 
-    Parameters
-    ----------
-    axes
-        Axes of joints 1..n.
-    T_base_tip
-        Pose of the tip with all joints at zero, (4, 4), m.
-
-    Returns
-    -------
-    Rows 1..n; and frames 0..n in the base link's frame with all joints at zero, (4, 4) each, m. Frame 0 is on axis 1
-    near the base link's origin; frame n is as near to the tip as a D-H row allows.
+    The frames 0..n, (4, 4) each, m, are in the base link's frame with all joints at zero. Frame 0 is on axis 1 near the
+    base link's origin; frame n is as near to the tip as a D-H row allows.
     """
     z = axes[0].z
     # Frame 0 equals the base link's frame if axis 1 is its z axis.

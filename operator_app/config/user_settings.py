@@ -64,13 +64,7 @@ def settings_path() -> Path:
 
 
 def load_settings() -> UserSettings:
-    """Return the user's settings; if there is no file, all settings are None.
-
-    Raises
-    ------
-    ConfigError
-        The file is invalid; the error lists all problems with line and key.
-    """
+    """Return the user's settings, all None if there is no file; raises ConfigError with all problems of the file."""
     data = settings_bytes()
     return parse_settings(data, str(settings_path())) if data is not None else UserSettings()
 
@@ -128,12 +122,8 @@ def usual_bus(named: str | None = None) -> BusSettings | None:
 def changed(texts: Mapping[str, str]) -> UserSettings:
     """Return the user's settings with these keys set; an empty text removes a key.
 
-    An invalid file can be repaired in this way, key by key, and unknown keys can be removed.
-
-    Raises
-    ------
-    ConfigError
-        A key is not a setting, or the file is still invalid.
+    An invalid file can be repaired in this way, key by key, and unknown keys can be removed. Raises ConfigError if a
+    key is not a setting, or if the file is still invalid.
     """
     from hardware.buses.python_can import known_interfaces
 

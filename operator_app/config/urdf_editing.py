@@ -124,15 +124,12 @@ def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray
         link_transform((d, 0.0, 0.0, 0.0, 0.0)) for d in wrap_angle(rows[:, 0] - stated[:, 0])
     ]
     rows[:, 0] = stated[:, 0]
-    place: FloatArray = chain.frames[0]
-    before: FloatArray = np.eye(4)
-    T: FloatArray = np.eye(4)
-    fixed: FloatArray = np.eye(4)
+    place, before, T, fixed = chain.frames[0], np.eye(4), np.eye(4), np.eye(4)
     origins, j = dict[str, FloatArray](), 0
     for step in chain.steps:
         T = T @ step.T
-        target: FloatArray = step.T
-        if step.axis is None:
+        target = step.T
+        if step.joint is None:
             fixed = fixed @ step.T
         else:
             own = _inverse(chain.frames[j]) @ T
@@ -141,9 +138,9 @@ def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray
             j += 1
         if step.rounded or np.abs(target - step.T).max() > SAME:
             origins[step.name] = target
-    after: FloatArray = before @ place @ chain.T_flange_tip
-    if np.abs(after - fixed).max() > SAME and chain.steps[-1].axis is None:
-        last = next(s for s in reversed(chain.steps[:-1]) if s.axis is not None)
+    after = before @ place @ chain.T_flange_tip
+    if np.abs(after - fixed).max() > SAME and chain.steps[-1].joint is None:
+        last = next(s for s in reversed(chain.steps[:-1]) if s.joint is not None)
         first = chain.steps[chain.steps.index(last) + 1]
         origins[first.name] = after @ _inverse(fixed) @ first.T
     return origins

@@ -77,16 +77,9 @@ def read_columns(
 ) -> dict[str, MutableSequence[Any]]:
     """Return the values of each column, by name and in the order of the rows, from all records below the header.
 
-    Parameters
-    ----------
-    columns
-        For each column, in the order of the file: its name, and the function that reads a cell or raises `BadCell`.
-    packed
-        Columns to be stored as floats of 8 bytes, which need a quarter of the memory of Python objects.
-    unique, unique_remedy
-        Columns whose values together have to differ between rows, and the remedy if they do not.
-
-    Raises ConfigError with all problems, up to a hundred.
+    `columns`: name of each column of the file, in order, and the function that reads its cells or raises `BadCell`.
+    `packed`: columns to be stored as floats of 8 bytes, a quarter of the memory of Python objects. `unique`: columns
+    whose values together have to differ between rows. Raises ConfigError with all problems, up to a hundred.
     """
     problems: list[Problem] = []
     values_by_name: dict[str, MutableSequence[Any]] = {
@@ -203,9 +196,8 @@ def _unescaped(match: re.Match[str]) -> str:
     if len(before) % 2 == 0:
         return f"{half}u{{{code}}}"
     character = chr(int(code, 16)) if int(code, 16) <= sys.maxunicode else ""
-    return (
-        match[0] if sanitized(character, keep=SHOWN_BLANKS) == character else f"{half}{character}"
-    )
+    shown = sanitized(character, keep=SHOWN_BLANKS) == character
+    return match[0] if shown else f"{half}{character}"
 
 
 def _quoted(cell: str) -> str:

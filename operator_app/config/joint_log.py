@@ -59,7 +59,7 @@ def load_joint_log(
     placement: str = "",
     joints: Sequence[str] = (),
 ) -> LoadedPoses:
-    """Read the poses of a log; a file in the format of poses files is read with `load_poses`.
+    """Read the poses of a log, or of a poses file; raises ConfigError with all problems of the file.
 
     Parameters
     ----------
@@ -67,14 +67,10 @@ def load_joint_log(
         Unit of the angles; None: degrees, but angles that look like radians are refused.
     columns
         Columns of joints 1 to n, in this order: numbers from 1 (``2-8``, ``3,1,2``) or names of the header; empty:
-        those with the names in `joints`, else those numbered in the header, else all columns.
+        those with the names in `joints` (of the arm file), else those numbered in the header, else all columns.
     placement
         Number or name of the column that states the fixture's placement for each pose: a whole number, or a name; names
         are numbered in order of appearance. Empty: one placement.
-    joints
-        Names of joints 1 to n in the arm file.
-
-    Raises ConfigError with all problems of the file.
     """
     data, file = read_limited(expanded(path), str(path), limit=LIMIT_BYTES), str(path)
     rows = read_rows(decode_text(data, file))

@@ -36,16 +36,10 @@ SINCE_1970_S = 1e8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointRecording:
-    """Angles (m, n), rad, at rising times (m,), s.
+    """Angles (m, n), rad, at rising times (m,), s, of joints 1 to n with their names in the recording.
 
-    Attributes
-    ----------
-    joints
-        Names of joints 1 to n as in the recording.
-    source
-        Topic or column of times.
-    left_out
-        Number of messages or lines that lack a joint's angle or have the same time as another message or line.
+    `source`: topic or column of times. `left_out`: number of messages or lines that lack a joint's angle or have the
+    same time as another message or line.
     """
 
     file: str
@@ -71,18 +65,11 @@ def load_timed_log(
     unit: Unit | None = None,
     columns: str = "",
 ) -> JointRecording:
-    """Read a CSV log of angles over time.
+    """Read a CSV log of angles over time; raises ConfigError if the file is invalid.
 
-    Parameters
-    ----------
-    time
-        The column of times, by name or number. Times are in s, in ms, us or ns since 1970, or in ISO 8601.
-    joints, columns
-        As in `load_bag`; `columns` may also be numbers.
-    unit
-        Unit of the angles; None: degrees, but angles that look like radians are refused.
-
-    Raises ConfigError if the file is invalid.
+    `time`: the column of times, by name or number; times are in s, in ms, us or ns since 1970, or in ISO 8601. `joints`
+    and `columns` are as in `load_bag`; `columns` may also be numbers. `unit`: unit of the angles; None: degrees, but
+    angles that look like radians are refused.
     """
     file = str(path)
     text = decode_text(read_limited(expanded(path), file, limit=RECORDING_LIMIT_BYTES), file)
@@ -220,16 +207,9 @@ def load_bag(
 ) -> JointRecording:
     """Read the joint states of a ROS 2 bag: a file (.mcap, .db3) or its folder.
 
-    Parameters
-    ----------
-    joints
-        The arm's names of joints 1 to n.
-    columns
-        Names of joints 1 to n in the bag; empty: the arm's names, or the only series of numbered names.
-    topic
-        Topic of the joint states; empty: ``/joint_states``, or else the only topic of that type.
-
-    Raises ConfigError if the bag cannot be read, or if the optional package for bags is not installed.
+    `joints`: the arm's names of joints 1 to n. `columns`: their names in the bag; empty: the arm's names, or the only
+    series of numbered names. `topic`: topic of the joint states; empty: ``/joint_states``, or else the only topic of
+    that type. Raises ConfigError if the bag cannot be read, or if the optional package for bags is not installed.
     """
     file = str(path)
     try:

@@ -33,14 +33,9 @@ OPEN_ALREADY = ("/dev/stdin", "/dev/fd/", "/proc/self/fd/")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resource:
-    """Name, folder and content of a file.
+    """Content of a file, and its name for messages: the path as typed, or ``packaged:<name>.yaml``.
 
-    Attributes
-    ----------
-    file
-        Name for messages: the path as typed, or ``packaged:<name>.yaml``.
-    folder
-        Folder from which relative references inside the file start; None for a built-in file.
+    `folder`: where relative references inside the file start; None for a built-in file.
     """
 
     file: str

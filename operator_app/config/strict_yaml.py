@@ -92,10 +92,8 @@ def resolve_plain(text: str) -> Scalar:
     """
     if text in NULLS:
         return None
-    if text in TRUE:
-        return True
-    if text in FALSE:
-        return False
+    if text in TRUE or text in FALSE:
+        return text in TRUE
     if INTEGER.fullmatch(text):
         if len(text) > 40:
             raise ValueError("a number of more than 40 digits")
@@ -224,18 +222,10 @@ Complaint = tuple[Path, str, str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class YamlDocument:
-    """A YAML mapping with the place of every key.
+    """A YAML mapping: plain dicts, lists, str, int, float, bool, None.
 
-    Attributes
-    ----------
-    data
-        The top mapping: plain dicts, lists, str, int, float, bool, None.
-    marks
-        Place of every key and list item, by path; ``()`` is the document.
-    complaints
-        Problems that leave the rest of the document readable, with their places.
-    unreadable
-        Paths whose values are placeholders because of a problem.
+    `marks`: place of every key and list item, by path; ``()`` is the document. `complaints`: problems that leave the
+    rest readable, with their places. `unreadable`: paths whose values are placeholders because of a problem.
     """
 
     file: str

@@ -124,7 +124,9 @@ def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray
         link_transform((d, 0.0, 0.0, 0.0, 0.0)) for d in wrap_angle(rows[:, 0] - stated[:, 0])
     ]
     rows[:, 0] = stated[:, 0]
-    place, before, T, fixed = chain.frames[0], np.eye(4), np.eye(4), np.eye(4)
+    place, T = chain.frames[0], np.eye(4)
+    before: FloatArray = np.eye(4)
+    fixed: FloatArray = np.eye(4)
     origins, j = dict[str, FloatArray](), 0
     for step in chain.steps:
         T = T @ step.T

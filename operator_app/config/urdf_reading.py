@@ -67,12 +67,10 @@ class UrdfStep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfChain:
-    """A serial chain of a URDF in D-H terms.
+    """The serial chain between the links `base` and `tip` of a URDF in D-H terms.
 
     Attributes
     ----------
-    base, tip
-        First and last link.
     steps
         All joints between them, including fixed ones.
     table

@@ -33,14 +33,8 @@ SETTINGS_SCHEMA = "sarcal/settings/1"
 class UserSettings(StrictRecord):
     """Content of the settings file; None for missing settings.
 
-    Attributes
-    ----------
-    interface, channel, bitrate
-        Like ``-i``, ``-c`` and ``-b``. Channel and bitrate are used only if the interface comes from this file as well.
-    theme
-        Theme of the terminal app.
-    operator
-        Name of the operator, kept in the journal of every session.
+    Interface, channel and bitrate are like ``-i``, ``-c`` and ``-b``; the latter two are used only if the interface
+    comes from this file as well. The operator's name is kept in the journal of every session.
     """
 
     interface: Text | None = None
@@ -139,8 +133,8 @@ def changed(texts: Mapping[str, str]) -> UserSettings:
             raise only("settings", f"{key!r} is none", f"one of {', '.join(KEYS)}")
     interface = texts.get("interface")
     if interface and interface not in known_interfaces():
-        known = ", ".join(known_interfaces())
-        raise only("settings", f"there is no interface {interface!r}", f"one of {known}")
+        remedy = f"one of {', '.join(known_interfaces())}"
+        raise only("settings", f"there is no interface {interface!r}", remedy)
     typed: dict[str, str | int] = {k: v for k, v in texts.items() if v}
     rate = texts.get("bitrate", "")
     if rate.isdecimal() and len(rate) < 10:  # Python refuses to convert thousands of digits

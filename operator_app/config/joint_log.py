@@ -9,13 +9,13 @@ import math
 import re
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from operator_app.config.csv_table import MOST_PROBLEMS, BadCell, number
+from operator_app.config.csv_table import MOST_PROBLEMS, BadCell, Record, number
 from operator_app.config.errors import ConfigError, Problem, decode_text, only
 from operator_app.config.poses_file import (
     FEWEST_POSES_FOR_UNIT,
@@ -40,14 +40,6 @@ OTHER_COLUMNS = re.compile(r"t|time.*|.*stamp.*|n?secs?|index|row|pose|label", r
 RANGE = re.compile(r"([1-9]\d{0,3})-([1-9]\d{0,3})")
 SPLIT_AT_DECIMAL_COMMAS = re.compile(r"\d+\s*[;\s]\s*[-+]?\d+")
 """Text between two decimal commas: decimals of one number, separator, whole part of the next number."""
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One line of a log: its number, from 1, and its cells."""
-
-    line: int
-    cells: list[str]
 
 
 def load_joint_log(
@@ -77,27 +69,26 @@ def load_joint_log(
     if not rows:
         raise only(file, "is empty", "it must have a row of joint angles for each pose")
     _require_marks(rows[:2], file)
-    first = rows[0].cells
+    line, first = rows[0]
     # A row of a log may begin with the name of its placement.
     header = first if not any(map(is_number, first if placement else first[:1])) else []
     if header and not columns and any(THETA.fullmatch(cell) for cell in header):
         if unit == "rad":
             remedy = "leave --rad out, or name the columns with --columns if the header is wrong"
-            raise only(file, "the header states degrees", remedy, line=rows[0].line)
+            raise only(file, "the header states degrees", remedy, line=line)
         if placement:
             remedy = "leave --placement out: such a file has a column placement"
-            raise only(file, "is a poses file", remedy, line=rows[0].line)
+            raise only(file, "is a poses file", remedy, line=line)
         return parse_poses(data, file, joint_count=joint_count)
     body = rows[1:] if header else rows
     if not body:
         raise only(file, "has a header but no poses", "capture poses first")
-    all_columns = range(len(body[0].cells))
-    if header and len(header) != len(all_columns):
-        text = f"the header has {len(header)} cells, but the first row of angles has {len(all_columns)}"
-        raise only(file, text, "name each column, or remove the header", line=rows[0].line)
-    width = len(all_columns)
+    width = len(body[0][1])
+    if header and len(header) != width:
+        text = f"the header has {len(header)} cells, but the first row of angles has {width}"
+        raise only(file, text, "name each column, or remove the header", line=line)
     by = find_column("--placement", placement, header, width, file) if placement else None
-    remaining = [k for k in all_columns if k != by]
+    remaining = [k for k in range(width) if k != by]
     where = find_columns(columns, header, remaining, joint_count, file, joints)
     q = _angles(body, where, file, radians=unit == "rad")
     if unit is None and len(q) >= FEWEST_POSES_FOR_UNIT and np.abs(q).max() < 2.0 * np.pi:
@@ -115,13 +106,12 @@ def load_joint_log(
     )
 
 
-def _placements(body: list[Row], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:
+def _placements(body: list[Record], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:
     """Return the placement number of each row, from column `by`; if the column has names, also notes with the names."""
-    names = [row.cells[by] for row in body]
-    for row, name in zip(body, names, strict=True):
-        if not name:
-            remedy = "give the placement a number or a name"
-            raise only(file, f"column {by + 1} is empty", remedy, line=row.line)
+    names = [cells[by] for _, cells in body]
+    if "" in names:
+        line, remedy = body[names.index("")][0], "give the placement a number or a name"
+        raise only(file, f"column {by + 1} is empty", remedy, line=line)
     if all(WHOLE.fullmatch(name) for name in names):
         return [int(name) for name in names], None
     order = {name: k for k, name in enumerate(dict.fromkeys(names), 1)}
@@ -132,24 +122,24 @@ def _placements(body: list[Row], by: int, file: str) -> tuple[list[int], tuple[s
     return [order[name] for name in names], tuple(f"placement {name}" for name in names)
 
 
-def read_rows(text: str) -> list[Row]:
+def read_rows(text: str) -> list[Record]:
     """Split lines into cells: at commas if the line has any, otherwise at white space."""
     rows = []
     for line, line_text in enumerate(text.splitlines(), 1):
         if line_text.strip() and not line_text.lstrip().startswith("#"):
             cells = line_text.split(",") if "," in line_text else line_text.split()
-            rows.append(Row(line, [cell.strip().strip('"') for cell in cells]))
+            rows.append((line, [cell.strip().strip('"') for cell in cells]))
     return rows
 
 
-def _require_marks(rows: list[Row], file: str) -> None:
+def _require_marks(rows: list[Record], file: str) -> None:
     """Refuse semicolons between columns, and decimal commas; raises ConfigError."""
     remedy = "save the file with commas between columns and points as decimal marks"
-    for row in rows:
-        if len(row.cells) > 2 and all(map(SPLIT_AT_DECIMAL_COMMAS.fullmatch, row.cells[1:-1])):
-            raise only(file, "the numbers have decimal commas", remedy, line=row.line)
-        if any(";" in cell for cell in row.cells):
-            raise only(file, "the columns are separated by semicolons", remedy, line=row.line)
+    for line, cells in rows:
+        if len(cells) > 2 and all(map(SPLIT_AT_DECIMAL_COMMAS.fullmatch, cells[1:-1])):
+            raise only(file, "the numbers have decimal commas", remedy, line=line)
+        if any(";" in cell for cell in cells):
+            raise only(file, "the columns are separated by semicolons", remedy, line=line)
 
 
 def is_number(cell: str) -> bool:
@@ -236,22 +226,22 @@ def numbered_series(names: Sequence[str], count: int) -> tuple[int, ...]:
     return ()
 
 
-def _angles(body: list[Row], where: tuple[int, ...], file: str, *, radians: bool) -> np.ndarray:
+def _angles(body: list[Record], where: tuple[int, ...], file: str, *, radians: bool) -> np.ndarray:
     """Read the angles (m, n), in the unit of the file."""
     problems: list[Problem] = []
     doubted: list[Problem] = []
-    width = len(body[0].cells)
+    width = len(body[0][1])
     angles = np.zeros((len(body), len(where)))
-    for k, row in enumerate(body):
-        if len(row.cells) != width:
-            text = f"has {len(row.cells)} cells; the lines before it have {width}"
-            problems += only(file, text, "correct this line", line=row.line).problems
+    for k, (line, cells) in enumerate(body):
+        if len(cells) != width:
+            text = f"has {len(cells)} cells; the lines before it have {width}"
+            problems += only(file, text, "correct this line", line=line).problems
             continue
         for j, column in enumerate(where):
             key = f"joint {j + 1}"
-            cell = Problem(file=file, line=row.line, column=column + 1, key=key, text="")
+            cell = Problem(file=file, line=line, column=column + 1, key=key, text="")
             try:
-                value = angles[k, j] = number(row.cells[column])
+                value = angles[k, j] = number(cells[column])
             except BadCell as error:
                 problems.append(replace(cell, text=error.text, remedy=error.remedy))
                 continue

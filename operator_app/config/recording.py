@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from operator_app.config.csv_table import BadCell
 from operator_app.config.errors import ConfigError, decode_text, only
 from operator_app.config.joint_log import (
     Unit,
@@ -76,8 +77,8 @@ def load_timed_log(
     lines = read_rows(text)
     if len(lines) < 2:
         raise only(file, "has no samples", "it must have a line of time and angles for each sample")
-    header = [] if any(map(is_number, lines[0].cells)) else lines[0].cells
-    lines, width = lines[1:] if header else lines, len(lines[1].cells)
+    header = [] if any(map(is_number, lines[0][1])) else lines[0][1]
+    lines, width = lines[1:] if header else lines, len(lines[1][1])
     by = find_column("--time", time, header, width, file)
     remaining = [k for k in range(width) if k != by]
     if header and not columns:
@@ -86,16 +87,21 @@ def load_timed_log(
     else:
         where = find_columns(columns, header, remaining, len(joints), file)
         order = tuple(header[k] if header else f"column {k + 1}" for k in where)
-    cells = array("d")
-    for row in lines:
-        if len(row.cells) == width:
-            cells.append(_time_s(row.cells[by], file, row.line, by))
-            cells.extend(_angle(row.cells[k], file, row.line, k) for k in where)
-        elif row is not lines[-1]:
+    values = array("d")
+    readers = [(by, _time_s), *((k, _angle) for k in where)]
+    for line, cells in lines:
+        if len(cells) == width:
+            for column, read in readers:
+                try:
+                    values.append(read(cells[column]))
+                except BadCell as error:
+                    at = {"line": line, "column": column + 1}
+                    raise only(file, error.text, error.remedy, **at) from error
+        elif line != lines[-1][0]:
             # A killed recorder leaves its last line incomplete.
-            text = f"has {len(row.cells)} cells; the lines before it have {width}"
-            raise only(file, text, "correct this line", line=row.line)
-    table = np.array(cells).reshape(-1, 1 + len(where))
+            text = f"has {len(cells)} cells; the lines before it have {width}"
+            raise only(file, text, "correct this line", line=line)
+    table = np.array(values).reshape(-1, 1 + len(where))
     time_s, q = table[:, 0], table[:, 1:]
     largest = float(np.max(np.abs(q), initial=0.0, where=np.isfinite(q)))
     if unit is None and largest < 2.0 * np.pi:
@@ -112,8 +118,8 @@ def load_timed_log(
     )
 
 
-def _time_s(cell: str, file: str, line: int, column: int) -> float:
-    """Return a time: a number as it is, or ISO 8601 (UTC if it has no zone) as seconds since 1970."""
+def _time_s(cell: str) -> float:
+    """Return a time: a number as it is, or ISO 8601 (UTC if it has no zone) as seconds since 1970; raises BadCell."""
     try:
         return float(cell or "nan")
     except ValueError:
@@ -122,18 +128,16 @@ def _time_s(cell: str, file: str, line: int, column: int) -> float:
         time = datetime.fromisoformat(cell)
     except ValueError as error:
         remedy = "write seconds, or a time such as 2026-01-31T12:00:00.250Z"
-        text = f"{cell[:40]!r} is not a time"
-        raise only(file, text, remedy, line=line, column=column + 1) from error
+        raise BadCell(f"{cell[:40]!r} is not a time", remedy) from error
     return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
 
 
-def _angle(cell: str, file: str, line: int, column: int) -> float:
-    """Read an angle; an empty or non-finite value is a lost sample."""
+def _angle(cell: str) -> float:
+    """Read an angle; an empty or non-finite value is a lost sample. Raises BadCell."""
     try:
         return float(cell or "nan")
     except ValueError as error:
-        text = f"{cell[:40]!r} is not a number"
-        raise only(file, text, "correct the cell", line=line, column=column + 1) from error
+        raise BadCell(f"{cell[:40]!r} is not a number", "correct the cell") from error
 
 
 def recording_of(

@@ -60,7 +60,9 @@ def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) ->
         packaged = _folder(kind) / f"{text}.yaml"
         return Resource(file=f"packaged:{text}.yaml", folder=None, data=packaged.read_bytes())
     path = expanded(text) if folder is None else folder / expanded(text)
-    if not text or (_looks_like_name(text) and not _exists(path)):
+    is_path = os.sep in text or "." in text or text.startswith("~")
+    # `exists` of pathlib raises for names that no file can have.
+    if not text or not (is_path or os.path.exists(path)):  # noqa: PTH110
         near = [name for name in names if text and name.startswith(text.lower())]
         near = near or difflib.get_close_matches(text.lower(), names, n=1)
         hint = f"did you mean {near[0]}? " if near else ""
@@ -107,17 +109,6 @@ def _folder(kind: Kind) -> Traversable:
     if kind == "fixture":
         return files("fixtures") / "data"
     return files("operator_app") / "data" / f"{kind}s"
-
-
-def _looks_like_name(text: str) -> bool:
-    return os.sep not in text and "." not in text and not text.startswith("~")
-
-
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except (OSError, ValueError):
-        return False
 
 
 def _siblings(path: Path) -> list[str]:

@@ -80,11 +80,8 @@ def valid_settings() -> tuple[UserSettings, str]:
 def settings_bytes() -> bytes | None:
     """Return the content of the user's file; None if there is no file."""
     path = settings_path()
-    try:
-        if not path.exists():
-            return None
-    except OSError:
-        # A folder that this user may not read has none of their settings.
+    # Unlike that of pathlib, this `exists` is also false in a folder that this user may not read.
+    if not os.path.exists(path):  # noqa: PTH110
         return None
     return read_limited(path, str(path), limit=YAML_LIMIT_BYTES)
 

@@ -63,16 +63,12 @@ def _replace(target: Path, data: bytes) -> None:
 
 
 def _mode(target: Path) -> int:
-    try:
-        mode = target.lstat().st_mode
-    except FileNotFoundError:
-        mode = stat.S_IFLNK
-    if stat.S_ISLNK(mode):
-        # mkstemp makes files for the owner only; a result has ordinary permissions.
-        mask = os.umask(0)
-        os.umask(mask)
-        return 0o666 & ~mask
-    return stat.S_IMODE(mode)
+    if target.exists() and not target.is_symlink():
+        return stat.S_IMODE(target.stat().st_mode)
+    # mkstemp makes files for the owner only; a result has ordinary permissions.
+    mask = os.umask(0)
+    os.umask(mask)
+    return 0o666 & ~mask
 
 
 PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_./-]*")

@@ -219,7 +219,7 @@ class BallModel(MetalFields):
             KnownDistance(between=d.between, value_m=d.mm / 1e3, sigma_m=d.sigma_mm / 1e3)
             for d in self.distance
         )
-        return {**MetalFields.own(self), "distances": known}
+        return {**super().own(), "distances": known}
 
 
 class MeasuredPlacement(Placement):
@@ -254,9 +254,9 @@ class MeasuredModel(CommonFields):
 
     def own(self) -> dict[str, Any]:
         """Return the instrument's standard deviations, whether it measures poses, and which placements are known."""
-        sigma = {"sigma_mm": self.instrument_sigma_mm, "sigma_deg": self.instrument_sigma_deg}
         return {
-            **in_si(sigma),
+            "sigma_m": self.instrument_sigma_mm / 1e3,
+            "sigma_rad": math.radians(self.instrument_sigma_deg),
             "full_pose": self.measures == "pose",
             "base_known": self.base_known,
             "tip_known": self.tip_known,
@@ -264,9 +264,5 @@ class MeasuredModel(CommonFields):
 
 
 MODELS: dict[str, type[CommonFields]] = {
-    "hinge": HingeModel,
-    "rigid": RigidModel,
-    "ball": BallModel,
-    "measured": MeasuredModel,
+    model.makes.kind: model for model in (HingeModel, RigidModel, BallModel, MeasuredModel)
 }
-"""Model of each kind."""

@@ -175,10 +175,8 @@ def find_columns(
     count = remaining[-1] + 1 if remaining else 0
     if not option:
         named = [header[k] for k in remaining] if header else []
-        if joints and set(joints) <= set(named) and len(set(joints)) == joint_count:
-            return tuple(remaining[named.index(joint)] for joint in joints)
-        if series := numbered_series(named, joint_count):
-            return tuple(remaining[k] for k in series)
+        if order := joint_order(named, joints, joint_count):
+            return tuple(remaining[k] for k in order)
         if len(remaining) == joint_count:
             return tuple(remaining)
         names = f" ({', '.join(named)})" if header else ""
@@ -205,12 +203,14 @@ def find_columns(
     return tuple(columns)
 
 
-def numbered_series(names: Sequence[str], count: int) -> tuple[int, ...]:
-    """Return the indices of `count` names that differ only in a number (from 0 or 1), in the order of that number.
+def joint_order(names: Sequence[str], joints: Sequence[str], count: int) -> tuple[int, ...]:
+    """Return the indices of joints 1 to `count`: those of `joints` if all are there, else those of a series of names.
 
-    Empty unless there is exactly one such series. Upper and lower case are distinguished, unless this leaves no series
-    (`Q1` does not belong to `q1` to `q7`).
+    The names of a series differ only in a number (from 0 or 1). Empty unless there is exactly one series. Upper and
+    lower case are distinguished, unless this leaves no series (`Q1` does not belong to `q1` to `q7`).
     """
+    if set(joints) <= set(names) and len(set(joints)) == count:
+        return tuple(names.index(joint) for joint in joints)
     numberings = [*range(count)], [*range(1, count + 1)]
     for spelled in (names, [name.casefold() for name in names]):
         by_pattern: dict[tuple[str, str], list[tuple[float, int]]] = defaultdict(list)

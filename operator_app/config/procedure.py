@@ -222,26 +222,18 @@ class ProcedureFile(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Procedure:
-    """A procedure with its arm, fixture and bus profile.
+    """A procedure with its arm, fixture and bus profile; for the other fields of its file, see `ProcedureFile`.
 
     Attributes
     ----------
     arm, fixture
         As read from their files, except that the arm has this procedure's home and the entries in `held` are not free.
-    held
-        Fixed entries by name, each with the reason.
-    tracker
-        Source of an instrument's measurements.
     sources
         The four files as read (procedure, arm, fixture, profile), of which the session keeps copies.
     position_joints
         Joints (1-based) in position mode; None: chosen automatically.
     trial
         Whether the automatic choice of these joints also uses small trial motions of the arm.
-    unsensed_joints
-        Joints (1-based) whose readings are not used.
-    upload
-        Whether the parameters are uploaded to the controller.
     length_tolerance_m
         Standard deviation of the maker's link lengths; None: as the arm file states.
     placements

@@ -18,7 +18,7 @@ from operator_app.config.joint_log import (
     find_column,
     find_columns,
     is_number,
-    numbered_series,
+    joint_order,
     read_rows,
 )
 from operator_app.config.resources import expanded, read_limited
@@ -184,12 +184,10 @@ def find_joints(
             text = f"--columns names {len(set(listed))} joints of an arm of {count}"
             raise only(file, text, "name one for each joint, in the order of the joints")
         return listed
-    if set(joints) <= set(names) and len(set(joints)) == count:
-        return tuple(joints)
-    if not (series := numbered_series(names, count)):
+    if not (order := joint_order(names, joints, count)):
         text = f"its columns of joints 1 to {count} cannot be recognised: {', '.join(names[:40])}"
         raise only(file, text, "name them in order: --columns NAME,NAME,...")
-    return tuple(names[k] for k in series)
+    return tuple(names[k] for k in order)
 
 
 BAG_SUFFIXES = (".mcap", ".db3")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -39,7 +39,7 @@ from operator_app.config.quantities import (
     refuse,
 )
 from operator_app.config.resources import resolve
-from operator_app.config.schema import StrictModel, checked, numbered, read_model
+from operator_app.config.schema import Fields, StrictModel, checked, numbered, read_model
 from operator_app.config.strict_yaml import Complaint
 from solver.arrays import frozen
 from solver.chain.arm_model import ArmModel, Joint
@@ -105,10 +105,8 @@ class RvdtModel(SensorFields):
     @classmethod
     def _degrees(cls, value: float) -> float:
         if value <= 2.0 * math.pi:
-            raise refuse(
-                f"a full scale of {value:g} deg looks like radians",
-                f"write {math.degrees(value):.6g}",
-            )
+            text = f"a full scale of {value:g} deg looks like radians"
+            raise refuse(text, f"write {math.degrees(value):.6g}")
         return value
 
 
@@ -139,14 +137,11 @@ class JointModel(StrictModel):
     def _range(cls, value: tuple[float, float]) -> tuple[float, float]:
         low, high = value
         if low >= high:
-            raise refuse(
-                f"the range goes from {low:g} to {high:g} deg", "write the lower end first"
-            )
+            text = f"the range goes from {low:g} to {high:g} deg"
+            raise refuse(text, "write the lower end first")
         if high - low < 2.0 * math.pi and max(abs(low), abs(high)) < 2.0 * math.pi:
-            raise refuse(
-                f"a range of {low:g} to {high:g} deg looks like radians",
-                "write degrees",
-            )
+            text = f"a range of {low:g} to {high:g} deg looks like radians"
+            raise refuse(text, "write degrees")
         return value
 
 
@@ -165,7 +160,7 @@ def check_home(
 
 
 def _per_row(
-    name: str, items: Sequence[object], fields: Mapping[str, Any], remedy: str
+    name: str, items: Sequence[object], fields: Fields, remedy: str
 ) -> Iterator[Complaint]:
     """Yield a problem if the number of joints or links differs from that of the D-H rows."""
     rows = fields.get("dh")
@@ -173,17 +168,17 @@ def _per_row(
         yield (f"{name}s",), f"there are {len(items)} {name}s for {len(rows)} D-H rows", remedy
 
 
-def _check_rows(rows: Sequence[RowModel], _: Mapping[str, Any]) -> Iterator[Complaint]:
+def _check_rows(rows: Sequence[RowModel], _: Fields) -> Iterator[Complaint]:
     if rows[-1].beta_deg is not None:
         text = "the last row joins no two axes of the arm, so that it has no beta"
         yield ("dh", len(rows) - 1, "beta_deg"), text, "remove beta_deg"
 
 
-def _check_joints(joints: Sequence[JointModel], fields: Mapping[str, Any]) -> Iterator[Complaint]:
+def _check_joints(joints: Sequence[JointModel], fields: Fields) -> Iterator[Complaint]:
     return _per_row("joint", joints, fields, "write one joint per row")
 
 
-def _check_links(links: Sequence[LinkModel], fields: Mapping[str, Any]) -> Iterator[Complaint]:
+def _check_links(links: Sequence[LinkModel], fields: Fields) -> Iterator[Complaint]:
     remedy = "write one link per row, with mass_kg: 0 for links without mass"
     yield from _per_row("link", links, fields, remedy)
     if fields.get("gravity", links) is None:
@@ -191,7 +186,7 @@ def _check_links(links: Sequence[LinkModel], fields: Mapping[str, Any]) -> Itera
         yield ("links",), text, "write for example gravity: {down: [0, 0, -1]}"
 
 
-def _check_free(free: Sequence[str], fields: Mapping[str, Any]) -> Iterator[Complaint]:
+def _check_free(free: Sequence[str], fields: Fields) -> Iterator[Complaint]:
     rows, joints = fields.get("dh"), fields.get("joints")
     for k, name in enumerate(free):
         place = ("free", k)
@@ -217,7 +212,7 @@ def _check_free(free: Sequence[str], fields: Mapping[str, Any]) -> Iterator[Comp
             yield place, text, f"take {name} out"
 
 
-def _check_home(home_deg: Sequence[float], fields: Mapping[str, Any]) -> Iterator[Complaint]:
+def _check_home(home_deg: Sequence[float], fields: Fields) -> Iterator[Complaint]:
     if (joints := fields.get("joints")) is not None:
         yield from check_home(home_deg, [joint.range_deg for joint in joints])
 
@@ -252,10 +247,9 @@ class ArmFile(StrictModel):
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if value == "unknown" or (number and 0.0 < value <= 180.0):
             return value
-        raise refuse(
-            f"must be a number (above 0, at most 180) or the word `unknown`, not {value_in_words(value)}",
-            "write the standard deviation of the joints' zeros in degrees, or `unknown`",
-        )
+        text = f"must be a number (above 0, at most 180) or the word `unknown`, not {value_in_words(value)}"
+        remedy = "write the standard deviation of the joints' zeros in degrees, or `unknown`"
+        raise refuse(text, remedy)
 
     def model(self) -> ArmModel:
         """Return the arm as a domain object, in SI units; entries that the fixture determines are zero."""

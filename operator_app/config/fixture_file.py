@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -30,7 +30,7 @@ from operator_app.config.quantities import (
     refuse,
 )
 from operator_app.config.resources import resolve
-from operator_app.config.schema import StrictModel, checked, read_by_kind
+from operator_app.config.schema import Fields, StrictModel, checked, read_by_kind
 from operator_app.config.strict_yaml import Complaint
 
 
@@ -231,7 +231,7 @@ class MeasuredPlacement(Placement):
     tip_turn_deg: TurnVectorDeg = (0.0, 0.0, 0.0)
 
 
-def _check_sigma(sigma_deg: float, fields: Mapping[str, Any]) -> Iterator[Complaint]:
+def _check_sigma(sigma_deg: float, fields: Fields) -> Iterator[Complaint]:
     if fields.get("measures") == "pose" and sigma_deg == 0.0:
         text = "an instrument that measures poses needs an angular standard deviation"
         yield ("instrument_sigma_deg",), text, "state it, or write `measures: position`"

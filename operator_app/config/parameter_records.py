@@ -144,10 +144,8 @@ class RvdtRemedy(StrictRecord):
     def _require_rising_readings(cls, value: tuple[Correction, ...]) -> tuple[Correction, ...]:
         for before, after in pairwise(value):
             if after.reading_deg <= before.reading_deg:
-                raise refuse(
-                    f"{after.reading_deg:g} deg follows {before.reading_deg:g} deg",
-                    "list the readings from the lowest to the highest",
-                )
+                text = f"{after.reading_deg:g} deg follows {before.reading_deg:g} deg"
+                raise refuse(text, "list the readings from the lowest to the highest")
         return value
 
 

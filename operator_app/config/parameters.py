@@ -12,7 +12,7 @@ is written as version 2.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal
@@ -40,7 +40,7 @@ from operator_app.config.parameter_records import (
     WhichFixture,
 )
 from operator_app.config.quantities import ExactText, refuse
-from operator_app.config.schema import StrictRecord, checked, numbered
+from operator_app.config.schema import Fields, StrictRecord, checked, numbered
 from operator_app.config.strict_yaml import Complaint
 from solver.arrays import FloatArray, frozen
 from solver.chain.kinematics import DhTable
@@ -75,10 +75,6 @@ UtcTime = Annotated[
 
 BESIDE_THE_TABLE = {"ball": 6, "measured": 12}
 """Number of parameters outside the D-H table: points of ball and socket, or poses of instrument and target."""
-
-
-Fields = Mapping[str, Any]
-"""The valid fields before the one that is checked, by name."""
 
 
 def _check_table(rows: Sequence[DhRow], fields: Fields) -> Iterator[Complaint]:
@@ -139,10 +135,8 @@ def _check_rank(quality: Quality, fields: Fields) -> Iterator[Complaint]:
 
 def _check_correlations(value: Correlations, fields: Fields) -> Iterator[Complaint]:
     names = [part.entry for part in fields.get("calibrated", ())]
-    place, remedy = (
-        "correlations",
-        "`calibrated` and `correlations` do not match: edit both or neither",
-    )
+    place = "correlations"
+    remedy = "`calibrated` and `correlations` do not match: edit both or neither"
     if "calibrated" not in fields:
         return
     if value and list(value) != names[1:]:

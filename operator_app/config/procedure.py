@@ -106,9 +106,8 @@ class Exploration(StrictRecord):
     def _require_width(cls, value: float, info: ValidationInfo) -> float:
         low = info.data.get("from_deg")
         if low is not None and value - low < 1.0:
-            raise refuse(
-                f"the exploration range is {value - low:g} deg wide", "make it at least 1 deg wide"
-            )
+            text = f"the exploration range is {value - low:g} deg wide"
+            raise refuse(text, "make it at least 1 deg wide")
         return value
 
 
@@ -139,9 +138,8 @@ class SettleRule(StrictRecord):
     def _longer_than_window(cls, value: int, info: ValidationInfo) -> int:
         window = info.data.get("window_syncs")
         if window is not None and value < window:
-            raise refuse(
-                f"{value} SYNCs are fewer than the window of {window}", "increase this time-out"
-            )
+            text = f"{value} SYNCs are fewer than the window of {window}"
+            raise refuse(text, "increase this time-out")
         return value
 
 

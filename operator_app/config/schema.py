@@ -68,10 +68,14 @@ def adapter(model: type[M]) -> TypeAdapter[M]:
     return _ADAPTERS[model]
 
 
-def checked(check: Callable[[Any, Mapping[str, Any]], Iterable[Complaint]]) -> AfterValidator:
+Fields = Mapping[str, Any]
+"""The valid fields before the one that is checked, by name."""
+
+
+def checked(check: Callable[[Any, Fields], Iterable[Complaint]]) -> AfterValidator:
     """Return the annotation of a field whose value is compared with other fields, without stopping the validation.
 
-    `check` takes the value and the valid fields before it, by name, and yields problems, at any place of the file.
+    `check` yields problems, at any place of the file.
     """
 
     def validate(value: Any, info: ValidationInfo) -> Any:
@@ -84,7 +88,7 @@ def checked(check: Callable[[Any, Mapping[str, Any]], Iterable[Complaint]]) -> A
 def numbered(place: str, key: str, first: int = 1) -> AfterValidator:
     """Return the annotation of the list at `place` whose items are to be numbered from `first`, under `key`."""
 
-    def check(items: Sequence[Any], _: Mapping[str, Any]) -> Iterator[Complaint]:
+    def check(items: Sequence[Any], _: Fields) -> Iterator[Complaint]:
         for k, item in enumerate(items):
             if (number := getattr(item, key)) != k + first:
                 text = f"{key} {number} is listed in place of {key} {k + first}"

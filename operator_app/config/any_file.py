@@ -127,9 +127,8 @@ class FilesRead:
 def read_any(path: str) -> Resource:
     """Read a file of any kind; raises ConfigError."""
     where = expanded(path)
-    return Resource(
-        file=path, folder=where.parent, data=read_limited(where, path, limit=LIMIT_BYTES)
-    )
+    data = read_limited(where, path, limit=LIMIT_BYTES)
+    return Resource(file=path, folder=where.parent, data=data)
 
 
 def kind_of(source: Resource) -> AnyKind | None:
@@ -196,12 +195,8 @@ def read_files(
 ) -> FilesRead:
     """Read files of any kind.
 
-    Parameters
-    ----------
-    known
-        Expected kind, by file name; the kind of any other file is determined from its content.
-    missing
-        Problems of further files that cannot be read at all.
+    `known`: expected kind by file name; that of any other file is determined from its content. `missing`: problems of
+    further files that cannot be read at all.
     """
     kinds = [(source, known.get(source.file) or kind_of(source)) for source in sources]
     # A file named by a procedure may also be an argument: its problems are reported once.

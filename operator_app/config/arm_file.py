@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from operator_app.config.error_model import (
     ACCURACY_DEG,
@@ -39,7 +39,7 @@ from operator_app.config.quantities import (
     refuse,
 )
 from operator_app.config.resources import resolve
-from operator_app.config.schema import StrictModel, check_numbered, read_model, report
+from operator_app.config.schema import Fields, StrictModel, checked, numbered, read_model
 from operator_app.config.strict_yaml import Complaint
 from solver.arrays import frozen
 from solver.chain.arm_model import ArmModel, Joint
@@ -71,10 +71,7 @@ class RowModel(StrictModel):
 
 
 class SensorFields(StrictModel):
-    """Common base of all sensors.
-
-    Apart from `kind`, a sensor's keys are the arguments of the domain object, in the units of the file.
-    """
+    """Base of sensors, whose keys, apart from `kind`, are the domain object's arguments in the units of the file."""
 
     makes: ClassVar[type[Sensor]]
 
@@ -108,10 +105,8 @@ class RvdtModel(SensorFields):
     @classmethod
     def _degrees(cls, value: float) -> float:
         if value <= 2.0 * math.pi:
-            raise refuse(
-                f"a full scale of {value:g} deg looks like radians",
-                f"write {math.degrees(value):.6g}",
-            )
+            text = f"a full scale of {value:g} deg looks like radians"
+            raise refuse(text, f"write {math.degrees(value):.6g}")
         return value
 
 
@@ -142,14 +137,11 @@ class JointModel(StrictModel):
     def _range(cls, value: tuple[float, float]) -> tuple[float, float]:
         low, high = value
         if low >= high:
-            raise refuse(
-                f"the range goes from {low:g} to {high:g} deg", "write the lower end first"
-            )
+            text = f"the range goes from {low:g} to {high:g} deg"
+            raise refuse(text, "write the lower end first")
         if high - low < 2.0 * math.pi and max(abs(low), abs(high)) < 2.0 * math.pi:
-            raise refuse(
-                f"a range of {low:g} to {high:g} deg looks like radians",
-                "write degrees",
-            )
+            text = f"a range of {low:g} to {high:g} deg looks like radians"
+            raise refuse(text, "write degrees")
         return value
 
 
@@ -167,12 +159,62 @@ def check_home(
             yield ("home_deg", k), text, "correct the home or the range"
 
 
-def _check_per_row(info: ValidationInfo, items: Sequence[object], name: str, remedy: str) -> None:
-    """Report a list of joints or links if its length differs from the number of D-H rows."""
-    rows = info.data.get("dh")
+def _per_row(
+    name: str, items: Sequence[object], fields: Fields, remedy: str
+) -> Iterator[Complaint]:
+    """Yield a problem if the number of joints or links differs from that of the D-H rows."""
+    rows = fields.get("dh")
     if rows is not None and len(rows) != len(items):
-        text = f"there are {len(items)} {name}s for {len(rows)} D-H rows"
-        report(info, (f"{name}s",), text, remedy)
+        yield (f"{name}s",), f"there are {len(items)} {name}s for {len(rows)} D-H rows", remedy
+
+
+def _check_rows(rows: Sequence[RowModel], _: Fields) -> Iterator[Complaint]:
+    if rows[-1].beta_deg is not None:
+        text = "the last row joins no two axes of the arm, so that it has no beta"
+        yield ("dh", len(rows) - 1, "beta_deg"), text, "remove beta_deg"
+
+
+def _check_joints(joints: Sequence[JointModel], fields: Fields) -> Iterator[Complaint]:
+    return _per_row("joint", joints, fields, "write one joint per row")
+
+
+def _check_links(links: Sequence[LinkModel], fields: Fields) -> Iterator[Complaint]:
+    remedy = "write one link per row, with mass_kg: 0 for links without mass"
+    yield from _per_row("link", links, fields, remedy)
+    if fields.get("gravity", links) is None:
+        text = "the links have masses, but the direction of gravity is missing"
+        yield ("links",), text, "write for example gravity: {down: [0, 0, -1]}"
+
+
+def _check_free(free: Sequence[str], fields: Fields) -> Iterator[Complaint]:
+    rows, joints = fields.get("dh"), fields.get("joints")
+    for k, name in enumerate(free):
+        place = ("free", k)
+        try:
+            entry = DhEntry.parse(name)
+        except ValueError as error:
+            yield place, str(error), "write for example theta_off_1"
+            continue
+        if entry.name != name:
+            yield place, f"{name} has a leading zero", f"write {entry.name}"
+        elif name in free[:k]:
+            yield place, f"{name} is listed twice", "keep one of them"
+        if rows is not None and not 1 <= entry.row <= len(rows):
+            text = f"{name}: the arm has rows 1 to {len(rows)}"
+            yield place, text, "entries of row 0 belong to the fixture"
+        elif (
+            joints is not None
+            and 1 <= entry.row <= len(joints)
+            and entry.kind is DhKind.THETA_OFF
+            and isinstance(joints[entry.row - 1].sensor, NoSensorModel)
+        ):
+            text = f"joint {entry.row} has no sensor, so that it has no offset"
+            yield place, text, f"take {name} out"
+
+
+def _check_home(home_deg: Sequence[float], fields: Fields) -> Iterator[Complaint]:
+    if (joints := fields.get("joints")) is not None:
+        yield from check_home(home_deg, [joint.range_deg for joint in joints])
 
 
 class ArmFile(StrictModel):
@@ -184,12 +226,19 @@ class ArmFile(StrictModel):
     offset_tolerance_deg: Annotated[PositiveNumber, Field(le=180.0)] | Literal["unknown"] = (
         "unknown"
     )
-    dh: Annotated[tuple[RowModel, ...], Field(min_length=1, max_length=32)]
-    joints: tuple[JointModel, ...]
-    free: tuple[Text, ...]
-    home_deg: tuple[AngleDeg, ...]
+    dh: Annotated[
+        tuple[RowModel, ...],
+        Field(min_length=1, max_length=32),
+        numbered("dh", "row"),
+        checked(_check_rows),
+    ]
+    joints: Annotated[tuple[JointModel, ...], numbered("joints", "joint"), checked(_check_joints)]
+    free: Annotated[tuple[Text, ...], checked(_check_free)]
+    home_deg: Annotated[tuple[AngleDeg, ...], checked(_check_home)]
     gravity: GravityModel | None = None
-    links: tuple[LinkModel, ...] | None = None
+    links: (
+        Annotated[tuple[LinkModel, ...], numbered("links", "link"), checked(_check_links)] | None
+    ) = None
 
     @field_validator("offset_tolerance_deg", mode="before")
     @classmethod
@@ -198,97 +247,9 @@ class ArmFile(StrictModel):
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if value == "unknown" or (number and 0.0 < value <= 180.0):
             return value
-        raise refuse(
-            f"must be a number (above 0, at most 180) or the word `unknown`, not {value_in_words(value)}",
-            "write the standard deviation of the joints' zeros in degrees, or `unknown`",
-        )
-
-    @field_validator("dh")
-    @classmethod
-    def _rows_in_order(
-        cls, value: tuple[RowModel, ...], info: ValidationInfo
-    ) -> tuple[RowModel, ...]:
-        check_numbered(info, value, 1, "row")
-        if value and value[-1].beta_deg is not None:
-            report(
-                info,
-                ("dh", len(value) - 1, "beta_deg"),
-                "the last row joins no two axes of the arm, so that it has no beta",
-                "remove beta_deg",
-            )
-        return value
-
-    @field_validator("joints")
-    @classmethod
-    def _joint_per_row(
-        cls, value: tuple[JointModel, ...], info: ValidationInfo
-    ) -> tuple[JointModel, ...]:
-        check_numbered(info, value, 1, "joint")
-        _check_per_row(info, value, "joint", "write one joint per row")
-        return value
-
-    @field_validator("links")
-    @classmethod
-    def _link_per_row(
-        cls, value: tuple[LinkModel, ...] | None, info: ValidationInfo
-    ) -> tuple[LinkModel, ...] | None:
-        if value is None:
-            return None
-        check_numbered(info, value, 1, "link")
-        _check_per_row(
-            info, value, "link", "write one link per row, with mass_kg: 0 for links without mass"
-        )
-        if info.data.get("gravity", value) is None:
-            report(
-                info,
-                ("links",),
-                "the links have masses, but the direction of gravity is missing",
-                "write for example gravity: {down: [0, 0, -1]}",
-            )
-        return value
-
-    @field_validator("free")
-    @classmethod
-    def _free_entries(cls, value: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
-        rows, joints = info.data.get("dh"), info.data.get("joints")
-        for k, name in enumerate(value):
-            try:
-                entry = DhEntry.parse(name)
-            except ValueError as error:
-                report(info, ("free", k), str(error), "write for example theta_off_1")
-                continue
-            if entry.name != name:
-                report(info, ("free", k), f"{name} has a leading zero", f"write {entry.name}")
-            elif name in value[:k]:
-                report(info, ("free", k), f"{name} is listed twice", "keep one of them")
-            if rows is not None and not 1 <= entry.row <= len(rows):
-                report(
-                    info,
-                    ("free", k),
-                    f"{name}: the arm has rows 1 to {len(rows)}",
-                    "entries of row 0 belong to the fixture",
-                )
-            elif (
-                joints is not None
-                and 1 <= entry.row <= len(joints)
-                and entry.kind is DhKind.THETA_OFF
-                and isinstance(joints[entry.row - 1].sensor, NoSensorModel)
-            ):
-                report(
-                    info,
-                    ("free", k),
-                    f"joint {entry.row} has no sensor, so that it has no offset",
-                    f"take {name} out",
-                )
-        return value
-
-    @field_validator("home_deg")
-    @classmethod
-    def _home_in_range(cls, value: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
-        if (joints := info.data.get("joints")) is not None:
-            for complaint in check_home(value, [joint.range_deg for joint in joints]):
-                report(info, *complaint)
-        return value
+        text = f"must be a number (above 0, at most 180) or the word `unknown`, not {value_in_words(value)}"
+        remedy = "write the standard deviation of the joints' zeros in degrees, or `unknown`"
+        raise refuse(text, remedy)
 
     def model(self) -> ArmModel:
         """Return the arm as a domain object, in SI units; entries that the fixture determines are zero."""
@@ -362,13 +323,7 @@ def _identified_instead(entry: DhEntry, hayati: tuple[int, ...]) -> DhEntry:
 
 
 def parse_arm(data: bytes, file: str) -> ArmModel:
-    """Read an arm from the bytes of its file; `file` is its name in messages.
-
-    Raises
-    ------
-    ConfigError
-        The file is invalid; the error lists all problems.
-    """
+    """Read an arm from the bytes of its file, called `file` in messages; raises ConfigError with all its problems."""
     return read_model(ArmFile, data, kind="arm", file=file).model()
 
 

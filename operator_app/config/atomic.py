@@ -29,10 +29,7 @@ def write_atomically(path: Path, data: bytes, *, through_link: bool = False) -> 
     `through_link` the target is replaced instead. A device, a pipe or a link to one is refused, since root could
     otherwise replace `/dev/null` for every program.
 
-    Raises
-    ------
-    WriteError
-        The system refused; nothing was changed, and no temporary file remains.
+    Raises WriteError if the system refuses; nothing was changed then, and no temporary file remains.
     """
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):
@@ -66,16 +63,12 @@ def _replace(target: Path, data: bytes) -> None:
 
 
 def _mode(target: Path) -> int:
-    try:
-        mode = target.lstat().st_mode
-    except FileNotFoundError:
-        mode = stat.S_IFLNK
-    if stat.S_ISLNK(mode):
-        # mkstemp makes files for the owner only; a result has ordinary permissions.
-        mask = os.umask(0)
-        os.umask(mask)
-        return 0o666 & ~mask
-    return stat.S_IMODE(mode)
+    if target.exists() and not target.is_symlink():
+        return stat.S_IMODE(target.stat().st_mode)
+    # mkstemp makes files for the owner only; a result has ordinary permissions.
+    mask = os.umask(0)
+    os.umask(mask)
+    return 0o666 & ~mask
 
 
 PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_./-]*")
@@ -84,10 +77,7 @@ PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_./-]*")
 def dump_strict(data: Mapping[str, Any], *, comment: str = "") -> bytes:
     """Format a mapping of plain values as YAML; the lines of `comment` come first, each after a ``#``.
 
-    Raises
-    ------
-    ValueError
-        A value cannot be written in a strict file, such as NaN.
+    `ValueError` for a value that a strict file cannot hold, such as NaN.
     """
     text = yaml.dump(
         data,

@@ -42,10 +42,7 @@ class BadCell(Exception):
 def read_records(text: str, file: str, *, example: str) -> Iterator[Record]:
     """Yield the records of a file, the header first; blank lines are skipped.
 
-    Raises
-    ------
-    ConfigError
-        The file is empty (the message shows `example` as a valid header), or it is not CSV with commas.
+    Raises ConfigError if the file is empty (with `example`, a valid header) or not CSV with commas.
     """
     first = next((line for line in io.StringIO(text, newline=None) if line.strip()), None)
     if first is None:
@@ -80,75 +77,57 @@ def read_columns(
 ) -> dict[str, MutableSequence[Any]]:
     """Return the values of each column, by name and in the order of the rows, from all records below the header.
 
-    Parameters
-    ----------
-    columns
-        For each column, in the order of the file: its name, and the function that reads a cell or raises `BadCell`.
-    packed
-        Columns to be stored as floats of 8 bytes, which need a quarter of the memory of Python objects.
-    unique, unique_remedy
-        Columns whose values together have to differ between rows, and the remedy if they do not.
-
-    Raises
-    ------
-    ConfigError
-        The file is invalid; the error lists all problems, up to a hundred.
+    `columns`: name of each column of the file, in order, and the function that reads its cells or raises `BadCell`.
+    `packed`: columns to be stored as floats of 8 bytes, a quarter of the memory of Python objects. `unique`: columns
+    whose values together have to differ between rows. Raises ConfigError with all problems, up to a hundred.
     """
     problems: list[Problem] = []
     values_by_name: dict[str, MutableSequence[Any]] = {
         name: array("d") if name in packed else [] for name in columns
     }
     first_line: dict[tuple[Any, ...], int] = {}
+
+    def complain(line: int, name: str, text: str, remedy: str) -> None:
+        column = list(columns).index(name) + 1
+        problems.append(
+            Problem(file=file, line=line, column=column, key=name, text=text, remedy=remedy)
+        )
+
+    def read_row(line: int, cells: list[str]) -> dict[str, Any]:
+        """Return the values of a row; empty or incomplete if the row has problems."""
+        if len(cells) != len(columns):
+            commas = "; check for decimal commas" if len(cells) > len(columns) else ""
+            text = f"{len(cells)} cells for the {len(columns)} columns of the header"
+            remedy = f"write one cell per column{commas}"
+            problems.append(Problem(file=file, line=line, text=text, remedy=remedy))
+            return {}
+        row = {}
+        for (name, read), cell in zip(columns.items(), cells, strict=True):
+            try:
+                row[name] = read(cell)
+            except BadCell as error:
+                complain(line, name, error.text, error.remedy)
+        return row
+
     for line, cells in records:
-        row = _read_row(line, cells, columns, file, problems)
-        if row is not None:
+        row = read_row(line, cells)
+        if len(row) == len(columns):
             key = tuple(row[name] for name in unique)
             if key in first_line:
                 which = ", ".join(f"{name} {row[name]}" for name in unique)
                 text = f"{which} is already in line {first_line[key]}"
-                problems.append(_problem(file, line, columns, unique[-1], text, unique_remedy))
+                complain(line, unique[-1], text, unique_remedy)
             first_line.setdefault(key, line)
             for name, values in values_by_name.items():
                 values.append(row[name])
         if len(problems) >= MOST_PROBLEMS:
             text = f"{len(problems)} problems up to here; the rest of the file was not read"
-            last = len(columns) + 1
-            remedy = "correct these first"
-            raise ConfigError(
-                (*problems, Problem(file=file, line=line, column=last, text=text, remedy=remedy))
-            )
+            last, remedy = len(columns) + 1, "correct these first"
+            problems.append(Problem(file=file, line=line, column=last, text=text, remedy=remedy))
+            break
     if problems:
         raise ConfigError(problems)
     return values_by_name
-
-
-def _read_row(
-    line: int,
-    cells: list[str],
-    columns: Mapping[str, Callable[[str], Any]],
-    file: str,
-    problems: list[Problem],
-) -> dict[str, Any] | None:
-    if len(cells) != len(columns):
-        commas = "; check for decimal commas" if len(cells) > len(columns) else ""
-        text = f"{len(cells)} cells for the {len(columns)} columns of the header"
-        remedy = f"write one cell per column{commas}"
-        problems.append(Problem(file=file, line=line, text=text, remedy=remedy))
-        return None
-    row = {}
-    for (name, read), cell in zip(columns.items(), cells, strict=True):
-        try:
-            row[name] = read(cell)
-        except BadCell as error:
-            problems.append(_problem(file, line, columns, name, error.text, error.remedy))
-    return row if len(row) == len(columns) else None
-
-
-def _problem(
-    file: str, line: int, columns: Iterable[str], name: str, text: str, remedy: str
-) -> Problem:
-    column = list(columns).index(name) + 1
-    return Problem(file=file, line=line, column=column, key=name, text=text, remedy=remedy)
 
 
 def number(cell: str) -> float:
@@ -217,9 +196,8 @@ def _unescaped(match: re.Match[str]) -> str:
     if len(before) % 2 == 0:
         return f"{half}u{{{code}}}"
     character = chr(int(code, 16)) if int(code, 16) <= sys.maxunicode else ""
-    return (
-        match[0] if sanitized(character, keep=SHOWN_BLANKS) == character else f"{half}{character}"
-    )
+    shown = sanitized(character, keep=SHOWN_BLANKS) == character
+    return match[0] if shown else f"{half}{character}"
 
 
 def _quoted(cell: str) -> str:

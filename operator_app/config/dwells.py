@@ -99,12 +99,10 @@ def find_dwells(
             first, last = begin + a, begin + b
             start, seconds = float(time_s[first]), float(observed_s[last] - observed_s[first])
             moved_rad = np.ptp(q_rad[first : last + 1], axis=0)
-            short = moved_rad.max() <= spread_rad and seconds < dwell_s
-            refused.append(
-                RefusedDwell(start_s=start, seconds=seconds)
-                if short
-                else _moving(start, seconds, moved_rad)
-            )
+            if moved_rad.max() <= spread_rad and seconds < dwell_s:
+                refused.append(RefusedDwell(start_s=start, seconds=seconds))
+            else:
+                refused.append(_moving(start, seconds, moved_rad))
     return tuple(sorted(dwells, key=lambda d: d.start_s)), tuple(refused)
 
 
@@ -115,9 +113,8 @@ def smallest_spread_rad(time_s: FloatArray, q_rad: FloatArray, dwell_s: float) -
 
 
 def _moving(start_s: float, seconds: float, moved_rad: FloatArray) -> RefusedDwell:
-    joint = int(np.argmax(moved_rad))
-    moved_here_rad = float(moved_rad[joint])
-    return RefusedDwell(start_s=start_s, seconds=seconds, joint=joint + 1, moved_rad=moved_here_rad)
+    joint, most = int(np.argmax(moved_rad)) + 1, float(moved_rad.max())
+    return RefusedDwell(start_s=start_s, seconds=seconds, joint=joint, moved_rad=most)
 
 
 def _dwell(
@@ -132,11 +129,9 @@ def _dwell(
     away = np.abs(at_rest - np.median(at_rest, axis=0))
     noise = 1.4826 * np.median(away, axis=0)
     inside = np.flatnonzero(np.all(away <= np.maximum(EDGE_SIGMAS * noise, 1e-9), axis=1))
-    a, b = (
-        (ends[0] + int(inside[0]), ends[0] + int(inside[-1]))
-        if len(inside) >= LEAST_SAMPLES
-        else ends
-    )
+    a, b = ends
+    if len(inside) >= LEAST_SAMPLES:
+        a, b = a + int(inside[0]), a + int(inside[-1])
     q, at = q_rad[a : b + 1], observed_s[a : b + 1]
     centred = at - at.mean()
     drift = np.abs(centred @ q) / (centred @ centred) * (at[-1] - at[0])
@@ -146,13 +141,8 @@ def _dwell(
         return _moving(start, seconds, spread)
     if drift.max() > 0.5 * spread_rad:
         return _moving(start, seconds, drift)
-    return Dwell(
-        start_s=start,
-        seconds=seconds,
-        samples=len(q),
-        mean_rad=q.mean(axis=0),
-        sd_rad=q.std(axis=0, ddof=1),
-    )
+    mean, sd = q.mean(axis=0), q.std(axis=0, ddof=1)
+    return Dwell(start_s=start, seconds=seconds, samples=len(q), mean_rad=mean, sd_rad=sd)
 
 
 def _at_rest(

@@ -38,12 +38,10 @@ class Problem:
 
     def __str__(self) -> str:
         place = self.file if self.line is None else f"{self.file}:{self.line}"
-        head = f"{place}: {self.key}: " if self.key else f"{place}: "
-        text = self.text
+        line = f"{place}: {self.key}: {self.text}" if self.key else f"{place}: {self.text}"
         if self.remedy:
             # After a question mark, no semicolon.
-            text += f"{'' if text.endswith('?') else ';'} {self.remedy}"
-        line = f"{head}{text}"
+            line += f"{'' if line.endswith('?') else ';'} {self.remedy}"
         # One line whatever the file holds, without characters that a terminal would interpret.
         return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
 
@@ -52,12 +50,10 @@ class ConfigError(Exception):
     """A file cannot be used. `problems` lists all problems, in the order of the file."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
-        listed = tuple(problems)
-        if not listed:
+        in_order = sorted(problems, key=lambda p: (p.line or 0, p.column or 0))
+        if not in_order:
             raise ValueError("a ConfigError needs at least one problem")
-        self.problems: tuple[Problem, ...] = tuple(
-            sorted(listed, key=lambda p: (p.line or 0, p.column or 0))
-        )
+        self.problems: tuple[Problem, ...] = tuple(in_order)
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
     def __reduce__(self) -> tuple[type[ConfigError], tuple[tuple[Problem, ...]]]:
@@ -133,12 +129,9 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
         name, limit_words = LIMITS_IN_WORDS[kind]
         return f"must be {limit_words} {context[name]:g}, not {value:g}", "correct the number"
     if kind in ("too_short", "too_long"):
-        few = kind == "too_short"
-        limit = (
-            f"it needs at least {context['min_length']}"
-            if few
-            else f"it may have at most {context['max_length']}"
-        )
+        limit = f"it may have at most {context.get('max_length')}"
+        if kind == "too_short":
+            limit = f"it needs at least {context['min_length']}"
         return f"has {context['actual_length']} items; {limit}", "correct the list"
     if kind == "string_pattern_mismatch":
         text = f"{value_in_words(value)} does not have the required form"

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from fixtures.ball import Ball, KnownDistance
 from fixtures.base import EndpointConstraint, Tolerance
@@ -26,23 +27,18 @@ from operator_app.config.quantities import (
     TwistDeg,
     Yes,
     in_si,
+    refuse,
 )
 from operator_app.config.resources import resolve
-from operator_app.config.schema import StrictModel, read_by_kind, report
+from operator_app.config.schema import Fields, StrictModel, checked, read_by_kind
+from operator_app.config.strict_yaml import Complaint
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixtureSpec:
-    """A fixture as described in its file.
+    """A fixture as described in its file, at its nominal placement.
 
-    Attributes
-    ----------
-    name
-        Name shown to the operator.
-    fixture
-        The fixture at its nominal placement.
-    checklist
-        Check list that the operator confirms before anything moves.
+    `checklist`: what the operator confirms before anything moves.
     """
 
     name: str
@@ -66,19 +62,9 @@ class FixtureSpec:
 
 
 def parse_fixture(data: bytes, file: str) -> FixtureSpec:
-    """Read a fixture from the bytes of its file; `file` is its name in messages.
-
-    Raises
-    ------
-    ConfigError
-        The file is invalid; the error lists all problems.
-    """
+    """Read a fixture from the bytes of its file, `file` in messages; raises ConfigError with all its problems."""
     model = read_by_kind(MODELS, data, kind="fixture", file=file)
-    return FixtureSpec(
-        name=model.name,
-        fixture=model.fixture(),
-        checklist=model.checklist,
-    )
+    return FixtureSpec(name=model.name, fixture=model.fixture(), checklist=model.checklist)
 
 
 def load_fixture(reference: str | Path) -> FixtureSpec:
@@ -96,6 +82,22 @@ SMALLEST_MM = 5.0
 """A placement whose dimensions are all smaller than this was probably written in metres."""
 
 
+class Placement(StrictModel):
+    """Base of nominal placements."""
+
+    @model_validator(mode="after")
+    def _in_millimetres(self) -> Self:
+        lengths = {}
+        for name, entry in self:
+            if name.endswith("_mm"):
+                lengths[name] = max(entry if isinstance(entry, tuple) else (entry,), key=abs)
+        if 0.0 < max(map(abs, lengths.values())) < SMALLEST_MM:
+            shown = ", ".join(f"{k} {v:g}" for k, v in lengths.items() if v)
+            text = f"no dimension reaches {SMALLEST_MM:g} mm ({shown}): they may be in metres"
+            raise refuse(text, "write millimetres")
+        return self
+
+
 class CommonFields(StrictModel, ABC):
     """Common fields of all fixture files."""
 
@@ -105,36 +107,17 @@ class CommonFields(StrictModel, ABC):
     tolerance_mm: Annotated[PositiveNumber, Field(le=1000.0)]
     tolerance_deg: Annotated[PositiveNumber, Field(le=180.0)]
     checklist: Annotated[tuple[Text, ...], Field(min_length=1)]
-    placement: StrictModel
+    placement: Placement
     stays_on_hand: Yes = False
-
-    @field_validator("placement")
-    @classmethod
-    def _in_millimetres(cls, value: StrictModel, info: ValidationInfo) -> StrictModel:
-        lengths = {}
-        for name, entry in value.model_dump().items():
-            if name.endswith("_mm"):
-                numbers = entry if isinstance(entry, tuple) else (entry,)
-                lengths[name] = max(numbers, key=abs)
-        largest = max((abs(v) for v in lengths.values()), default=0.0)
-        if 0.0 < largest < SMALLEST_MM:
-            shown = ", ".join(f"{k} {v:g}" for k, v in lengths.items() if v)
-            text = f"no dimension reaches {SMALLEST_MM:g} mm ({shown})"
-            doubt = f"{text}: they may be in metres"
-            report(info, ("placement",), doubt, "write millimetres")
-        return value
 
     def fixture(self) -> EndpointConstraint:
         """Return the fixture as a domain object."""
         placed = in_si(self.placement.model_dump(exclude_none=True))
-        return self.makes(
-            **placed, stays_on_hand=self.stays_on_hand, tolerance=self.tolerance(), **self.own()
-        )
-
-    def tolerance(self) -> Tolerance:
-        """Return the tolerance of the placement."""
-        return Tolerance(
+        tolerance = Tolerance(
             position_m=self.tolerance_mm / 1e3, orientation_rad=math.radians(self.tolerance_deg)
+        )
+        return self.makes(
+            **placed, stays_on_hand=self.stays_on_hand, tolerance=tolerance, **self.own()
         )
 
     @abstractmethod
@@ -159,7 +142,7 @@ class MetalFields(CommonFields):
         return {"compliance": self.give.compliance(self.holds)}
 
 
-class RigidPlacement(StrictModel):
+class RigidPlacement(Placement):
     """Nominal placement of a rigid attachment."""
 
     a_0_mm: LengthMm
@@ -198,7 +181,7 @@ class RigidModel(MetalFields):
     placement: RigidPlacement
 
 
-class BallPlacement(StrictModel):
+class BallPlacement(Placement):
     """Nominal centres of the ball (in the last frame) and of the socket (in the base frame)."""
 
     tip_mm: PointMm
@@ -212,6 +195,13 @@ class DistanceModel(StrictModel):
     mm: Annotated[LengthMm, Field(gt=0.0)]
     sigma_mm: PositiveNumber
 
+    @field_validator("between")
+    @classmethod
+    def _require_two_placements(cls, value: tuple[int, int]) -> tuple[int, int]:
+        if value[0] == value[1]:
+            raise refuse(f"placement {value[0]} twice", "name two placements")
+        return value
+
 
 class BallModel(MetalFields):
     """A ball in a socket."""
@@ -223,33 +213,28 @@ class BallModel(MetalFields):
     stays_on_hand: Yes = True
     distance: tuple[DistanceModel, ...] = ()
 
-    @field_validator("distance")
-    @classmethod
-    def _require_two_placements(
-        cls, value: tuple[DistanceModel, ...], info: ValidationInfo
-    ) -> tuple[DistanceModel, ...]:
-        for k, d in enumerate(value):
-            if d.between[0] == d.between[1]:
-                text = f"placement {d.between[0]} twice"
-                report(info, ("distance", k, "between"), text, "name two placements")
-        return value
-
     def own(self) -> dict[str, Any]:
         """Return the compliance, and the measured distances between sockets."""
         known = tuple(
             KnownDistance(between=d.between, value_m=d.mm / 1e3, sigma_m=d.sigma_mm / 1e3)
             for d in self.distance
         )
-        return {**MetalFields.own(self), "distances": known}
+        return {**super().own(), "distances": known}
 
 
-class MeasuredPlacement(StrictModel):
+class MeasuredPlacement(Placement):
     """Nominal placement of the arm's base in the instrument's frame, and of the target on the tool."""
 
     base_mm: PointMm
     base_turn_deg: TurnVectorDeg
     tip_mm: PointMm
     tip_turn_deg: TurnVectorDeg = (0.0, 0.0, 0.0)
+
+
+def _check_sigma(sigma_deg: float, fields: Fields) -> Iterator[Complaint]:
+    if fields.get("measures") == "pose" and sigma_deg == 0.0:
+        text = "an instrument that measures poses needs an angular standard deviation"
+        yield ("instrument_sigma_deg",), text, "state it, or write `measures: position`"
 
 
 class MeasuredModel(CommonFields):
@@ -259,25 +244,19 @@ class MeasuredModel(CommonFields):
     kind: Literal["measured"]
     measures: Literal["pose", "position"]
     instrument_sigma_mm: PositiveNumber
-    instrument_sigma_deg: NonNegativeNumber = 0.0
+    instrument_sigma_deg: Annotated[
+        NonNegativeNumber, Field(validate_default=True), checked(_check_sigma)
+    ] = 0.0
     placement: MeasuredPlacement
     base_known: Yes = False
     tip_known: Yes = False
     stays_on_hand: Yes = True
 
-    @field_validator("instrument_sigma_deg")
-    @classmethod
-    def _needed_for_a_pose(cls, value: float, info: ValidationInfo) -> float:
-        if info.data.get("measures") == "pose" and value == 0.0:
-            text = "an instrument that measures poses needs an angular standard deviation"
-            report(info, ("instrument_sigma_deg",), text, "state it, or write `measures: position`")
-        return value
-
     def own(self) -> dict[str, Any]:
         """Return the instrument's standard deviations, whether it measures poses, and which placements are known."""
-        sigma = {"sigma_mm": self.instrument_sigma_mm, "sigma_deg": self.instrument_sigma_deg}
         return {
-            **in_si(sigma),
+            "sigma_m": self.instrument_sigma_mm / 1e3,
+            "sigma_rad": math.radians(self.instrument_sigma_deg),
             "full_pose": self.measures == "pose",
             "base_known": self.base_known,
             "tip_known": self.tip_known,
@@ -285,9 +264,5 @@ class MeasuredModel(CommonFields):
 
 
 MODELS: dict[str, type[CommonFields]] = {
-    "hinge": HingeModel,
-    "rigid": RigidModel,
-    "ball": BallModel,
-    "measured": MeasuredModel,
+    model.makes.kind: model for model in (HingeModel, RigidModel, BallModel, MeasuredModel)
 }
-"""Model of each kind."""

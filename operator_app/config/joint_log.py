@@ -9,13 +9,13 @@ import math
 import re
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from operator_app.config.csv_table import MOST_PROBLEMS, BadCell, number
+from operator_app.config.csv_table import MOST_PROBLEMS, BadCell, Record, number
 from operator_app.config.errors import ConfigError, Problem, decode_text, only
 from operator_app.config.poses_file import (
     FEWEST_POSES_FOR_UNIT,
@@ -42,14 +42,6 @@ SPLIT_AT_DECIMAL_COMMAS = re.compile(r"\d+\s*[;\s]\s*[-+]?\d+")
 """Text between two decimal commas: decimals of one number, separator, whole part of the next number."""
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One line of a log: its number, from 1, and its cells."""
-
-    line: int
-    cells: list[str]
-
-
 def load_joint_log(
     path: str | Path,
     *,
@@ -59,7 +51,7 @@ def load_joint_log(
     placement: str = "",
     joints: Sequence[str] = (),
 ) -> LoadedPoses:
-    """Read the poses of a log; a file in the format of poses files is read with `load_poses`.
+    """Read the poses of a log, or of a poses file; raises ConfigError with all problems of the file.
 
     Parameters
     ----------
@@ -67,45 +59,36 @@ def load_joint_log(
         Unit of the angles; None: degrees, but angles that look like radians are refused.
     columns
         Columns of joints 1 to n, in this order: numbers from 1 (``2-8``, ``3,1,2``) or names of the header; empty:
-        those with the names in `joints`, else those numbered in the header, else all columns.
+        those with the names in `joints` (of the arm file), else those numbered in the header, else all columns.
     placement
         Number or name of the column that states the fixture's placement for each pose: a whole number, or a name; names
         are numbered in order of appearance. Empty: one placement.
-    joints
-        Names of joints 1 to n in the arm file.
-
-    Raises
-    ------
-    ConfigError
-        The file is invalid; the error lists all problems.
     """
     data, file = read_limited(expanded(path), str(path), limit=LIMIT_BYTES), str(path)
     rows = read_rows(decode_text(data, file))
     if not rows:
         raise only(file, "is empty", "it must have a row of joint angles for each pose")
     _require_marks(rows[:2], file)
-    first = rows[0].cells
+    line, first = rows[0]
     # A row of a log may begin with the name of its placement.
     header = first if not any(map(is_number, first if placement else first[:1])) else []
     if header and not columns and any(THETA.fullmatch(cell) for cell in header):
         if unit == "rad":
             remedy = "leave --rad out, or name the columns with --columns if the header is wrong"
-            raise only(file, "the header states degrees", remedy, line=rows[0].line)
+            raise only(file, "the header states degrees", remedy, line=line)
         if placement:
             remedy = "leave --placement out: such a file has a column placement"
-            raise only(file, "is a poses file", remedy, line=rows[0].line)
+            raise only(file, "is a poses file", remedy, line=line)
         return parse_poses(data, file, joint_count=joint_count)
     body = rows[1:] if header else rows
     if not body:
         raise only(file, "has a header but no poses", "capture poses first")
-    all_columns = range(len(body[0].cells))
-    if header and len(header) != len(all_columns):
-        text = f"the header has {len(header)} cells, but the first row of angles has {len(all_columns)}"
-        raise only(file, text, "name each column, or remove the header", line=rows[0].line)
-    by = (
-        find_column("--placement", placement, header, len(all_columns), file) if placement else None
-    )
-    remaining = [k for k in all_columns if k != by]
+    width = len(body[0][1])
+    if header and len(header) != width:
+        text = f"the header has {len(header)} cells, but the first row of angles has {width}"
+        raise only(file, text, "name each column, or remove the header", line=line)
+    by = find_column("--placement", placement, header, width, file) if placement else None
+    remaining = [k for k in range(width) if k != by]
     where = find_columns(columns, header, remaining, joint_count, file, joints)
     q = _angles(body, where, file, radians=unit == "rad")
     if unit is None and len(q) >= FEWEST_POSES_FOR_UNIT and np.abs(q).max() < 2.0 * np.pi:
@@ -123,13 +106,12 @@ def load_joint_log(
     )
 
 
-def _placements(body: list[Row], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:
+def _placements(body: list[Record], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:
     """Return the placement number of each row, from column `by`; if the column has names, also notes with the names."""
-    names = [row.cells[by] for row in body]
-    for row, name in zip(body, names, strict=True):
-        if not name:
-            remedy = "give the placement a number or a name"
-            raise only(file, f"column {by + 1} is empty", remedy, line=row.line)
+    names = [cells[by] for _, cells in body]
+    if "" in names:
+        line, remedy = body[names.index("")][0], "give the placement a number or a name"
+        raise only(file, f"column {by + 1} is empty", remedy, line=line)
     if all(WHOLE.fullmatch(name) for name in names):
         return [int(name) for name in names], None
     order = {name: k for k, name in enumerate(dict.fromkeys(names), 1)}
@@ -140,24 +122,24 @@ def _placements(body: list[Row], by: int, file: str) -> tuple[list[int], tuple[s
     return [order[name] for name in names], tuple(f"placement {name}" for name in names)
 
 
-def read_rows(text: str) -> list[Row]:
+def read_rows(text: str) -> list[Record]:
     """Split lines into cells: at commas if the line has any, otherwise at white space."""
     rows = []
     for line, line_text in enumerate(text.splitlines(), 1):
         if line_text.strip() and not line_text.lstrip().startswith("#"):
             cells = line_text.split(",") if "," in line_text else line_text.split()
-            rows.append(Row(line, [cell.strip().strip('"') for cell in cells]))
+            rows.append((line, [cell.strip().strip('"') for cell in cells]))
     return rows
 
 
-def _require_marks(rows: list[Row], file: str) -> None:
+def _require_marks(rows: list[Record], file: str) -> None:
     """Refuse semicolons between columns, and decimal commas; raises ConfigError."""
     remedy = "save the file with commas between columns and points as decimal marks"
-    for row in rows:
-        if len(row.cells) > 2 and all(map(SPLIT_AT_DECIMAL_COMMAS.fullmatch, row.cells[1:-1])):
-            raise only(file, "the numbers have decimal commas", remedy, line=row.line)
-        if any(";" in cell for cell in row.cells):
-            raise only(file, "the columns are separated by semicolons", remedy, line=row.line)
+    for line, cells in rows:
+        if len(cells) > 2 and all(map(SPLIT_AT_DECIMAL_COMMAS.fullmatch, cells[1:-1])):
+            raise only(file, "the numbers have decimal commas", remedy, line=line)
+        if any(";" in cell for cell in cells):
+            raise only(file, "the columns are separated by semicolons", remedy, line=line)
 
 
 def is_number(cell: str) -> bool:
@@ -193,10 +175,8 @@ def find_columns(
     count = remaining[-1] + 1 if remaining else 0
     if not option:
         named = [header[k] for k in remaining] if header else []
-        if joints and set(joints) <= set(named) and len(set(joints)) == joint_count:
-            return tuple(remaining[named.index(joint)] for joint in joints)
-        if series := numbered_series(named, joint_count):
-            return tuple(remaining[k] for k in series)
+        if order := joint_order(named, joints, joint_count):
+            return tuple(remaining[k] for k in order)
         if len(remaining) == joint_count:
             return tuple(remaining)
         names = f" ({', '.join(named)})" if header else ""
@@ -204,16 +184,10 @@ def find_columns(
         # Other columns of a log, mostly times, come before the joints.
         first = max(1, count - joint_count + 1)
         example = f"{first}-{first + joint_count - 1}"
-        if header:
-            likely = [header[k] for k in remaining if not OTHER_COLUMNS.fullmatch(header[k])][
-                :joint_count
-            ]
-            example = ",".join(likely) if len(likely) == joint_count else example
-        raise only(
-            file,
-            text,
-            f"select the columns of the joints, e.g. --columns {example}, or write a header: {HEADER_COLUMNS}",
-        )
+        likely = [name for name in named if not OTHER_COLUMNS.fullmatch(name)][:joint_count]
+        example = ",".join(likely) if len(likely) == joint_count else example
+        remedy = f"select the columns of the joints, e.g. --columns {example}, or write a header: {HEADER_COLUMNS}"
+        raise only(file, text, remedy)
     columns: list[int] = []
     for word in (part.strip() for part in option.split(",")):
         if match := RANGE.fullmatch(word):
@@ -229,12 +203,14 @@ def find_columns(
     return tuple(columns)
 
 
-def numbered_series(names: Sequence[str], count: int) -> tuple[int, ...]:
-    """Return the indices of `count` names that differ only in a number (from 0 or 1), in the order of that number.
+def joint_order(names: Sequence[str], joints: Sequence[str], count: int) -> tuple[int, ...]:
+    """Return the indices of joints 1 to `count`: those of `joints` if all are there, else those of a series of names.
 
-    Empty unless there is exactly one such series. Upper and lower case are distinguished, unless this leaves no series
-    (`Q1` does not belong to `q1` to `q7`).
+    The names of a series differ only in a number (from 0 or 1). Empty unless there is exactly one series. Upper and
+    lower case are distinguished, unless this leaves no series (`Q1` does not belong to `q1` to `q7`).
     """
+    if set(joints) <= set(names) and len(set(joints)) == count:
+        return tuple(names.index(joint) for joint in joints)
     numberings = [*range(count)], [*range(1, count + 1)]
     for spelled in (names, [name.casefold() for name in names]):
         by_pattern: dict[tuple[str, str], list[tuple[float, int]]] = defaultdict(list)
@@ -250,25 +226,22 @@ def numbered_series(names: Sequence[str], count: int) -> tuple[int, ...]:
     return ()
 
 
-def _angles(body: list[Row], where: tuple[int, ...], file: str, *, radians: bool) -> np.ndarray:
+def _angles(body: list[Record], where: tuple[int, ...], file: str, *, radians: bool) -> np.ndarray:
     """Read the angles (m, n), in the unit of the file."""
     problems: list[Problem] = []
     doubted: list[Problem] = []
-    width = len(body[0].cells)
+    width = len(body[0][1])
     angles = np.zeros((len(body), len(where)))
-    for k, row in enumerate(body):
-        if len(row.cells) != width:
-            text = f"has {len(row.cells)} cells; the lines before it have {width}"
-            problems.append(
-                Problem(file=file, line=row.line, text=text, remedy="correct this line")
-            )
+    for k, (line, cells) in enumerate(body):
+        if len(cells) != width:
+            text = f"has {len(cells)} cells; the lines before it have {width}"
+            problems += only(file, text, "correct this line", line=line).problems
             continue
         for j, column in enumerate(where):
-            cell = Problem(
-                file=file, line=row.line, column=column + 1, key=f"joint {j + 1}", text=""
-            )
+            key = f"joint {j + 1}"
+            cell = Problem(file=file, line=line, column=column + 1, key=key, text="")
             try:
-                value = angles[k, j] = number(row.cells[column])
+                value = angles[k, j] = number(cells[column])
             except BadCell as error:
                 problems.append(replace(cell, text=error.text, remedy=error.remedy))
                 continue

@@ -67,10 +67,7 @@ def groups_in(names: Collection[str]) -> tuple[tuple[str, ...], ...]:
 def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
     """Return rotation vectors (m, 3), rad, from the values (m, 3 or 4) of these columns: deg, or quaternions.
 
-    Raises
-    ------
-    ValueError
-        A quaternion is not of unit length; the text states its length.
+    `ValueError` for a quaternion that is not of unit length.
     """
     from scipy.spatial.transform import Rotation
 
@@ -183,9 +180,8 @@ def _require_names(names: Any) -> None:
         if meant:
             right = "degrees" if meant[0].endswith("_deg") else "metres"
             raise BadLine(f"has {name}: convert it to {right} and name it {meant[0]}")
-        raise BadLine(
-            f"has the unknown key {name}" + (f": did you mean {near[0]}?" if near else "")
-        )
+        hint = f": did you mean {near[0]}?" if near else ""
+        raise BadLine(f"has the unknown key {name}{hint}")
     missing = [name for name in POSITION_COLUMNS if name not in names]
     if missing:
         raise BadLine(f"has no {', '.join(missing)}: a measurement is x_m,y_m,z_m in metres")
@@ -213,9 +209,8 @@ def _number(name: str, value: Any) -> float:
         shown = str(value)
         shown = shown if len(shown) <= 40 else f"{shown[:12]}... ({len(shown)} characters)"
         raise BadLine(f"has {name} {shown!r}, which is not a finite number")
-    doubt = length_doubt(value_read) if name in POSITION_COLUMNS else ""
-    doubt = doubt or (angle_doubt(value_read) if name.endswith("_deg") else "")
-    if doubt:
+    check = length_doubt if name in POSITION_COLUMNS else angle_doubt
+    if name not in QUATERNION and (doubt := check(value_read)):
         raise BadLine(f"has {name} {value_read:g}: {doubt}")
     return value_read
 
@@ -244,10 +239,7 @@ def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:
     standard deviations are s / sqrt(3) for each coordinate of the origin, sqrt(2) s / a for a rotation about a line in
     the triangle's plane, and s / a for a rotation about its normal.
 
-    Raises
-    ------
-    ValueError
-        The targets are nearly in line, or one pose's triangle differs from the others; the text then names the pose.
+    `ValueError` if the targets are nearly in line, or if one pose's triangle differs from the others (with its name).
     """
     points = points_m.reshape(-1, 3, 3)
     centroid = points.mean(axis=1)

@@ -52,10 +52,7 @@ SLOW = 0.1
 def copied(kind: Kind, packaged: str, *, name: str, **instead: str) -> bytes:
     """Return a copy of a built-in file with another name, and with new values of the top-level keys in `instead`.
 
-    Raises
-    ------
-    ConfigError
-        There is no built-in file with that name.
+    Raises ConfigError if there is no built-in file called `packaged`.
     """
     source = resolve(kind, packaged)
     if source.folder is not None:
@@ -110,17 +107,18 @@ def procedure_file(
     joints = range(1, arm.joint_count + 1)
     slowest = min(math.degrees(j.max_speed_rad_per_s) for j in arm.joints)
     plan = "planned" if closed else "explore"
+    settle = {
+        "window_syncs": 20,
+        "spread_sigmas": 8,
+        "spread_min_deg": 0.002,
+        "timeout_syncs": 1000,
+    }
     capture: dict[str, Any] = {
         "plan": plan,
         "poses": POSES_BY_STRATEGY[plan],
         **({} if closed else {"exploration": _boxes(arm)}),
         "speed_deg_per_s": round(min(FASTEST_DEG_PER_S, max(0.05, slowest * SLOW)), 3),
-        "settle": {
-            "window_syncs": 20,
-            "spread_sigmas": 8,
-            "spread_min_deg": 0.002,
-            "timeout_syncs": 1000,
-        },
+        "settle": settle,
         "samples_per_pose": 32,
         "seed": 1,
     }
@@ -137,9 +135,8 @@ def procedure_file(
         "acceptance": {"scaled_condition_number": 100},
         "export": {"upload": False},
     }
-    comment = PROCEDURE.format(
-        line=schema_line("procedure"), arm=arm.name, fixture=fixture_reference
-    )
+    line = schema_line("procedure")
+    comment = PROCEDURE.format(line=line, arm=arm.name, fixture=fixture_reference)
     return dump_strict(data, comment=comment)
 
 
@@ -148,13 +145,8 @@ def _boxes(arm: ArmModel) -> Sequence[Mapping[str, Any]]:
     boxes = []
     for k, (joint, home) in enumerate(zip(arm.joints, arm.home_rad.tolist(), strict=True), 1):
         low, high = math.degrees(joint.lower_rad - home), math.degrees(joint.upper_rad - home)
-        boxes.append(
-            {
-                "joint": k,
-                "from_deg": round(max(-EXPLORED_DEG, 0.9 * low), 3),
-                "to_deg": round(min(EXPLORED_DEG, 0.9 * high), 3),
-            }
-        )
+        ends = max(-EXPLORED_DEG, 0.9 * low), min(EXPLORED_DEG, 0.9 * high)
+        boxes.append({"joint": k, "from_deg": round(ends[0], 3), "to_deg": round(ends[1], 3)})
     return boxes
 
 

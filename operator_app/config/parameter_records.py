@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Literal
@@ -23,7 +23,6 @@ from operator_app.config.quantities import (
     refuse,
 )
 from operator_app.config.schema import StrictRecord
-from operator_app.config.strict_yaml import Complaint
 from solver.arrays import FloatArray
 from solver.chain.parameters import DhEntry
 
@@ -53,16 +52,9 @@ class WhichFixture(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointParameters(StrictRecord):
-    """Parameters of one joint.
+    """Offset of one joint (theta' = theta + theta_off) and its standard deviation, None if it was not calibrated.
 
-    Attributes
-    ----------
-    theta_off_deg
-        Joint-angle offset: theta' = theta + theta_off.
-    sigma_deg
-        Standard deviation of the offset; None if it was not calibrated.
-    home_offset_counts
-        The same offset in counts of the joint's sensor, for object 607Ch; None for a joint without a sensor.
+    `home_offset_counts`: the offset in counts of the joint's sensor (object 607Ch); None for a joint without a sensor.
     """
 
     joint: Count
@@ -152,10 +144,8 @@ class RvdtRemedy(StrictRecord):
     def _require_rising_readings(cls, value: tuple[Correction, ...]) -> tuple[Correction, ...]:
         for before, after in pairwise(value):
             if after.reading_deg <= before.reading_deg:
-                raise refuse(
-                    f"{after.reading_deg:g} deg follows {before.reading_deg:g} deg",
-                    "list the readings from the lowest to the highest",
-                )
+                text = f"{after.reading_deg:g} deg follows {before.reading_deg:g} deg"
+                raise refuse(text, "list the readings from the lowest to the highest")
         return value
 
 
@@ -220,34 +210,3 @@ def budget_of(
             shares = {s: round(float(v[k] / variance[k]), SHARE_PLACES) for s, v in parts.items()}
             by_source[name] = {source: share for source, share in shares.items() if share > 0.0}
     return by_source
-
-
-def complaints_of_correlations(
-    value: Mapping[str, Sequence[float]], names: Sequence[str]
-) -> Iterator[Complaint]:
-    """Yield place, text and remedy for correlations that do not match the calibrated entries."""
-    if value and list(value) != list(names[1:]):
-        text = (
-            "must list every calibrated entry except the first, in the same order as `calibrated`"
-        )
-        yield (), text, _MATCHING
-        return
-    for k, (name, row) in enumerate(value.items(), 1):
-        if len(row) != k:
-            text = f"has {len(row)} correlations; expected {k} (one for each calibrated entry listed before {name})"
-            yield (name,), text, _MATCHING
-
-
-def complaints_of_budget(
-    value: Mapping[str, Mapping[str, float]], names: Sequence[str]
-) -> Iterator[Complaint]:
-    """Yield place, text and remedy for shares that do not match the calibrated entries or do not add up to 1."""
-    for name, shares in value.items():
-        total = sum(shares.values())
-        if name not in names:
-            yield (name,), "is not listed as calibrated", "leave its budget out"
-        elif abs(total - 1.0) > BUDGET_SUM_TOLERANCE:
-            yield (name,), f"has shares that add up to {total:g}, not 1", "correct the shares"
-
-
-_MATCHING = "`calibrated` and `correlations` do not match: edit both or neither"

@@ -12,7 +12,7 @@ is written as version 2.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal
@@ -23,12 +23,11 @@ from pydantic import (
     Field,
     PlainSerializer,
     StringConstraints,
-    ValidationInfo,
     WithJsonSchema,
-    field_validator,
 )
 
 from operator_app.config.parameter_records import (
+    BUDGET_SUM_TOLERANCE,
     Budget,
     CalibratedEntry,
     Correlations,
@@ -39,11 +38,10 @@ from operator_app.config.parameter_records import (
     RvdtRemedy,
     WhichArm,
     WhichFixture,
-    complaints_of_budget,
-    complaints_of_correlations,
 )
 from operator_app.config.quantities import ExactText, refuse
-from operator_app.config.schema import StrictRecord, check_numbered, report
+from operator_app.config.schema import Fields, StrictRecord, checked, numbered
+from operator_app.config.strict_yaml import Complaint
 from solver.arrays import FloatArray, frozen
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry
@@ -79,14 +77,109 @@ BESIDE_THE_TABLE = {"ball": 6, "measured": 12}
 """Number of parameters outside the D-H table: points of ball and socket, or poses of instrument and target."""
 
 
+def _check_table(rows: Sequence[DhRow], fields: Fields) -> Iterator[Complaint]:
+    joints = fields.get("joints")
+    if joints is None:
+        return
+    if len(rows) != len(joints) + 1:
+        yield ("dh",), f"has {len(rows)} rows for {len(joints)} joints", "write rows 0 to n"
+        return
+    for k, (row, joint) in enumerate(zip(rows[1:], joints, strict=True), 1):
+        if row.theta_off_deg != joint.theta_off_deg:
+            text = (
+                f"{row.theta_off_deg!r} differs from the {joint.theta_off_deg!r} of joint {k} above"
+            )
+            yield ("dh", k, "theta_off_deg"), text, CHANGED_IN_ONE_PLACE
+
+
+def _check_calibrated(entries: Sequence[CalibratedEntry], fields: Fields) -> Iterator[Complaint]:
+    joints = fields.get("joints")
+    names = [part.entry for part in entries]
+    for k, part in enumerate(entries):
+        for text, remedy in _entry_complaints(part, names[:k], joints):
+            yield ("calibrated", k), text, remedy
+    for k, joint in enumerate(joints or ()):
+        if joint.sigma_deg is not None and f"theta_off_{joint.joint}" not in names:
+            text = f"theta_off_{joint.joint} is not listed as calibrated"
+            remedy = "an entry that was not calibrated has no sigma: write null"
+            yield ("joints", k, "sigma_deg"), text, remedy
+
+
+def _entry_complaints(
+    part: CalibratedEntry, before: list[str], joints: tuple[JointParameters, ...] | None
+) -> Iterator[tuple[str, str]]:
+    """Yield text and remedy of the first problem of one calibrated entry; `before`: names of the entries before it."""
+    entry = DhEntry.parse(part.entry)
+    key, other = ("sigma_deg", "sigma_m") if entry.kind.is_angle else ("sigma_m", "sigma_deg")
+    if part.entry in before:
+        yield "is listed twice", "keep one of them"
+    elif getattr(part, key) is None or getattr(part, other) is not None:
+        yield f"has no {key} or has a {other}", f"write {key}, and leave {other} out"
+    elif joints is not None and entry.row > len(joints):
+        yield f"there is no row {entry.row}", f"the arm has rows 0 to {len(joints)}"
+    elif joints is not None and entry.name.startswith("theta_off_") and entry.row > 0:
+        stated = joints[entry.row - 1].sigma_deg
+        if stated != part.sigma_deg:
+            shown = "null" if stated is None else repr(stated)
+            text = f"{part.sigma_deg!r} differs from the {shown} of joint {entry.row} above"
+            yield text, CHANGED_IN_ONE_PLACE
+
+
+def _check_rank(quality: Quality, fields: Fields) -> Iterator[Complaint]:
+    calibrated, fixture = fields.get("calibrated"), fields.get("fixture")
+    beside = 0 if fixture is None else BESIDE_THE_TABLE.get(fixture.kind, 0)
+    if calibrated is not None and quality.rank > len(calibrated) + beside:
+        text = f"rank {quality.rank} exceeds the number of calibrated entries ({len(calibrated)})"
+        yield ("quality", "rank"), text, CHANGED_IN_ONE_PLACE
+
+
+def _check_correlations(value: Correlations, fields: Fields) -> Iterator[Complaint]:
+    names = [part.entry for part in fields.get("calibrated", ())]
+    place = "correlations"
+    remedy = "`calibrated` and `correlations` do not match: edit both or neither"
+    if "calibrated" not in fields:
+        return
+    if value and list(value) != names[1:]:
+        text = (
+            "must list every calibrated entry except the first, in the same order as `calibrated`"
+        )
+        yield (place,), text, remedy
+        return
+    for k, (name, row) in enumerate(value.items(), 1):
+        if len(row) != k:
+            text = f"has {len(row)} correlations; expected {k} (one for each calibrated entry listed before {name})"
+            yield (place, name), text, remedy
+
+
+def _check_budget(value: Budget, fields: Fields) -> Iterator[Complaint]:
+    if "calibrated" not in fields:
+        return
+    for name, shares in value.items():
+        place, total = ("budget", name), sum(shares.values())
+        if name not in [part.entry for part in fields["calibrated"]]:
+            yield place, "is not listed as calibrated", "leave its budget out"
+        elif abs(total - 1.0) > BUDGET_SUM_TOLERANCE:
+            yield place, f"has shares that add up to {total:g}, not 1", "correct the shares"
+
+
+def _check_rvdt(corrections: Sequence[RvdtRemedy], fields: Fields) -> Iterator[Complaint]:
+    joints = fields.get("joints")
+    for k, correction in enumerate(corrections):
+        joint, place = correction.joint, ("rvdt", k, "joint")
+        if joints is not None and joint > len(joints):
+            yield place, f"there is no joint {joint}", f"joints are 1 to {len(joints)}"
+        if joint in [earlier.joint for earlier in corrections[:k]]:
+            yield place, "is listed twice", "keep one of them"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParametersDocument(StrictRecord):
     """Parameters of one arm from one calibration.
 
     Attributes
     ----------
-    software_version, utc
-        Version of the program, and time of writing (UTC, with time zone).
+    utc
+        Time of writing (UTC, with time zone).
     joints, dh, calibrated
         Offsets, the whole D-H table (rows 0..n), and its calibrated entries. Row 0 describes a hinge or a rigid
         fixture; for other fixtures it is zero.
@@ -109,15 +202,21 @@ class ParametersDocument(StrictRecord):
     software_version: ExactText
     estimator: Literal["paper", "implicit"]
     fixture: WhichFixture
-    joints: Annotated[tuple[JointParameters, ...], Field(min_length=1, max_length=32)]
-    dh: tuple[DhRow, ...]
-    calibrated: tuple[CalibratedEntry, ...]
-    quality: Quality
+    joints: Annotated[
+        tuple[JointParameters, ...],
+        Field(min_length=1, max_length=32),
+        numbered("joints", "joint"),
+    ]
+    dh: Annotated[tuple[DhRow, ...], numbered("dh", "row", first=0), checked(_check_table)]
+    calibrated: Annotated[tuple[CalibratedEntry, ...], checked(_check_calibrated)]
+    quality: Annotated[Quality, checked(_check_rank)]
     warnings: tuple[DocumentWarning, ...]
     pose_set_sha256: Sha256
-    correlations: Correlations = field(default_factory=dict)
-    budget: Budget = field(default_factory=dict)
-    rvdt: tuple[RvdtRemedy, ...] = ()
+    correlations: Annotated[Correlations, checked(_check_correlations)] = field(
+        default_factory=dict
+    )
+    budget: Annotated[Budget, checked(_check_budget)] = field(default_factory=dict)
+    rvdt: Annotated[tuple[RvdtRemedy, ...], checked(_check_rvdt)] = ()
     forced: ExactText | None = None
 
     def __post_init__(self) -> None:
@@ -141,105 +240,3 @@ class ParametersDocument(StrictRecord):
     def theta_off_rad(self) -> FloatArray:
         """Offsets of joints 1..n, shape (n,), rad."""
         return np.deg2rad([joint.theta_off_deg for joint in self.joints])
-
-    @field_validator("joints")
-    @classmethod
-    def _joints_in_order(
-        cls, value: tuple[JointParameters, ...], info: ValidationInfo
-    ) -> tuple[JointParameters, ...]:
-        check_numbered(info, value, 1, "joint")
-        return value
-
-    @field_validator("dh")
-    @classmethod
-    def _table_fits(cls, value: tuple[DhRow, ...], info: ValidationInfo) -> tuple[DhRow, ...]:
-        check_numbered(info, value, 0, "row")
-        joints = info.data.get("joints")
-        if joints is None:
-            return value
-        if len(value) != len(joints) + 1:
-            text = f"has {len(value)} rows for {len(joints)} joints"
-            report(info, ("dh",), text, "write rows 0 to n")
-            return value
-        for k, (row, joint) in enumerate(zip(value[1:], joints, strict=True), 1):
-            if row.theta_off_deg != joint.theta_off_deg:
-                text = f"{row.theta_off_deg!r} differs from the {joint.theta_off_deg!r} of joint {k} above"
-                report(info, ("dh", k, "theta_off_deg"), text, CHANGED_IN_ONE_PLACE)
-        return value
-
-    @field_validator("calibrated")
-    @classmethod
-    def _calibrated_fits(
-        cls, value: tuple[CalibratedEntry, ...], info: ValidationInfo
-    ) -> tuple[CalibratedEntry, ...]:
-        joints = info.data.get("joints")
-        names = [part.entry for part in value]
-        for k, part in enumerate(value):
-            for text, remedy in _entry_complaints(part, names[:k], joints):
-                report(info, ("calibrated", k), text, remedy)
-        for k, joint in enumerate(joints or ()):
-            if joint.sigma_deg is not None and f"theta_off_{joint.joint}" not in names:
-                report(
-                    info,
-                    ("joints", k, "sigma_deg"),
-                    f"theta_off_{joint.joint} is not listed as calibrated",
-                    "an entry that was not calibrated has no sigma: write null",
-                )
-        return value
-
-    @field_validator("correlations", "budget")
-    @classmethod
-    def _entries_fit(cls, value: Any, info: ValidationInfo) -> Any:
-        calibrated, name = info.data.get("calibrated"), str(info.field_name)
-        of_budget = name == "budget"
-        complaints = complaints_of_budget if of_budget else complaints_of_correlations
-        if calibrated is not None:
-            for place, text, remedy in complaints(value, [part.entry for part in calibrated]):
-                report(info, (name, *place), text, remedy)
-        return value
-
-    @field_validator("rvdt")
-    @classmethod
-    def _rvdt_fits(
-        cls, value: tuple[RvdtRemedy, ...], info: ValidationInfo
-    ) -> tuple[RvdtRemedy, ...]:
-        joints = info.data.get("joints")
-        for k, remedy in enumerate(value):
-            if joints is not None and remedy.joint > len(joints):
-                text = f"there is no joint {remedy.joint}"
-                report(info, ("rvdt", k, "joint"), text, f"joints are 1 to {len(joints)}")
-            if remedy.joint in [earlier.joint for earlier in value[:k]]:
-                report(info, ("rvdt", k, "joint"), "is listed twice", "keep one of them")
-        return value
-
-    @field_validator("quality")
-    @classmethod
-    def _rank_fits(cls, value: Quality, info: ValidationInfo) -> Quality:
-        calibrated, fixture = info.data.get("calibrated"), info.data.get("fixture")
-        if calibrated is None:
-            return value
-        beside = 0 if fixture is None else BESIDE_THE_TABLE.get(fixture.kind, 0)
-        if value.rank > len(calibrated) + beside:
-            text = f"rank {value.rank} exceeds the number of calibrated entries ({len(calibrated)})"
-            report(info, ("quality", "rank"), text, CHANGED_IN_ONE_PLACE)
-        return value
-
-
-def _entry_complaints(
-    part: CalibratedEntry, before: list[str], joints: tuple[JointParameters, ...] | None
-) -> Iterator[tuple[str, str]]:
-    """Yield text and remedy of the first problem of one calibrated entry; `before`: names of the entries before it."""
-    entry = DhEntry.parse(part.entry)
-    key, other = ("sigma_deg", "sigma_m") if entry.kind.is_angle else ("sigma_m", "sigma_deg")
-    if part.entry in before:
-        yield "is listed twice", "keep one of them"
-    elif getattr(part, key) is None or getattr(part, other) is not None:
-        yield f"has no {key} or has a {other}", f"write {key}, and leave {other} out"
-    elif joints is not None and entry.row > len(joints):
-        yield f"there is no row {entry.row}", f"the arm has rows 0 to {len(joints)}"
-    elif joints is not None and entry.name.startswith("theta_off_") and entry.row > 0:
-        stated = joints[entry.row - 1].sigma_deg
-        if stated != part.sigma_deg:
-            shown = "null" if stated is None else repr(stated)
-            text = f"{part.sigma_deg!r} differs from the {shown} of joint {entry.row} above"
-            yield text, CHANGED_IN_ONE_PLACE

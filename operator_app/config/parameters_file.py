@@ -9,8 +9,10 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from operator_app.config.atomic import dump_strict, write_atomically
-from operator_app.config.errors import ConfigError, Problem
+from operator_app.config.errors import ConfigError, only
 from operator_app.config.parameter_records import CalibratedEntry, DhRow, JointParameters
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.quantities import degrees_for_file
@@ -29,13 +31,7 @@ OF_A_NEWER = "a newer sarcal may have written it: use that version, or remove th
 
 
 def parse_parameters(data: bytes, file: str = "parameters") -> ParametersDocument:
-    """Read a parameters document from its bytes.
-
-    Raises
-    ------
-    ConfigError
-        The file is invalid; the error lists all problems.
-    """
+    """Read a parameters document from its bytes; raises ConfigError with all its problems."""
     try:
         return read_model(ParametersDocument, data, kind="parameters", file=file)
     except ConfigError as error:
@@ -53,10 +49,7 @@ def load_parameters(path: str | Path) -> ParametersDocument:
 def format_parameters(document: ParametersDocument) -> bytes:
     """Format a document so that `parse_parameters` returns the same document, bit for bit.
 
-    Raises
-    ------
-    ConfigError
-        The document is not valid, for instance after a diverged fit: it is checked before it is sent to a controller.
+    It is checked, as it may go to a controller: raises ConfigError if it is invalid, e.g. after a diverged fit.
     """
     # An entry has one sigma of the two (deg or m); the other is left out.
     body = adapter(ParametersDocument).dump_python(document, exclude_defaults=True)
@@ -64,38 +57,26 @@ def format_parameters(document: ParametersDocument) -> bytes:
     name = schema_name("parameters") if document.table.beta_rad.any() else WITHOUT_BETA
     try:
         data = dump_strict({"schema": name, **body}, comment=COMMENT)
-    except ValueError as error:
-        problem = Problem(file=RESULT, text=str(error), remedy=REMEDY)
-        raise ConfigError((problem,)) from error
-    try:
         parse_parameters(data, RESULT)
+    except ValueError as error:
+        raise only(RESULT, str(error), REMEDY) from error
     except ConfigError as error:
         raise ConfigError(replace(p, line=None, remedy=REMEDY) for p in error.problems) from error
     return data
 
 
 def save_parameters(path: Path, document: ParametersDocument) -> None:
-    """Write a parameters file atomically.
-
-    Raises WriteError if the system refuses, and the errors of `format_parameters`.
-    """
+    """Write a parameters file atomically; raises WriteError, and the errors of `format_parameters`."""
     write_atomically(path, format_parameters(document))
 
 
 def rows_from_table(table: DhTable) -> tuple[DhRow, ...]:
     """Convert rows 0..n of a table in SI units to the units of the document."""
-    theta_off_deg = degrees_for_file(table.theta_off_rad)
-    alpha_deg, beta_deg = map(degrees_for_file, (table.alpha_rad, table.beta_rad))
+    angles = (table.theta_off_rad, table.alpha_rad, table.beta_rad)
+    columns = (*map(degrees_for_file, angles), table.s_m, table.a_m)
     return tuple(
-        DhRow(
-            row=k,
-            theta_off_deg=float(theta_off_deg[k]),
-            s_m=float(table.s_m[k]),
-            a_m=float(table.a_m[k]),
-            alpha_deg=float(alpha_deg[k]),
-            beta_deg=float(beta_deg[k]),
-        )
-        for k in range(table.links)
+        DhRow(row=k, theta_off_deg=theta_off, alpha_deg=alpha, beta_deg=beta, s_m=s, a_m=a)
+        for k, (theta_off, alpha, beta, s, a) in enumerate(np.column_stack(columns).tolist())
     )
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -30,6 +30,7 @@ from operator_app.config.csv_table import (
 )
 from operator_app.config.errors import ConfigError, Problem, decode_text, only
 from operator_app.config.measured_endpoints import (
+    POSITION_COLUMNS,
     QUATERNION,
     ROLL_PITCH_YAW,
     ROTATION,
@@ -54,7 +55,6 @@ FEWEST_POSES_FOR_UNIT = 5
 KEY = ("placement", "pose")
 OPTIONAL = ("samples", "utc", "note")
 TEXTS = ("pose", "utc", "note")
-POSITION_COLUMNS = ("x_m", "y_m", "z_m")
 THETA = re.compile(r"theta([1-9][0-9]{0,2})_deg")
 SD = re.compile(r"sd([1-9][0-9]{0,2})_deg")
 NUMBERED = re.compile(r"(\D*)(\d{1,15})", re.ASCII)
@@ -89,17 +89,9 @@ def load_poses(path: str | Path, *, joint_count: int | None = None) -> LoadedPos
 
 
 def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> LoadedPoses:
-    """Read poses from the bytes of a CSV file.
+    """Read poses from the bytes of a CSV file of an arm with `joint_count` joints (None: as in the file).
 
-    Parameters
-    ----------
-    joint_count
-        Number of the arm's joints; None: as in the file.
-
-    Raises
-    ------
-    ConfigError
-        The file is invalid; the error lists up to a hundred problems.
+    Raises ConfigError with up to a hundred problems of the file.
     """
     records = read_records(decode_text(data, file), file, example=HEADER_EXAMPLE)
     line, header = next(records)
@@ -134,21 +126,22 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
 def format_poses(poses: PoseSet) -> bytes:
     """Format poses as CSV, every number with as many digits as are needed to read the same double."""
     joints = range(1, poses.joint_count + 1)
-    columns: dict[str, Any] = {
-        "placement": poses.placement.tolist(),
-        "pose": poses.label,
-        **_columns([f"theta{j}_deg" for j in joints], degrees_for_file(poses.q_rad)),
-    }
+    columns: dict[str, Any] = {"placement": poses.placement.tolist(), "pose": poses.label}
+
+    def add(names: Iterable[str], table: FloatArray) -> None:
+        columns.update(zip(names, table.T.tolist(), strict=True))
+
+    add((f"theta{j}_deg" for j in joints), degrees_for_file(poses.q_rad))
     if poses.sd_rad is not None:
-        columns |= _columns([f"sd{j}_deg" for j in joints], degrees_for_file(poses.sd_rad))
+        add((f"sd{j}_deg" for j in joints), degrees_for_file(poses.sd_rad))
     if poses.samples is not None:
         columns["samples"] = poses.samples.tolist()
     columns |= {"utc": poses.utc} if poses.utc is not None else {}
     columns |= {"note": poses.notes} if poses.notes is not None else {}
     if poses.endpoint is not None:
-        columns |= _columns(POSITION_COLUMNS, poses.endpoint[:, :3])
+        add(POSITION_COLUMNS, poses.endpoint[:, :3])
         if poses.endpoint.shape[1] == 6:
-            columns |= _columns(ROTATION, degrees_for_file(poses.endpoint[:, 3:]))
+            add(ROTATION, degrees_for_file(poses.endpoint[:, 3:]))
     rows = (map(str, row) for row in zip(*columns.values(), strict=True))
     return write_records([columns, *rows], texts=TEXTS)
 
@@ -156,10 +149,6 @@ def format_poses(poses: PoseSet) -> bytes:
 def save_poses(path: Path, poses: PoseSet) -> None:
     """Write a poses file atomically; raises WriteError if the system refuses."""
     write_atomically(path, format_poses(poses))
-
-
-def _columns(names: Collection[str], table: FloatArray) -> dict[str, list[float]]:
-    return dict(zip(names, table.T.tolist(), strict=True))
 
 
 # ---- the header --------------------------------------------------------------------------------
@@ -203,12 +192,7 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
         elif (match := THETA.fullmatch(name)) and int(match[1]) > last:
             yield k + 1, name, f"the arm has {joint_count} joints", "is this the right arm?"
         elif (match := SD.fullmatch(name)) and int(match[1]) > last:
-            yield (
-                k + 1,
-                name,
-                "there is no such joint",
-                SPREAD_COLUMNS,
-            )
+            yield k + 1, name, "there is no such joint", SPREAD_COLUMNS
     present = {*names, *meant}
     have = f" (the file has {plural(len(joints), 'joint column')}"
     have += f", the arm {plural(joint_count, 'joint')})" if joint_count is not None else ")"
@@ -218,12 +202,8 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     turns = groups_in(sorted(present))
     targets = bool(present & {*TARGETS})
     if targets and (both := [c for c in names if c in POSITION_COLUMNS or group_of(c)]):
-        yield (
-            None,
-            both[0],
-            "the three targets already state the tool's pose",
-            "keep one of the two",
-        )
+        text = "the three targets already state the tool's pose"
+        yield None, both[0], text, "keep one of the two"
     for other in turns[1:]:
         text = f"states the orientation, and so does {turns[0][0]}"
         yield None, other[0], text, "keep one of the two"
@@ -266,11 +246,7 @@ def _reader(name: str) -> Callable[[str], Any]:
     """Return the function that reads a cell of this column."""
     if name in ("placement", "samples"):
         return whole_number
-    texts: dict[str, Callable[[str], str]] = {
-        "pose": _label,
-        "utc": lambda cell: text_of(cell.strip()),
-        "note": text_of,
-    }
+    texts = {"pose": _label, "utc": lambda cell: text_of(cell.strip()), "note": text_of}
     return texts.get(name) or partial(_quantity, name)
 
 
@@ -283,13 +259,14 @@ def _label(cell: str) -> str:
 
 def _quantity(name: str, cell: str) -> float:
     value = number(cell)
-    doubt = length_doubt(value) if name.endswith("_m") else angle_doubt(value)
+    doubt, unit = angle_doubt(value), "degrees"
+    if name.endswith("_m"):
+        doubt, unit = length_doubt(value), "metres"
     if doubt:
-        raise BadCell(doubt, f"this column is in {'metres' if name.endswith('_m') else 'degrees'}")
+        raise BadCell(doubt, f"this column is in {unit}")
     if name.startswith("sd") and value < 0.0:
-        raise BadCell(
-            f"a standard deviation of {cell.strip()} deg is negative", "correct the number"
-        )
+        text = f"a standard deviation of {cell.strip()} deg is negative"
+        raise BadCell(text, "correct the number")
     return value
 
 
@@ -339,11 +316,8 @@ def _warnings(poses: PoseSet) -> tuple[FileWarning, ...]:
     largest_deg = float(np.max(np.abs(np.rad2deg(poses.q_rad))))
     if len(poses) < FEWEST_POSES_FOR_UNIT or largest_deg >= 2.0 * np.pi:
         return suspected
-    text = f"no joint angle of {len(poses)} poses exceeds {largest_deg:.3g} deg: "
-    return (
-        *suspected,
-        FileWarning(code="RADIANS_SUSPECTED", text=f"{text}they may be in radians"),
-    )
+    text = f"no joint angle of {len(poses)} poses exceeds {largest_deg:.3g} deg: they may be in radians"
+    return (*suspected, FileWarning(code="RADIANS_SUSPECTED", text=text))
 
 
 def _times_suspected(poses: PoseSet, file: str) -> tuple[FileWarning, ...]:
@@ -354,21 +328,16 @@ def _times_suspected(poses: PoseSet, file: str) -> tuple[FileWarning, ...]:
     known = [_time(utc or "") for utc in given]
     times = [t for t in known if t is not None]
     zoned = 2 * sum(t.tzinfo is not None for t in times) >= len(times)
-    suspect_times = [
-        k for k, t in enumerate(known) if t is None or (t.tzinfo is not None) is not zoned
-    ]
-    if not suspect_times:
-        return ()
-    first = suspect_times[0]
-    fault = "has no zone, others have one" if zoned else "has a zone, others have none"
-    if known[first] is None:
-        fault = "is not a time"
-    text = (
-        f"{file}: utc of pose {poses.label[first]} (placement {poses.placement[first]}) is {given[first]!r}, "
-        f"which {fault} (write 2026-01-31T12:00:00Z): the times of this file are not used, nor is the "
-        "joints' direction of approach (their play)"
-    )
-    return (FileWarning(code="UTC_UNREADABLE", text=text),)
+    for k, t in enumerate(known):
+        if t is None or (t.tzinfo is not None) is not zoned:
+            fault = "has no zone, others have one" if zoned else "has a zone, others have none"
+            text = (
+                f"{file}: utc of pose {poses.label[k]} (placement {poses.placement[k]}) is {given[k]!r}, which "
+                f"{fault if t else 'is not a time'} (write 2026-01-31T12:00:00Z): the times of this file are not "
+                "used, nor is the joints' direction of approach (their play)"
+            )
+            return (FileWarning(code="UTC_UNREADABLE", text=text),)
+    return ()
 
 
 def _time(utc: str) -> datetime | None:

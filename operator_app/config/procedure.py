@@ -106,9 +106,8 @@ class Exploration(StrictRecord):
     def _require_width(cls, value: float, info: ValidationInfo) -> float:
         low = info.data.get("from_deg")
         if low is not None and value - low < 1.0:
-            raise refuse(
-                f"the exploration range is {value - low:g} deg wide", "make it at least 1 deg wide"
-            )
+            text = f"the exploration range is {value - low:g} deg wide"
+            raise refuse(text, "make it at least 1 deg wide")
         return value
 
 
@@ -139,9 +138,8 @@ class SettleRule(StrictRecord):
     def _longer_than_window(cls, value: int, info: ValidationInfo) -> int:
         window = info.data.get("window_syncs")
         if window is not None and value < window:
-            raise refuse(
-                f"{value} SYNCs are fewer than the window of {window}", "increase this time-out"
-            )
+            text = f"{value} SYNCs are fewer than the window of {window}"
+            raise refuse(text, "increase this time-out")
         return value
 
 
@@ -154,16 +152,12 @@ class CapturePlan(StrictRecord):
     strategy
         Named ``plan`` in the file. ``explore``: visit waypoints in the box; ``planned``: explore a little, then plan
         with the estimate and take `poses` further poses.
-    poses
-        Number of poses.
     exploration
         Ranges of the drive joints' angles ("box"); empty if the modes are chosen automatically.
     speed_deg_per_s
         Command speed of the drive joints.
     samples_per_pose
         SYNC samples averaged into one pose.
-    seed
-        Seed of the sequence of poses.
     requested_sigma
         Combined standard uncertainties at which a planned capture may end early, by parameter name with unit.
     """
@@ -226,32 +220,18 @@ class ProcedureFile(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Procedure:
-    """A procedure with its arm, fixture and bus profile.
+    """A procedure with its arm, fixture and bus profile; for the other fields of its file, see `ProcedureFile`.
 
     Attributes
     ----------
-    name
-        Name shown to the operator.
     arm, fixture
         As read from their files, except that the arm has this procedure's home and the entries in `held` are not free.
-    held
-        Fixed entries by name, each with the reason.
-    tracker
-        Source of an instrument's measurements.
-    profile
-        Set-up of the arm's nodes on the bus.
     sources
         The four files as read (procedure, arm, fixture, profile), of which the session keeps copies.
     position_joints
         Joints (1-based) in position mode; None: chosen automatically.
     trial
         Whether the automatic choice of these joints also uses small trial motions of the arm.
-    unsensed_joints
-        Joints whose readings are not used.
-    estimator
-        ``paper`` or ``implicit``.
-    upload
-        Whether the parameters are uploaded to the controller.
     length_tolerance_m
         Standard deviation of the maker's link lengths; None: as the arm file states.
     placements

@@ -36,10 +36,7 @@ def parse_procedure(
     Names are built-in names or paths; relative paths start from the procedure's own folder. Files in
     `snapshot` (by kind) are used instead of the files that the procedure names.
 
-    Raises
-    ------
-    ConfigError
-        One of the four files is invalid; the error lists all problems.
+    Raises ConfigError with all problems of the four files.
     """
     document = load_strict(source.data, source.file)
     files = _NamedFiles(document=document, folder=source.folder, snapshot=snapshot or {})
@@ -137,11 +134,11 @@ def check_joints(file_model: ProcedureFile, arm: ArmModel | None) -> Iterator[Co
     """Check joint numbers against each other and, unless `arm` is None, against the arm."""
     modes = file_model.chosen_modes
     drives = modes.listed
-    lists: tuple[tuple[KeyPath, tuple[int, ...]], ...] = (
-        (("modes", "position"), drives),
-        (("unsensed_joints",), file_model.unsensed_joints),
-    )
-    for path, joints in lists:
+    lists: dict[KeyPath, tuple[int, ...]] = {
+        ("modes", "position"): drives,
+        ("unsensed_joints",): file_model.unsensed_joints,
+    }
+    for path, joints in lists.items():
         for k, joint in enumerate(joints):
             if arm is not None and joint > arm.joint_count:
                 text, remedy = f"there is no joint {joint}", f"joints are 1 to {arm.joint_count}"
@@ -151,20 +148,15 @@ def check_joints(file_model: ProcedureFile, arm: ArmModel | None) -> Iterator[Co
                 yield (*path, k), text, "list each joint once"
     for k, joint in enumerate(drives):
         if joint in file_model.unsensed_joints:
-            yield (
-                ("modes", "position", k),
-                f"joint {joint} is in position mode and unsensed",
-                (
-                    "a joint whose reading is not used cannot be driven to a position: remove it from modes.position "
-                    "or from unsensed_joints"
-                ),
+            text = f"joint {joint} is in position mode and unsensed"
+            remedy = (
+                "a joint whose reading is not used cannot be driven to a position: remove it from modes.position "
+                "or from unsensed_joints"
             )
+            yield ("modes", "position", k), text, remedy
     if modes.trial and drives:
-        yield (
-            ("modes", "trial"),
-            "the drive joints are listed, so that there is nothing to choose by trial",
-            "write position: auto, or leave trial out",
-        )
+        text = "the drive joints are listed, so that there is nothing to choose by trial"
+        yield ("modes", "trial"), text, "write position: auto, or leave trial out"
     yield from _check_exploration(file_model, drives, arm)
     if arm is not None:
         yield from _check_limits(file_model, arm)
@@ -178,11 +170,8 @@ def check_own(file_model: ProcedureFile, arm: ArmModel) -> Iterator[Complaint]:
     free = {entry.name for entry in arm.free}
     for name in file_model.held:
         if name not in free:
-            yield (
-                ("held", name),
-                "is not a free entry of the arm: it is fixed anyway",
-                f"leave it out; free are {', '.join(sorted(free))}",
-            )
+            remedy = f"leave it out; free are {', '.join(sorted(free))}"
+            yield ("held", name), "is not a free entry of the arm: it is fixed anyway", remedy
 
 
 def _check_exploration(
@@ -249,8 +238,7 @@ def check_requested(
         name, _, _ = key.rpartition("_")
         meant = next((k for k, p in known.items() if p.name in (name, key)), "")
         near = difflib.get_close_matches(key, list(known), n=1)
-        if not (meant or near):
-            remedy = f"known here: {', '.join(known)}"
-        else:
+        remedy = f"known here: {', '.join(known)}"
+        if meant or near:
             remedy = f"did you mean {meant or near[0]}?"
         yield (*place, key), "is not a parameter of this calibration", remedy

@@ -29,10 +29,7 @@ from operator_app.config.strict_yaml import Path as KeyPath
 def parse_profile(data: bytes, file: str, *, joints: int | None) -> BusProfile:
     """Read a bus profile for an arm of `joints` joints (None: as in `ProfileFile.for_joints`).
 
-    Raises
-    ------
-    ConfigError
-        The file is invalid; the error lists all problems.
+    Raises ConfigError with all problems of the file.
     """
     document = load_strict(data, file)
     file_model = check_model(ProfileFile, document, kind="profile")
@@ -62,18 +59,20 @@ def format_profile(profile: BusProfile, *, comment: str) -> bytes:
             continue
         for own, joint in zip(joints, profile.joints, strict=True):
             own[key] = _written(getattr(joint, key), None)
+    arm = (
+        {"supervisor": "none", "serial_number": profile.serial_number}
+        if profile.supervisor is None
+        else {"supervisor": profile.supervisor}
+    )
     data: dict[str, Any] = {
         "schema": "sarcal/profile/1",
         "name": profile.name,
-        "supervisor": "none" if profile.supervisor is None else profile.supervisor,
+        **arm,
+        **({"pdo_maps": "configured"} if profile.configures_pdos else {}),
+        **shared,
+        "joints": joints,
+        "compared": [f"{index:04X}h" for index in sorted(profile.compared)],
     }
-    if profile.supervisor is None:
-        data["serial_number"] = profile.serial_number
-    if profile.configures_pdos:
-        data["pdo_maps"] = "configured"
-    data |= shared
-    data["joints"] = joints
-    data["compared"] = [f"{index:04X}h" for index in sorted(profile.compared)]
     return dump_strict(data, comment=comment)
 
 
@@ -120,11 +119,8 @@ def check_profile(file_model: ProfileFile, joints: int | None) -> Iterator[Compl
         own = file_model.own(number)
         for key in ("commands", "answers"):
             if not getattr(own, key) and not getattr(file_model, key):
-                yield (
-                    (key,),
-                    f"joint {number} has none",
-                    f"give {key} for all joints, or its own",
-                )
+                remedy = f"give {key} for all joints, or its own"
+                yield (key,), f"joint {number} has none", remedy
                 return  # the other joints have the same problem
     yield from _check_unique(file_model, count)
 
@@ -132,21 +128,18 @@ def check_profile(file_model: ProfileFile, joints: int | None) -> Iterator[Compl
 def _check_supervisor(file_model: ProfileFile) -> Iterator[Complaint]:
     if file_model.supervisor == "none":
         if file_model.serial_number is None:
-            yield (
-                ("serial_number",),
-                "is missing: without a supervisor only this file states which arm this is",
-                "add it",
-            )
+            text = "is missing: without a supervisor only this file states which arm this is"
+            yield ("serial_number",), text, "add it"
         return
     if file_model.serial_number is not None:
         yield ("serial_number",), "is stated by the supervisor", "leave it out"
     for k, joint in enumerate(file_model.joints):
         if joint.counts_otherwise:
-            yield (
-                ("joints", k),
-                "a supervisor sets home offsets (607Ch) in the counts of the arm file's sensor",
-                "leave direction, counts_per_rev and zero_counts out, or write supervisor: none",
+            text = "a supervisor sets home offsets (607Ch) in the counts of the arm file's sensor"
+            remedy = (
+                "leave direction, counts_per_rev and zero_counts out, or write supervisor: none"
             )
+            yield ("joints", k), text, remedy
 
 
 def _check_listed(file_model: ProfileFile, joints: int | None) -> Iterator[Complaint]:
@@ -182,22 +175,16 @@ def _check_pdos(place: KeyPath, pdos: Sequence[PdoSpec], *, sent: bool) -> Itera
             elif bits == 0 or bits % 8:
                 yield at, f"{shown} is not a whole number of bytes", "map whole bytes in the drive"
             elif not sent and index not in ZERO_OBJECTS:
-                yield (
-                    at,
-                    f"{shown} is not an object that this program commands",
-                    "remove it from this RPDO, in the drive too",
-                )
+                text = f"{shown} is not an object that this program commands"
+                yield at, text, "remove it from this RPDO, in the drive too"
     for index, count in times.items():
         if count == 0:
             yield place, f"nothing carries {index:04X}h", "map it, in the drive too"
         elif count > 1 and index != CONTROLWORD and not sent:
             yield place, f"{index:04X}h is carried {count} times", "once is enough"
     if not sent and 0 < width[TARGET_POSITION] < 32:
-        yield (
-            place,
-            f"{width[TARGET_POSITION]} bits of target (607Ah) cannot hold every position",
-            "map at least 32 bits",
-        )
+        text = f"{width[TARGET_POSITION]} bits of target (607Ah) cannot hold every position"
+        yield place, text, "map at least 32 bits"
 
 
 def _check_unique(file_model: ProfileFile, count: int) -> Iterator[Complaint]:
@@ -209,25 +196,20 @@ def _check_unique(file_model: ProfileFile, count: int) -> Iterator[Complaint]:
     for number, joint in enumerate(profile.joints, 1):
         place: KeyPath = places.get(number, ("joints",))
         if joint.node in nodes:
-            yield (
-                (*place, "node") if number in places else place,
-                f"node {joint.node} is {nodes[joint.node]} and joint {number}",
-                "give each its own number",
-            )
+            key_path = (*place, "node") if number in places else place
+            text = f"node {joint.node} is {nodes[joint.node]} and joint {number}"
+            yield key_path, text, "give each its own number"
             return  # other problems may follow from this one
         nodes[joint.node] = f"joint {number}"
         for key, pdos in (("commands", joint.commands), ("answers", joint.answers)):
             own = bool(getattr(file_model.own(number), key))
             for k, pdo in enumerate(pdos):
-                key_path: KeyPath = (*place, key, k, "cob_id") if own else (key, k, "cob_id")
+                key_path = (*place, key, k, "cob_id") if own else (key, k, "cob_id")
                 used = identifiers.get(pdo.cob_id) or next(
                     (what for low, high, what in _RESERVED if low <= pdo.cob_id <= high), ""
                 )
                 if used and key_path not in reported:  # common settings are reported once
                     reported.add(key_path)
-                    yield (
-                        key_path,
-                        f"{pdo.cob_id:03X}h, for joint {number}, is taken by {used}",
-                        "choose another identifier, in the drive too",
-                    )
+                    text = f"{pdo.cob_id:03X}h, for joint {number}, is taken by {used}"
+                    yield key_path, text, "choose another identifier, in the drive too"
                 identifiers[pdo.cob_id] = f"joint {number}"

@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from operator_app.config.csv_table import BadCell
 from operator_app.config.errors import ConfigError, decode_text, only
 from operator_app.config.joint_log import (
     Unit,
     find_column,
     find_columns,
     is_number,
-    numbered_series,
+    joint_order,
     read_rows,
 )
 from operator_app.config.resources import expanded, read_limited
@@ -36,16 +37,10 @@ SINCE_1970_S = 1e8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointRecording:
-    """Angles (m, n), rad, at rising times (m,), s.
+    """Angles (m, n), rad, at rising times (m,), s, of joints 1 to n with their names in the recording.
 
-    Attributes
-    ----------
-    joints
-        Names of joints 1 to n as in the recording.
-    source
-        Topic or column of times.
-    left_out
-        Number of messages or lines that lack a joint's angle or have the same time as another message or line.
+    `source`: topic or column of times. `left_out`: number of messages or lines that lack a joint's angle or have the
+    same time as another message or line.
     """
 
     file: str
@@ -71,29 +66,19 @@ def load_timed_log(
     unit: Unit | None = None,
     columns: str = "",
 ) -> JointRecording:
-    """Read a CSV log of angles over time.
+    """Read a CSV log of angles over time; raises ConfigError if the file is invalid.
 
-    Parameters
-    ----------
-    time
-        The column of times, by name or number. Times are in s, in ms, us or ns since 1970, or in ISO 8601.
-    joints, columns
-        As in `load_bag`; `columns` may also be numbers.
-    unit
-        Unit of the angles; None: degrees, but angles that look like radians are refused.
-
-    Raises
-    ------
-    ConfigError
-        The file is invalid; the error states the problem.
+    `time`: the column of times, by name or number; times are in s, in ms, us or ns since 1970, or in ISO 8601. `joints`
+    and `columns` are as in `load_bag`; `columns` may also be numbers. `unit`: unit of the angles; None: degrees, but
+    angles that look like radians are refused.
     """
     file = str(path)
     text = decode_text(read_limited(expanded(path), file, limit=RECORDING_LIMIT_BYTES), file)
     lines = read_rows(text)
     if len(lines) < 2:
         raise only(file, "has no samples", "it must have a line of time and angles for each sample")
-    header = [] if any(map(is_number, lines[0].cells)) else lines[0].cells
-    lines, width = lines[1:] if header else lines, len(lines[1].cells)
+    header = [] if any(map(is_number, lines[0][1])) else lines[0][1]
+    lines, width = lines[1:] if header else lines, len(lines[1][1])
     by = find_column("--time", time, header, width, file)
     remaining = [k for k in range(width) if k != by]
     if header and not columns:
@@ -102,16 +87,21 @@ def load_timed_log(
     else:
         where = find_columns(columns, header, remaining, len(joints), file)
         order = tuple(header[k] if header else f"column {k + 1}" for k in where)
-    cells = array("d")
-    for row in lines:
-        if len(row.cells) == width:
-            cells.append(_time_s(row.cells[by], file, row.line, by))
-            cells.extend(_angle(row.cells[k], file, row.line, k) for k in where)
-        elif row is not lines[-1]:
+    values = array("d")
+    readers = [(by, _time_s), *((k, _angle) for k in where)]
+    for line, cells in lines:
+        if len(cells) == width:
+            for column, read in readers:
+                try:
+                    values.append(read(cells[column]))
+                except BadCell as error:
+                    at = {"line": line, "column": column + 1}
+                    raise only(file, error.text, error.remedy, **at) from error
+        elif line != lines[-1][0]:
             # A killed recorder leaves its last line incomplete.
-            text = f"has {len(row.cells)} cells; the lines before it have {width}"
-            raise only(file, text, "correct this line", line=row.line)
-    table = np.array(cells).reshape(-1, 1 + len(where))
+            text = f"has {len(cells)} cells; the lines before it have {width}"
+            raise only(file, text, "correct this line", line=line)
+    table = np.array(values).reshape(-1, 1 + len(where))
     time_s, q = table[:, 0], table[:, 1:]
     largest = float(np.max(np.abs(q), initial=0.0, where=np.isfinite(q)))
     if unit is None and largest < 2.0 * np.pi:
@@ -128,8 +118,8 @@ def load_timed_log(
     )
 
 
-def _time_s(cell: str, file: str, line: int, column: int) -> float:
-    """Return a time: a number as it is, or ISO 8601 (UTC if it has no zone) as seconds since 1970."""
+def _time_s(cell: str) -> float:
+    """Return a time: a number as it is, or ISO 8601 (UTC if it has no zone) as seconds since 1970; raises BadCell."""
     try:
         return float(cell or "nan")
     except ValueError:
@@ -138,18 +128,16 @@ def _time_s(cell: str, file: str, line: int, column: int) -> float:
         time = datetime.fromisoformat(cell)
     except ValueError as error:
         remedy = "write seconds, or a time such as 2026-01-31T12:00:00.250Z"
-        text = f"{cell[:40]!r} is not a time"
-        raise only(file, text, remedy, line=line, column=column + 1) from error
+        raise BadCell(f"{cell[:40]!r} is not a time", remedy) from error
     return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
 
 
-def _angle(cell: str, file: str, line: int, column: int) -> float:
-    """Read an angle; an empty or non-finite value is a lost sample."""
+def _angle(cell: str) -> float:
+    """Read an angle; an empty or non-finite value is a lost sample. Raises BadCell."""
     try:
         return float(cell or "nan")
     except ValueError as error:
-        text = f"{cell[:40]!r} is not a number"
-        raise only(file, text, "correct the cell", line=line, column=column + 1) from error
+        raise BadCell(f"{cell[:40]!r} is not a number", "correct the cell") from error
 
 
 def recording_of(
@@ -157,10 +145,7 @@ def recording_of(
 ) -> JointRecording:
     """Return the samples in order of time, without incomplete samples and repeated times.
 
-    Raises
-    ------
-    ConfigError
-        No complete sample remains, or the values are not angles.
+    Raises ConfigError if no complete sample remains, or if the values are not angles.
     """
     complete = np.flatnonzero(np.isfinite(time_s) & np.all(np.isfinite(q_rad), axis=1))
     if not len(complete):
@@ -199,12 +184,10 @@ def find_joints(
             text = f"--columns names {len(set(listed))} joints of an arm of {count}"
             raise only(file, text, "name one for each joint, in the order of the joints")
         return listed
-    if set(joints) <= set(names) and len(set(joints)) == count:
-        return tuple(joints)
-    if not (series := numbered_series(names, count)):
+    if not (order := joint_order(names, joints, count)):
         text = f"its columns of joints 1 to {count} cannot be recognised: {', '.join(names[:40])}"
         raise only(file, text, "name them in order: --columns NAME,NAME,...")
-    return tuple(names[k] for k in series)
+    return tuple(names[k] for k in order)
 
 
 BAG_SUFFIXES = (".mcap", ".db3")
@@ -226,19 +209,9 @@ def load_bag(
 ) -> JointRecording:
     """Read the joint states of a ROS 2 bag: a file (.mcap, .db3) or its folder.
 
-    Parameters
-    ----------
-    joints
-        The arm's names of joints 1 to n.
-    columns
-        Names of joints 1 to n in the bag; empty: the arm's names, or the only series of numbered names.
-    topic
-        Topic of the joint states; empty: ``/joint_states``, or else the only topic of that type.
-
-    Raises
-    ------
-    ConfigError
-        The bag cannot be read, or the optional package for bags is not installed; the error states the problem.
+    `joints`: the arm's names of joints 1 to n. `columns`: their names in the bag; empty: the arm's names, or the only
+    series of numbered names. `topic`: topic of the joint states; empty: ``/joint_states``, or else the only topic of
+    that type. Raises ConfigError if the bag cannot be read, or if the optional package for bags is not installed.
     """
     file = str(path)
     try:

@@ -33,14 +33,9 @@ OPEN_ALREADY = ("/dev/stdin", "/dev/fd/", "/proc/self/fd/")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resource:
-    """Name, folder and content of a file.
+    """Content of a file, and its name for messages: the path as typed, or ``packaged:<name>.yaml``.
 
-    Attributes
-    ----------
-    file
-        Name for messages: the path as typed, or ``packaged:<name>.yaml``.
-    folder
-        Folder from which relative references inside the file start; None for a built-in file.
+    `folder`: where relative references inside the file start; None for a built-in file.
     """
 
     file: str
@@ -55,19 +50,9 @@ def builtin_names(kind: Kind) -> tuple[str, ...]:
 
 
 def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) -> Resource:
-    """Find and read a file by built-in name or path.
+    """Find and read a file by built-in name or path; relative paths start in `folder` (default: working directory).
 
-    Parameters
-    ----------
-    reference
-        Built-in name or path.
-    folder
-        Start of relative paths (default: the working directory).
-
-    Raises
-    ------
-    ConfigError
-        `reference` is no built-in name and no file (the message lists the built-in names), or the file cannot be read.
+    Raises ConfigError if `reference` is no built-in name and no file, or if the file cannot be read.
     """
     text = str(reference)
     names = builtin_names(kind)
@@ -75,15 +60,14 @@ def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) ->
         packaged = _folder(kind) / f"{text}.yaml"
         return Resource(file=f"packaged:{text}.yaml", folder=None, data=packaged.read_bytes())
     path = expanded(text) if folder is None else folder / expanded(text)
-    if not text or (_looks_like_name(text) and not _exists(path)):
+    is_path = os.sep in text or "." in text or text.startswith("~")
+    # `exists` of pathlib raises for names that no file can have.
+    if not text or not (is_path or os.path.exists(path)):  # noqa: PTH110
         near = [name for name in names if text and name.startswith(text.lower())]
         near = near or difflib.get_close_matches(text.lower(), names, n=1)
         hint = f"did you mean {near[0]}? " if near else ""
-        raise only(
-            text or "''",
-            f"is neither a built-in {WORDS[kind]} nor a file",
-            f"{hint}built-in: {', '.join(names)}; or give a path",
-        )
+        remedy = f"{hint}built-in: {', '.join(names)}; or give a path"
+        raise only(text or "''", f"is neither a built-in {WORDS[kind]} nor a file", remedy)
     shown = text if folder is None else str(path)
     data = read_limited(path, shown, limit=YAML_LIMIT_BYTES)
     return Resource(file=shown, folder=path.parent, data=data)
@@ -107,10 +91,8 @@ def read_limited(path: Path, shown: str, *, limit: int) -> bytes:
         with path.open("rb") as file:
             data = file.read(limit + 1)
     except FileNotFoundError as error:
-        remedy = "check the path"
         near = difflib.get_close_matches(path.name, _siblings(path), n=1)
-        if near:
-            remedy = f"did you mean {path.with_name(near[0])}?"
+        remedy = f"did you mean {path.with_name(near[0])}?" if near else "check the path"
         raise only(shown, "there is no such file", remedy) from error
     except IsADirectoryError as error:
         raise only(shown, "is a folder, not a file", "name the file in it") from error
@@ -127,17 +109,6 @@ def _folder(kind: Kind) -> Traversable:
     if kind == "fixture":
         return files("fixtures") / "data"
     return files("operator_app") / "data" / f"{kind}s"
-
-
-def _looks_like_name(text: str) -> bool:
-    return os.sep not in text and "." not in text and not text.startswith("~")
-
-
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except (OSError, ValueError):
-        return False
 
 
 def _siblings(path: Path) -> list[str]:

@@ -12,10 +12,17 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, TypeVar, cast
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, ValidationInfo
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    TypeAdapter,
+    ValidationError,
+    ValidationInfo,
+)
 from pydantic_core import ErrorDetails
 
 from operator_app.config.errors import (
@@ -61,60 +68,43 @@ def adapter(model: type[M]) -> TypeAdapter[M]:
     return _ADAPTERS[model]
 
 
-def report(info: ValidationInfo, path: Path, text: str, remedy: str = "") -> None:
-    """Record a problem at `path` from inside a validator, without stopping the validation.
+Fields = Mapping[str, Any]
+"""The valid fields before the one that is checked, by name."""
 
-    For checks that compare fields: they may have to report several places, which pydantic's exceptions cannot do.
+
+def checked(check: Callable[[Any, Fields], Iterable[Complaint]]) -> AfterValidator:
+    """Return the annotation of a field whose value is compared with other fields, without stopping the validation.
+
+    `check` yields problems, at any place of the file.
     """
-    cast("list[Complaint]", info.context).append((path, text, remedy))
+
+    def validate(value: Any, info: ValidationInfo) -> Any:
+        cast("list[Complaint]", info.context).extend(check(value, info.data))
+        return value
+
+    return AfterValidator(validate)
 
 
-def check_numbered(info: ValidationInfo, items: Sequence[Any], first: int, key: str) -> None:
-    """Report every item of a list whose number, under `key`, differs from its place, counted from `first`."""
-    for k, item in enumerate(items):
-        number, place = getattr(item, key), k + first
-        if number != place:
-            report(
-                info,
-                (str(info.field_name), k, key),
-                f"{key} {number} is listed in place of {key} {place}",
-                f"list {key}s {first} to n in order, each once",
-            )
+def numbered(place: str, key: str, first: int = 1) -> AfterValidator:
+    """Return the annotation of the list at `place` whose items are to be numbered from `first`, under `key`."""
+
+    def check(items: Sequence[Any], _: Fields) -> Iterator[Complaint]:
+        for k, item in enumerate(items):
+            if (number := getattr(item, key)) != k + first:
+                text = f"{key} {number} is listed in place of {key} {k + first}"
+                yield (place, k, key), text, f"list {key}s {first} to n in order, each once"
+
+    return checked(check)
 
 
 def read_model(model: type[M], data: bytes, *, kind: str, file: str) -> M:
-    """Read the bytes of a file of `kind` (``schema: sarcal/<kind>/1``) into `model`.
-
-    Raises
-    ------
-    ConfigError
-        The file is invalid; the error lists all problems.
-    """
+    """Read the bytes of a file of `kind` (``schema: sarcal/<kind>/1``); raises ConfigError with all its problems."""
     return check_model(model, load_strict(data, file), kind=kind)
 
 
 def check_model(model: type[M], document: YamlDocument, *, kind: str) -> M:
     """Check a document that has already been read; otherwise like `read_model`."""
-    return _validate(model, document, [*document.problems, *_check_schema(document, kind)])
-
-
-def read_by_kind(models: Mapping[str, type[M]], data: bytes, *, kind: str, file: str) -> M:
-    """Read a file whose key ``kind`` selects its model; otherwise like `read_model`."""
-    document = load_strict(data, file)
     problems = [*document.problems, *_check_schema(document, kind)]
-    which = document.data.get("kind")
-    if not isinstance(which, str) or which not in models:
-        options = ", ".join(models)
-        near = difflib.get_close_matches(str(which), list(models), n=1)
-        hint = f"did you mean {near[0]}? " if near else ""
-        known = f"{value_in_words(which)} is not a known kind of {kind}"
-        text = known if "kind" in document.data else "is missing"
-        problems.append(document.problem(("kind",), text, f"{hint}use one of: {options}"))
-        raise ConfigError(problems)
-    return _validate(models[which], document, problems)
-
-
-def _validate(model: type[M], document: YamlDocument, problems: list[Problem]) -> M:
     body = {key: value for key, value in document.data.items() if key != "schema"}
     notes: list[Complaint] = []
     checked: M | None = None
@@ -122,10 +112,24 @@ def _validate(model: type[M], document: YamlDocument, problems: list[Problem]) -
         checked = adapter(model).validate_python(body, context=notes)
     except ValidationError as error:
         problems += _problems(document, model, error.errors(include_url=False), noted=bool(notes))
-    problems += [document.problem(path, text, remedy) for path, text, remedy in notes]
+    problems += [document.problem(*note) for note in notes]
     if problems or checked is None:
         raise ConfigError(problems)
     return checked
+
+
+def read_by_kind(models: Mapping[str, type[M]], data: bytes, *, kind: str, file: str) -> M:
+    """Read a file whose key ``kind`` selects its model; otherwise like `read_model`."""
+    document = load_strict(data, file)
+    which = document.data.get("kind")
+    if isinstance(which, str) and which in models:
+        return check_model(models[which], document, kind=kind)
+    near = difflib.get_close_matches(str(which), list(models), n=1)
+    hint = f"did you mean {near[0]}? " if near else ""
+    known = f"{value_in_words(which)} is not a known kind of {kind}"
+    text = known if "kind" in document.data else "is missing"
+    problem = document.problem(("kind",), text, f"{hint}use one of: {', '.join(models)}")
+    raise ConfigError((*document.problems, *_check_schema(document, kind), problem))
 
 
 def is_unlike_any_key(problem: Problem) -> bool:
@@ -147,27 +151,19 @@ def _check_schema(document: YamlDocument, kind: str) -> Iterator[Problem]:
         return
     stated = document.data["schema"]
     if stated not in [f"sarcal/{kind}/{version}" for version in versions]:
+        text, remedy = f"{stated!r} is not a schema this program knows", line
         match = re.fullmatch(r"sarcal/([a-z]+)/(\d{1,9})", str(stated))
-        problem = document.problem(
-            ("schema",), f"{stated!r} is not a schema this program knows", line
-        )
         if match is not None and match[1] != kind:
-            problem = document.problem(
-                ("schema",),
-                f"this is a file of kind {match[1]}",
-                f"a file of kind {kind} is required: {line}",
-            )
+            text = f"this is a file of kind {match[1]}"
+            remedy = f"a file of kind {kind} is required: {line}"
         elif match is not None:
-            problem = document.problem(
-                ("schema",),
-                f"the {kind} file has version {match[2]}",
-                (
-                    f"this program reads version {', '.join(map(str, versions))}: use a version of sarcal that reads "
-                    f"version {match[2]}"
-                ),
+            text = f"the {kind} file has version {match[2]}"
+            remedy = (
+                f"this program reads version {', '.join(map(str, versions))}: use a version of sarcal that reads "
+                f"version {match[2]}"
             )
         # All other problems would only follow from this one.
-        raise ConfigError((problem,))
+        raise ConfigError((document.problem(("schema",), text, remedy),))
     if next(iter(document.data)) != "schema":
         yield document.problem(("schema",), "is not the first key", line)
 
@@ -189,11 +185,9 @@ def _problems(
             meant.add(instead)
         yield document.problem(path, text, remedy)
     for path, error in placed:
-        if error["type"] in UNKNOWN_KEY or path in meant:
-            continue
-        if any(path[: len(bad)] == bad for bad in document.unreadable):
-            continue
-        yield document.problem(path, *words_for(error))
+        follows = any(path[: len(bad)] == bad for bad in document.unreadable)
+        if not (follows or error["type"] in UNKNOWN_KEY or path in meant):
+            yield document.problem(path, *words_for(error))
 
 
 def _without_alternatives(

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -37,14 +37,14 @@ Scalar = str | int | float | bool | None
 
 
 def load_strict(data: bytes, file: str) -> YamlDocument:
-    """Read one YAML mapping.
+    """Read one YAML mapping; raises ConfigError for anything else.
 
-    Raises
-    ------
-    ConfigError
-        The file is not a YAML mapping. Problems that leave the rest readable are in the result instead.
+    Problems that leave the rest readable are in the result instead.
     """
-    text = _decode(data, file)
+    if len(data) > YAML_LIMIT_BYTES:
+        text = f"is larger than {YAML_LIMIT_BYTES // 1024} KiB"
+        raise only(file, text, "this is probably the wrong file")
+    text = decode_text(data, file)
     if text.lstrip().startswith("<"):
         remedy = "make an arm file from a URDF first: sarcal new arm --urdf FILE"
         raise only(file, "is XML, not YAML", remedy, line=1)
@@ -69,22 +69,18 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
         remedy = "write one key per line, or restore the file"
         raise only(file, what, remedy, line=mark.line + 1, column=mark.column + 1)
     builder = _Builder()
-    bare = YamlDocument(
+    return YamlDocument(
         file=file,
         data=builder.build(node, ()),
         marks=builder.marks,
-        problems=(),
+        complaints=tuple(builder.complaints),
         unreadable=frozenset(builder.unreadable),
     )
-    return replace(bare, problems=tuple(bare.problem(*problem) for problem in builder.found))
 
 
 @lru_cache(maxsize=16)
 def _composed(text: str, file: str) -> Node | None:
-    """Compose the single document of a file.
-
-    Cached, as opening a session reads the same built-in files several times.
-    """
+    """Compose the single document; cached, as opening a session reads the same built-in files several times."""
     node: Node | None = StrictLoader(text, file).get_single_node()
     return node
 
@@ -92,17 +88,12 @@ def _composed(text: str, file: str) -> Node | None:
 def resolve_plain(text: str) -> Scalar:
     """Return the value of an unquoted scalar; inf for a number that is not finite or too large for a double.
 
-    Raises
-    ------
-    ValueError
-        The number has too many digits.
+    `ValueError` for a number with too many digits.
     """
     if text in NULLS:
         return None
-    if text in TRUE:
-        return True
-    if text in FALSE:
-        return False
+    if text in TRUE or text in FALSE:
+        return text in TRUE
     if INTEGER.fullmatch(text):
         if len(text) > 40:
             raise ValueError("a number of more than 40 digits")
@@ -143,81 +134,60 @@ class StrictLoader(yaml.SafeLoader):
 class _Builder:
     """Converts nodes to plain data, and records their positions."""
 
-    marks: dict[Path, tuple[int, int]] = field(default_factory=dict)
-    found: list[tuple[Path, str, str, tuple[int, int]]] = field(default_factory=list)
+    marks: dict[Path, Mark] = field(default_factory=dict)
+    complaints: list[tuple[Path, str, str, Mark]] = field(default_factory=list)
     unreadable: set[Path] = field(default_factory=set)
 
     def build(self, node: Node, path: Path) -> Any:
         self.marks.setdefault(path, _mark(node))
-        if isinstance(node, MappingNode):
-            return self._mapping(node, path)
+        if isinstance(node, ScalarNode):
+            return self._scalar(node, path)
         if isinstance(node, SequenceNode):
             return [self.build(item, (*path, k)) for k, item in enumerate(node.value)]
-        if not isinstance(node, ScalarNode):  # pragma: no cover - YAML has three kinds of node
-            raise TypeError(f"unknown node {node!r}")
-        return self._scalar(node, path)
+        return self._mapping(node, path)
 
-    def _mapping(self, node: MappingNode, path: Path) -> dict[str, Any]:
+    def _mapping(self, node: Node, path: Path) -> dict[str, Any]:
         out: dict[str, Any] = {}
         for key_node, value_node in node.value:
             if not isinstance(key_node, ScalarNode):
-                self._complain(
-                    key_node, path, "has a list or a mapping as a key", "write `key: value`"
-                )
+                text = "has a list or a mapping as a key"
+                self._complain(key_node, path, text, "write `key: value`")
                 continue
             key = str(key_node.value)
             key_path = (*path, key)
             if key == "<<" and key_node.style is None:
-                self._complain(
-                    key_node, key_path, "merge keys are not supported", "write the keys out"
-                )
-                continue
-            if key in out:
-                first = self.marks[key_path][0]
-                self._complain(
-                    key_node,
-                    key_path,
-                    f"is given twice (first in line {first})",
-                    "keep one of them",
-                )
-                continue
-            self.marks[key_path] = _mark(key_node)
-            out[key] = self.build(value_node, key_path)
+                text = "merge keys are not supported"
+                self._complain(key_node, key_path, text, "write the keys out")
+            elif key in out:
+                text = f"is given twice (first in line {self.marks[key_path][0]})"
+                self._complain(key_node, key_path, text, "keep one of them")
+            else:
+                self.marks[key_path] = _mark(key_node)
+                out[key] = self.build(value_node, key_path)
         return out
 
     def _scalar(self, node: ScalarNode, path: Path) -> Scalar:
-        text = str(node.value)
+        text, what = str(node.value), ""
+        value: Scalar = None
         if node.style is not None:
+            value, remedy = text, "write the text plainly"
             if any("\ud800" <= c <= "\udfff" for c in text):
-                self._complain(
-                    node, path, "contains an incomplete character", "write the text plainly"
-                )
-                self.unreadable.add(path)
-            return text
-        try:
-            value = resolve_plain(text)
-        except ValueError as error:
-            self._complain(node, path, f"is {error}", "check the number")
-            self.unreadable.add(path)
-            return None
-        if isinstance(value, float) and not math.isfinite(value):
-            self._complain(node, path, f"{text} is not a finite number", "give a finite number")
+                what = "contains an incomplete character"
+        else:
+            try:
+                value, remedy = resolve_plain(text), "give a finite number"
+                if isinstance(value, float) and not math.isfinite(value):
+                    what = f"{text} is not a finite number"
+            except ValueError as error:
+                what, remedy = f"is {error}", "check the number"
+        if what:
+            self._complain(node, path, what, remedy)
             self.unreadable.add(path)
         return value
 
     def _complain(self, node: Node, path: Path, text: str, remedy: str) -> None:
         # Report the place of this node: the second of two equal keys has another line.
-        self.found.append((path, text, remedy, _mark(node)))
-
-
-def _decode(data: bytes, file: str) -> str:
-    if len(data) > YAML_LIMIT_BYTES:
-        raise only(
-            file,
-            f"is larger than {YAML_LIMIT_BYTES // 1024} KiB",
-            "this is probably the wrong file",
-        )
-    return decode_text(data, file)
+        self.complaints.append((path, text, remedy, _mark(node)))
 
 
 def _syntax(error: yaml.MarkedYAMLError, text: str, line: int) -> tuple[str, str]:
@@ -228,15 +198,18 @@ def _syntax(error: yaml.MarkedYAMLError, text: str, line: int) -> tuple[str, str
     if isinstance(error, yaml.composer.ComposerError):
         if "single document" in str(error.context) or "but found another document" in problem:
             return "contains a second document (---)", "one file holds one document"
-        return problem if "deep" in problem else f"{problem} are not supported", (
-            "write the values out"
-        )
+        what = problem if "deep" in problem else f"{problem} are not supported"
+        return what, "write the values out"
     if "\\t" in problem or "\t" in shown:
         return "has a tab where YAML needs spaces", "indent with spaces"
     return f"is not YAML: {problem}", "check indentation, colons and quotes in this line"
 
 
-def _mark(node: Node) -> tuple[int, int]:
+Mark = tuple[int, int]
+"""Line and column, from 1."""
+
+
+def _mark(node: Node) -> Mark:
     return node.start_mark.line + 1, node.start_mark.column + 1
 
 
@@ -249,44 +222,31 @@ Complaint = tuple[Path, str, str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class YamlDocument:
-    """A YAML mapping with the place of every key.
+    """A YAML mapping: plain dicts, lists, str, int, float, bool, None.
 
-    Attributes
-    ----------
-    file
-        Name for messages.
-    data
-        The top mapping: plain dicts, lists, str, int, float, bool, None.
-    marks
-        Line and column (from 1) of every key and list item, by path; ``()`` is the document.
-    problems
-        Problems that leave the rest of the document readable.
-    unreadable
-        Paths whose values are placeholders because of a problem.
+    `marks`: place of every key and list item, by path; ``()`` is the document. `complaints`: problems that leave the
+    rest readable, with their places. `unreadable`: paths whose values are placeholders because of a problem.
     """
 
     file: str
     data: dict[str, Any]
-    marks: Mapping[Path, tuple[int, int]]
-    problems: tuple[Problem, ...]
+    marks: Mapping[Path, Mark]
+    complaints: tuple[tuple[Path, str, str, Mark], ...]
     unreadable: frozenset[Path]
 
-    def problem(
-        self, path: Path, text: str, remedy: str = "", mark: tuple[int, int] | None = None
-    ) -> Problem:
+    @property
+    def problems(self) -> tuple[Problem, ...]:
+        """Problems that leave the rest of the document readable."""
+        return tuple(self.problem(*complaint) for complaint in self.complaints)
+
+    def problem(self, path: Path, text: str, remedy: str = "", mark: Mark | None = None) -> Problem:
         """Build a problem at `path`; line and column: `mark`, or those of `path` or its nearest parent in the file."""
         place = path
         while place and place not in self.marks:
             place = place[:-1]
         line, column = mark or self.marks.get(place, (1, 1))
-        return Problem(
-            file=self.file,
-            line=line,
-            column=column,
-            key=self.name(path),
-            text=text,
-            remedy=remedy,
-        )
+        key = self.name(path)
+        return Problem(file=self.file, line=line, column=column, key=key, text=text, remedy=remedy)
 
     def at(self, path: Path) -> Any:
         """Return the value at `path`; None if there is none."""

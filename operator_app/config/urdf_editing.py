@@ -37,13 +37,8 @@ def format_urdf(
     """Return a URDF of links 1..n with the geometry of `table`, and ranges, speeds and torques of `arm`.
 
     Joints have the arm file's names if all are valid in a URDF (without spaces, and unique), else ``joint_1`` etc.
-
-    Parameters
-    ----------
-    T_tip
-        Pose of the link 'tip' relative to the last link at a reading of zero, (4, 4), m; None: no link 'tip'.
-    comment
-        Lines of a comment in the file.
+    `T_tip`: pose of the link 'tip' relative to the last link at a reading of zero, (4, 4), m; None: no link 'tip'.
+    `comment`: lines of a comment in the file.
     """
     names = [joint.name for joint in arm.joints]
     if len({re.sub(r"\s", "", name) for name in names} & set(names)) != len(names):
@@ -106,27 +101,16 @@ z."""
 def with_calibration(
     data: bytes, file: str, arm: ArmModel, table: DhTable, comment: Sequence[str]
 ) -> bytes:
-    """Return the file with a comment, and with joint origins changed to the geometry of `table`.
+    """Return a file with the lines of a comment, and with joint origins changed to the geometry of `table`.
 
-    Parameters
-    ----------
-    data, file
-        A URDF, a xacro whose chain has literal numbers, or UR's ``default_kinematics.yaml``; and its name.
-    arm
-        The arm that was calibrated, with the nominal values of its file.
-    comment
-        Lines of a comment in the file.
-
-    Raises
-    ------
-    ConfigError
-        The file cannot be read, or describes another arm; the text states the difference.
+    The file is a URDF, a xacro whose chain has literal numbers, or UR's ``default_kinematics.yaml``. `arm` is the arm
+    that was calibrated, with the nominal values of its file. Raises ConfigError if the file cannot be read or describes
+    another arm.
     """
-    if file.lower().endswith((".yaml", ".yml")):
-        chain = _matching([_ur_chain(data, file)], arm, file)
-        return _into_yaml(data, calibrated_origins(chain, table), comment)
-    chain = _matching(_chains(data, file, arm), arm, file)
-    return _into_xml(data, calibrated_origins(chain, table), comment)
+    is_yaml = file.lower().endswith((".yaml", ".yml"))
+    chains = [_ur_chain(data, file)] if is_yaml else _chains(data, file, arm)
+    origins = calibrated_origins(_matching(chains, arm, file), table)
+    return (_into_yaml if is_yaml else _into_xml)(data, origins, comment)
 
 
 def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray]:
@@ -140,15 +124,14 @@ def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray
         link_transform((d, 0.0, 0.0, 0.0, 0.0)) for d in wrap_angle(rows[:, 0] - stated[:, 0])
     ]
     rows[:, 0] = stated[:, 0]
-    place: FloatArray = chain.frames[0]
+    place, T = chain.frames[0], np.eye(4)
     before: FloatArray = np.eye(4)
-    T: FloatArray = np.eye(4)
     fixed: FloatArray = np.eye(4)
     origins, j = dict[str, FloatArray](), 0
     for step in chain.steps:
         T = T @ step.T
-        target: FloatArray = step.T
-        if step.axis is None:
+        target = step.T
+        if step.joint is None:
             fixed = fixed @ step.T
         else:
             own = _inverse(chain.frames[j]) @ T
@@ -157,9 +140,9 @@ def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray
             j += 1
         if step.rounded or np.abs(target - step.T).max() > SAME:
             origins[step.name] = target
-    after: FloatArray = before @ place @ chain.T_flange_tip
-    if np.abs(after - fixed).max() > SAME and chain.steps[-1].axis is None:
-        last = next(s for s in reversed(chain.steps[:-1]) if s.axis is not None)
+    after = before @ place @ chain.T_flange_tip
+    if np.abs(after - fixed).max() > SAME and chain.steps[-1].joint is None:
+        last = next(s for s in reversed(chain.steps[:-1]) if s.joint is not None)
         first = chain.steps[chain.steps.index(last) + 1]
         origins[first.name] = after @ _inverse(fixed) @ first.T
     return origins

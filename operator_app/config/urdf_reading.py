@@ -19,6 +19,7 @@ from operator_app.units import plural
 from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
 
+NO_REVOLUTE = "no revolute joint is on the path to that link"
 ONLY_REVOLUTE = "only revolute joints are supported: exclude others with --base and --tip"
 
 NO_LIMIT_RAD = math.pi
@@ -33,17 +34,16 @@ ENDS_SHOWN = 12
 REPORTED_RAD = 1e-8
 """Difference of a rounded angle from the exact one above which it is reported."""
 
-Matrix = FloatArray
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfJoint:
-    """One revolute joint: name, range (rad), speed (rad/s) and torque (N m); None if the speed or torque is not stated.
+    """One revolute joint: axis (3,), range (rad), speed (rad/s) and torque (N m); None if one of these is not stated.
 
     `placeholders`: the file's limits that are too large for any arm, as text.
     """
 
     name: str
+    axis: FloatArray
     lower_rad: float
     upper_rad: float
     velocity_rad_per_s: float | None
@@ -53,28 +53,24 @@ class UrdfJoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfStep:
-    """One joint of the file: its pose relative to the parent link, and its axis (None if the joint is fixed).
+    """One joint of the file: its pose (4, 4), m, relative to the link `parent`; `joint` is None if it is fixed.
 
     `rounded`: angles that the file rounds by more than `REPORTED_RAD`, as text, each with the exact angle, deg.
     """
 
     name: str
     parent: str
-    child: str
-    T: Matrix
-    axis: FloatArray | None
+    T: FloatArray
     joint: UrdfJoint | None
     rounded: Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfChain:
-    """A serial chain of a URDF in D-H terms.
+    """The serial chain between the links `base` and `tip` of a URDF in D-H terms.
 
     Attributes
     ----------
-    base, tip
-        First and last link.
     steps
         All joints between them, including fixed ones.
     table
@@ -92,9 +88,9 @@ class UrdfChain:
     steps: tuple[UrdfStep, ...]
     joints: tuple[UrdfJoint, ...]
     table: DhTable
-    frames: tuple[Matrix, ...]
-    T_link_base: Matrix
-    T_flange_tip: Matrix
+    frames: tuple[FloatArray, ...]
+    T_link_base: FloatArray
+    T_flange_tip: FloatArray
 
     @property
     def rounded(self) -> dict[str, float]:
@@ -103,17 +99,10 @@ class UrdfChain:
 
 
 def parse_urdf(data: bytes, file: str, *, base: str = "", tip: str = "") -> UrdfChain:
-    """Read the chain of revolute joints from one link to another; the rest of the file is ignored.
+    """Read the chain of revolute joints between the links `base` and `tip`; the rest of the file is ignored.
 
-    Parameters
-    ----------
-    base, tip
-        Names of the links; empty: the file's root link, and the link at the end of the only arm, without a gripper.
-
-    Raises
-    ------
-    ConfigError
-        The file is not a URDF, or its joints are not a serial chain of revolute joints; the text names the wrong joint.
+    Empty names stand for the file's root link, and for the link at the end of the only arm, without a gripper. Raises
+    ConfigError if the file is not a URDF, or if its joints are not a serial chain of revolute joints.
     """
     return UrdfTree.read(data, file).chain(base, tip)
 
@@ -163,7 +152,27 @@ class UrdfTree:
         if twice := [name for name, count in named.items() if count > 1]:
             text = f"has several joints named {twice[0]!r} on the path to {tip!r}"
             raise only(file, text, "give every joint a unique name")
-        return chain_of(self.name, tuple(_step(e, file) for e in way[first:]), tip, file)
+        steps = tuple(_step(e, file) for e in way[first:])
+        joints = tuple(step.joint for step in steps if step.joint)
+        if not joints:
+            raise only(file, NO_REVOLUTE, "choose another --tip")
+        T, axes = np.eye(4), []
+        for step in steps:
+            T = T @ step.T
+            if step.joint:
+                axes.append(AxisLine(z=T[:3, :3] @ step.joint.axis, point_m=T[:3, 3], x=T[:3, 0]))
+        table, frames = rows_of(axes, T)
+        return UrdfChain(
+            name=self.name,
+            base=steps[0].parent,
+            tip=tip,
+            steps=steps,
+            joints=joints,
+            table=table,
+            frames=frames,
+            T_link_base=frames[0],
+            T_flange_tip=np.linalg.inv(frames[-1]) @ T,
+        )
 
     def around(self, first: str, last: str) -> Iterator[tuple[str, str]]:
         """Yield possible pairs of base and tip: links fixed to either end of an arm with these end joints."""
@@ -177,30 +186,6 @@ class UrdfTree:
             fixed = (e for e in self.elements.values() if e.get("type") == "fixed")
             tips += [_links(e)[1] for e in fixed if _links(e)[0] == link]
         yield from product(bases, tips)
-
-
-def chain_of(name: str, steps: tuple[UrdfStep, ...], tip: str, file: str) -> UrdfChain:
-    """Return the chain of these joints in D-H terms; raises ConfigError if none is revolute."""
-    joints = tuple(step.joint for step in steps if step.joint)
-    if not joints:
-        raise only(file, "no revolute joint is on the path to that link", "choose another --tip")
-    T, axes = np.eye(4), []
-    for step in steps:
-        T = T @ step.T
-        if step.axis is not None:
-            axes.append(AxisLine(z=T[:3, :3] @ step.axis, point_m=T[:3, 3], x=T[:3, 0]))
-    table, frames = rows_of(axes, T)
-    return UrdfChain(
-        name=name,
-        base=steps[0].parent,
-        tip=tip,
-        steps=steps,
-        joints=joints,
-        table=table,
-        frames=frames,
-        T_link_base=frames[0],
-        T_flange_tip=np.linalg.inv(frames[-1]) @ T,
-    )
 
 
 def _robot(data: bytes, file: str) -> ET.Element:
@@ -261,7 +246,7 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
     if len(ends) == 1 or usual:
         return (usual or list(ends))[0]
     if not ends:
-        raise only(file, "no revolute joint is on the path to that link", "choose another --tip")
+        raise only(file, NO_REVOLUTE, "choose another --tip")
     most = sorted(ends, key=lambda end: -ends[end])
     names = _first_names([f"{end} ({plural(ends[end], 'revolute joint')})" for end in most])
     raise only(file, f"has {len(ends)} ends", f"choose with --tip: {names}")
@@ -280,7 +265,6 @@ def _first_names(names: Sequence[str]) -> str:
 
 def _step(element: ET.Element, file: str) -> UrdfStep:
     name = element.get("name", "")
-    parent, child = _links(element)
 
     def refuse(text: str, remedy: str) -> Exception:
         return only(file, f"joint {name!r}: {text}", remedy)
@@ -300,25 +284,22 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
     def numbers(of: ET.Element | None, key: str, default: str, count: int) -> FloatArray:
         return np.array([float(word) for word in words(of, key, default, count)])
 
-    if not (parent and child):
+    if not all(_links(element)):
         raise refuse("has no parent or no child", "name both links")
     origin = element.find("origin")
     turns = words(origin, "rpy", "0 0 0", 3)
-    meant = {word: deg for word in turns if (deg := exact_deg(word)) is not None}
-    rpy = [math.radians(meant[w]) if w in meant else float(w) for w in turns]
-    rounded = {
-        w: deg for w, deg in meant.items() if abs(float(w) - math.radians(deg)) > REPORTED_RAD
-    }
+    exact = {word: deg for word in turns if (deg := exact_deg(word)) is not None}
+    rpy = [math.radians(exact[w]) if w in exact else float(w) for w in turns]
+    rounded = {w: d for w, d in exact.items() if abs(float(w) - math.radians(d)) > REPORTED_RAD}
     T = np.eye(4)
     T[:3, :3] = rotation_of_rpy(np.array(rpy))
     T[:3, 3] = numbers(origin, "xyz", "0 0 0", 3)
     kind = element.get("type", "")
-    axis, joint = None, None
+    joint = None
     if kind in ("revolute", "continuous"):
         axis = numbers(element.find("axis"), "xyz", "1 0 0", 3)
         if not np.linalg.norm(axis) > 0.0:
             raise refuse("has no axis", "write for example <axis xyz='0 0 1'/>")
-        axis = axis / np.linalg.norm(axis)
         stated = next(element.iterfind("limit"), ET.Element("limit"))
         low, high = -NO_LIMIT_RAD, NO_LIMIT_RAD
         if kind == "revolute":
@@ -339,6 +320,7 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
             speed = None
         joint = UrdfJoint(
             name=name,
+            axis=axis / np.linalg.norm(axis),
             lower_rad=low,
             upper_rad=high,
             velocity_rad_per_s=speed,
@@ -347,15 +329,7 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
         )
     elif kind != "fixed":
         raise refuse(f"is of type {kind!r}", ONLY_REVOLUTE)
-    return UrdfStep(
-        name=name,
-        parent=parent,
-        child=child,
-        T=T,
-        axis=axis,
-        joint=joint,
-        rounded=rounded,
-    )
+    return UrdfStep(name=name, parent=_links(element)[0], T=T, joint=joint, rounded=rounded)
 
 
 def arm_file_of(chain: UrdfChain, *, name: str) -> Mapping[str, object]:

@@ -32,25 +32,18 @@ class AxisLine:
 def rows_of(
     axes: Sequence[AxisLine], T_base_tip: FloatArray
 ) -> tuple[DhTable, tuple[FloatArray, ...]]:
-    """Return the D-H rows of a chain whose last row ends at a tip.
+    """Return the D-H rows 1..n of the axes of joints 1..n and a tip at `T_base_tip` (4, 4), m; and their frames.
 
-    Parameters
-    ----------
-    axes
-        Axes of joints 1..n.
-    T_base_tip
-        Pose of the tip with all joints at zero, (4, 4), m.
-
-    Returns
-    -------
-    Rows 1..n; and frames 0..n in the base link's frame with all joints at zero, (4, 4) each, m. Frame 0 is on axis 1
-    near the base link's origin; frame n is as near to the tip as a D-H row allows.
+    The frames 0..n, (4, 4) each, m, are in the base link's frame with all joints at zero. Frame 0 is on axis 1 near the
+    base link's origin; frame n is as near to the tip as a D-H row allows.
     """
     z = axes[0].z
     # Frame 0 equals the base link's frame if axis 1 is its z axis.
     origin = axes[0].point_m - float(axes[0].point_m @ z) * z
     x = _across(z, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
-    frames, rows = [frame_of(x, z, origin)], list[tuple[float, ...]]()
+    frame_0 = np.eye(4)
+    frame_0[:3, :3], frame_0[:3, 3] = np.column_stack((x, np.cross(z, x), z)), origin
+    frames, rows = [frame_0], list[tuple[float, ...]]()
     tip = AxisLine(z=T_base_tip[:3, 2], point_m=T_base_tip[:3, 3], x=T_base_tip[:3, 0])
     for line in (*axes[1:], tip):
         sine = float(np.linalg.norm(np.cross(z, line.z)))
@@ -76,13 +69,6 @@ def link_transform(row: Sequence[float]) -> FloatArray:
     T = np.eye(4)
     T[:3, :3] = turn @ np.array([[cb, 0.0, sb], [0.0, 1.0, 0.0], [-sb, 0.0, cb]])
     T[:3, 3] = (a * c, a * n, s)
-    return T
-
-
-def frame_of(x: FloatArray, z: FloatArray, origin_m: FloatArray) -> FloatArray:
-    """Return the frame (4, 4) with these orthogonal axes x and z and this origin."""
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = np.column_stack((x, np.cross(z, x), z)), origin_m
     return T
 
 

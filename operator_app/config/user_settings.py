@@ -33,14 +33,8 @@ SETTINGS_SCHEMA = "sarcal/settings/1"
 class UserSettings(StrictRecord):
     """Content of the settings file; None for missing settings.
 
-    Attributes
-    ----------
-    interface, channel, bitrate
-        Like ``-i``, ``-c`` and ``-b``. Channel and bitrate are used only if the interface comes from this file as well.
-    theme
-        Theme of the terminal app.
-    operator
-        Name of the operator, kept in the journal of every session.
+    Interface, channel and bitrate are like ``-i``, ``-c`` and ``-b``; the latter two are used only if the interface
+    comes from this file as well. The operator's name is kept in the journal of every session.
     """
 
     interface: Text | None = None
@@ -64,13 +58,7 @@ def settings_path() -> Path:
 
 
 def load_settings() -> UserSettings:
-    """Return the user's settings; if there is no file, all settings are None.
-
-    Raises
-    ------
-    ConfigError
-        The file is invalid; the error lists all problems with line and key.
-    """
+    """Return the user's settings, all None if there is no file; raises ConfigError with all problems of the file."""
     data = settings_bytes()
     return parse_settings(data, str(settings_path())) if data is not None else UserSettings()
 
@@ -92,11 +80,8 @@ def valid_settings() -> tuple[UserSettings, str]:
 def settings_bytes() -> bytes | None:
     """Return the content of the user's file; None if there is no file."""
     path = settings_path()
-    try:
-        if not path.exists():
-            return None
-    except OSError:
-        # A folder that this user may not read has none of their settings.
+    # Unlike that of pathlib, this `exists` is also false in a folder that this user may not read.
+    if not os.path.exists(path):  # noqa: PTH110
         return None
     return read_limited(path, str(path), limit=YAML_LIMIT_BYTES)
 
@@ -128,12 +113,8 @@ def usual_bus(named: str | None = None) -> BusSettings | None:
 def changed(texts: Mapping[str, str]) -> UserSettings:
     """Return the user's settings with these keys set; an empty text removes a key.
 
-    An invalid file can be repaired in this way, key by key, and unknown keys can be removed.
-
-    Raises
-    ------
-    ConfigError
-        A key is not a setting, or the file is still invalid.
+    An invalid file can be repaired in this way, key by key, and unknown keys can be removed. Raises ConfigError if a
+    key is not a setting, or if the file is still invalid.
     """
     from hardware.buses.python_can import known_interfaces
 
@@ -149,8 +130,8 @@ def changed(texts: Mapping[str, str]) -> UserSettings:
             raise only("settings", f"{key!r} is none", f"one of {', '.join(KEYS)}")
     interface = texts.get("interface")
     if interface and interface not in known_interfaces():
-        known = ", ".join(known_interfaces())
-        raise only("settings", f"there is no interface {interface!r}", f"one of {known}")
+        remedy = f"one of {', '.join(known_interfaces())}"
+        raise only("settings", f"there is no interface {interface!r}", remedy)
     typed: dict[str, str | int] = {k: v for k, v in texts.items() if v}
     rate = texts.get("bitrate", "")
     if rate.isdecimal() and len(rate) < 10:  # Python refuses to convert thousands of digits

@@ -93,6 +93,7 @@ def test_measured_fixture_is_read_in_si():
 BAD_MEASURED = [
     ("measures: pose", "measures: poses", "measures"),
     ("instrument_sigma_deg: 0.003", "instrument_sigma_deg: 0", "instrument_sigma_deg"),
+    ("instrument_sigma_deg: 0.003\n", "", "instrument_sigma_deg"),
     ("[1500, -400, 200]", "[1500, -400]", "placement.base_mm[3]"),
     ("[1500, -400, 200]", "[1500, -400, 200, 1]", "placement.base_mm"),
     ("[1500, -400, 200]", "[1500, x, 200]", "placement.base_mm[2]"),

@@ -6,7 +6,7 @@ The operator may cancel at any time and resume later.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from operator_app.session.workflow.drive_selection import (
     joints_outside_box,
     reach,
     require_in_box,
+    retrace,
     verification_waypoints,
 )
 from operator_app.session.workflow.listener import Listener
@@ -108,21 +109,22 @@ def take_poses(
         listener.modes_set(joints)
     if homing and (planned is None or not planned.continues_in_place):
         go_home_if_outside(session, listener)
+    drift_check = _DriftCheck(session, listener, planned)
     if session.state.resumed and session.state.poses_here and _poses_are_missing(session, planned):
         if planned is None:
-            _check_unresolved_joints(session, listener)
+            drift_check.repeat_nearest_pose_if_unresolved()
         if session.state.resumed:  # no pose has been repeated yet
-            _repeat_first_pose_and_come_back(session, listener, planned)
+            drift_check.repeat_first_pose_and_come_back()
     end = None
     if planned is None:
         if not session.state.repeated_since_capture:
             # The last pose may have been captured by hand, without this check.
-            _check_last_pose(session, listener, None)
-        explore(session, listener, lambda: _check_last_pose(session, listener, None))
+            drift_check.check_last_pose()
+        explore(session, listener, drift_check.check_last_pose)
     else:
-        end = planned.run(lambda: _check_last_pose(session, listener, planned))
+        end = planned.run(drift_check.check_last_pose)
     if session.state.poses_here and not session.state.repeated_since_capture:
-        _repeat_first_pose(session, listener, planned)
+        drift_check.repeat_first_pose()
     return end
 
 
@@ -133,31 +135,6 @@ def go_home_if_outside(session: Session, listener: Listener) -> None:
         listener.report(f"Going home at 5 deg/s: {away}.")
         listener.going(None)
         listener.report(f"{go_home(session)}.")
-
-
-def _check_unresolved_joints(session: Session, listener: Listener) -> None:
-    """Repeat the nearest captured pose, moving at 5 deg/s, if a joint's shift would not show at the current pose.
-
-    Raises
-    ------
-    GuardError
-        The arm is outside its box, or a joint or the fixture has shifted.
-    """
-    if not session.unresolved_joints or not session.fixture.holds_hand:
-        return
-    require_in_box(session)
-    q_rad, drives = session.arm.snapshot().positions_rad, session.position_joints
-
-    def away_rad(pose: CapturedPose) -> float:
-        return max(abs(float(pose.mean_rad[j - 1] - q_rad[j - 1])) for j in drives)
-
-    nearest = min(session.state.poses_here, key=away_rad)
-    joints = " or ".join(map(str, session.unresolved_joints))
-    listener.report(
-        f"Moving {REACH(away_rad(nearest)).with_unit} to pose {nearest.number} at 5 deg/s first: at the present pose a "
-        f"shift of joint {joints} by {REACH(SHIFT_RAD).with_unit} would not show."
-    )
-    _repeat_pose(session, listener, nearest, None, speed_rad_per_s=HOMING_SPEED_RAD_PER_S)
 
 
 def _poses_are_missing(session: Session, planned: PlannedCapture | None) -> bool:
@@ -183,106 +160,95 @@ def outlier_warning(session: Session) -> str:
     )
 
 
-def _check_last_pose(session: Session, listener: Listener, planned: PlannedCapture | None) -> None:
-    """If the last pose does not fit the earlier poses, repeat the first pose immediately.
+@dataclass(frozen=True, slots=True)
+class _DriftCheck:
+    """Repeats captured poses: the difference shows shifts of joints and fixture, independently of the model.
 
-    Raises
-    ------
-    GuardError
-        A joint or the fixture has shifted.
+    In an explored capture (`planned` is None), the drives move straight, within the box; in a planned capture, along
+    paths of the plan. Every method raises GuardError if the arm of an explored capture is outside its box, or if a
+    joint or the fixture has shifted.
     """
-    suspect, state = outlier_warning(session), session.state
-    if not suspect:
-        return
-    listener.report(suspect)
-    number, before = state.poses_here[-1].number, len(state.repeats)
-    _repeat_first_pose_and_come_back(session, listener, planned, suspect=True)
-    if len(session.state.repeats) > before:
-        listener.report(
-            f"Pose {state.poses_here[0].number} is unchanged; the calibration decides whether {number} is an outlier."
-        )
 
+    session: Session
+    listener: Listener
+    planned: PlannedCapture | None
 
-def _repeat_first_pose(
-    session: Session, listener: Listener, planned: PlannedCapture | None, *, suspect: bool = False
-) -> Sequence[Mapping[int, float]]:
-    """Repeat the first used pose; the difference shows shifts independently of the model.
-
-    In an explored capture, the drives move to the pose straight, within the box; in a planned capture, along paths of
-    the plan. If the pose cannot be reached, this is recorded and the capture continues.
-
-    Returns
-    -------
-    The drives' angles (rad) at the start of each move along the plan, for the way back; empty in an explored capture.
-
-    Raises
-    ------
-    GuardError
-        The arm of an explored capture is outside its box, or a joint or the fixture has shifted.
-    """
-    if planned is None:
+    def repeat_nearest_pose_if_unresolved(self) -> None:
+        """Repeat the nearest captured pose at 5 deg/s if a joint's shift would not show at the current pose."""
+        session = self.session
+        if not session.unresolved_joints or not session.fixture.holds_hand:
+            return
         require_in_box(session)
-    first = session.state.poses_here[0]
-    listener.report(f"Re-measuring pose {first.number} (drift check).")
-    return _repeat_pose(session, listener, first, planned, suspect=suspect)
+        q_rad, drives = session.arm.snapshot().positions_rad, session.position_joints
 
+        def away_rad(pose: CapturedPose) -> float:
+            return max(abs(float(pose.mean_rad[j - 1] - q_rad[j - 1])) for j in drives)
 
-def _repeat_pose(
-    session: Session,
-    listener: Listener,
-    first: CapturedPose,
-    planned: PlannedCapture | None,
-    *,
-    suspect: bool = False,
-    speed_rad_per_s: float | None = None,
-) -> Sequence[Mapping[int, float]]:
-    """Move to pose `first` (the first used pose in a planned capture), measure it again, and compare the readings.
-
-    Returns the same as `_repeat_first_pose`.
-    """
-    listener.going(None)
-    way: Sequence[Mapping[int, float]] = ()
-    if planned is None:
-        targets = {j: float(first.mean_rad[j - 1]) for j in session.position_joints}
-        missed = reach(session, targets, speed_rad_per_s=speed_rad_per_s).reason
-    else:
-        missed, way = planned.to_first()
-    resumed = session.state.resumed
-    if not missed:
-        try:
-            session.take_check_reading("return", of=first.number)
-        except TargetLostError as lost:
-            missed = lost.happened
-    if missed:
-        session.record("return_missed", {"of": first.number, "reason": missed})
-        listener.report(f"Pose {first.number} could not be measured again: {missed}.")
-        return way
-    if resumed or suspect:
-        report = check_repeat(session.state, session.procedure)
-        session.record("return_holds", {"of": first.number, "told": report})
-    else:
-        report = repeat_text(session.state, session.procedure)
-    if report:
-        listener.report(report)
-    return way
-
-
-def _repeat_first_pose_and_come_back(
-    session: Session, listener: Listener, planned: PlannedCapture | None, *, suspect: bool = False
-) -> None:
-    """Repeat the first pose, then move the arm back to where it was."""
-    before = session.arm.snapshot().positions_rad
-    way = _repeat_first_pose(session, listener, planned, suspect=suspect)
-    if planned is not None:
-        planned.retrace(way)
-        return
-    listener.going(None)
-    back = session.go_to({j: float(before[j - 1]) for j in session.position_joints})
-    if not back.reached:
-        raise GuardError(
-            f"the arm does not reach its position before the drift check: {back.reason}",
-            "clear the way, then go on with this session",
+        nearest = min(session.state.poses_here, key=away_rad)
+        joints = " or ".join(map(str, session.unresolved_joints))
+        self.listener.report(
+            f"Moving {REACH(away_rad(nearest)).with_unit} to pose {nearest.number} at 5 deg/s first: at the present "
+            f"pose a shift of joint {joints} by {REACH(SHIFT_RAD).with_unit} would not show."
         )
+        self._repeat(nearest, speed_rad_per_s=HOMING_SPEED_RAD_PER_S)
+
+    def check_last_pose(self) -> None:
+        """If the last pose does not fit the earlier poses, repeat the first pose immediately."""
+        suspect, state = outlier_warning(self.session), self.session.state
+        if not suspect:
+            return
+        self.listener.report(suspect)
+        number, before = state.poses_here[-1].number, len(state.repeats)
+        self.repeat_first_pose_and_come_back(suspect=True)
+        if len(self.session.state.repeats) > before:
+            self.listener.report(
+                f"Pose {state.poses_here[0].number} is unchanged; the calibration decides whether {number} is an "
+                "outlier."
+            )
+
+    def repeat_first_pose_and_come_back(self, *, suspect: bool = False) -> None:
+        """Repeat the first pose, then move the arm back to where it was."""
+        retrace(self.session, self.repeat_first_pose(suspect=suspect))
+
+    def repeat_first_pose(self, *, suspect: bool = False) -> Sequence[Mapping[int, float]]:
+        """Repeat the first used pose; return the drives' angles (rad) at the start of each move, for the way back."""
+        if self.planned is None:
+            require_in_box(self.session)
+        first = self.session.state.poses_here[0]
+        self.listener.report(f"Re-measuring pose {first.number} (drift check).")
+        return self._repeat(first, suspect=suspect)
+
+    def _repeat(
+        self, first: CapturedPose, *, suspect: bool = False, speed_rad_per_s: float | None = None
+    ) -> Sequence[Mapping[int, float]]:
+        """Move to a pose, measure it again and compare the readings; if it cannot be reached, record that."""
+        session, report = self.session, self.listener.report
+        self.listener.going(None)
+        if self.planned is None:
+            q_rad, drives = session.arm.snapshot().positions_rad, session.position_joints
+            way: Sequence[Mapping[int, float]] = [{j: float(q_rad[j - 1]) for j in drives}]
+            targets = {j: float(first.mean_rad[j - 1]) for j in drives}
+            missed = reach(session, targets, speed_rad_per_s=speed_rad_per_s).reason
+        else:
+            missed, way = self.planned.to_first()
+        resumed = session.state.resumed
+        if not missed:
+            try:
+                session.take_check_reading("return", of=first.number)
+            except TargetLostError as lost:
+                missed = lost.happened
+        if missed:
+            session.record("return_missed", {"of": first.number, "reason": missed})
+            report(f"Pose {first.number} could not be measured again: {missed}.")
+            return way
+        if resumed or suspect:
+            text = check_repeat(session.state, session.procedure)
+            session.record("return_holds", {"of": first.number, "told": text})
+        else:
+            text = repeat_text(session.state, session.procedure)
+        if text:
+            report(text)
+        return way
 
 
 def verify(

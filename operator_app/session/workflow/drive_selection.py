@@ -6,7 +6,7 @@ straight home, at low speed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -242,6 +242,20 @@ def reach(
                 "with this session",
             )
     return outcome
+
+
+def retrace(session: Session, stops: Sequence[Mapping[int, float]]) -> None:
+    """Go back to these angles (rad, by drive joint), the last first; raises GuardError if that fails."""
+    for stop in reversed(stops):
+        if session.position_joints != tuple(stop):
+            session.set_modes(tuple(stop))
+            session.settle()
+        outcome = session.go_to(stop)
+        if not outcome.reached:
+            raise GuardError(
+                f"the arm does not reach its position before the drift check: {outcome.reason}",
+                "clear the way, then go on with this session",
+            )
 
 
 def visit(session: Session, index: int) -> bool:

@@ -7,7 +7,7 @@ new campaign starts with the used poses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -205,20 +205,6 @@ class PlannedCapture:
             if not outcome.reached:
                 return outcome.reason, stops
         return "", stops
-
-    def retrace(self, stops: Sequence[Mapping[int, float]]) -> None:
-        """Go back along the moves of `to_first`; raises GuardError if that fails."""
-        session = self._session
-        for stop in reversed(stops):
-            if session.position_joints != tuple(stop):
-                session.set_modes(tuple(stop))
-                session.settle()
-            outcome = session.go_to(stop)
-            if not outcome.reached:
-                raise GuardError(
-                    f"the arm does not reach its position before the drift check: {outcome.reason}",
-                    "clear the way, then go on with this session",
-                )
 
     # -- carrying out ----------------------------------------------------------------------------
 

@@ -25,13 +25,6 @@ def task(
     return lambda context: context.submit(kind, text, work)
 
 
-def _ask(
-    context: ActionContext, question: YesNo | Typed, then: Callable[[ActionContext], None]
-) -> None:
-    """Ask a question and call `then` once it is answered; the text of the answer is not used."""
-    context.ask(question, lambda again, _: then(again))
-
-
 def connect(context: ActionContext) -> None:
     """Connect; if this placement is not the first and has no pose yet, ask first whether the fixture is mounted."""
     state, kind, text = context.s.state, TaskKind.CONNECT, "connecting"
@@ -44,8 +37,8 @@ def connect(context: ActionContext) -> None:
             f"Placement {state.placement} has no pose yet. Is the {context.s.procedure.fixture.name} mounted, the "
             "loop closed, and nobody within reach of the arm?"
         )
-        question = YesNo(title="Is the fixture mounted?", text=confirmation, yes="Mounted")
-        _ask(context, question, task(kind, text, lambda o: o.connect_mounted()))
+        work = task(kind, text, lambda o: o.connect_mounted())
+        context.confirm("Is the fixture mounted?", confirmation, "Mounted", work)
 
 
 def manual(context: ActionContext) -> None:
@@ -64,9 +57,9 @@ def apply_modes(context: ActionContext) -> None:
     """Set the selected modes, after confirmation."""
     joints = context.s.wanted_joints
     text = f"The drives are enabled; {_modes_text(context.s)}. Nothing moves yet. Stand clear of the arm."
-    question = YesNo(title="Apply the modes?", text=text, yes="Apply")
     doing = f"setting {_wanted(context.s, 'to')}"
-    _ask(context, question, task(TaskKind.MODES, doing, lambda o: o.set_modes(joints)))
+    work = task(TaskKind.MODES, doing, lambda o: o.set_modes(joints))
+    context.confirm("Apply the modes?", text, "Apply", work)
 
 
 def _modes_text(s: SessionSnapshot) -> str:
@@ -94,8 +87,10 @@ def acknowledge(context: ActionContext) -> None:
     if shown.all_visible:
         context.runner.acknowledge(alarm.number)
     else:
-        question = YesNo(title=f"Alarm of {alarm.time}", text=alarm.text, yes="Acknowledge")
-        _ask(context, question, lambda again: again.runner.acknowledge(alarm.number))
+        title = f"Alarm of {alarm.time}"
+        context.confirm(
+            title, alarm.text, "Acknowledge", lambda again: again.runner.acknowledge(alarm.number)
+        )
 
 
 def automatic(context: ActionContext) -> None:
@@ -108,8 +103,7 @@ def automatic(context: ActionContext) -> None:
         "The arm moves by itself from pose to pose until all are captured. Nobody may be within its reach; "
         "a person keeps a hand on the hardware stop. Any key stops the arm."
     )
-    question = YesNo(title="Capture automatically?", text=text, yes="Move")
-    _ask(context, question, begin)
+    context.confirm("Capture automatically?", text, "Move", begin)
 
 
 def go(context: ActionContext, waypoint: int | None) -> None:
@@ -134,8 +128,9 @@ def home(context: ActionContext) -> None:
         + ", ".join(f"J{j} by {MOVED(float(way)).with_unit}" for j, way in ways)
         + ". Check that the path is clear, and stand clear of the arm. Any key stops it."
     )
-    question = YesNo(title="Go home?", text=text, yes="Move")
-    _ask(context, question, task(TaskKind.HOME, "going home", lambda o: o.go_home()))
+    context.confirm(
+        "Go home?", text, "Move", task(TaskKind.HOME, "going home", lambda o: o.go_home())
+    )
 
 
 def capture(context: ActionContext) -> None:
@@ -187,7 +182,7 @@ def upload(context: ActionContext, forced: str = "") -> None:
     )
     question = Typed(title="Upload to the controller?", text=text, expected=serial)
     work = task(TaskKind.UPLOAD, "uploading", lambda o: o.results.upload(forced))
-    _ask(context, question, work)
+    context.ask(question, lambda again, _: work(again))
 
 
 def force(context: ActionContext) -> None:
@@ -213,10 +208,9 @@ def verify(context: ActionContext) -> None:
     text = f"The arm moves to {VERIFY_POSES} new poses by itself. Stand clear. Any key stops it."
     if joints:
         text = f"The drives are enabled again, {_modes_text(context.s)}. {text}"
-    question = YesNo(title="Verify with new poses?", text=text, yes="Move")
     doing = f"moving to {VERIFY_POSES} new poses"
     work = task(TaskKind.VERIFY, doing, lambda o: o.verify(VERIFY_POSES, joints))
-    _ask(context, question, work)
+    context.confirm("Verify with new poses?", text, "Move", work)
 
 
 def report(context: ActionContext) -> None:

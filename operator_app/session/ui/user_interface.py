@@ -209,6 +209,12 @@ class ActionContext:
             ),
         )
 
+    def confirm(
+        self, title: str, text: str, yes: str, then: Callable[[ActionContext], None]
+    ) -> None:
+        """Ask for confirmation, with button `yes`, then call `then` if the guard still allows the action."""
+        self.ask(YesNo(title=title, text=text, yes=yes), lambda again, _: then(again))
+
 
 def perform_action(
     action: Action,

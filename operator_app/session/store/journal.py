@@ -31,6 +31,7 @@ from operator_app.session.store.journal_format import (
     format_line,
     fsync_folder,
     numbered_folders,
+    os_errors_as_journal_errors,
     parse_journal,
     read_bytes,
     require_regular,
@@ -88,19 +89,16 @@ class Journal:
         """Create a journal; raises `JournalExistsError` if `folder` has a journal, `JournalError` if writing fails."""
         path = folder / JOURNAL_NAME
         created_folders = tuple(f for f in (folder, *folder.parents) if not f.exists())
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            descriptor = create_file(path)
-        except FileExistsError as error:
-            raise JournalExistsError(
-                f"{path} exists already",
-                f"resume it with --resume {folder}, or name another folder",
-            ) from error
-        except OSError as error:
-            raise JournalError(
-                f"cannot write {path}: {error.strerror}",
-                "choose a folder with free space and write permission",
-            ) from error
+        remedy = "choose a folder with free space and write permission"
+        with os_errors_as_journal_errors(f"cannot write {path}", remedy):
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                descriptor = create_file(path)
+            except FileExistsError as error:
+                raise JournalExistsError(
+                    f"{path} exists already",
+                    f"resume it with --resume {folder}, or name another folder",
+                ) from error
         lock(descriptor, path)
         fsync_folder(folder)
         contents = JournalContents(events=(), file=str(path))
@@ -110,36 +108,31 @@ class Journal:
     def resume(cls, folder: Path) -> Journal:
         """Open the journal in `folder` and move an incomplete last line to another file; raises `JournalError`."""
         path = folder / JOURNAL_NAME
-        try:
-            descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_NONBLOCK | os.O_CLOEXEC)
-        except IsADirectoryError as error:
-            raise JournalForeignError(
-                f"{path} is a folder, not a file", "move it away, or name another session"
-            ) from error
-        except OSError as error:
-            raise JournalError(
-                f"cannot open {path}: {error.strerror}",
-                "name a session folder; `sarcal session list` shows them",
-            ) from error
+        remedy = "name a session folder; `sarcal session list` shows them"
+        with os_errors_as_journal_errors(f"cannot open {path}", remedy):
+            try:
+                descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_NONBLOCK | os.O_CLOEXEC)
+            except IsADirectoryError as error:
+                raise JournalForeignError(
+                    f"{path} is a folder, not a file", "move it away, or name another session"
+                ) from error
         lock(descriptor, path)
         try:
-            require_regular(descriptor, path)
-            if path.is_symlink():
-                raise JournalForeignError(
-                    f"{path} is a symbolic link to a file in another folder",
-                    f"name that session, {path.resolve().parent}",
-                )
-            raw = read_bytes(path)
-            contents = parse_journal(raw, path)
-            if contents.torn:
-                write_new_file(timestamped_path(path, "torn"), raw[contents.whole_bytes :])
-                os.ftruncate(descriptor, contents.whole_bytes)
-                os.fsync(descriptor)
-        except OSError as error:
-            os.close(descriptor)
-            raise JournalError(
-                f"cannot write {path}: {error.strerror}", "free space or repair the disk"
-            ) from error
+            with os_errors_as_journal_errors(
+                f"cannot write {path}", "free space or repair the disk"
+            ):
+                require_regular(descriptor, path)
+                if path.is_symlink():
+                    raise JournalForeignError(
+                        f"{path} is a symbolic link to a file in another folder",
+                        f"name that session, {path.resolve().parent}",
+                    )
+                raw = read_bytes(path)
+                contents = parse_journal(raw, path)
+                if contents.torn:
+                    write_new_file(timestamped_path(path, "torn"), raw[contents.whole_bytes :])
+                    os.ftruncate(descriptor, contents.whole_bytes)
+                    os.fsync(descriptor)
         except JournalError:
             os.close(descriptor)
             raise
@@ -190,14 +183,11 @@ class Journal:
         problem = self._file_problem()
         if problem:
             self._raise_lost(problem, line)
-        try:
+        with os_errors_as_journal_errors(
+            f"cannot write {self.path}",
+            "free space or repair the disk, then resume this session; nothing accepted so far is lost",
+        ):
             self._write(line)
-        except OSError as error:
-            raise JournalError(
-                f"cannot write {self.path}: {error.strerror}",
-                "free space or repair the disk, then resume this session; "
-                "nothing accepted so far is lost",
-            ) from error
         self._seq, self._chain = event.seq, chain
         self._lines.append(line)
         self._size += len(line)

@@ -12,6 +12,7 @@ import os
 import re
 import stat
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import count
@@ -64,6 +65,15 @@ class JournalContents:
 
 class BadLineError(Exception):
     """A complete line is invalid; the text states why."""
+
+
+@contextmanager
+def os_errors_as_journal_errors(problem: str, remedy: str) -> Iterator[None]:
+    """Context that raises an OSError inside it as JournalError: `problem`, the system's reason, and `remedy`."""
+    try:
+        yield
+    except OSError as error:
+        raise JournalError(f"{problem}: {error.strerror}", remedy) from error
 
 
 def format_line(event: JournalEvent, chain: str) -> tuple[bytes, str]:
@@ -198,19 +208,18 @@ def parse_journal(raw: bytes, path: Path) -> JournalContents:
 
 def read_bytes(path: Path) -> bytes:
     """Return the bytes of a journal; raises JournalError unless it is a regular file of at most `MAX_BYTES`."""
-    try:
-        with _open_regular(path) as file:
-            if os.fstat(file.fileno()).st_size > MAX_BYTES:
-                raise JournalForeignError(
-                    f"{path} is larger than {MAX_BYTES // 1024**2} MiB, the limit for a journal",
-                    "move it away, or name another session",
-                )
-            return file.read()
-    except OSError as error:
-        raise JournalError(
-            f"cannot read {path}: {error.strerror}",
-            "name a session folder; `sarcal session list` shows them",
-        ) from error
+    with (
+        os_errors_as_journal_errors(
+            f"cannot read {path}", "name a session folder; `sarcal session list` shows them"
+        ),
+        _open_regular(path) as file,
+    ):
+        if os.fstat(file.fileno()).st_size > MAX_BYTES:
+            raise JournalForeignError(
+                f"{path} is larger than {MAX_BYTES // 1024**2} MiB, the limit for a journal",
+                "move it away, or name another session",
+            )
+        return file.read()
 
 
 def first_event(path: Path) -> JournalEvent | None:

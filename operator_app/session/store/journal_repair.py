@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from operator_app.errors import JournalError
 from operator_app.session.store.events import event_problem, joint_count_in
 from operator_app.session.store.journal import lock, utc_now
 from operator_app.session.store.journal_format import (
@@ -27,6 +26,7 @@ from operator_app.session.store.journal_format import (
     checksum,
     format_lines,
     fsync_folder,
+    os_errors_as_journal_errors,
     parse_line,
     read_bytes,
     require_own_format,
@@ -86,26 +86,21 @@ def repair_journal(folder: Path) -> RepairResult:
         It is not a journal, has an unknown version, is in use, or cannot be written.
     """
     path = folder / JOURNAL_NAME
-    raw = read_bytes(path)
-    *complete, rest = raw.split(b"\n")
+    *complete, rest = read_bytes(path).split(b"\n")
     require_own_format(complete, rest, path)
     descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CLOEXEC)
     lock(descriptor, path)
+    remedy = "free space, or copy the folder to one with write permission"
     try:
-        raw = read_bytes(path)
-        lines, torn = examine_lines(raw)
-        events = [line.event for line in lines if line.event is not None]
-        aside = None
-        if any(line.words for line in lines):
-            aside = timestamped_path(path, "damaged")
-            events.append(_repaired_event(lines, aside))
-            _replace_journal(path, aside, events)
-        state = session_state(JournalContents(events=_numbered(events), file=str(path)))
-    except OSError as error:
-        raise JournalError(
-            f"cannot repair {path}: {error.strerror}",
-            "free space, or copy the folder to one with write permission",
-        ) from error
+        with os_errors_as_journal_errors(f"cannot repair {path}", remedy):
+            lines, torn = examine_lines(read_bytes(path))
+            events = [line.event for line in lines if line.event is not None]
+            aside = None
+            if any(line.words for line in lines):
+                aside = timestamped_path(path, "damaged")
+                events.append(_repaired_event(lines, aside))
+                _replace_journal(path, aside, events)
+            state = session_state(JournalContents(events=_numbered(events), file=str(path)))
     finally:
         os.close(descriptor)
     return RepairResult(folder=folder, aside=aside, lines=lines, torn=torn, state=state)

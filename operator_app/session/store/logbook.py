@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.cross_validation import Checks, check
 from operator_app.calibration.serialization import to_dict
 from operator_app.config.poses_file import save_poses
@@ -20,8 +19,8 @@ from operator_app.session.store.solver_process import Solver, solve_here
 from operator_app.session.store.stored_calibration import (
     StoredCalibration,
     journal_calibration,
-    missing_repeat_notices,
     solution_data,
+    solve,
 )
 from operator_app.session.store.true_errors import with_truth
 
@@ -137,21 +136,15 @@ class Logbook:
 
         First writes poses.csv beside the journal, so that it exists even if the calibration fails.
         """
-        own, poses = self.procedure, self.state.pose_set()
-        save_poses(self.journal.path.parent / POSES_NAME, poses)
-        solution = solver(
-            calibrate,
-            self.model,
-            self.fixture,
-            poses,
-            estimator=own.estimator if estimator is None else estimator,
-            unsensed_joints=own.unsensed_joints if unsensed_joints is None else unsensed_joints,
-            length_tolerance_m=own.length_tolerance_m,
-            limits=own.acceptance,
-            rereads=self.state.rereads,
+        save_poses(self.journal.path.parent / POSES_NAME, self.state.pose_set())
+        solution = solve(
+            self.state,
+            self.procedure,
+            estimator=estimator,
+            unsensed_joints=unsensed_joints,
+            solver=solver,
             progress=progress,
         )
-        solution = solution.with_notices(missing_repeat_notices(self.state))
         if self.truths is not None:
             first = min(p.placement for p in self.state.used_poses)
             solution = with_truth(solution, self.model, self.truths, first=first)

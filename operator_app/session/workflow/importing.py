@@ -27,6 +27,7 @@ from operator_app.session.store.journal_format import (
     JOURNAL_NAME,
     JournalEvent,
     format_lines,
+    os_errors_as_journal_errors,
     utc_in_words,
     write_new_file,
 )
@@ -110,9 +111,7 @@ class ImportedSession:
     def calibrate(self) -> tuple[Solution, Checks]:
         """Calibrate, cross-validate, and return both results after recording them; raises SolverError, FixtureError."""
         own = self.procedure
-        solution = solve(
-            self.state, own, estimator=own.estimator, unsensed_joints=own.unsensed_joints
-        )
+        solution = solve(self.state, own)
         checks = check(solution, own.arm, own.fixture.fixture, self.state.pose_set())
         self.add(solution, checks)
         return solution, checks
@@ -151,16 +150,13 @@ class ImportedSession:
         order = next_order(folder.parent, but=folder)
         lines = format_lines((replace(opened, data={**opened.data, "order": order}), *others))
         path = folder / JOURNAL_NAME
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            write_new_file(path, b"".join(lines))
-        except FileExistsError:
-            replace_session(folder, lines, self._events, overwrite=overwrite, stale=stale)
-        except OSError as error:
-            raise JournalError(
-                f"cannot write {path}: {error.strerror}",
-                "choose a folder with free space and write permission",
-            ) from error
+        remedy = "choose a folder with free space and write permission"
+        with os_errors_as_journal_errors(f"cannot write {path}", remedy):
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                write_new_file(path, b"".join(lines))
+            except FileExistsError:
+                replace_session(folder, lines, self._events, overwrite=overwrite, stale=stale)
         return folder
 
     def _record(self, name: str, data: Mapping[str, Any]) -> None:
@@ -265,12 +261,8 @@ def replace_session(
         The disk cannot be written.
     """
     path = folder / JOURNAL_NAME
-    try:
+    with os_errors_as_journal_errors(f"cannot open {path}", "name another folder"):
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    except OSError as error:
-        raise JournalError(
-            f"cannot open {path}: {error.strerror}", "name another folder"
-        ) from error
     lock(descriptor, path)
     try:
         existing = read_journal(folder)

@@ -161,10 +161,7 @@ def check_closure_by_poses(
 ) -> ClosureResult:
     """Check the closure at the current pose against the captured poses; `endpoint`: the instrument's measurement there.
 
-    Raises
-    ------
-    ClosureRefusedError
-        The loop does not close: the arm or the fixture has changed.
+    Raises ClosureRefusedError if the loop does not close: the arm or the fixture has changed.
     """
     state = state.here
     fixture = fixture_in_place(state, procedure)
@@ -184,18 +181,10 @@ def check_closure_by_poses(
 class _Closure:
     """Closure at the current pose, compared with its prediction from the captured poses.
 
-    Attributes
-    ----------
-    near
-        Innovation of the reading; None for an open arm, or if the poses cannot be fitted.
-    unresolved_joints
-        As in `ClosureResult`.
-    probability
-        Probability of a larger chi2 with the parameters from the poses; None if the poses do not determine these.
-    closes
-        Whether the loop closes at all with these parameters; true if there are none.
-    as_predicted
-        Whether the loop closes, and no available prediction contradicts the reading.
+    `near`: innovation of the reading, None for an open arm, or if the poses cannot be fitted. `unresolved_joints`: as
+    in `ClosureResult`. `probability` of a larger chi2 and whether the loop `closes` at all, with the parameters from
+    the poses (None and true if the poses do not determine these). `as_predicted`: whether the loop closes, and no
+    available prediction contradicts the reading.
     """
 
     near: Innovation | None
@@ -321,10 +310,9 @@ def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConst
 
 
 def parameters_from_poses(state: SessionState, procedure: Procedure) -> Fixed | None:
-    """Return the parameters determined by the captured poses; None if the poses do not determine them.
+    """Return the parameters of the recorded calibration or, without one, of a quick fit; None with too few poses.
 
-    They are from the recorded calibration or, if there is none, from a quick fit, which is precise enough to detect
-    shifts of degrees or millimetres.
+    The quick fit is precise enough to detect shifts of degrees or millimetres.
     """
     known = journal_calibration(state)
     if isinstance(known, StoredCalibration):

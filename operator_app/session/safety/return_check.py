@@ -89,7 +89,7 @@ def _fixture_moved_text(pose: int, repeat: Repeat) -> str:
 
 
 def _significant_repeat(state: SessionState, procedure: Procedure) -> Repeat | None:
-    """Return the last repeat if it differs by more than noise, backlash and fixture compliance explain; else None."""
+    """Return the last repeat if noise, backlash and fixture compliance do not explain its difference; else None."""
     from scipy.special import chdtri
 
     arm, fixture = procedure.arm, procedure.fixture.fixture

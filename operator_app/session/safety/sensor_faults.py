@@ -27,11 +27,8 @@ TURNED_RAD = float(np.deg2rad(2.0))
 class SensorFaults:
     """Records the sensor faults of a session's arm and excludes the affected poses.
 
-    Attributes
-    ----------
-    read_until
-        Number of the SYNC at the end of the last capture, -1 before the first capture. The pose captured last is
-        affected by a fault that began no later than this SYNC.
+    `read_until`: number of the SYNC at the end of the last capture, -1 before the first. The pose captured last is
+    affected by a fault that began no later than this SYNC.
     """
 
     def __init__(self, logbook: Logbook, arm: ArmInterface) -> None:
@@ -72,7 +69,6 @@ class SensorFaults:
             self._logbook.exclude(number, f"joint {joint} read wrong at that time")
 
     def _affected_poses(self, fault: SensorFault) -> tuple[int, ...]:
-        """Return the numbers of the poses affected by a sensor fault."""
         state = self._logbook.state
         if fault.stuck:
             return poses_with_same_reading(state, self._logbook.model, fault.joint)

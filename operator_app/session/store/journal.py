@@ -141,14 +141,9 @@ class Journal:
     def append(self, name: str, data: Mapping[str, Any], *, clock: Clock = utc_now) -> JournalEvent:
         """Write one event and return once it is on disk. A failed write leaves the file as it was.
 
-        A separate thread writes, so that a signal in the caller's thread cannot leave an incomplete line.
-
-        Raises
-        ------
-        JournalLostError
-            Another program deleted, moved, replaced or changed the file.
-        JournalError
-            The disk cannot be written.
+        A separate thread writes, so that a signal in the caller's thread cannot leave an incomplete line. Raises
+        JournalLostError if another program deleted, moved, replaced or changed the file, and JournalError if the disk
+        cannot be written.
         """
         return self._writer.submit(self._append, name, data, clock).result()
 

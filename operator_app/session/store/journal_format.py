@@ -79,10 +79,7 @@ def os_errors_as_journal_errors(problem: str, remedy: str) -> Iterator[None]:
 def format_line(event: JournalEvent, chain: str) -> tuple[bytes, str]:
     """Return the line of an event, to be written after a line with checksum `chain`, and the checksum of the new line.
 
-    Raises
-    ------
-    ValueError
-        JSON cannot represent the data.
+    Raises ValueError if JSON cannot represent the data.
     """
     head = {"schema": JOURNAL_SCHEMA} if event.seq == 1 else {}
     record = {
@@ -129,12 +126,8 @@ def split_checksum(line: bytes) -> tuple[bytes, str] | None:
 def verified_line(line: bytes, number: int, chain: str) -> tuple[JournalEvent, str]:
     """Verify and parse a line that follows a line with checksum `chain`; return its event and its checksum.
 
-    Raises
-    ------
-    BadLineError
-        The checksum does not match, or the line is not an event.
-    JournalForeignError
-        The line was written by an unknown version of this program.
+    Raises BadLineError if the checksum does not match or the line is not an event, and JournalForeignError if an
+    unknown version of this program wrote it.
     """
     split = split_checksum(line)
     if split is None:
@@ -176,12 +169,8 @@ def parse_line(line: bytes, number: int, *, any_number: bool = False) -> Journal
 def parse_journal(raw: bytes, path: Path) -> JournalContents:
     """Return the contents of a journal from its bytes.
 
-    Raises
-    ------
-    JournalDamagedError
-        A complete line was changed.
-    JournalForeignError
-        The bytes are not a journal, or its version is unknown.
+    Raises JournalDamagedError if a complete line was changed, and JournalForeignError if the bytes are not a journal
+    or its version is unknown.
     """
     *complete, rest = raw.split(b"\n")
     require_own_format(complete, rest, path)

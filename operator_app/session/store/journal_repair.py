@@ -80,10 +80,7 @@ class RepairResult:
 def repair_journal(folder: Path) -> RepairResult:
     """Repair the journal of a session if it is damaged.
 
-    Raises
-    ------
-    JournalError
-        It is not a journal, has an unknown version, is in use, or cannot be written.
+    Raises JournalError if it is not a journal, has an unknown version, is in use, or cannot be written.
     """
     path = folder / JOURNAL_NAME
     *complete, rest = read_bytes(path).split(b"\n")

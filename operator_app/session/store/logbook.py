@@ -39,14 +39,8 @@ if TYPE_CHECKING:
 class Logbook:
     """Journal and state of a session.
 
-    Attributes
-    ----------
-    journal, state
-        The events, and the state after them.
-    procedure, model, fixture
-        The procedure, its arm and its fixture.
-    truths
-        True parameters of a simulated arm; None for a real arm.
+    `state`: the state after the events of `journal`. `model`, `fixture`: the procedure's arm and fixture. `truths`:
+    true parameters of a simulated arm; None for a real arm.
     """
 
     def __init__(self, *, journal: Journal, procedure: Procedure, clock: Clock) -> None:

@@ -46,12 +46,8 @@ if TYPE_CHECKING:
 def export_reason(solution: Solution, reason: str, *, say_it_by: str) -> str:
     """Return the reason for exporting a calibration that was not accepted; "" if it was accepted.
 
-    `say_it_by` tells the operator how to state a reason, such as ``--force REASON``.
-
-    Raises
-    ------
-    GuardError
-        The calibration was not accepted and there is no reason.
+    `say_it_by` tells the operator how to state a reason, such as ``--force REASON``. Raises GuardError if the
+    calibration was not accepted and there is no reason.
     """
     if solution.accepted:
         return ""
@@ -161,10 +157,7 @@ def _several(model: ClosureModel, state: SessionState) -> tuple[DocumentWarning,
 def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
     """Return the identified D-H rows 0..n; row 0 is zero if the fixture is not a D-H link.
 
-    Raises
-    ------
-    SessionError
-        Several placements have no common table.
+    Raises SessionError if several placements have no common table.
     """
     table = model.dh_table(x)
     if table is not None:

@@ -232,15 +232,8 @@ def _edit(state: SessionState, number: int, **changed: Any) -> tuple[CapturedPos
 def session_state(contents: JournalContents, *, joint_count: int | None = None) -> SessionState:
     """Return the state after all events of a journal; checks each event first.
 
-    Parameters
-    ----------
-    joint_count
-        Number of the arm's joints; None: taken from the first event that has a value for each joint.
-
-    Raises
-    ------
-    JournalDamagedError
-        The data of a line are invalid.
+    `joint_count`: number of the arm's joints; None: taken from the first event that has a value for each joint. Raises
+    JournalDamagedError if the data of a line are invalid.
     """
     state, joints = SessionState(), joint_count
     for event in contents.events:

@@ -26,15 +26,8 @@ from solver.chain.parameters import DhEntry
 class CalibrationOperations:
     """Operations on the calibration of a session.
 
-    Parameters
-    ----------
-    refresh
-        Function that publishes the session's state and the quality of its poses.
-
-    Attributes
-    ----------
-    solution
-        The calibration from the current poses; None before there is one.
+    `refresh` publishes the session's state and the quality of its poses. `solution`: the calibration from the current
+    poses; None before there is one.
     """
 
     def __init__(

@@ -62,16 +62,10 @@ class _Job:
 class Runner:
     """Runs a session for a user interface.
 
-    Parameters
-    ----------
-    session
-        The session; only the worker thread calls it, except for `ArmInterface.stop` and `ArmInterface.snapshot`.
-    simulated, bus
-        Whether no real arm can move; name of the bus in messages.
-    recording_ended
-        Function that returns why a recording of the bus ended early; "" if it did not.
-    monotonic, clock
-        Clocks for ages (s) and for the times of messages (UTC).
+    Only the worker thread calls the session, except for `ArmInterface.stop` and `ArmInterface.snapshot`. `simulated`:
+    whether no real arm can move. `bus`: name of the bus in messages. `recording_ended`: function that returns why a
+    recording of the bus ended early, "" if it did not. `monotonic`, `clock`: clocks for ages (s) and for the times of
+    messages (UTC).
     """
 
     def __init__(

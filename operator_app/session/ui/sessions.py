@@ -41,16 +41,12 @@ class Sessions:
 
     Attributes
     ----------
-    last
-        Folder of the last closed session; None if it was empty and has been removed.
+    last, exported
+        Folder of the last closed session (None if it was empty and is removed); whether its parameters were written.
     held
-        Whether the last closed session's arm confirmed that it holds its position; None if no arm was connected.
-    exported
-        Whether that session's parameters were written.
-    lost
-        The error about that session's journal, if the journal was lost; else None.
-    not_held
-        The error about that session's arm, if it did not confirm that it holds; else None.
+        Whether its arm confirmed that it holds its position; None if no arm was connected.
+    lost, not_held
+        The error about its journal if that was lost, and about its arm if that did not confirm; else None.
     """
 
     def __init__(

@@ -132,8 +132,6 @@ class Entry:
 
     Attributes
     ----------
-    name
-        Name in the code.
     keys, shown
         Names of the keys as the terminal reports them, and their display text.
     label, help
@@ -163,16 +161,9 @@ class OnScreen(Entry):
 class Action(Entry):
     """An action on the session, in all user interfaces.
 
-    Attributes
-    ----------
-    guard
-        Function that returns the reasons why the action is refused, () if it is allowed; called again after an answer.
-    work
-        Function that submits a task, changes a setting, or opens another session.
-    prompt
-        Text in plain mode; default: label and help.
-    rows
-        Function that returns prompts by row number; plain mode lists the action once for each row.
+    `guard` returns the reasons why the action is refused, () if it is allowed; called again after an answer. `work`
+    submits a task, changes a setting, or opens another session. `prompt`: text in plain mode; default: label and help.
+    `rows` returns prompts by row number; plain mode lists the action once for each row.
     """
 
     work: Callable[[ActionContext], None]

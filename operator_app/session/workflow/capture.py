@@ -83,21 +83,9 @@ def take_poses(
 ) -> CampaignEnd | None:
     """Capture the missing poses of the procedure, continuing where the journal ends.
 
-    Parameters
-    ----------
-    drives
-        Joints to put into position mode first; None: keep the modes, unless a plan in progress drives other joints.
-    homing
-        Whether the operator allows an arm outside its box to go home.
-
-    Returns
-    -------
-    The end of a planned capture; None for an explored capture.
-
-    Raises
-    ------
-    Cancelled
-        The operator ended the capture.
+    `drives`: joints to put into position mode first; None: keep the modes, unless a plan in progress drives other
+    joints. `homing`: whether the operator allows an arm outside its box to go home. Returns the end of a planned
+    capture; None for an explored capture. Raises Cancelled if the operator ended the capture.
     """
     joints = session.position_joints if drives is None else drives
     planned = None

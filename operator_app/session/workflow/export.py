@@ -135,12 +135,8 @@ def _upload(
 ) -> UploadReceipt:
     """Upload a document, read it back, compare it byte for byte; compare the home offsets with `expected_counts`.
 
-    Raises
-    ------
-    SessionError
-        The document or a home offset that was read back differs from the uploaded one.
-    UploadUnknown
-        The document could not be read back.
+    Raises SessionError if the document or a home offset that was read back differs from the uploaded one, and
+    UploadUnknown if the document could not be read back.
     """
     receipt = arm.upload_parameters(document)
     try:

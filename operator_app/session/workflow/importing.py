@@ -57,17 +57,8 @@ class CalibrationOptions:
 class ImportedSession:
     """A session made from the poses in a file or an array; it is only in memory until `write` is called.
 
-    Parameters
-    ----------
-    file
-        Name of the source of the poses, for messages.
-    name
-        Name of the procedure and of the folder.
-
-    Raises
-    ------
-    ConfigError
-        The arm file or the fixture file is not valid.
+    `file`: name of the source of the poses, for messages. `name`: name of the procedure and of the folder. Raises
+    ConfigError if the arm file or the fixture file is not valid.
     """
 
     def __init__(
@@ -134,12 +125,7 @@ class ImportedSession:
         """Write the journal into `folder`, or into a new folder below `root`; return the folder.
 
         If `folder` already contains a session, `replace_session` replaces its journal and removes its files named in
-        `stale`.
-
-        Raises
-        ------
-        JournalError
-            The session in `folder` must not be replaced, or nothing can be written.
+        `stale`. Raises JournalError if the session in `folder` must not be replaced, or nothing can be written.
         """
         if folder is None:
             folder = new_folder(
@@ -252,13 +238,8 @@ def replace_session(
     """Replace the journal in `folder` with these lines, after removing the files named in `stale`.
 
     A journal with the same poses, arm and fixture is replaced; a journal with other data only if `overwrite` is true.
-
-    Raises
-    ------
-    JournalError
-        The journal in `folder` is not reproducible, has other data, cannot be read, or is in use. Nothing was changed.
-    WriteError
-        The disk cannot be written.
+    Raises JournalError if the journal in `folder` is not reproducible, has other data, cannot be read, or is in use;
+    nothing was changed then. Raises WriteError if the disk cannot be written.
     """
     path = folder / JOURNAL_NAME
     with os_errors_as_journal_errors(f"cannot open {path}", "name another folder"):

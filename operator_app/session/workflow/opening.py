@@ -98,18 +98,10 @@ class Opening:
 class Rig:
     """An arm ready to be connected, and the completed opening.
 
-    Attributes
-    ----------
-    opening
-        The opening with choices completed from the arm, the environment and defaults, as the journal records them.
-    simulated
-        Whether no real arm can move.
-    instrument
-        Instrument that measures the tool of an open arm; otherwise None.
-    truths
-        True parameters of an arm simulated in this process; otherwise None.
-    recording_ended
-        Function that returns why a recording of the bus ended early ("": it did not); may be called from any thread.
+    `opening`: the opening with choices completed from the arm, the environment and defaults, as the journal records
+    them. `simulated`: whether no real arm can move. `instrument` measures the tool of an open arm; otherwise None.
+    `truths`: true parameters of an arm simulated in this process; otherwise None. `recording_ended` returns why a
+    recording of the bus ended early ("": it did not); may be called from any thread.
     """
 
     arm: ArmInterface

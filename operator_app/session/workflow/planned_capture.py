@@ -61,19 +61,9 @@ class CampaignEnd:
 class PlannedCapture:
     """The planned capture of one session.
 
-    Parameters
-    ----------
-    session
-        The session, connected and with its fixture checked.
-    drives
-        Drive joints of a new campaign.
-    listener
-        Listener for moves, poses and decisions.
-
-    Attributes
-    ----------
-    campaign
-        The policy that plans the poses; None before the start, or if the journal cannot be replayed.
+    The session is connected, and its fixture is checked. `drives`: drive joints of a new campaign. `listener` receives
+    moves, poses and decisions. `campaign`: the policy that plans the poses; None before the start, or if the journal
+    cannot be replayed.
     """
 
     def __init__(
@@ -133,13 +123,8 @@ class PlannedCapture:
         """Carry out the campaign, with the joints from `ready` in position mode, and return its end.
 
         Calls `after_pose` after each pose, before the campaign may change its plan, while a path back is still known.
-
-        Raises
-        ------
-        GuardError
-            During exploration, the arm was moved out of its box, or does not return to its last position.
-        Cancelled
-            The operator ended a move; `ready` and `run` continue later.
+        Raises GuardError if, during exploration, the arm was moved out of its box or does not return to its last
+        position, and Cancelled if the operator ended a move; `ready` and `run` continue later.
         """
         session = self._session
         if self._ended is not None:
@@ -183,9 +168,8 @@ class PlannedCapture:
     def to_first(self) -> tuple[str, list[Mapping[int, float]]]:
         """Move to the first captured pose along paths of the plan, without reporting to the campaign.
 
-        Returns
-        -------
-        Why the pose was not reached ("" if it was), and the drives' angles (rad, by joint) at the start of each move.
+        Returns why the pose was not reached ("" if it was), and the drives' angles (rad, by joint) at the start of
+        each move.
         """
         campaign = None if self._moved else self.campaign
         first = self._session.state.used_poses[0].mean_rad

@@ -54,12 +54,7 @@ class TargetLostError(SessionError):
 class Instrument:
     """An instrument that measures the endpoint.
 
-    Parameters
-    ----------
-    full_pose
-        Whether the instrument must also measure the orientation.
-    patience_s
-        Timeout of one measurement.
+    `full_pose`: whether it must also measure the orientation. `patience_s`: timeout of one measurement.
     """
 
     def __init__(
@@ -91,16 +86,9 @@ class Instrument:
     ) -> FloatArray | None:
         """Measure the target at the pose with this name.
 
-        Returns
-        -------
-        Position (3,), m, or position and rotation vector (6,), m and rad; None if cancelled.
-
-        Raises
-        ------
-        InstrumentError
-            The instrument does not answer, or its line cannot be used.
-        TargetLostError
-            The instrument does not see the target.
+        Returns position (3,), m, or position and rotation vector (6,), m and rad; None if cancelled. Raises
+        InstrumentError if the instrument does not answer or its line cannot be used, and TargetLostError if it does
+        not see the target.
         """
         port = self._port
         port.ask(json.dumps({"measure": pose}))

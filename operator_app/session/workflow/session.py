@@ -54,16 +54,10 @@ from operator_app.session.workflow.remounting import require_mounted
 class Session(Logbook):
     """A calibration session on one arm.
 
-    Attributes
-    ----------
-    cancelled
-        Function called while the arm moves; returns True if the operator cancels the motion.
-    instruct
-        Function called with instructions for the person who moves the arm by hand.
-    unresolved_joints
-        Joints (1-based) whose shift since the last pose could not be detected at the current pose.
-    held
-        Whether the arm confirmed, at the last `release_holding`, that no drive follows commands any longer.
+    `cancelled` is called while the arm moves and returns True if the operator cancels the motion. `instruct` is called
+    with instructions for the person who moves the arm by hand. `unresolved_joints`: joints (1-based) whose shift since
+    the last pose could not be detected at the current pose. `held`: whether the arm confirmed, at the last
+    `release_holding`, that no drive follows commands any longer.
     """
 
     def __init__(
@@ -237,12 +231,8 @@ class Session(Logbook):
     ) -> MoveResult:
         """Move joints in position mode to `targets_rad` while watching all joints; the watch `also` may end the move.
 
-        Raises
-        ------
-        GuardError
-            The number of joints in position mode differs from the degrees of freedom of the chain.
-        Cancelled
-            The operator ended the move.
+        Raises GuardError if the number of joints in position mode differs from the degrees of freedom of the chain,
+        and Cancelled if the operator ended the move.
         """
         self.check_modes(self.position_joints)
         self._raise_if_cancelled()
@@ -288,12 +278,8 @@ class Session(Logbook):
     def reset_stop(self) -> None:
         """Clear STOP and drive faults after recording why the arm was stopped; the drives stay disabled.
 
-        Raises
-        ------
-        JournalError
-            The journal cannot be written; nothing was cleared.
-        Stopped, DriveFault, BusError
-            As for `ArmInterface.reset_stop`.
+        Raises JournalError if the journal cannot be written (nothing was cleared then), and Stopped, DriveFault or
+        BusError as `ArmInterface.reset_stop` does.
         """
         with suppress(HardwareError):
             self._sensor_faults.record_stop_cause()

@@ -8,16 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from operator_app.config.resources import expanded
 from operator_app.errors import JournalError, SessionError
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.journal_format import JOURNAL_NAME, first_event, numbered_folders
 from operator_app.session.store.replay import order_of, session_state
-
-if TYPE_CHECKING:
-    from operator_app.session.store.state import SessionState
+from operator_app.session.store.state import SessionState
 
 STAMP, STAMPED = "%Y%m%d-%H%M%S", re.compile(r"\d{8}-\d{6}-")
 """Format and pattern of the time of opening, the first part of a folder's name."""

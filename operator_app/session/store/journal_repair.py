@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from operator_app.session.store.events import event_problem, joint_count_in
 from operator_app.session.store.journal import lock, utc_now
@@ -35,9 +35,7 @@ from operator_app.session.store.journal_format import (
     write_new_file,
 )
 from operator_app.session.store.replay import session_state
-
-if TYPE_CHECKING:
-    from operator_app.session.store.state import SessionState
+from operator_app.session.store.state import SessionState
 
 TAIL = len(',"sum":"0123456789abcdef"}')
 MAX_BIT_SEARCH_BYTES = 40_000

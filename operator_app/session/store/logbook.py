@@ -6,34 +6,31 @@ Every event is in the journal before it changes the state.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from fixtures.base import EndpointConstraint
 from operator_app.calibration.cross_validation import Checks, check
+from operator_app.calibration.result import Solution
 from operator_app.calibration.serialization import to_dict
+from operator_app.config.parameters import ParametersDocument
 from operator_app.config.poses_file import save_poses
+from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError
 from operator_app.session.store.folders import POSES_NAME
+from operator_app.session.store.journal import Clock, Journal
 from operator_app.session.store.parameters_document import parameters_document
 from operator_app.session.store.replay import apply, session_state
 from operator_app.session.store.solver_process import Solver, solve_here
+from operator_app.session.store.state import CapturedPose, SessionState
 from operator_app.session.store.stored_calibration import (
     StoredCalibration,
     journal_calibration,
     solution_data,
     solve,
 )
-from operator_app.session.store.true_errors import with_truth
-
-if TYPE_CHECKING:
-    from fixtures.base import EndpointConstraint
-    from operator_app.calibration.result import Solution
-    from operator_app.config.parameters import ParametersDocument
-    from operator_app.config.procedure import Procedure
-    from operator_app.session.store.journal import Clock, Journal
-    from operator_app.session.store.state import CapturedPose, SessionState
-    from operator_app.session.store.true_errors import Truths
-    from solver.chain.arm_model import ArmModel
-    from solver.estimators.least_squares import Progress
+from operator_app.session.store.true_errors import Truths, with_truth
+from solver.chain.arm_model import ArmModel
+from solver.estimators.least_squares import Progress
 
 
 class Logbook:

@@ -6,11 +6,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import datetime
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from operator_app.calibration.calibrated_arm import side_of
+from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import ReadingTable, measured_offsets, reading_tables
 from operator_app.config.parameter_records import (
     FORCED,
@@ -28,19 +28,16 @@ from operator_app.config.parameter_records import (
 )
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import joints_from_table, rows_from_table
+from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError, SessionError
+from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import software_version
+from solver.arrays import FloatArray, IntArray
 from solver.chain.kinematics import DhTable
+from solver.estimators.estimate import ResidualSigma
 from solver.loops.arm_loop import ArmLoop
+from solver.loops.closure import ClosureModel
 from solver.loops.placements import Placements
-
-if TYPE_CHECKING:
-    from operator_app.calibration.result import Solution
-    from operator_app.config.procedure import Procedure
-    from operator_app.session.store.state import SessionState
-    from solver.arrays import FloatArray, IntArray
-    from solver.estimators.estimate import ResidualSigma
-    from solver.loops.closure import ClosureModel
 
 
 def export_reason(solution: Solution, reason: str, *, say_it_by: str) -> str:

@@ -6,11 +6,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import reduce
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hardware.arm import HostLatency
 from operator_app.errors import JournalDamagedError
 from operator_app.session.store.events import event_problem, joint_count_in
+from operator_app.session.store.journal_format import JournalContents, JournalEvent
 from operator_app.session.store.state import (
     UNSOLVED,
     CampaignLog,
@@ -22,9 +23,6 @@ from solver.arrays import frozen
 
 MOST_ORDER = 2**53
 """Larger order numbers are ignored."""
-
-if TYPE_CHECKING:
-    from operator_app.session.store.journal_format import JournalContents, JournalEvent
 
 
 def order_of(opened: Mapping[str, Any]) -> int:

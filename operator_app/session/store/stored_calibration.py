@@ -10,21 +10,19 @@ import math
 import platform
 from dataclasses import dataclass, replace
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.cross_validation import Checks, check
 from operator_app.calibration.result import Solution
 from operator_app.calibration.serialization import RecordError, from_dict, to_dict
+from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
 from operator_app.messages.finding import Finding, FindingKind
 from operator_app.session.store.solver_process import Solver, solve_here
-
-if TYPE_CHECKING:
-    from operator_app.config.procedure import Procedure
-    from operator_app.session.store.state import SessionState
-    from solver.estimators.estimate import Estimate
-    from solver.estimators.least_squares import Progress
+from operator_app.session.store.state import SessionState
+from solver.estimators.estimate import Estimate
+from solver.estimators.least_squares import Progress
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

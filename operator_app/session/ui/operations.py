@@ -346,4 +346,4 @@ class Operations(Listener):
 
     def report(self, text: str) -> None:
         """Add a message for the operator."""
-        self.report(text)
+        self._publisher.say(Level.INFO, text)

@@ -54,12 +54,8 @@ def next_order(root: Path, *, but: Path) -> int:
         folders = [p for p in root.iterdir() if p != but]
     except OSError:
         return 1
-    return 1 + max((_order_in(p / JOURNAL_NAME) for p in folders), default=0)
-
-
-def _order_in(path: Path) -> int:
-    opened = first_event(path) if os.path.lexists(path) else None
-    return 0 if opened is None else order_of(opened.data)
+    opened = (first_event(folder / JOURNAL_NAME) for folder in folders)
+    return 1 + max((order_of(event.data) for event in opened if event is not None), default=0)
 
 
 def find_session(root: Path, reference: str) -> Path:

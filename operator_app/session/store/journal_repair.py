@@ -228,7 +228,7 @@ def _without_invalid(lines: list[RepairedLine]) -> tuple[RepairedLine, ...]:
                 captured = event.data["number"]
             if problem:
                 problem_text = f"the data are invalid: {event.name}.{key}: {problem}"
-                line = RepairedLine(number=line.number, event=None, words=problem_text)  # noqa: PLW2901
+                line = replace(line, event=None, words=problem_text)  # noqa: PLW2901
         results.append(line)
     return tuple(results)
 

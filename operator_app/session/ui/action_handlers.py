@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from hardware.arm import DriveState, JointMode
+from operator_app.config.procedure_file import load_procedure
+from operator_app.config.resources import builtin_names
 from operator_app.messages.errors import summary
 from operator_app.session.store.folders import SessionEntry
 from operator_app.session.ui import guards
@@ -268,7 +270,8 @@ def _in_a_line(entry: SessionEntry) -> str:
 def procedure(context: ActionContext) -> None:
     """Start a session with another procedure, chosen from a list."""
     interface = context.interface
-    options = tuple((p.name, summary(p)) for p in interface.sessions.procedures())
+    procedures = map(load_procedure, builtin_names("procedure"))
+    options = tuple((p.name, summary(p)) for p in procedures)
     text = "This session is closed and kept, the arm is held, and a new session starts."
     question = OneOf(title="Which procedure?", text=text, options=options)
     interface.ask(question, lambda answer: interface.open(lambda: interface.sessions.new(answer)))

@@ -80,7 +80,11 @@ def capture_ready(s: SessionSnapshot) -> Missing:
 
 def calibrate_ready(s: SessionSnapshot) -> Missing:
     """The Calibrate step needs enough poses to have more equations than parameters."""
-    used, needed = len(s.state.used_poses), poses_for(s)
+    model = s.procedure.fixture.fixture.model(s.procedure.arm, unsensed_joints=s.unsensed_joints)
+    used, needed = (
+        len(s.state.used_poses),
+        poses_needed(len(model.parameters), model.equations_per_pose),
+    )
     if used < needed:
         return (
             f"{used} of the {needed} required poses {'is' if used == 1 else 'are'} captured (step 4)",
@@ -114,12 +118,6 @@ _STEPS: Mapping[Step, Guard] = {
     Step.RESULTS: results_ready,
     Step.EXPORT: export_ready,
 }
-
-
-def poses_for(s: SessionSnapshot) -> int:
-    """Return the smallest number of poses with which the next calibration is possible."""
-    model = s.procedure.fixture.fixture.model(s.procedure.arm, unsensed_joints=s.unsensed_joints)
-    return poses_needed(len(model.parameters), model.equations_per_pose)
 
 
 # -- actions ---------------------------------------------------------------------------------------

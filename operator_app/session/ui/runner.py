@@ -15,7 +15,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC
 
-from hardware.arm import ArmSnapshot
 from hardware.errors import HardwareError, StopLatched
 from operator_app.errors import Cancelled
 from operator_app.messages.errors import EXPECTED, words
@@ -153,9 +152,11 @@ class Runner:
         base, now = self._base, self._monotonic()
         if base.identity is None:
             return replace(base, now_s=now)
-        arm = self._arm_snapshot()
-        if arm is None:
-            # A lost connection is treated like an arm that does not answer.
+        try:
+            arm = self.session.arm.snapshot()
+        except HardwareError:
+            # A connection lost since the last call is treated like an arm that does not answer; the supervisor
+            # reports that once.
             return replace(base, now_s=now, data=DataState.LOST, oldest_s=now - self._data_at_s)
         ages = [joint.age_s for joint in arm.joints]
         oldest = max(ages, default=0.0)
@@ -173,13 +174,6 @@ class Runner:
             oldest_s=oldest,
             stale_joints=tuple(j.joint for j in arm.joints if j.age_s > STALE_S),
         )
-
-    def _arm_snapshot(self) -> ArmSnapshot | None:
-        try:
-            return self.session.arm.snapshot()
-        except HardwareError:
-            # The connection was lost since the last call; the supervisor reports that once.
-            return None
 
     @property
     def connected(self) -> bool:

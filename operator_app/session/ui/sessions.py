@@ -6,9 +6,6 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 
-from operator_app.config.procedure import Procedure
-from operator_app.config.procedure_file import load_procedure
-from operator_app.config.resources import builtin_names
 from operator_app.errors import DrivesNotOffError, JournalLostError, SessionError
 from operator_app.session.store.folders import SessionEntry, list_sessions
 from operator_app.session.ui.runner import Runner
@@ -76,10 +73,6 @@ class Sessions:
         )
         self._procedure = named
         return runner
-
-    def procedures(self) -> tuple[Procedure, ...]:
-        """Return the built-in procedures."""
-        return tuple(load_procedure(name) for name in builtin_names("procedure"))
 
     def resumed(self, reference: str) -> Runner:
         """Resume a session, given by folder, name or ``latest``, and return its runner."""

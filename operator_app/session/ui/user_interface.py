@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
-from operator_app.session.ui.guards import Missing
+from operator_app.session.ui.guards import Guard
 from operator_app.session.ui.operations import Operations
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.sessions import Sessions
@@ -120,12 +120,6 @@ class UserInterface(Protocol):
 EVERYWHERE = frozenset(Step)
 
 
-def always(s: SessionSnapshot) -> Missing:
-    """Guard of an action that is always allowed; returns ()."""
-    del s
-    return ()
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entry:
     """Common fields of all actions.
@@ -167,7 +161,7 @@ class Action(Entry):
     """
 
     work: Callable[[ActionContext], None]
-    guard: Callable[[SessionSnapshot], Missing] = always
+    guard: Guard = lambda _: ()
     prompt: str | Callable[[SessionSnapshot], str] = ""
     rows: Callable[[SessionSnapshot], Mapping[int, str]] | None = None
 

@@ -98,7 +98,12 @@ def take_poses(
     if homing and (planned is None or not planned.continues_in_place):
         go_home_if_outside(session, listener)
     drift_check = _DriftCheck(session, listener, planned)
-    if session.state.resumed and session.state.poses_here and _poses_are_missing(session, planned):
+    # Without missing poses, later shifts do not affect the calibration.
+    captured = len(session.state.poses_here)
+    missing = (
+        captured < session.procedure.capture.poses if planned is None else not planned.complete
+    )
+    if session.state.resumed and session.state.poses_here and missing:
         if planned is None:
             drift_check.repeat_nearest_pose_if_unresolved()
         if session.state.resumed:  # no pose has been repeated yet
@@ -123,13 +128,6 @@ def go_home_if_outside(session: Session, listener: Listener) -> None:
         listener.report(f"Going home at 5 deg/s: {away}.")
         listener.going(None)
         listener.report(f"{go_home(session)}.")
-
-
-def _poses_are_missing(session: Session, planned: PlannedCapture | None) -> bool:
-    """Whether poses are still to be captured; if there are none, later shifts do not affect the calibration."""
-    if planned is not None:
-        return not planned.complete
-    return len(session.state.poses_here) < session.procedure.capture.poses
 
 
 def outlier_warning(session: Session) -> str:

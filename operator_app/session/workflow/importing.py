@@ -247,7 +247,12 @@ def replace_session(
     lock(descriptor, path)
     try:
         existing = read_journal(folder)
-        _require_reproducible(folder, existing.events)
+        names = {event.name for event in existing.events}
+        if "imported" not in names or not names <= REPRODUCIBLE_EVENTS:
+            raise JournalError(
+                f"{folder} holds a session captured on an arm, or edited",
+                "name another folder: such a session is not replaced even with overwrite=True",
+            )
         if not overwrite and _contents(existing.events) != _contents(events):
             poses = plural(sum(event.name == "pose" for event in existing.events), "pose")
             raise JournalError(
@@ -260,16 +265,6 @@ def replace_session(
         write_atomically(path, b"".join(lines))
     finally:
         os.close(descriptor)
-
-
-def _require_reproducible(folder: Path, events: Sequence[JournalEvent]) -> None:
-    names = {event.name for event in events}
-    if "imported" in names and names <= REPRODUCIBLE_EVENTS:
-        return
-    raise JournalError(
-        f"{folder} holds a session captured on an arm, or edited",
-        "name another folder: such a session is not replaced even with overwrite=True",
-    )
 
 
 def _contents(events: Sequence[JournalEvent]) -> list[Any]:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from hardware.arm import ArmSnapshot, Watch
+from hardware.arm import Watch
 from operator_app.errors import GuardError
 from operator_app.planning.exploration import RANGE_END_MARGIN_RAD
 from operator_app.planning.task import CANDIDATES, require_closed_chain
@@ -299,11 +299,7 @@ def _path_watch(campaign: Campaign, move: GoTo) -> Watch:
     on_path = path_watch(
         move.trace_rad, move.tolerance_rad, campaign.task.ranges.within(RANGE_END_MARGIN_RAD)
     )
-
-    def watch(snapshot: ArmSnapshot) -> str | None:
-        return on_path(snapshot.positions_rad)
-
-    return watch
+    return lambda snapshot: on_path(snapshot.positions_rad)
 
 
 def _end_from_journal(data: Mapping[str, Any]) -> CampaignEnd:

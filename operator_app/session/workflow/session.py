@@ -6,8 +6,8 @@ and `arm.snapshot()` may be read from any thread.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from functools import cached_property
 from typing import Any
@@ -90,11 +90,8 @@ class Session(Logbook):
 
     def record(self, name: str, data: Mapping[str, Any]) -> None:
         """Write an event to the journal, then apply it to the state; if the journal is lost, hold the arm and raise."""
-        try:
+        with self._holding_if_journal_is_lost():
             super().record(name, data)
-        except JournalLostError:
-            self._hold_if_possible()
-            raise
 
     # -- 1 Connect -------------------------------------------------------------------------------
 
@@ -354,15 +351,17 @@ class Session(Logbook):
 
     def require_journal(self, *, unchanged: bool = False) -> None:
         """Hold the arm and raise JournalLostError if the journal is lost or, with `unchanged`, was changed."""
-        try:
+        with self._holding_if_journal_is_lost():
             super().require_journal(unchanged=unchanged)
-        except JournalLostError:
-            self._hold_if_possible()
-            raise
 
-    def _hold_if_possible(self) -> None:
-        with suppress(HardwareError):
-            self.arm.hold()
+    @contextmanager
+    def _holding_if_journal_is_lost(self) -> Iterator[None]:
+        try:
+            yield
+        except JournalLostError:
+            with suppress(HardwareError):
+                self.arm.hold()
+            raise
 
     def _raise_if_cancelled(self) -> None:
         if self.cancelled():

@@ -157,7 +157,7 @@ class PlannedCapture:
                     reason = action.why[:1].upper() + action.why[1:]
                     self._say(f"{reason}. They are the drive joints from now on.")
                     session.set_modes(action.drives)
-                    session.settle()
+                    session.reader.settle()
                     q = session.arm.snapshot().positions_rad
                     data = {"drives": list(action.drives), "q_rad": q.tolist()}
                     session.record("campaign_drives", data)
@@ -181,7 +181,7 @@ class PlannedCapture:
         for move in moves:
             if isinstance(move, ChangeDrives):
                 session.set_modes(move.drives)
-                session.settle()
+                session.reader.settle()
                 continue
             q_rad = session.arm.snapshot().positions_rad
             stops.append({j: float(q_rad[j - 1]) for j in session.position_joints})
@@ -198,7 +198,7 @@ class PlannedCapture:
         self._listener.going(action)
         outcome = session.go_to(action.targets_rad, _path_watch(campaign, action))
         if not outcome.reached:
-            session.settle()
+            session.reader.settle()
             self._say(f"Stopped short: {outcome.reason}.")
         q = session.arm.snapshot().positions_rad
         session.record(
@@ -219,7 +219,7 @@ class PlannedCapture:
         self._say("The arm was moved: going back to its last position first.")
         self._listener.going(None)
         outcome = session.go_to({j: float(last[j - 1]) for j in campaign.drives})
-        session.settle()
+        session.reader.settle()
         deviation = np.abs(session.arm.snapshot().positions_rad - last)
         if not outcome.reached or float(deviation.max()) > SAME_BRANCH_RAD:
             joint = int(np.argmax(deviation)) + 1
@@ -279,7 +279,7 @@ class PlannedCapture:
         """Record and return a new campaign that contains the used poses and starts at the current position."""
         session = self._session
         sets = session.state.drive_sets if session.procedure.position_joints is None else ()
-        q_rad = session.read().mean_rad
+        q_rad = session.reader.read().mean_rad
         earlier = session.state.campaign.begun
         session.record(
             "campaign",

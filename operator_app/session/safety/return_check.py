@@ -41,8 +41,7 @@ def check_repeat(state: SessionState, procedure: Procedure) -> str:
     pose = state.repeats[-1].first.number
     if repeat.joint_odds > 1.0:
         raise GuardError(
-            f"pose {pose} differs from its first reading: joint {repeat.joint} has shifted by "
-            f"{POSITION(repeat.size_rad).with_unit} (sigma {SLIP_SIGMA(repeat.sigma_rad).with_unit})",
+            f"pose {pose} {_joint_shifted_text(repeat)}",
             f"check the coupling and the counter of joint {repeat.joint}; {NEW_SESSION_REMEDY}",
         )
     if repeat.shifted_m > FIXTURE_MOVED_M or repeat.turned_rad > FIXTURE_TURNED_RAD:
@@ -72,15 +71,19 @@ def repeat_text(state: SessionState, procedure: Procedure) -> str:
     if repeat.joint_odds < JOINT_ODDS:
         return _fixture_moved_text(pose, repeat)
     return (
-        f"Pose {pose} differs from its first reading: joint {repeat.joint} has shifted by "
-        f"{POSITION(repeat.size_rad).with_unit} (sigma {SLIP_SIGMA(repeat.sigma_rad).with_unit}) in between, and poses "
-        "before and after the shift do not fit together. Check the coupling and the counter of joint "
-        f"{repeat.joint}, and start a new session."
+        f"Pose {pose} {_joint_shifted_text(repeat)} in between, and poses before and after the shift do not fit "
+        f"together. Check the coupling and the counter of joint {repeat.joint}, and start a new session."
+    )
+
+
+def _joint_shifted_text(repeat: Repeat) -> str:
+    return (
+        f"differs from its first reading: joint {repeat.joint} has shifted by "
+        f"{POSITION(repeat.size_rad).with_unit} (sigma {SLIP_SIGMA(repeat.sigma_rad).with_unit})"
     )
 
 
 def _fixture_moved_text(pose: int, repeat: Repeat) -> str:
-    """Return the message about a fixture that has moved slightly."""
     return (
         f"Pose {pose} differs from its first reading, as if the fixture had moved by about "
         f"{SHIFTED(repeat.shifted_m).with_unit}: it was remounted, or is more compliant than its file states. The "

@@ -71,8 +71,11 @@ def parameters_document(
     arm, fixture = procedure.arm, procedure.fixture
     estimate, turned = solution.estimate, solution.estimate.sigmas.orientation_rad
     model, columns = _mounted(solution.model, state)
-    offsets = measured_offsets(solution, arm, state.pose_set())
-    table = _with_measured(_table_of(model, estimate.x[columns], fixture.kind), offsets)
+    table = _table_of(model, estimate.x[columns], fixture.kind)
+    theta_off_rad = np.array(table.theta_off_rad)
+    for joint, offset in measured_offsets(solution, arm, state.pose_set()).items():
+        theta_off_rad[joint] = offset
+    table = replace(table, theta_off_rad=theta_off_rad)
     own = model.own if isinstance(model, ArmLoop) else ()
     calibrated = tuple(
         CalibratedEntry.of(
@@ -166,14 +169,6 @@ def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
         )
     rows = model.tables(x)
     return DhTable.from_stacked(np.column_stack((np.zeros(len(rows)), rows)))
-
-
-def _with_measured(table: DhTable, offsets_rad: Mapping[int, float]) -> DhTable:
-    """Return the table with theta_off of the unsensed joints replaced by `offsets_rad` (by joint)."""
-    theta_off = np.array(table.theta_off_rad)
-    for joint, offset in offsets_rad.items():
-        theta_off[joint] = offset
-    return replace(table, theta_off_rad=theta_off)
 
 
 def rvdt_remedy(table: ReadingTable) -> RvdtRemedy:

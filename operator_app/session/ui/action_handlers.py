@@ -21,26 +21,26 @@ VERIFY_POSES = 5
 
 
 def task(
-    kind: TaskKind, text: str, work: Callable[[Operations], None]
+    kind: TaskKind, work: Callable[[Operations], None], text: str = ""
 ) -> Callable[[ActionContext], None]:
     """Return a handler that submits `work` as a task, without asking for confirmation."""
-    return lambda context: context.submit(kind, text, work)
+    return lambda context: context.submit(kind, work, text)
 
 
 def connect(context: ActionContext) -> None:
     """Connect; if this placement is not the first and has no pose yet, ask first whether the fixture is mounted."""
-    state, kind, text = context.s.state, TaskKind.CONNECT, "connecting"
+    state = context.s.state
+    connect_mounted = task(TaskKind.CONNECT, lambda o: o.connect_mounted())
     if not state.unconfirmed_placement:
-        context.submit(kind, text, lambda o: o.connect())
+        context.submit(TaskKind.CONNECT, lambda o: o.connect())
     elif context.s.simulated:
-        context.submit(kind, text, lambda o: o.connect_mounted())
+        connect_mounted(context)
     else:
         confirmation = (
             f"Placement {state.placement} has no pose yet. Is the {context.s.procedure.fixture.name} mounted, the "
             "loop closed, and nobody within reach of the arm?"
         )
-        work = task(kind, text, lambda o: o.connect_mounted())
-        context.confirm("Is the fixture mounted?", confirmation, "Mounted", work)
+        context.confirm("Is the fixture mounted?", confirmation, "Mounted", connect_mounted)
 
 
 def manual(context: ActionContext) -> None:
@@ -60,7 +60,7 @@ def apply_modes(context: ActionContext) -> None:
     joints = context.s.wanted_joints
     text = f"The drives are enabled; {_modes_text(context.s)}. Nothing moves yet. Stand clear of the arm."
     doing = f"setting {_wanted(context.s, 'to')}"
-    work = task(TaskKind.MODES, doing, lambda o: o.set_modes(joints))
+    work = task(TaskKind.MODES, lambda o: o.set_modes(joints), doing)
     context.confirm("Apply the modes?", text, "Apply", work)
 
 
@@ -97,7 +97,8 @@ def acknowledge(context: ActionContext) -> None:
 
 def automatic(context: ActionContext) -> None:
     """Capture the missing poses; ask for confirmation first if a real arm moves."""
-    begin = task(TaskKind.AUTOMATIC, "moving and capturing automatically", lambda o: o.automatic())
+    doing = "moving and capturing automatically"
+    begin = task(TaskKind.AUTOMATIC, lambda o: o.automatic(), doing)
     if not guards.moves_real_arm(context.s):
         begin(context)
         return
@@ -113,8 +114,7 @@ def go(context: ActionContext, waypoint: int | None) -> None:
     if waypoint is None:
         context.interface.refuse(guards.ALL_VISITED)
         return
-    text = f"moving to waypoint {waypoint + 1}"
-    context.submit(TaskKind.MOVE, text, lambda o: o.go(waypoint))
+    context.submit(TaskKind.MOVE, lambda o: o.go(waypoint), f"moving to waypoint {waypoint + 1}")
 
 
 def home(context: ActionContext) -> None:
@@ -130,22 +130,20 @@ def home(context: ActionContext) -> None:
         + ", ".join(f"J{j} by {MOVED(float(way)).with_unit}" for j, way in ways)
         + ". Check that the path is clear, and stand clear of the arm. Any key stops it."
     )
-    context.confirm(
-        "Go home?", text, "Move", task(TaskKind.HOME, "going home", lambda o: o.go_home())
-    )
+    context.confirm("Go home?", text, "Move", task(TaskKind.HOME, lambda o: o.go_home()))
 
 
 def capture(context: ActionContext) -> None:
     """Capture a pose at the arm's current position."""
     at = -1 if context.s.at_waypoint is None else context.s.at_waypoint
-    context.submit(TaskKind.CAPTURE, "capturing", lambda o: o.capture(at))
+    context.submit(TaskKind.CAPTURE, lambda o: o.capture(at))
 
 
 def exclude(context: ActionContext) -> None:
     """Exclude the selected pose, or include it again."""
     number = context.interface.pose(context.s)
     if number is not None:
-        context.submit(TaskKind.NOTE, "excluding a pose", lambda o: o.exclude(number))
+        context.submit(TaskKind.NOTE, lambda o: o.exclude(number), "excluding a pose")
 
 
 def note(context: ActionContext) -> None:
@@ -156,9 +154,7 @@ def note(context: ActionContext) -> None:
         return
     context.ask(
         Typed(title=f"Note to pose {pose.number}", text="Text of the note:", value=pose.note),
-        lambda again, answer: again.submit(
-            TaskKind.NOTE, "noting", lambda o: o.note(pose.number, answer)
-        ),
+        lambda again, answer: again.submit(TaskKind.NOTE, lambda o: o.note(pose.number, answer)),
     )
 
 
@@ -166,9 +162,7 @@ def calibrate(context: ActionContext) -> None:
     """Calibrate with the chosen settings."""
     s = context.s
     context.submit(
-        TaskKind.CALIBRATE,
-        "calibrating",
-        lambda o: o.results.calibrate(s.estimator, s.unsensed_joints),
+        TaskKind.CALIBRATE, lambda o: o.results.calibrate(s.estimator, s.unsensed_joints)
     )
 
 
@@ -183,7 +177,7 @@ def upload(context: ActionContext, forced: str = "") -> None:
         f"parameters. Type the arm's serial number, {serial}, to confirm."
     )
     question = Typed(title="Upload to the controller?", text=text, expected=serial)
-    work = task(TaskKind.UPLOAD, "uploading", lambda o: o.results.upload(forced))
+    work = task(TaskKind.UPLOAD, lambda o: o.results.upload(forced))
     context.ask(question, lambda again, _: work(again))
 
 
@@ -211,7 +205,7 @@ def verify(context: ActionContext) -> None:
     if joints:
         text = f"The drives are enabled again, {_modes_text(context.s)}. {text}"
     doing = f"moving to {VERIFY_POSES} new poses"
-    work = task(TaskKind.VERIFY, doing, lambda o: o.verify(VERIFY_POSES, joints))
+    work = task(TaskKind.VERIFY, lambda o: o.verify(VERIFY_POSES, joints), doing)
     context.confirm("Verify with new poses?", text, "Move", work)
 
 
@@ -224,13 +218,13 @@ def report(context: ActionContext) -> None:
         runner.publish(lambda now: replace(now, report=target))
         runner.say(Level.INFO, f"report written: {target}")
 
-    context.submit(TaskKind.EXPORT, "writing the report", work)
+    context.submit(TaskKind.EXPORT, work, "writing the report")
 
 
 def hold(context: ActionContext) -> None:
     """Cancel the running task, then hold all joints."""
     context.runner.cancel()
-    context.submit(TaskKind.HOLD, "holding all joints", lambda o: o.hold())
+    context.submit(TaskKind.HOLD, lambda o: o.hold(), "holding all joints")
 
 
 def apply_prompt(s: SessionSnapshot) -> str:

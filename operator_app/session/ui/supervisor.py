@@ -157,7 +157,13 @@ class Supervisor:
                 f"{cause} for {now.oldest_s:.1f} s: {sent}, the drives hold by themselves. {remedy}",
                 ARM_RECOVERY,
             )
-        elif self._lost and _all_data_fresh(now):
+        elif (
+            self._lost
+            and now.data is DataState.FRESH
+            and now.arm is not None
+            # A reset requires fresh heartbeats of all nodes.
+            and max(now.arm.heartbeat_age_s.values(), default=0.0) < LOST_S
+        ):
             self._lost = False
             self._runner.say(Level.INFO, "the data are back: reset STOP (R) when it is safe")
 
@@ -208,12 +214,3 @@ class Supervisor:
         )
         # A newer STOP or a reset may have replaced the report in the meantime.
         self._runner.publish(lambda s: replace(s, stop=counted) if s.stop is report else s)
-
-
-def _all_data_fresh(s: SessionSnapshot) -> bool:
-    """Whether all joint data and all heartbeats are fresh, as a reset requires."""
-    return (
-        s.data is DataState.FRESH
-        and s.arm is not None
-        and max(s.arm.heartbeat_age_s.values(), default=0.0) < LOST_S
-    )

@@ -181,9 +181,9 @@ class ActionContext:
     runner: Runner
     s: SessionSnapshot
 
-    def submit(self, kind: TaskKind, text: str, work: Callable[[Operations], None]) -> None:
-        """Submit a task to the runner without waiting for it."""
-        self.runner.submit(kind, text, lambda: work(self.runner.operations))
+    def submit(self, kind: TaskKind, work: Callable[[Operations], None], text: str = "") -> None:
+        """Submit a task to the runner without waiting for it; `text`: by default that of its kind."""
+        self.runner.submit(kind, text or kind.value, lambda: work(self.runner.operations))
 
     def ask(self, question: Question, then: Callable[[ActionContext, str], None]) -> None:
         """Ask a question; `then` is called with the answer, if the guard still allows the action."""

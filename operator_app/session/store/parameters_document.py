@@ -12,20 +12,7 @@ import numpy as np
 from operator_app.calibration.calibrated_arm import side_of
 from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import ReadingTable, measured_offsets, reading_tables
-from operator_app.config.parameter_records import (
-    FORCED,
-    NOT_ACCEPTED,
-    CalibratedEntry,
-    Correction,
-    DocumentWarning,
-    Quality,
-    RvdtRemedy,
-    TwoFigures,
-    WhichArm,
-    WhichFixture,
-    budget_of,
-    correlations_of,
-)
+from operator_app.config import parameter_records as records
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import joints_from_table, rows_from_table
 from operator_app.config.procedure import Procedure
@@ -78,7 +65,7 @@ def parameters_document(
     table = replace(table, theta_off_rad=theta_off_rad)
     own = model.own if isinstance(model, ArmLoop) else ()
     calibrated = tuple(
-        CalibratedEntry.of(
+        records.CalibratedEntry.of(
             p.name, math.degrees(s) if p.is_angle else float(s), side_of(model, p.name)
         )
         for p, s in zip(model.parameters, estimate.standard_deviation[columns], strict=True)
@@ -88,12 +75,12 @@ def parameters_document(
     listed = {part.entry: where[part.entry] for part in calibrated}
     rows = list(listed.values())
     return ParametersDocument(
-        arm=WhichArm(model=arm.name, serial=state.serial_number),
+        arm=records.WhichArm(model=arm.name, serial=state.serial_number),
         joints=joints_from_table(arm, table, calibrated),
         dh=rows_from_table(table),
         calibrated=calibrated,
-        fixture=WhichFixture(name=fixture.name, kind=fixture.kind),
-        quality=Quality(
+        fixture=records.WhichFixture(name=fixture.name, kind=fixture.kind),
+        quality=records.Quality(
             poses=solution.poses,
             # Parameters of other placements are not in this document.
             rank=solution.identifiability.rank - (len(estimate.parameters) - len(model.parameters)),
@@ -105,11 +92,13 @@ def parameters_document(
         warnings=(
             *_forced_warning(solution, forced),
             *_several(solution.model, state),
-            *(DocumentWarning(code=n.code, text=n.sentence) for n in solution.warnings),
+            *(records.DocumentWarning(code=n.code, text=n.sentence) for n in solution.warnings),
         ),
         estimator=estimate.estimator,
         pose_set_sha256=state.pose_set().sha256(),
-        correlations=correlations_of(tuple(listed), estimate.covariance[np.ix_(rows, rows)]),
+        correlations=records.correlations_of(
+            tuple(listed), estimate.covariance[np.ix_(rows, rows)]
+        ),
         budget=_budget(solution, listed),
         rvdt=tuple(map(rvdt_remedy, reading_tables(solution))),
         forced=" ".join(forced.split()) or None,
@@ -128,7 +117,7 @@ def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mappi
     }
     where = list(rows.values())
     parts = {source: part[where] for source, part in solution.components.budget.items()}
-    return budget_of(tuple(rows), np.diagonal(estimate.covariance)[where], parts)
+    return records.budget_of(tuple(rows), np.diagonal(estimate.covariance)[where], parts)
 
 
 def _mounted(model: ClosureModel, state: SessionState) -> tuple[ClosureModel, IntArray]:
@@ -144,14 +133,14 @@ def _last(model: Placements, state: SessionState) -> int:
     return state.placement if has_current else model.numbers[-1]
 
 
-def _several(model: ClosureModel, state: SessionState) -> tuple[DocumentWarning, ...]:
+def _several(model: ClosureModel, state: SessionState) -> tuple[records.DocumentWarning, ...]:
     if not isinstance(model, Placements):
         return ()
     text = (
         f"calibrated in {len(model.numbers)} placements of the fixture; the fixture entries are those of "
         f"placement {_last(model, state)}, the last"
     )
-    return (DocumentWarning(code="PLACEMENTS", text=text),)
+    return (records.DocumentWarning(code="PLACEMENTS", text=text),)
 
 
 def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
@@ -171,30 +160,32 @@ def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
     return DhTable.from_stacked(np.column_stack((np.zeros(len(rows)), rows)))
 
 
-def rvdt_remedy(table: ReadingTable) -> RvdtRemedy:
+def rvdt_remedy(table: ReadingTable) -> records.RvdtRemedy:
     """Return the RVDT corrections of a joint in the format of a parameters file (deg)."""
     columns = (table.reading_rad, table.add_rad, table.sigma_rad)
-    return RvdtRemedy(
+    return records.RvdtRemedy(
         joint=table.joint,
         theta_off_deg=math.degrees(table.theta_off_rad),
         gain=table.gain,
         table=tuple(
-            Correction(reading_deg=reading, add_deg=add, sigma_deg=sigma)
+            records.Correction(reading_deg=reading, add_deg=add, sigma_deg=sigma)
             for reading, add, sigma in np.rad2deg(columns).T.tolist()
         ),
     )
 
 
-def _forced_warning(solution: Solution, reason: str) -> tuple[DocumentWarning, ...]:
+def _forced_warning(solution: Solution, reason: str) -> tuple[records.DocumentWarning, ...]:
     if solution.accepted:
         return ()
     refused = f"not accepted ({'; '.join(solution.reasons)})"
     text = " ".join(reason.split())
     if not text:
-        return (DocumentWarning(code=NOT_ACCEPTED, text=refused),)
-    return (DocumentWarning(code=FORCED, text=f"{refused}; exported because: {text}"),)
+        return (records.DocumentWarning(code=records.NOT_ACCEPTED, text=refused),)
+    return (
+        records.DocumentWarning(code=records.FORCED, text=f"{refused}; exported because: {text}"),
+    )
 
 
-def _figures(reading: ResidualSigma) -> TwoFigures:
+def _figures(reading: ResidualSigma) -> records.TwoFigures:
     """Return a residual by both interpretations of eqs. 14 and 15, converted from m to mm or from rad to mrad."""
-    return TwoFigures(rms=1e3 * reading.rms, as_printed=1e3 * reading.as_printed)
+    return records.TwoFigures(rms=1e3 * reading.rms, as_printed=1e3 * reading.as_printed)

@@ -224,12 +224,7 @@ class Runner:
         except Exception as error:  # noqa: BLE001 - STOP may fail, it may not raise
             problem = str(error) or repr(error)
         self.cancel()
-        report = StopReport(
-            asked_s=pressed_s,
-            acknowledged_after_s=None,
-            drives_stopped=0,
-            problem=problem,
-        )
+        report = StopReport(asked_s=pressed_s, problem=problem)
         self.publish(lambda s: replace(s, stop=report))
         if problem:
             problem = f"STOP could not be sent: {problem}. Use the hardware stop"

@@ -99,8 +99,8 @@ class StopReport:
     """
 
     asked_s: float
-    acknowledged_after_s: float | None
-    drives_stopped: int
+    acknowledged_after_s: float | None = None
+    drives_stopped: int = 0
     problem: str = ""
 
 

@@ -13,14 +13,8 @@ from operator_app.session.store.state import CapturedPose, SessionState
 from operator_app.session.ui.calibration_operations import CalibrationOperations
 from operator_app.session.ui.pose_quality import PoseQuality
 from operator_app.session.ui.snapshot import Level, Publisher
+from operator_app.session.workflow import drive_selection
 from operator_app.session.workflow.capture import outlier_warning, take_poses
-from operator_app.session.workflow.drive_selection import (
-    choose,
-    go_home,
-    visit,
-    waypoints_from,
-    waypoints_of,
-)
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from operator_app.units import MOVED, READING_SD, names, others_free
@@ -101,7 +95,7 @@ class Operations(Listener):
         else:
             ranked = rank_at_pose(model, nominal_vector(model.parameters), q_rad)
         if joints is None:
-            choice = choose(session, may_move=False)
+            choice = drive_selection.choose(session, may_move=False)
             joints, ranked = choice.drives, choice.ranked
         best = ranked[0].drives if ranked else joints
         self._publisher.publish(
@@ -112,9 +106,9 @@ class Operations(Listener):
         start = session.state.start_rad
         if start is not None and len(session.position_joints) == session.mobility:
             # The session already has a plan, which starts at `start`.
-            self._set_plan(waypoints_of(session), start)
+            self._set_plan(drive_selection.waypoints_of(session), start)
         elif len(joints) == session.mobility:
-            self._set_plan(waypoints_from(session, q_rad, joints), q_rad)
+            self._set_plan(drive_selection.waypoints_from(session, q_rad, joints), q_rad)
         self.refresh()
 
     def confirm(self, item: str, text: str) -> None:
@@ -132,7 +126,7 @@ class Operations(Listener):
         self.report(f"{driven} in position mode{others}: read back")
         start = session.state.start_rad
         if start is not None:
-            self._set_plan(waypoints_of(session), start)
+            self._set_plan(drive_selection.waypoints_of(session), start)
         self.refresh()
 
     def wiggle(self) -> None:
@@ -159,7 +153,7 @@ class Operations(Listener):
     def go_home(self) -> None:
         """Move the drive joints home at 5 deg/s."""
         self._at(None)
-        message = go_home(self._session)
+        message = drive_selection.go_home(self._session)
         self.refresh()
         self.report(message)
 
@@ -168,7 +162,7 @@ class Operations(Listener):
     def go(self, waypoint: int) -> None:
         """Move to a waypoint (index from 0)."""
         self._at(None)
-        arrived = visit(self._session, waypoint)
+        arrived = drive_selection.visit(self._session, waypoint)
         self._at(waypoint if arrived else None)
         if arrived:
             self.report(f"at waypoint {waypoint + 1}: capture at standstill")

@@ -23,16 +23,7 @@ from operator_app.planning.live import is_path_clear
 from operator_app.session.safety.resume_checks import SHIFT_RAD
 from operator_app.session.safety.return_check import check_repeat, repeat_text
 from operator_app.session.store.state import CapturedPose, pose_set_of
-from operator_app.session.workflow.drive_selection import (
-    HOMING_SPEED_RAD_PER_S,
-    explore,
-    go_home,
-    joints_outside_box,
-    reach,
-    require_in_box,
-    retrace,
-    verification_waypoints,
-)
+from operator_app.session.workflow import drive_selection
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.planned_capture import CampaignEnd, PlannedCapture
 from operator_app.session.workflow.pose_reading import TargetLostError
@@ -113,7 +104,7 @@ def take_poses(
         if not session.state.repeated_since_capture:
             # The last pose may have been captured by hand, without this check.
             drift_check.check_last_pose()
-        explore(session, listener, drift_check.check_last_pose)
+        drive_selection.explore(session, listener, drift_check.check_last_pose)
     else:
         end = planned.run(drift_check.check_last_pose)
     if session.state.poses_here and not session.state.repeated_since_capture:
@@ -123,11 +114,11 @@ def take_poses(
 
 def go_home_if_outside(session: Session, listener: Listener) -> None:
     """Go home if a drive joint is outside its box; call it only if the operator has agreed."""
-    away = joints_outside_box(session)
+    away = drive_selection.joints_outside_box(session)
     if away:
         listener.report(f"Going home at 5 deg/s: {away}.")
         listener.going(None)
-        listener.report(f"{go_home(session)}.")
+        listener.report(f"{drive_selection.go_home(session)}.")
 
 
 def outlier_warning(session: Session) -> str:
@@ -164,7 +155,7 @@ class _DriftCheck:
         session = self.session
         if not session.unresolved_joints or not session.fixture.holds_hand:
             return
-        require_in_box(session)
+        drive_selection.require_in_box(session)
         q_rad, drives = session.arm.snapshot().positions_rad, session.position_joints
 
         def away_rad(pose: CapturedPose) -> float:
@@ -176,7 +167,7 @@ class _DriftCheck:
             f"Moving {REACH(away_rad(nearest)).with_unit} to pose {nearest.number} at 5 deg/s first: at the present "
             f"pose a shift of joint {joints} by {REACH(SHIFT_RAD).with_unit} would not show."
         )
-        self._repeat(nearest, speed_rad_per_s=HOMING_SPEED_RAD_PER_S)
+        self._repeat(nearest, speed_rad_per_s=drive_selection.HOMING_SPEED_RAD_PER_S)
 
     def check_last_pose(self) -> None:
         """If the last pose does not fit the earlier poses, repeat the first pose immediately."""
@@ -194,12 +185,12 @@ class _DriftCheck:
 
     def repeat_first_pose_and_come_back(self, *, suspect: bool = False) -> None:
         """Repeat the first pose, then move the arm back to where it was."""
-        retrace(self.session, self.repeat_first_pose(suspect=suspect))
+        drive_selection.retrace(self.session, self.repeat_first_pose(suspect=suspect))
 
     def repeat_first_pose(self, *, suspect: bool = False) -> Sequence[Mapping[int, float]]:
         """Repeat the first used pose; return the drives' angles (rad) at the start of each move, for the way back."""
         if self.planned is None:
-            require_in_box(self.session)
+            drive_selection.require_in_box(self.session)
         first = self.session.state.poses_here[0]
         self.listener.report(f"Re-measuring pose {first.number} (drift check).")
         return self._repeat(first, suspect=suspect)
@@ -214,7 +205,7 @@ class _DriftCheck:
             q_rad, drives = session.arm.snapshot().positions_rad, session.position_joints
             way: Sequence[Mapping[int, float]] = [{j: float(q_rad[j - 1]) for j in drives}]
             targets = {j: float(first.mean_rad[j - 1]) for j in drives}
-            missed = reach(session, targets, speed_rad_per_s=speed_rad_per_s).reason
+            missed = drive_selection.reach(session, targets, speed_rad_per_s=speed_rad_per_s).reason
         else:
             missed, way = self.planned.to_first()
         resumed = session.state.resumed
@@ -250,11 +241,11 @@ def verify(
             f"the fixture was remounted: the calibration has no pose of placement {session.state.placement}",
             "go on with the session (sarcal run --resume), then verify",
         )
-    require_in_box(session)
+    drive_selection.require_in_box(session)
     before = len(session.state.readings)
     for target in _new_targets(session, solution, poses):
         listener.going(None)
-        if reach(session, target).reached:
+        if drive_selection.reach(session, target).reached:
             try:
                 session.take_check_reading("verification")
             except TargetLostError as lost:
@@ -286,9 +277,9 @@ def _new_targets(session: Session, solution: Solution, poses: int) -> Iterator[M
         model, columns = model.of(session.state.placement)
         x = x[columns]
     if known >= set(session.position_joints):
-        yield from verification_waypoints(session, poses)
+        yield from drive_selection.verification_waypoints(session, poses)
         return
-    for target in verification_waypoints(session, CANDIDATES_PER_POSE * poses):
+    for target in drive_selection.verification_waypoints(session, CANDIDATES_PER_POSE * poses):
         q_rad = session.arm.snapshot().positions_rad
         if is_path_clear(session.model, model, x, q_rad, target):
             yield target

@@ -12,7 +12,7 @@ from pathlib import Path
 from operator_app.config.resources import expanded
 from operator_app.errors import JournalError, SessionError
 from operator_app.session.store.journal import read_journal
-from operator_app.session.store.journal_format import JOURNAL_NAME, first_event, numbered_folders
+from operator_app.session.store.journal_format import JOURNAL_NAME, first_event, free_path
 from operator_app.session.store.replay import order_of, session_state
 from operator_app.session.store.state import SessionState
 
@@ -44,8 +44,7 @@ def new_folder(root: Path, name: str, utc: datetime) -> Path:
 
     If another program creates it first, `Journal.create_beside` takes the next free name.
     """
-    stem = f"{utc:{STAMP}}-{re.sub(r'[^A-Za-z0-9_-]+', '-', name)}"
-    return next(f for f in numbered_folders(root / stem) if not f.exists())
+    return free_path(root / f"{utc:{STAMP}}-{re.sub(r'[^A-Za-z0-9_-]+', '-', name)}")
 
 
 def next_order(root: Path, *, but: Path) -> int:

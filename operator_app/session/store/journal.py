@@ -30,7 +30,7 @@ from operator_app.session.store.journal_format import (
     create_file,
     format_line,
     fsync_folder,
-    numbered_folders,
+    numbered_paths,
     os_errors_as_journal_errors,
     parse_journal,
     read_bytes,
@@ -79,7 +79,7 @@ class Journal:
     @classmethod
     def create_beside(cls, folder: Path) -> Journal:
         """Create a journal in the first of the folders `folder`, `folder`-2, `folder`-3, ... that has no journal."""
-        for candidate in numbered_folders(folder):
+        for candidate in numbered_paths(folder):
             with suppress(JournalExistsError):
                 return cls.create(candidate)
         raise AssertionError("there is always a next name")

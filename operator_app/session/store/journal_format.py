@@ -300,18 +300,19 @@ def _reject_constant(text: str) -> NoReturn:
 
 def timestamped_path(path: Path, what: str) -> Path:
     """Return a free name beside `path`, e.g. ``journal.jsonl.torn-20261122T030000Z``."""
-    stem = f"{path.name}.{what}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
-    candidate, k = path.with_name(stem), 2
-    while os.path.lexists(candidate):
-        candidate, k = path.with_name(f"{stem}-{k}"), k + 1
-    return candidate
+    return free_path(path.with_name(f"{path.name}.{what}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}"))
 
 
-def numbered_folders(folder: Path) -> Iterator[Path]:
-    """Yield `folder`, then the same name with -2, -3, ..."""
-    yield folder
+def numbered_paths(path: Path) -> Iterator[Path]:
+    """Yield `path`, then the same name with -2, -3, ..."""
+    yield path
     for k in count(2):
-        yield folder.with_name(f"{folder.name}-{k}")
+        yield path.with_name(f"{path.name}-{k}")
+
+
+def free_path(path: Path) -> Path:
+    """Return the first of the `numbered_paths` that does not exist."""
+    return next(p for p in numbered_paths(path) if not os.path.lexists(p))
 
 
 def write_new_file(path: Path, data: bytes) -> None:
@@ -329,7 +330,7 @@ def write_new_file(path: Path, data: bytes) -> None:
 
 def write_session_folder(root: Path, stem: str, lines: list[bytes]) -> Path:
     """Create a session folder below `root`, write a journal with these lines, return the folder; raises OSError."""
-    folder = next(f for f in numbered_folders(root / stem) if not os.path.lexists(f))
+    folder = free_path(root / stem)
     folder.mkdir(parents=True)
     write_new_file(folder / JOURNAL_NAME, b"".join(lines))
     fsync_folder(root)

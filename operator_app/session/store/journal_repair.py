@@ -179,7 +179,6 @@ def _checksum_if_stated(line: bytes, before: str) -> str | None:
 
 
 def _with_checksum(line: bytes, chain: str) -> bytes:
-    """Return a line with this checksum at its end."""
     return line[:-TAIL] + f',"sum":"{chain}"}}'.encode()
 
 
@@ -237,7 +236,6 @@ def _without_invalid(lines: list[RepairedLine]) -> tuple[RepairedLine, ...]:
 
 
 def _repaired_event(lines: Sequence[RepairedLine], aside: Path) -> JournalEvent:
-    """Return the event that records the repair."""
     data: dict[str, Any] = {
         "original": aside.name,
         "lost": [line.number for line in lines if line.event is None],

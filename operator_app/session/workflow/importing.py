@@ -185,7 +185,6 @@ def _pose(poses: PoseSet, k: int) -> dict[str, Any]:
 
 
 def _procedure_name(name: str) -> str:
-    """Return a valid procedure name made from a file name."""
     cleaned = re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-")[:48]
     return cleaned if re.match(r"[A-Za-z]", cleaned) else f"poses-{cleaned}".rstrip("-")
 

@@ -264,7 +264,6 @@ class PlannedCapture:
     # -- beginning and replaying -----------------------------------------------------------------
 
     def _required_settings(self) -> dict[str, Any]:
-        """Return the settings that the procedure requires of a campaign."""
         own = self._session.procedure
         return {
             "poses": own.capture.poses,
@@ -295,7 +294,6 @@ class PlannedCapture:
 
 
 def _path_watch(campaign: Campaign, move: GoTo) -> Watch:
-    """Return a watch that ends a move if the arm leaves the planned path."""
     on_path = path_watch(
         move.trace_rad, move.tolerance_rad, campaign.task.ranges.within(RANGE_END_MARGIN_RAD)
     )

@@ -177,7 +177,7 @@ def upload(context: ActionContext, forced: str = "") -> None:
         f"parameters. Type the arm's serial number, {serial}, to confirm."
     )
     question = Typed(title="Upload to the controller?", text=text, expected=serial)
-    work = task(TaskKind.UPLOAD, lambda o: o.results.upload(forced))
+    work = task(TaskKind.UPLOAD, lambda o: o.results.write(upload=True, forced=forced))
     context.ask(question, lambda again, _: work(again))
 
 

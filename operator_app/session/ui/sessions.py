@@ -25,25 +25,12 @@ from operator_app.session.workflow.remounting import record_in
 class Sessions:
     """Opens and closes the sessions of one folder.
 
-    Parameters
-    ----------
-    procedure
-        Built-in name or path.
-    choices
-        Options of the command line.
-    join
-        Function that returns a context manager with the `Rig` (the arm) of an `Opening`.
-    warning
-        First message to the operator; "" for none.
-
-    Attributes
-    ----------
-    last, exported
-        Folder of the last closed session (None if it was empty and is removed); whether its parameters were written.
-    held
-        Whether its arm confirmed that it holds its position; None if no arm was connected.
-    lost, not_held
-        The error about its journal if that was lost, and about its arm if that did not confirm; else None.
+    `procedure`: built-in name or path. `choices`: options of the command line. `join` returns a context manager with
+    the `Rig` (the arm) of an `Opening`. `warning`: first message to the operator; "" for none. Of the last closed
+    session, `last` is the folder (None if it was empty and has been removed), `exported` whether its parameters were
+    written, `held` whether its arm confirmed that it holds its position (None if no arm was connected), and `lost` and
+    `not_held` are the errors about its journal, if that was lost, and about its arm, if that did not confirm; else
+    None.
     """
 
     def __init__(

@@ -124,16 +124,10 @@ EVERYWHERE = frozenset(Step)
 class Entry:
     """Common fields of all actions.
 
-    Attributes
-    ----------
-    keys, shown
-        Names of the keys as the terminal reports them, and their display text.
-    label, help
-        One or two words for the footer, and a sentence for palette and help.
-    steps, footer
-        Steps at which the keys work, and at which the footer shows them.
-    offered
-        Function that returns whether the action is listed; an action refused by its guard is listed with the reason.
+    `keys`, `shown`: names of the keys as the terminal reports them, and their display text. `label`, `help`: one or
+    two words for the footer, and a sentence for palette and help. `steps`, `footer`: steps at which the keys work, and
+    at which the footer shows them. `offered` returns whether the action is listed; an action refused by its guard is
+    listed with the reason.
     """
 
     name: str

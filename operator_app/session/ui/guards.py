@@ -81,10 +81,8 @@ def capture_ready(s: SessionSnapshot) -> Missing:
 def calibrate_ready(s: SessionSnapshot) -> Missing:
     """The Calibrate step needs enough poses to have more equations than parameters."""
     model = s.procedure.fixture.fixture.model(s.procedure.arm, unsensed_joints=s.unsensed_joints)
-    used, needed = (
-        len(s.state.used_poses),
-        poses_needed(len(model.parameters), model.equations_per_pose),
-    )
+    used = len(s.state.used_poses)
+    needed = poses_needed(len(model.parameters), model.equations_per_pose)
     if used < needed:
         return (
             f"{used} of the {needed} required poses {'is' if used == 1 else 'are'} captured (step 4)",

@@ -123,14 +123,7 @@ def check_closure_without_poses(
     """
     if not procedure.fixture.fixture.holds_hand:
         return None
-    arm = procedure.arm
-    loop = loop_at_reading(
-        arm,
-        procedure.fixture.fixture,
-        reading.mean_rad,
-        unsensed_joints=procedure.unsensed_joints,
-        known=known,
-    )
+    arm, loop = procedure.arm, loop_at_reading(procedure, reading.mean_rad, known)
     closure = loop.fit()
     probability = _probability(closure)
     reset = _reset_counters(arm, loop, closure)

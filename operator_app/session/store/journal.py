@@ -168,12 +168,7 @@ class Journal:
                 f"{self.path} can no longer be written: {self._broken}",
                 "repair the disk, then resume this session and check its last entry",
             )
-        event = JournalEvent(
-            seq=self._seq + 1,
-            utc=utc_in_words(clock()),
-            name=name,
-            data=data,
-        )
+        event = JournalEvent(seq=self._seq + 1, utc=utc_in_words(clock()), name=name, data=data)
         line, chain = format_line(event, self._chain)
         problem = self._file_problem()
         if problem:

@@ -82,13 +82,7 @@ def format_line(event: JournalEvent, chain: str) -> tuple[bytes, str]:
     Raises ValueError if JSON cannot represent the data.
     """
     head = {"schema": JOURNAL_SCHEMA} if event.seq == 1 else {}
-    record = {
-        **head,
-        "seq": event.seq,
-        "utc": event.utc,
-        "event": event.name,
-        "data": event.data,
-    }
+    record = {**head, "seq": event.seq, "utc": event.utc, "event": event.name, "data": event.data}
     text = json.dumps(record, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     # A lone surrogate (from a file name that is not UTF-8) has no UTF-8 bytes.
     body = LONE_SURROGATE.sub(lambda half: f"\\u{ord(half[0]):04x}", text).encode()

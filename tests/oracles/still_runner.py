@@ -5,8 +5,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from operator_app.config.procedure import Procedure
-from operator_app.config.procedure_file import load_procedure
 from operator_app.session.store.folders import SessionEntry
 from operator_app.session.ui.message_log import without_acknowledged
 from operator_app.session.ui.snapshot import Change, Level, Message, SessionSnapshot, TaskKind
@@ -67,9 +65,6 @@ class StaticSource:
         self.begun += 1
         self.requested_procedure = procedure
         return self.runner
-
-    def procedures(self) -> tuple[Procedure, ...]:
-        return tuple(load_procedure(name) for name in ("hinge", "hinge_planned"))
 
     def resumed(self, reference: str) -> Any:
         self.resumed_references.append(reference)

@@ -96,7 +96,7 @@ def story() -> Mapping[str, SessionSnapshot]:
             record("written")
             runner.operations.results.verify(3)
             record("verified")
-            runner.operations.results.upload()
+            runner.operations.results.write(upload=True)
             record("uploaded")
         finally:
             runner.close("done")

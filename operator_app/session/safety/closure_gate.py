@@ -16,11 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fixtures.base import EndpointConstraint
 from operator_app.calibration.error_model import free_within_tolerance
 from operator_app.calibration.prior import KnownArm, PlacementPrior, placement_prior
+from operator_app.config.procedure import Procedure
 from solver.arrays import FloatArray
-from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import NoSensor
 from solver.closing import reduced_equations, unsensed_step
 from solver.loops.closure import ClosureModel
@@ -104,15 +103,12 @@ class LoopAtReading:
 
 
 def loop_at_reading(
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    reading_rad: FloatArray,
-    *,
-    unsensed_joints: tuple[int, ...] = (),
-    known: KnownArm | None = None,
+    procedure: Procedure, reading_rad: FloatArray, known: KnownArm | None = None
 ) -> LoopAtReading:
     """Return the loop at a reading (n,); its prior is from arm file, fixture file and earlier placements (`known`)."""
-    model, stated = free_within_tolerance(fixture.model(arm, unsensed_joints=unsensed_joints), arm)
+    arm, fixture = procedure.arm, procedure.fixture.fixture
+    loop = fixture.model(arm, unsensed_joints=procedure.unsensed_joints)
+    model, stated = free_within_tolerance(loop, arm)
     errors = np.stack(
         [
             arm.sigma_rad(),
@@ -128,6 +124,6 @@ def loop_at_reading(
     return LoopAtReading(
         model=model,
         prior=placement_prior(model, arm, fixture, stated, known),
-        reading_rad=np.asarray(reading_rad, dtype=np.float64),
+        reading_rad=reading_rad,
         reading_sd_rad=np.where(unsensed, 0.0, read),
     )

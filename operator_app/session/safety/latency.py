@@ -46,10 +46,6 @@ class LatenessRecorder:
         self._logbook, self._arm = logbook, arm
         self.recorded = NO_LATENCY
 
-    def restart(self) -> None:
-        """Count delays from zero for a new connection."""
-        self.recorded = NO_LATENCY
-
     def record(self) -> None:
         """Record new delays, if any."""
         late = self._arm.snapshot().lateness

@@ -38,16 +38,9 @@ def require_plausible_readings(
 ) -> tuple[int, ...]:
     """Refuse joint readings that cannot be correct; record the result in the journal.
 
-    `endpoint`: function that measures the tool with the instrument; called if this placement has poses.
-
-    Returns
-    -------
-    Joints (1-based) whose shift since the last pose could not be detected at the current pose.
-
-    Raises
-    ------
-    ClosureRefusedError
-        The loop does not close; if a wrong reading of one joint explains this, the error names the joint.
+    `endpoint`: function that measures the tool with the instrument; called if this placement has poses. Returns the
+    joints (1-based) whose shift since the last pose could not be detected at the current pose. Raises
+    ClosureRefusedError, which names the joint if a wrong reading of one joint explains that the loop does not close.
     """
     try:
         check_counters(session.model, reading.mean_rad)
@@ -83,7 +76,6 @@ def _closure_results(
 
 
 def _arm_from_earlier_placements(state: SessionState, procedure: Procedure) -> KnownArm | None:
-    """Return the information on the arm from earlier placements; None if there is none."""
     earlier = tuple(p for p in state.used_poses if p.placement != state.placement)
     if not earlier or not procedure.fixture.fixture.holds_hand:
         return None
@@ -125,30 +117,13 @@ def check_closure_without_poses(
 ) -> float | None:
     """Refuse readings with which the loop cannot close within the tolerances of the files.
 
-    Parameters
-    ----------
-    known
-        Information on the arm from earlier placements of the fixture.
-
-    Returns
-    -------
-    Probability of a larger chi2; None for an open arm.
-
-    Raises
-    ------
-    ClosureRefusedError
-        The loop cannot close, or a counter was reset; the error names joints whose reading alone explains this.
+    `known`: information on the arm from earlier placements of the fixture. Returns the probability of a larger chi2,
+    None for an open arm. Raises ClosureRefusedError if the loop cannot close or a counter was reset; the error names
+    joints whose reading alone explains this.
     """
     if not procedure.fixture.fixture.holds_hand:
         return None
-    arm = procedure.arm
-    loop = loop_at_reading(
-        arm,
-        procedure.fixture.fixture,
-        reading.mean_rad,
-        unsensed_joints=procedure.unsensed_joints,
-        known=known,
-    )
+    arm, loop = procedure.arm, loop_at_reading(procedure, reading.mean_rad, known)
     closure = loop.fit()
     probability = _probability(closure)
     reset = _reset_counters(arm, loop, closure)

@@ -154,23 +154,16 @@ def check_identity(state: SessionState, identity: ArmIdentity) -> None:
 
 
 def check_closure_by_poses(
-    state: SessionState,
-    procedure: Procedure,
-    reading: Reading,
-    endpoint: FloatArray | None = None,
+    state: SessionState, procedure: Procedure, reading: Reading, endpoint: FloatArray | None
 ) -> ClosureResult:
     """Check the closure at the current pose against the captured poses; `endpoint`: the instrument's measurement there.
 
-    Raises
-    ------
-    ClosureRefusedError
-        The loop does not close: the arm or the fixture has changed.
+    Raises ClosureRefusedError if the loop does not close: the arm or the fixture has changed.
     """
     state = state.here
-    fixture = fixture_in_place(state, procedure)
-    closure = _predict_closure(state, procedure, fixture, reading, endpoint)
+    closure = _predict_closure(state, procedure, reading, endpoint)
     if not closure.as_predicted:
-        raise _refusal(closure, procedure.arm, fixture, reading, poses=len(state.used_poses))
+        raise _refusal(closure, state, procedure, reading)
     return ClosureResult(
         message="There are too few poses to check the closure at the present pose."
         if closure.probability is None
@@ -184,18 +177,10 @@ def check_closure_by_poses(
 class _Closure:
     """Closure at the current pose, compared with its prediction from the captured poses.
 
-    Attributes
-    ----------
-    near
-        Innovation of the reading; None for an open arm, or if the poses cannot be fitted.
-    unresolved_joints
-        As in `ClosureResult`.
-    probability
-        Probability of a larger chi2 with the parameters from the poses; None if the poses do not determine these.
-    closes
-        Whether the loop closes at all with these parameters; true if there are none.
-    as_predicted
-        Whether the loop closes, and no available prediction contradicts the reading.
+    `near`: innovation of the reading, None for an open arm, or if the poses cannot be fitted. `unresolved_joints`: as
+    in `ClosureResult`. `probability` of a larger chi2 and whether the loop `closes` at all, with the parameters from
+    the poses (None and true if the poses do not determine these). `as_predicted`: whether the loop closes, and no
+    available prediction contradicts the reading.
     """
 
     near: Innovation | None
@@ -206,11 +191,7 @@ class _Closure:
 
 
 def _predict_closure(
-    state: SessionState,
-    procedure: Procedure,
-    fixture: EndpointConstraint,
-    reading: Reading,
-    endpoint: FloatArray | None,
+    state: SessionState, procedure: Procedure, reading: Reading, endpoint: FloatArray | None
 ) -> _Closure:
     """Compare a reading with its prediction from the captured poses of this placement."""
     from scipy.special import chdtri
@@ -224,7 +205,8 @@ def _predict_closure(
         utc="",
         endpoint=() if endpoint is None else tuple(endpoint.tolist()),
     )
-    arm, near, expected = procedure.arm, None, True
+    arm, fixture = procedure.arm, fixture_in_place(state, procedure)
+    near, expected = None, True
     unresolved = tuple(range(1, arm.joint_count + 1))
     if fixture.holds_hand:
         pose_set, unsensed = state.pose_set(), procedure.unsensed_joints
@@ -257,16 +239,12 @@ def _predict_closure(
 
 
 def _refusal(
-    closure: _Closure,
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    reading: Reading,
-    *,
-    poses: int,
+    closure: _Closure, state: SessionState, procedure: Procedure, reading: Reading
 ) -> ClosureRefusedError:
-    """Return the error, with its likely cause, for a reading that contradicts the `poses` captured poses."""
+    """Return the error, with its likely cause, for a reading that contradicts the captured poses."""
     from scipy.special import chdtrc
 
+    arm, poses = procedure.arm, len(state.used_poses)
     near, probability = closure.near, 1.0 if closure.probability is None else closure.probability
     if near is not None:
         probability = min(probability, float(chdtrc(near.dof, near.chi2)))
@@ -280,7 +258,7 @@ def _refusal(
             probability=probability,
         )
     probability_text = "" if not closure.closes else f" (probability {probability:.0e})"
-    if not fixture.holds_hand:
+    if not procedure.fixture.fixture.holds_hand:
         return ClosureRefusedError(
             f"the tracker does not measure the target where this session's {poses} poses "
             f"predict it{probability_text}: a joint's zero, the target or the tracker has changed",
@@ -321,10 +299,9 @@ def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConst
 
 
 def parameters_from_poses(state: SessionState, procedure: Procedure) -> Fixed | None:
-    """Return the parameters determined by the captured poses; None if the poses do not determine them.
+    """Return the parameters of the recorded calibration or, without one, of a quick fit; None with too few poses.
 
-    They are from the recorded calibration or, if there is none, from a quick fit, which is precise enough to detect
-    shifts of degrees or millimetres.
+    The quick fit is precise enough to detect shifts of degrees or millimetres.
     """
     known = journal_calibration(state)
     if isinstance(known, StoredCalibration):

@@ -8,13 +8,7 @@ from fixtures.measured import Measured
 from operator_app.calibration.repeat_measurement import Repeat, compare_readings
 from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError
-from operator_app.session.safety.resume_checks import (
-    FALSE_REFUSAL_PROBABILITY,
-    JOINT_ODDS,
-    NEW_SESSION_REMEDY,
-    fixture_in_place,
-    parameters_from_poses,
-)
+from operator_app.session.safety import resume_checks
 from operator_app.session.store.state import SessionState
 from operator_app.units import POSITION, SHIFTED, SLIP_SIGMA, TURNED
 from solver.arrays import FloatArray
@@ -41,15 +35,14 @@ def check_repeat(state: SessionState, procedure: Procedure) -> str:
     pose = state.repeats[-1].first.number
     if repeat.joint_odds > 1.0:
         raise GuardError(
-            f"pose {pose} differs from its first reading: joint {repeat.joint} has shifted by "
-            f"{POSITION(repeat.size_rad).with_unit} (sigma {SLIP_SIGMA(repeat.sigma_rad).with_unit})",
-            f"check the coupling and the counter of joint {repeat.joint}; {NEW_SESSION_REMEDY}",
+            f"pose {pose} {_joint_shifted_text(repeat)}",
+            f"check the coupling and the counter of joint {repeat.joint}; {resume_checks.NEW_SESSION_REMEDY}",
         )
     if repeat.shifted_m > FIXTURE_MOVED_M or repeat.turned_rad > FIXTURE_TURNED_RAD:
         raise GuardError(
             f"pose {pose} differs from its first reading: the fixture has moved by about "
             f"{SHIFTED(repeat.shifted_m).with_unit} and {TURNED(repeat.turned_rad).with_unit}",
-            NEW_SESSION_REMEDY,
+            resume_checks.NEW_SESSION_REMEDY,
         )
     return _fixture_moved_text(pose, repeat)
 
@@ -69,18 +62,22 @@ def repeat_text(state: SessionState, procedure: Procedure) -> str:
     if repeat is None:
         return ""
     pose = state.repeats[-1].first.number
-    if repeat.joint_odds < JOINT_ODDS:
+    if repeat.joint_odds < resume_checks.JOINT_ODDS:
         return _fixture_moved_text(pose, repeat)
     return (
-        f"Pose {pose} differs from its first reading: joint {repeat.joint} has shifted by "
-        f"{POSITION(repeat.size_rad).with_unit} (sigma {SLIP_SIGMA(repeat.sigma_rad).with_unit}) in between, and poses "
-        "before and after the shift do not fit together. Check the coupling and the counter of joint "
-        f"{repeat.joint}, and start a new session."
+        f"Pose {pose} {_joint_shifted_text(repeat)} in between, and poses before and after the shift do not fit "
+        f"together. Check the coupling and the counter of joint {repeat.joint}, and start a new session."
+    )
+
+
+def _joint_shifted_text(repeat: Repeat) -> str:
+    return (
+        f"differs from its first reading: joint {repeat.joint} has shifted by "
+        f"{POSITION(repeat.size_rad).with_unit} (sigma {SLIP_SIGMA(repeat.sigma_rad).with_unit})"
     )
 
 
 def _fixture_moved_text(pose: int, repeat: Repeat) -> str:
-    """Return the message about a fixture that has moved slightly."""
     return (
         f"Pose {pose} differs from its first reading, as if the fixture had moved by about "
         f"{SHIFTED(repeat.shifted_m).with_unit}: it was remounted, or is more compliant than its file states. The "
@@ -89,16 +86,16 @@ def _fixture_moved_text(pose: int, repeat: Repeat) -> str:
 
 
 def _significant_repeat(state: SessionState, procedure: Procedure) -> Repeat | None:
-    """Return the last repeat if it differs by more than noise, backlash and fixture compliance explain; else None."""
+    """Return the last repeat if noise, backlash and fixture compliance do not explain its difference; else None."""
     from scipy.special import chdtri
 
     arm, fixture = procedure.arm, procedure.fixture.fixture
     model = fixture.model(arm, unsensed_joints=procedure.unsensed_joints)
-    fixed = parameters_from_poses(state, procedure)
+    fixed = resume_checks.parameters_from_poses(state, procedure)
     values = {} if fixed is None else fixed.values
     x: FloatArray = np.array([values.get(p.name, p.nominal) for p in model.parameters])
     repeat = compare_readings(arm, model, x, state.rereads[-1], fixture.compliance)
-    if repeat.chi2 <= float(chdtri(repeat.dof, FALSE_REFUSAL_PROBABILITY)):
+    if repeat.chi2 <= float(chdtri(repeat.dof, resume_checks.FALSE_REFUSAL_PROBABILITY)):
         return None
     return repeat
 
@@ -112,7 +109,7 @@ def _check_target_again(state: SessionState, procedure: Procedure) -> str:
     from scipy.special import chdtri
 
     last, arm = state.repeats[-1], procedure.arm
-    fixture, pair = fixture_in_place(state, procedure), (last.first, last.again)
+    fixture, pair = resume_checks.fixture_in_place(state, procedure), (last.first, last.again)
     if not isinstance(fixture, Measured) or not all(p.endpoint for p in pair):
         return ""
     full = fixture.full_pose
@@ -127,14 +124,14 @@ def _check_target_again(state: SessionState, procedure: Procedure) -> str:
     J = error.jac_q[0]
     covariance = (J * joints) @ J.T + 2.0 * np.diag(fixture.endpoint_variance()[-len(change) :])
     chi2 = float(change @ np.linalg.solve(covariance, change))
-    if chi2 <= float(chdtri(len(change), FALSE_REFUSAL_PROBABILITY)):
+    if chi2 <= float(chdtri(len(change), resume_checks.FALSE_REFUSAL_PROBABILITY)):
         return ""
     shifted = SHIFTED(float(np.linalg.norm(change[-3:]))).with_unit
     turned = TURNED(float(np.linalg.norm(change[:-3]))).with_unit if full else ""
     raise GuardError(
         f"at pose {last.first.number} the target, or the tracker, has moved by "
         f"about {' and '.join(filter(None, (shifted, turned)))}",
-        NEW_SESSION_REMEDY,
+        resume_checks.NEW_SESSION_REMEDY,
     )
 
 

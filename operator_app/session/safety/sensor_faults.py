@@ -12,9 +12,7 @@ from hardware.arm import ArmInterface, Reading
 from hardware.canopen.objects import EmergencyCode
 from hardware.errors import DriveDiverged, DriveFault, SensorFault
 from operator_app.calibration.failure_analysis import turned_unread
-from operator_app.config.procedure import Procedure
 from operator_app.session.store.logbook import Logbook
-from operator_app.session.store.state import SessionState
 from operator_app.units import WHOLE_DEGREES
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -27,11 +25,8 @@ TURNED_RAD = float(np.deg2rad(2.0))
 class SensorFaults:
     """Records the sensor faults of a session's arm and excludes the affected poses.
 
-    Attributes
-    ----------
-    read_until
-        Number of the SYNC at the end of the last capture, -1 before the first capture. The pose captured last is
-        affected by a fault that began no later than this SYNC.
+    `read_until`: number of the SYNC at the end of the last capture, -1 before the first. The pose captured last is
+    affected by a fault that began no later than this SYNC.
     """
 
     def __init__(self, logbook: Logbook, arm: ArmInterface) -> None:
@@ -63,73 +58,68 @@ class SensorFaults:
                 self._arm.capture(1)
 
     def require_no_stuck_sensor(self, reading: Reading) -> None:
-        """Record and raise a `SensorFault` if this reading shows that a sensor is stuck."""
-        with self.recorded():
-            require_no_stuck_sensor(self._logbook.state, self._logbook.procedure, reading)
+        """Record and raise SensorFault if a sensor has the same count as at the last pose, but its joint has turned."""
+        state, arm, fixture = self._logbook.state, self._logbook.model, self._logbook.fixture
+        if not state.poses_here or not fixture.holds_hand:
+            # On an open arm every joint is driven, and its drive detects a stuck sensor.
+            return
+        last = state.poses_here[-1]
+        turned_rad = reading.mean_rad - last.mean_rad
+        still = [
+            j for j in range(1, arm.joint_count + 1) if _stands_still(arm, j, turned_rad, reading)
+        ]
+        if not still or np.abs(turned_rad).max() < TURNED_RAD:
+            return
+        model = fixture.model(arm)
+        x: FloatArray = np.array([p.nominal for p in model.parameters])
+        turned = turned_unread(model, x, last.mean_rad, reading.mean_rad, still)
+        if turned is not None and abs(turned[1]) > TURNED_RAD:
+            joint, turn = turned
+            with self.recorded():
+                raise SensorFault(
+                    joint,
+                    f"reads the same count as at pose {last.number}, but according to the other joints it has turned "
+                    f"by about {WHOLE_DEGREES(abs(turn)).with_unit}: its sensor is stuck. Poses with this reading are "
+                    f"excluded. Repair the sensor, or calibrate without it: --unsensed {joint}",
+                    stuck=True,
+                )
 
     def _exclude(self, numbers: tuple[int, ...], joint: int) -> None:
         for number in numbers:
             self._logbook.exclude(number, f"joint {joint} read wrong at that time")
 
     def _affected_poses(self, fault: SensorFault) -> tuple[int, ...]:
-        """Return the numbers of the poses affected by a sensor fault."""
-        state = self._logbook.state
         if fault.stuck:
-            return poses_with_same_reading(state, self._logbook.model, fault.joint)
+            return self._poses_with_same_reading(fault.joint)
         if isinstance(fault, DriveDiverged) and (
             alike := self._poses_with_present_reading(fault.joint)
         ):
             return alike
         if fault.since_sync is None or fault.since_sync > self.read_until:
             return ()
-        return tuple(pose.number for pose in state.poses[-1:])
+        return tuple(pose.number for pose in self._logbook.state.poses[-1:])
 
     def _poses_with_present_reading(self, joint: int) -> tuple[int, ...]:
         """Return the numbers of the latest poses in which `joint` read the same as now; its drive did not follow.
 
         The sensor may have been stuck during these poses while the joint moved.
         """
-        state, model = self._logbook.state, self._logbook.model
-        if not state.poses_here:
+        poses = self._logbook.state.poses_here
+        if not poses:
             return ()
-        last = state.poses_here[-1].mean_rad[joint - 1]
-        position_rad = self._arm.snapshot().positions_rad[joint - 1]
-        alike = abs(position_rad - last) <= _resolution_rad(model, joint)
-        return poses_with_same_reading(state, model, joint) if alike else ()
+        last_rad = poses[-1].mean_rad[joint - 1]
+        now_rad = self._arm.snapshot().positions_rad[joint - 1]
+        same = abs(now_rad - last_rad) <= _resolution_rad(self._logbook.model, joint)
+        return self._poses_with_same_reading(joint) if same else ()
 
-
-def require_no_stuck_sensor(state: SessionState, procedure: Procedure, reading: Reading) -> None:
-    """Raise SensorFault if a sensor has the same count as at the last pose, although its joint must have turned."""
-    if not state.poses_here or not procedure.fixture.fixture.holds_hand:
-        # On an open arm every joint is driven, and its drive detects a stuck sensor.
-        return
-    last, arm = state.poses_here[-1], procedure.arm
-    turned_rad = reading.mean_rad - last.mean_rad
-    still = [j for j in range(1, arm.joint_count + 1) if _stands_still(arm, j, turned_rad, reading)]
-    if not still or np.abs(turned_rad).max() < TURNED_RAD:
-        return
-    model = procedure.fixture.fixture.model(arm)
-    x: FloatArray = np.array([p.nominal for p in model.parameters])
-    turned = turned_unread(model, x, last.mean_rad, reading.mean_rad, still)
-    if turned is not None and abs(turned[1]) > TURNED_RAD:
-        joint, turn = turned
-        raise SensorFault(
-            joint,
-            f"reads the same count as at pose {last.number}, but according to the other joints it has turned by about "
-            f"{WHOLE_DEGREES(abs(turn)).with_unit}: its sensor is stuck. Poses with this reading are excluded. "
-            f"Repair the sensor, or calibrate without it: --unsensed {joint}",
-            stuck=True,
+    def _poses_with_same_reading(self, joint: int) -> tuple[int, ...]:
+        """Return the numbers of the last pose and of those just before it in which a joint has the same reading."""
+        poses, near = self._logbook.state.poses_here, _resolution_rad(self._logbook.model, joint)
+        alike = takewhile(
+            lambda pose: abs(pose.mean_rad[joint - 1] - poses[-1].mean_rad[joint - 1]) <= near,
+            reversed(poses),
         )
-
-
-def poses_with_same_reading(state: SessionState, arm: ArmModel, joint: int) -> tuple[int, ...]:
-    """Return the numbers of the last pose and of those just before it in which a joint has the same reading."""
-    near, poses = _resolution_rad(arm, joint), state.poses_here
-    alike = takewhile(
-        lambda pose: abs(pose.mean_rad[joint - 1] - poses[-1].mean_rad[joint - 1]) <= near,
-        reversed(poses),
-    )
-    return tuple(pose.number for pose in alike)
+        return tuple(pose.number for pose in alike)
 
 
 def _stands_still(arm: ArmModel, joint: int, turned_rad: FloatArray, reading: Reading) -> bool:

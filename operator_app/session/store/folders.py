@@ -8,16 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from operator_app.config.resources import expanded
 from operator_app.errors import JournalError, SessionError
 from operator_app.session.store.journal import read_journal
-from operator_app.session.store.journal_format import JOURNAL_NAME, first_event, numbered_folders
+from operator_app.session.store.journal_format import JOURNAL_NAME, first_event, free_path
 from operator_app.session.store.replay import order_of, session_state
-
-if TYPE_CHECKING:
-    from operator_app.session.store.state import SessionState
+from operator_app.session.store.state import SessionState
 
 STAMP, STAMPED = "%Y%m%d-%H%M%S", re.compile(r"\d{8}-\d{6}-")
 """Format and pattern of the time of opening, the first part of a folder's name."""
@@ -47,8 +44,7 @@ def new_folder(root: Path, name: str, utc: datetime) -> Path:
 
     If another program creates it first, `Journal.create_beside` takes the next free name.
     """
-    stem = f"{utc:{STAMP}}-{re.sub(r'[^A-Za-z0-9_-]+', '-', name)}"
-    return next(f for f in numbered_folders(root / stem) if not f.exists())
+    return free_path(root / f"{utc:{STAMP}}-{re.sub(r'[^A-Za-z0-9_-]+', '-', name)}")
 
 
 def next_order(root: Path, *, but: Path) -> int:
@@ -57,12 +53,8 @@ def next_order(root: Path, *, but: Path) -> int:
         folders = [p for p in root.iterdir() if p != but]
     except OSError:
         return 1
-    return 1 + max((_order_in(p / JOURNAL_NAME) for p in folders), default=0)
-
-
-def _order_in(path: Path) -> int:
-    opened = first_event(path) if os.path.lexists(path) else None
-    return 0 if opened is None else order_of(opened.data)
+    opened = (first_event(folder / JOURNAL_NAME) for folder in folders)
+    return 1 + max((order_of(event.data) for event in opened if event is not None), default=0)
 
 
 def find_session(root: Path, reference: str) -> Path:

@@ -30,7 +30,8 @@ from operator_app.session.store.journal_format import (
     create_file,
     format_line,
     fsync_folder,
-    numbered_folders,
+    numbered_paths,
+    os_errors_as_journal_errors,
     parse_journal,
     read_bytes,
     require_regular,
@@ -78,7 +79,7 @@ class Journal:
     @classmethod
     def create_beside(cls, folder: Path) -> Journal:
         """Create a journal in the first of the folders `folder`, `folder`-2, `folder`-3, ... that has no journal."""
-        for candidate in numbered_folders(folder):
+        for candidate in numbered_paths(folder):
             with suppress(JournalExistsError):
                 return cls.create(candidate)
         raise AssertionError("there is always a next name")
@@ -88,19 +89,16 @@ class Journal:
         """Create a journal; raises `JournalExistsError` if `folder` has a journal, `JournalError` if writing fails."""
         path = folder / JOURNAL_NAME
         created_folders = tuple(f for f in (folder, *folder.parents) if not f.exists())
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            descriptor = create_file(path)
-        except FileExistsError as error:
-            raise JournalExistsError(
-                f"{path} exists already",
-                f"resume it with --resume {folder}, or name another folder",
-            ) from error
-        except OSError as error:
-            raise JournalError(
-                f"cannot write {path}: {error.strerror}",
-                "choose a folder with free space and write permission",
-            ) from error
+        remedy = "choose a folder with free space and write permission"
+        with os_errors_as_journal_errors(f"cannot write {path}", remedy):
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                descriptor = create_file(path)
+            except FileExistsError as error:
+                raise JournalExistsError(
+                    f"{path} exists already",
+                    f"resume it with --resume {folder}, or name another folder",
+                ) from error
         lock(descriptor, path)
         fsync_folder(folder)
         contents = JournalContents(events=(), file=str(path))
@@ -110,36 +108,31 @@ class Journal:
     def resume(cls, folder: Path) -> Journal:
         """Open the journal in `folder` and move an incomplete last line to another file; raises `JournalError`."""
         path = folder / JOURNAL_NAME
-        try:
-            descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_NONBLOCK | os.O_CLOEXEC)
-        except IsADirectoryError as error:
-            raise JournalForeignError(
-                f"{path} is a folder, not a file", "move it away, or name another session"
-            ) from error
-        except OSError as error:
-            raise JournalError(
-                f"cannot open {path}: {error.strerror}",
-                "name a session folder; `sarcal session list` shows them",
-            ) from error
+        remedy = "name a session folder; `sarcal session list` shows them"
+        with os_errors_as_journal_errors(f"cannot open {path}", remedy):
+            try:
+                descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_NONBLOCK | os.O_CLOEXEC)
+            except IsADirectoryError as error:
+                raise JournalForeignError(
+                    f"{path} is a folder, not a file", "move it away, or name another session"
+                ) from error
         lock(descriptor, path)
         try:
-            require_regular(descriptor, path)
-            if path.is_symlink():
-                raise JournalForeignError(
-                    f"{path} is a symbolic link to a file in another folder",
-                    f"name that session, {path.resolve().parent}",
-                )
-            raw = read_bytes(path)
-            contents = parse_journal(raw, path)
-            if contents.torn:
-                write_new_file(timestamped_path(path, "torn"), raw[contents.whole_bytes :])
-                os.ftruncate(descriptor, contents.whole_bytes)
-                os.fsync(descriptor)
-        except OSError as error:
-            os.close(descriptor)
-            raise JournalError(
-                f"cannot write {path}: {error.strerror}", "free space or repair the disk"
-            ) from error
+            with os_errors_as_journal_errors(
+                f"cannot write {path}", "free space or repair the disk"
+            ):
+                require_regular(descriptor, path)
+                if path.is_symlink():
+                    raise JournalForeignError(
+                        f"{path} is a symbolic link to a file in another folder",
+                        f"name that session, {path.resolve().parent}",
+                    )
+                raw = read_bytes(path)
+                contents = parse_journal(raw, path)
+                if contents.torn:
+                    write_new_file(timestamped_path(path, "torn"), raw[contents.whole_bytes :])
+                    os.ftruncate(descriptor, contents.whole_bytes)
+                    os.fsync(descriptor)
         except JournalError:
             os.close(descriptor)
             raise
@@ -148,14 +141,9 @@ class Journal:
     def append(self, name: str, data: Mapping[str, Any], *, clock: Clock = utc_now) -> JournalEvent:
         """Write one event and return once it is on disk. A failed write leaves the file as it was.
 
-        A separate thread writes, so that a signal in the caller's thread cannot leave an incomplete line.
-
-        Raises
-        ------
-        JournalLostError
-            Another program deleted, moved, replaced or changed the file.
-        JournalError
-            The disk cannot be written.
+        A separate thread writes, so that a signal in the caller's thread cannot leave an incomplete line. Raises
+        JournalLostError if another program deleted, moved, replaced or changed the file, and JournalError if the disk
+        cannot be written.
         """
         return self._writer.submit(self._append, name, data, clock).result()
 
@@ -180,24 +168,16 @@ class Journal:
                 f"{self.path} can no longer be written: {self._broken}",
                 "repair the disk, then resume this session and check its last entry",
             )
-        event = JournalEvent(
-            seq=self._seq + 1,
-            utc=utc_in_words(clock()),
-            name=name,
-            data=data,
-        )
+        event = JournalEvent(seq=self._seq + 1, utc=utc_in_words(clock()), name=name, data=data)
         line, chain = format_line(event, self._chain)
         problem = self._file_problem()
         if problem:
             self._raise_lost(problem, line)
-        try:
+        with os_errors_as_journal_errors(
+            f"cannot write {self.path}",
+            "free space or repair the disk, then resume this session; nothing accepted so far is lost",
+        ):
             self._write(line)
-        except OSError as error:
-            raise JournalError(
-                f"cannot write {self.path}: {error.strerror}",
-                "free space or repair the disk, then resume this session; "
-                "nothing accepted so far is lost",
-            ) from error
         self._seq, self._chain = event.seq, chain
         self._lines.append(line)
         self._size += len(line)

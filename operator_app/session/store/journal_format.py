@@ -12,6 +12,7 @@ import os
 import re
 import stat
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import count
@@ -66,22 +67,22 @@ class BadLineError(Exception):
     """A complete line is invalid; the text states why."""
 
 
+@contextmanager
+def os_errors_as_journal_errors(problem: str, remedy: str) -> Iterator[None]:
+    """Context that raises an OSError inside it as JournalError: `problem`, the system's reason, and `remedy`."""
+    try:
+        yield
+    except OSError as error:
+        raise JournalError(f"{problem}: {error.strerror}", remedy) from error
+
+
 def format_line(event: JournalEvent, chain: str) -> tuple[bytes, str]:
     """Return the line of an event, to be written after a line with checksum `chain`, and the checksum of the new line.
 
-    Raises
-    ------
-    ValueError
-        JSON cannot represent the data.
+    Raises ValueError if JSON cannot represent the data.
     """
     head = {"schema": JOURNAL_SCHEMA} if event.seq == 1 else {}
-    record = {
-        **head,
-        "seq": event.seq,
-        "utc": event.utc,
-        "event": event.name,
-        "data": event.data,
-    }
+    record = {**head, "seq": event.seq, "utc": event.utc, "event": event.name, "data": event.data}
     text = json.dumps(record, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     # A lone surrogate (from a file name that is not UTF-8) has no UTF-8 bytes.
     body = LONE_SURROGATE.sub(lambda half: f"\\u{ord(half[0]):04x}", text).encode()
@@ -119,12 +120,8 @@ def split_checksum(line: bytes) -> tuple[bytes, str] | None:
 def verified_line(line: bytes, number: int, chain: str) -> tuple[JournalEvent, str]:
     """Verify and parse a line that follows a line with checksum `chain`; return its event and its checksum.
 
-    Raises
-    ------
-    BadLineError
-        The checksum does not match, or the line is not an event.
-    JournalForeignError
-        The line was written by an unknown version of this program.
+    Raises BadLineError if the checksum does not match or the line is not an event, and JournalForeignError if an
+    unknown version of this program wrote it.
     """
     split = split_checksum(line)
     if split is None:
@@ -166,12 +163,8 @@ def parse_line(line: bytes, number: int, *, any_number: bool = False) -> Journal
 def parse_journal(raw: bytes, path: Path) -> JournalContents:
     """Return the contents of a journal from its bytes.
 
-    Raises
-    ------
-    JournalDamagedError
-        A complete line was changed.
-    JournalForeignError
-        The bytes are not a journal, or its version is unknown.
+    Raises JournalDamagedError if a complete line was changed, and JournalForeignError if the bytes are not a journal
+    or its version is unknown.
     """
     *complete, rest = raw.split(b"\n")
     require_own_format(complete, rest, path)
@@ -198,19 +191,18 @@ def parse_journal(raw: bytes, path: Path) -> JournalContents:
 
 def read_bytes(path: Path) -> bytes:
     """Return the bytes of a journal; raises JournalError unless it is a regular file of at most `MAX_BYTES`."""
-    try:
-        with _open_regular(path) as file:
-            if os.fstat(file.fileno()).st_size > MAX_BYTES:
-                raise JournalForeignError(
-                    f"{path} is larger than {MAX_BYTES // 1024**2} MiB, the limit for a journal",
-                    "move it away, or name another session",
-                )
-            return file.read()
-    except OSError as error:
-        raise JournalError(
-            f"cannot read {path}: {error.strerror}",
-            "name a session folder; `sarcal session list` shows them",
-        ) from error
+    with (
+        os_errors_as_journal_errors(
+            f"cannot read {path}", "name a session folder; `sarcal session list` shows them"
+        ),
+        _open_regular(path) as file,
+    ):
+        if os.fstat(file.fileno()).st_size > MAX_BYTES:
+            raise JournalForeignError(
+                f"{path} is larger than {MAX_BYTES // 1024**2} MiB, the limit for a journal",
+                "move it away, or name another session",
+            )
+        return file.read()
 
 
 def first_event(path: Path) -> JournalEvent | None:
@@ -302,18 +294,19 @@ def _reject_constant(text: str) -> NoReturn:
 
 def timestamped_path(path: Path, what: str) -> Path:
     """Return a free name beside `path`, e.g. ``journal.jsonl.torn-20261122T030000Z``."""
-    stem = f"{path.name}.{what}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
-    candidate, k = path.with_name(stem), 2
-    while os.path.lexists(candidate):
-        candidate, k = path.with_name(f"{stem}-{k}"), k + 1
-    return candidate
+    return free_path(path.with_name(f"{path.name}.{what}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}"))
 
 
-def numbered_folders(folder: Path) -> Iterator[Path]:
-    """Yield `folder`, then the same name with -2, -3, ..."""
-    yield folder
+def numbered_paths(path: Path) -> Iterator[Path]:
+    """Yield `path`, then the same name with -2, -3, ..."""
+    yield path
     for k in count(2):
-        yield folder.with_name(f"{folder.name}-{k}")
+        yield path.with_name(f"{path.name}-{k}")
+
+
+def free_path(path: Path) -> Path:
+    """Return the first of the `numbered_paths` that does not exist."""
+    return next(p for p in numbered_paths(path) if not os.path.lexists(p))
 
 
 def write_new_file(path: Path, data: bytes) -> None:
@@ -331,7 +324,7 @@ def write_new_file(path: Path, data: bytes) -> None:
 
 def write_session_folder(root: Path, stem: str, lines: list[bytes]) -> Path:
     """Create a session folder below `root`, write a journal with these lines, return the folder; raises OSError."""
-    folder = next(f for f in numbered_folders(root / stem) if not os.path.lexists(f))
+    folder = free_path(root / stem)
     folder.mkdir(parents=True)
     write_new_file(folder / JOURNAL_NAME, b"".join(lines))
     fsync_folder(root)

@@ -14,9 +14,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from operator_app.errors import JournalError
 from operator_app.session.store.events import event_problem, joint_count_in
 from operator_app.session.store.journal import lock, utc_now
 from operator_app.session.store.journal_format import (
@@ -27,6 +26,7 @@ from operator_app.session.store.journal_format import (
     checksum,
     format_lines,
     fsync_folder,
+    os_errors_as_journal_errors,
     parse_line,
     read_bytes,
     require_own_format,
@@ -35,9 +35,7 @@ from operator_app.session.store.journal_format import (
     write_new_file,
 )
 from operator_app.session.store.replay import session_state
-
-if TYPE_CHECKING:
-    from operator_app.session.store.state import SessionState
+from operator_app.session.store.state import SessionState
 
 TAIL = len(',"sum":"0123456789abcdef"}')
 MAX_BIT_SEARCH_BYTES = 40_000
@@ -80,32 +78,24 @@ class RepairResult:
 def repair_journal(folder: Path) -> RepairResult:
     """Repair the journal of a session if it is damaged.
 
-    Raises
-    ------
-    JournalError
-        It is not a journal, has an unknown version, is in use, or cannot be written.
+    Raises JournalError if it is not a journal, has an unknown version, is in use, or cannot be written.
     """
     path = folder / JOURNAL_NAME
-    raw = read_bytes(path)
-    *complete, rest = raw.split(b"\n")
+    *complete, rest = read_bytes(path).split(b"\n")
     require_own_format(complete, rest, path)
     descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CLOEXEC)
     lock(descriptor, path)
+    remedy = "free space, or copy the folder to one with write permission"
     try:
-        raw = read_bytes(path)
-        lines, torn = examine_lines(raw)
-        events = [line.event for line in lines if line.event is not None]
-        aside = None
-        if any(line.words for line in lines):
-            aside = timestamped_path(path, "damaged")
-            events.append(_repaired_event(lines, aside))
-            _replace_journal(path, aside, events)
-        state = session_state(JournalContents(events=_numbered(events), file=str(path)))
-    except OSError as error:
-        raise JournalError(
-            f"cannot repair {path}: {error.strerror}",
-            "free space, or copy the folder to one with write permission",
-        ) from error
+        with os_errors_as_journal_errors(f"cannot repair {path}", remedy):
+            lines, torn = examine_lines(read_bytes(path))
+            events = [line.event for line in lines if line.event is not None]
+            aside = None
+            if any(line.words for line in lines):
+                aside = timestamped_path(path, "damaged")
+                events.append(_repaired_event(lines, aside))
+                _replace_journal(path, aside, events)
+            state = session_state(JournalContents(events=_numbered(events), file=str(path)))
     finally:
         os.close(descriptor)
     return RepairResult(folder=folder, aside=aside, lines=lines, torn=torn, state=state)
@@ -189,7 +179,6 @@ def _checksum_if_stated(line: bytes, before: str) -> str | None:
 
 
 def _with_checksum(line: bytes, chain: str) -> bytes:
-    """Return a line with this checksum at its end."""
     return line[:-TAIL] + f',"sum":"{chain}"}}'.encode()
 
 
@@ -238,7 +227,7 @@ def _without_invalid(lines: list[RepairedLine]) -> tuple[RepairedLine, ...]:
                 captured = event.data["number"]
             if problem:
                 problem_text = f"the data are invalid: {event.name}.{key}: {problem}"
-                line = RepairedLine(number=line.number, event=None, words=problem_text)  # noqa: PLW2901
+                line = replace(line, event=None, words=problem_text)  # noqa: PLW2901
         results.append(line)
     return tuple(results)
 
@@ -247,7 +236,6 @@ def _without_invalid(lines: list[RepairedLine]) -> tuple[RepairedLine, ...]:
 
 
 def _repaired_event(lines: Sequence[RepairedLine], aside: Path) -> JournalEvent:
-    """Return the event that records the repair."""
     data: dict[str, Any] = {
         "original": aside.name,
         "lost": [line.number for line in lines if line.event is None],

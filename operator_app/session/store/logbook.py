@@ -6,48 +6,38 @@ Every event is in the journal before it changes the state.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from operator_app.calibration.calibrate import calibrate
+from fixtures.base import EndpointConstraint
 from operator_app.calibration.cross_validation import Checks, check
+from operator_app.calibration.result import Solution
 from operator_app.calibration.serialization import to_dict
+from operator_app.config.parameters import ParametersDocument
 from operator_app.config.poses_file import save_poses
+from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError
 from operator_app.session.store.folders import POSES_NAME
+from operator_app.session.store.journal import Clock, Journal
 from operator_app.session.store.parameters_document import parameters_document
 from operator_app.session.store.replay import apply, session_state
 from operator_app.session.store.solver_process import Solver, solve_here
+from operator_app.session.store.state import CapturedPose, SessionState
 from operator_app.session.store.stored_calibration import (
     StoredCalibration,
     journal_calibration,
-    missing_repeat_notices,
     solution_data,
+    solve,
 )
-from operator_app.session.store.true_errors import with_truth
-
-if TYPE_CHECKING:
-    from fixtures.base import EndpointConstraint
-    from operator_app.calibration.result import Solution
-    from operator_app.config.parameters import ParametersDocument
-    from operator_app.config.procedure import Procedure
-    from operator_app.session.store.journal import Clock, Journal
-    from operator_app.session.store.state import CapturedPose, SessionState
-    from operator_app.session.store.true_errors import Truths
-    from solver.chain.arm_model import ArmModel
-    from solver.estimators.least_squares import Progress
+from operator_app.session.store.true_errors import Truths, with_truth
+from solver.chain.arm_model import ArmModel
+from solver.estimators.least_squares import Progress
 
 
 class Logbook:
     """Journal and state of a session.
 
-    Attributes
-    ----------
-    journal, state
-        The events, and the state after them.
-    procedure, model, fixture
-        The procedure, its arm and its fixture.
-    truths
-        True parameters of a simulated arm; None for a real arm.
+    `state`: the state after the events of `journal`. `model`, `fixture`: the procedure's arm and fixture. `truths`:
+    true parameters of a simulated arm; None for a real arm.
     """
 
     def __init__(self, *, journal: Journal, procedure: Procedure, clock: Clock) -> None:
@@ -137,21 +127,15 @@ class Logbook:
 
         First writes poses.csv beside the journal, so that it exists even if the calibration fails.
         """
-        own, poses = self.procedure, self.state.pose_set()
-        save_poses(self.journal.path.parent / POSES_NAME, poses)
-        solution = solver(
-            calibrate,
-            self.model,
-            self.fixture,
-            poses,
-            estimator=own.estimator if estimator is None else estimator,
-            unsensed_joints=own.unsensed_joints if unsensed_joints is None else unsensed_joints,
-            length_tolerance_m=own.length_tolerance_m,
-            limits=own.acceptance,
-            rereads=self.state.rereads,
+        save_poses(self.journal.path.parent / POSES_NAME, self.state.pose_set())
+        solution = solve(
+            self.state,
+            self.procedure,
+            estimator=estimator,
+            unsensed_joints=unsensed_joints,
+            solver=solver,
             progress=progress,
         )
-        solution = solution.with_notices(missing_repeat_notices(self.state))
         if self.truths is not None:
             first = min(p.placement for p in self.state.used_poses)
             solution = with_truth(solution, self.model, self.truths, first=first)

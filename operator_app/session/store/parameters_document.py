@@ -6,52 +6,32 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import datetime
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from operator_app.calibration.calibrated_arm import side_of
+from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import ReadingTable, measured_offsets, reading_tables
-from operator_app.config.parameter_records import (
-    FORCED,
-    NOT_ACCEPTED,
-    CalibratedEntry,
-    Correction,
-    DocumentWarning,
-    Quality,
-    RvdtRemedy,
-    TwoFigures,
-    WhichArm,
-    WhichFixture,
-    budget_of,
-    correlations_of,
-)
+from operator_app.config import parameter_records as records
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import joints_from_table, rows_from_table
+from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError, SessionError
+from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import software_version
+from solver.arrays import FloatArray, IntArray
 from solver.chain.kinematics import DhTable
+from solver.estimators.estimate import ResidualSigma
 from solver.loops.arm_loop import ArmLoop
+from solver.loops.closure import ClosureModel
 from solver.loops.placements import Placements
-
-if TYPE_CHECKING:
-    from operator_app.calibration.result import Solution
-    from operator_app.config.procedure import Procedure
-    from operator_app.session.store.state import SessionState
-    from solver.arrays import FloatArray, IntArray
-    from solver.estimators.estimate import ResidualSigma
-    from solver.loops.closure import ClosureModel
 
 
 def export_reason(solution: Solution, reason: str, *, say_it_by: str) -> str:
     """Return the reason for exporting a calibration that was not accepted; "" if it was accepted.
 
-    `say_it_by` tells the operator how to state a reason, such as ``--force REASON``.
-
-    Raises
-    ------
-    GuardError
-        The calibration was not accepted and there is no reason.
+    `say_it_by` tells the operator how to state a reason, such as ``--force REASON``. Raises GuardError if the
+    calibration was not accepted and there is no reason.
     """
     if solution.accepted:
         return ""
@@ -78,11 +58,14 @@ def parameters_document(
     arm, fixture = procedure.arm, procedure.fixture
     estimate, turned = solution.estimate, solution.estimate.sigmas.orientation_rad
     model, columns = _mounted(solution.model, state)
-    offsets = measured_offsets(solution, arm, state.pose_set())
-    table = _with_measured(_table_of(model, estimate.x[columns], fixture.kind), offsets)
+    table = _table_of(model, estimate.x[columns], fixture.kind)
+    theta_off_rad = np.array(table.theta_off_rad)
+    for joint, offset in measured_offsets(solution, arm, state.pose_set()).items():
+        theta_off_rad[joint] = offset
+    table = replace(table, theta_off_rad=theta_off_rad)
     own = model.own if isinstance(model, ArmLoop) else ()
     calibrated = tuple(
-        CalibratedEntry.of(
+        records.CalibratedEntry.of(
             p.name, math.degrees(s) if p.is_angle else float(s), side_of(model, p.name)
         )
         for p, s in zip(model.parameters, estimate.standard_deviation[columns], strict=True)
@@ -92,12 +75,12 @@ def parameters_document(
     listed = {part.entry: where[part.entry] for part in calibrated}
     rows = list(listed.values())
     return ParametersDocument(
-        arm=WhichArm(model=arm.name, serial=state.serial_number),
+        arm=records.WhichArm(model=arm.name, serial=state.serial_number),
         joints=joints_from_table(arm, table, calibrated),
         dh=rows_from_table(table),
         calibrated=calibrated,
-        fixture=WhichFixture(name=fixture.name, kind=fixture.kind),
-        quality=Quality(
+        fixture=records.WhichFixture(name=fixture.name, kind=fixture.kind),
+        quality=records.Quality(
             poses=solution.poses,
             # Parameters of other placements are not in this document.
             rank=solution.identifiability.rank - (len(estimate.parameters) - len(model.parameters)),
@@ -109,11 +92,13 @@ def parameters_document(
         warnings=(
             *_forced_warning(solution, forced),
             *_several(solution.model, state),
-            *(DocumentWarning(code=n.code, text=n.sentence) for n in solution.warnings),
+            *(records.DocumentWarning(code=n.code, text=n.sentence) for n in solution.warnings),
         ),
         estimator=estimate.estimator,
         pose_set_sha256=state.pose_set().sha256(),
-        correlations=correlations_of(tuple(listed), estimate.covariance[np.ix_(rows, rows)]),
+        correlations=records.correlations_of(
+            tuple(listed), estimate.covariance[np.ix_(rows, rows)]
+        ),
         budget=_budget(solution, listed),
         rvdt=tuple(map(rvdt_remedy, reading_tables(solution))),
         forced=" ".join(forced.split()) or None,
@@ -132,7 +117,7 @@ def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mappi
     }
     where = list(rows.values())
     parts = {source: part[where] for source, part in solution.components.budget.items()}
-    return budget_of(tuple(rows), np.diagonal(estimate.covariance)[where], parts)
+    return records.budget_of(tuple(rows), np.diagonal(estimate.covariance)[where], parts)
 
 
 def _mounted(model: ClosureModel, state: SessionState) -> tuple[ClosureModel, IntArray]:
@@ -148,23 +133,20 @@ def _last(model: Placements, state: SessionState) -> int:
     return state.placement if has_current else model.numbers[-1]
 
 
-def _several(model: ClosureModel, state: SessionState) -> tuple[DocumentWarning, ...]:
+def _several(model: ClosureModel, state: SessionState) -> tuple[records.DocumentWarning, ...]:
     if not isinstance(model, Placements):
         return ()
     text = (
         f"calibrated in {len(model.numbers)} placements of the fixture; the fixture entries are those of "
         f"placement {_last(model, state)}, the last"
     )
-    return (DocumentWarning(code="PLACEMENTS", text=text),)
+    return (records.DocumentWarning(code="PLACEMENTS", text=text),)
 
 
 def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
     """Return the identified D-H rows 0..n; row 0 is zero if the fixture is not a D-H link.
 
-    Raises
-    ------
-    SessionError
-        Several placements have no common table.
+    Raises SessionError if several placements have no common table.
     """
     table = model.dh_table(x)
     if table is not None:
@@ -178,38 +160,32 @@ def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
     return DhTable.from_stacked(np.column_stack((np.zeros(len(rows)), rows)))
 
 
-def _with_measured(table: DhTable, offsets_rad: Mapping[int, float]) -> DhTable:
-    """Return the table with theta_off of the unsensed joints replaced by `offsets_rad` (by joint)."""
-    theta_off = np.array(table.theta_off_rad)
-    for joint, offset in offsets_rad.items():
-        theta_off[joint] = offset
-    return replace(table, theta_off_rad=theta_off)
-
-
-def rvdt_remedy(table: ReadingTable) -> RvdtRemedy:
+def rvdt_remedy(table: ReadingTable) -> records.RvdtRemedy:
     """Return the RVDT corrections of a joint in the format of a parameters file (deg)."""
     columns = (table.reading_rad, table.add_rad, table.sigma_rad)
-    return RvdtRemedy(
+    return records.RvdtRemedy(
         joint=table.joint,
         theta_off_deg=math.degrees(table.theta_off_rad),
         gain=table.gain,
         table=tuple(
-            Correction(reading_deg=reading, add_deg=add, sigma_deg=sigma)
+            records.Correction(reading_deg=reading, add_deg=add, sigma_deg=sigma)
             for reading, add, sigma in np.rad2deg(columns).T.tolist()
         ),
     )
 
 
-def _forced_warning(solution: Solution, reason: str) -> tuple[DocumentWarning, ...]:
+def _forced_warning(solution: Solution, reason: str) -> tuple[records.DocumentWarning, ...]:
     if solution.accepted:
         return ()
     refused = f"not accepted ({'; '.join(solution.reasons)})"
     text = " ".join(reason.split())
     if not text:
-        return (DocumentWarning(code=NOT_ACCEPTED, text=refused),)
-    return (DocumentWarning(code=FORCED, text=f"{refused}; exported because: {text}"),)
+        return (records.DocumentWarning(code=records.NOT_ACCEPTED, text=refused),)
+    return (
+        records.DocumentWarning(code=records.FORCED, text=f"{refused}; exported because: {text}"),
+    )
 
 
-def _figures(reading: ResidualSigma) -> TwoFigures:
+def _figures(reading: ResidualSigma) -> records.TwoFigures:
     """Return a residual by both interpretations of eqs. 14 and 15, converted from m to mm or from rad to mrad."""
-    return TwoFigures(rms=1e3 * reading.rms, as_printed=1e3 * reading.as_printed)
+    return records.TwoFigures(rms=1e3 * reading.rms, as_printed=1e3 * reading.as_printed)

@@ -6,11 +6,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import reduce
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hardware.arm import HostLatency
 from operator_app.errors import JournalDamagedError
 from operator_app.session.store.events import event_problem, joint_count_in
+from operator_app.session.store.journal_format import JournalContents, JournalEvent
 from operator_app.session.store.state import (
     UNSOLVED,
     CampaignLog,
@@ -22,9 +23,6 @@ from solver.arrays import frozen
 
 MOST_ORDER = 2**53
 """Larger order numbers are ignored."""
-
-if TYPE_CHECKING:
-    from operator_app.session.store.journal_format import JournalContents, JournalEvent
 
 
 def order_of(opened: Mapping[str, Any]) -> int:
@@ -232,15 +230,8 @@ def _edit(state: SessionState, number: int, **changed: Any) -> tuple[CapturedPos
 def session_state(contents: JournalContents, *, joint_count: int | None = None) -> SessionState:
     """Return the state after all events of a journal; checks each event first.
 
-    Parameters
-    ----------
-    joint_count
-        Number of the arm's joints; None: taken from the first event that has a value for each joint.
-
-    Raises
-    ------
-    JournalDamagedError
-        The data of a line are invalid.
+    `joint_count`: number of the arm's joints; None: taken from the first event that has a value for each joint. Raises
+    JournalDamagedError if the data of a line are invalid.
     """
     state, joints = SessionState(), joint_count
     for event in contents.events:

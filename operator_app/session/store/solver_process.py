@@ -58,10 +58,7 @@ def solve_here(
 class SolvingProcess:
     """A `Solver` that uses a separate process, which starts at the first call and ends with the ``with`` block.
 
-    Parameters
-    ----------
-    go_on
-        Called every `PROCESS_POLL_S` and at each progress report; an exception that it raises ends the call.
+    `go_on` is called every `PROCESS_POLL_S` and at each progress report; an exception that it raises ends the call.
     """
 
     def __init__(self, go_on: Callable[[], None] = lambda: None) -> None:
@@ -89,12 +86,8 @@ class SolvingProcess:
     ) -> T:
         """Return the result of the function.
 
-        Raises
-        ------
-        SolverError
-            The function raised it.
-        SessionError
-            The function raised another exception, or the process ended by itself.
+        Raises SolverError if the function raised it, and SessionError if the function raised another exception or the
+        process ended by itself.
         """
         connection = self._started()
         try:

@@ -104,28 +104,22 @@ class SessionState:
     order
         Order number among the sessions in the same folder, from 1; 0 in journals of earlier versions.
     after
-        In journals of earlier versions: the session opened before this one, recorded if the clock was set back in
-        between.
+        In journals of earlier versions: the session opened before this one, recorded if the clock was set back since.
     imported
         File from which the poses were read; empty if an arm captured them.
     sources
         Text of the arm, fixture and procedure documents at opening, by kind.
-    serial_number
-        Serial number of the arm; empty until connected.
     node_serials
         Serial numbers (1018h) of the nodes that captured the poses, by node.
-    start_rad
-        Joint angles (n,) when the drives were first enabled; None before.
-    home_rad
-        Centre of the drive box (n,): the procedure's home or, in journals of earlier versions, the start.
+    start_rad, home_rad
+        Joint angles (n,) when the drives were first enabled, and centre of the drive box: the procedure's home or, in
+        journals of earlier versions, the start. None before.
     modes
         ``position`` or ``free`` for each joint as last confirmed; empty until set.
-    poses
-        Captured poses that were not undone, including excluded ones.
-    visited
-        Waypoints of the plan that were captured or skipped.
-    skipped_waypoints
-        Waypoints that were skipped; tried again when the session is resumed.
+    poses, undone
+        Captured poses, including excluded ones, and the poses removed by undo.
+    visited, skipped_waypoints
+        Waypoints of the plan that were captured or skipped, and those skipped, which are tried again after resuming.
     captured
         Number of captures, including undone ones: the next pose has number captured + 1.
     drives, drive_sets
@@ -144,13 +138,11 @@ class SessionState:
         first reading. Empty: no such fault.
     verifications
         Number of verifications with new poses.
-    solved, exported
-        Summaries of the calibration and of its export; empty until there is one.
-    solved_utc
-        Time of the calibration; empty before there is one.
+    solved, solved_utc, exported
+        Summaries and time of the calibration and summary of its export; empty until there is one.
     solution, checks
-        Records (`operator_app.calibration.serialization`) of the last calibration and of its
-        cross-validation; empty until there is one, and in journals of earlier versions.
+        Records (`operator_app.calibration.serialization`) of the last calibration and of its cross-validation; empty
+        until there is one, and in journals of earlier versions.
     late
         Delays of this computer (host latency) over all connections.
     """

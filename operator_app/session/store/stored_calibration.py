@@ -10,31 +10,27 @@ import math
 import platform
 from dataclasses import dataclass, replace
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.cross_validation import Checks, check
 from operator_app.calibration.result import Solution
 from operator_app.calibration.serialization import RecordError, from_dict, to_dict
+from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
 from operator_app.messages.finding import Finding, FindingKind
-
-if TYPE_CHECKING:
-    from operator_app.config.procedure import Procedure
-    from operator_app.session.store.state import SessionState
-    from solver.estimators.estimate import Estimate
+from operator_app.session.store.solver_process import Solver, solve_here
+from operator_app.session.store.state import SessionState
+from solver.estimators.estimate import Estimate
+from solver.estimators.least_squares import Progress
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoredCalibration:
     """A session's calibration.
 
-    Attributes
-    ----------
-    checks
-        Cross-validation; None if the journal has none for this solution.
-    recalculated_because
-        Why the solution was not read from the journal; empty if it was.
+    `checks`: cross-validation; None if the journal has none for this solution. `recalculated_because`: why the solution
+    was not read from the journal; empty if it was.
     """
 
     solution: Solution
@@ -51,17 +47,9 @@ def session_calibration(
 ) -> StoredCalibration:
     """Return the calibration of the used poses.
 
-    Parameters
-    ----------
-    procedure
-        The session's procedure, with the arm that was connected.
-    estimator, unsensed_joints
-        None: as in the journal's calibration or, if there is none, as in the procedure.
-
-    Raises
-    ------
-    SessionError, SolverError, FixtureError
-        There is no pose, or a new solution fails.
+    `procedure` has the arm that was connected. `estimator` and `unsensed_joints` are by default those of the journal's
+    calibration or, if there is none, of the procedure. Raises SessionError, SolverError or FixtureError if there is no
+    pose, or a new solution fails.
     """
     if not state.used_poses:
         raise SessionError("no pose of this session is in use", "capture poses first")
@@ -95,12 +83,17 @@ def solve(
     state: SessionState,
     procedure: Procedure,
     *,
-    estimator: str,
-    unsensed_joints: tuple[int, ...],
+    estimator: str | None = None,
+    unsensed_joints: tuple[int, ...] | None = None,
+    solver: Solver = solve_here,
+    progress: Progress | None = None,
 ) -> Solution:
-    """Calibrate from the used poses with the limits and tolerances of the procedure."""
+    """Calibrate from the used poses with the procedure's limits, tolerances and, where None, its options."""
+    estimator = procedure.estimator if estimator is None else estimator
+    unsensed_joints = procedure.unsensed_joints if unsensed_joints is None else unsensed_joints
     require_estimator_for(unsensed_joints, estimator)
-    solution = calibrate(
+    solution = solver(
+        calibrate,
         procedure.arm,
         procedure.fixture.fixture,
         state.pose_set(),
@@ -110,6 +103,7 @@ def solve(
         length_tolerance_m=procedure.length_tolerance_m,
         limits=procedure.acceptance,
         rereads=state.rereads,
+        progress=progress,
     )
     return solution.with_notices(missing_repeat_notices(state))
 

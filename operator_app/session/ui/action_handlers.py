@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from hardware.arm import DriveState, JointMode
+from operator_app.config.procedure_file import load_procedure
+from operator_app.config.resources import builtin_names
 from operator_app.messages.errors import summary
 from operator_app.session.store.folders import SessionEntry
 from operator_app.session.ui import guards
@@ -19,33 +21,26 @@ VERIFY_POSES = 5
 
 
 def task(
-    kind: TaskKind, text: str, work: Callable[[Operations], None]
+    kind: TaskKind, work: Callable[[Operations], None], text: str = ""
 ) -> Callable[[ActionContext], None]:
     """Return a handler that submits `work` as a task, without asking for confirmation."""
-    return lambda context: context.submit(kind, text, work)
-
-
-def _ask(
-    context: ActionContext, question: YesNo | Typed, then: Callable[[ActionContext], None]
-) -> None:
-    """Ask a question and call `then` once it is answered; the text of the answer is not used."""
-    context.ask(question, lambda again, _: then(again))
+    return lambda context: context.submit(kind, work, text)
 
 
 def connect(context: ActionContext) -> None:
     """Connect; if this placement is not the first and has no pose yet, ask first whether the fixture is mounted."""
-    state, kind, text = context.s.state, TaskKind.CONNECT, "connecting"
+    state = context.s.state
+    connect_mounted = task(TaskKind.CONNECT, lambda o: o.connect_mounted())
     if not state.unconfirmed_placement:
-        context.submit(kind, text, lambda o: o.connect())
+        context.submit(TaskKind.CONNECT, lambda o: o.connect())
     elif context.s.simulated:
-        context.submit(kind, text, lambda o: o.connect_mounted())
+        connect_mounted(context)
     else:
         confirmation = (
             f"Placement {state.placement} has no pose yet. Is the {context.s.procedure.fixture.name} mounted, the "
             "loop closed, and nobody within reach of the arm?"
         )
-        question = YesNo(title="Is the fixture mounted?", text=confirmation, yes="Mounted")
-        _ask(context, question, task(kind, text, lambda o: o.connect_mounted()))
+        context.confirm("Is the fixture mounted?", confirmation, "Mounted", connect_mounted)
 
 
 def manual(context: ActionContext) -> None:
@@ -64,9 +59,9 @@ def apply_modes(context: ActionContext) -> None:
     """Set the selected modes, after confirmation."""
     joints = context.s.wanted_joints
     text = f"The drives are enabled; {_modes_text(context.s)}. Nothing moves yet. Stand clear of the arm."
-    question = YesNo(title="Apply the modes?", text=text, yes="Apply")
     doing = f"setting {_wanted(context.s, 'to')}"
-    _ask(context, question, task(TaskKind.MODES, doing, lambda o: o.set_modes(joints)))
+    work = task(TaskKind.MODES, lambda o: o.set_modes(joints), doing)
+    context.confirm("Apply the modes?", text, "Apply", work)
 
 
 def _modes_text(s: SessionSnapshot) -> str:
@@ -94,13 +89,16 @@ def acknowledge(context: ActionContext) -> None:
     if shown.all_visible:
         context.runner.acknowledge(alarm.number)
     else:
-        question = YesNo(title=f"Alarm of {alarm.time}", text=alarm.text, yes="Acknowledge")
-        _ask(context, question, lambda again: again.runner.acknowledge(alarm.number))
+        title = f"Alarm of {alarm.time}"
+        context.confirm(
+            title, alarm.text, "Acknowledge", lambda again: again.runner.acknowledge(alarm.number)
+        )
 
 
 def automatic(context: ActionContext) -> None:
     """Capture the missing poses; ask for confirmation first if a real arm moves."""
-    begin = task(TaskKind.AUTOMATIC, "moving and capturing automatically", lambda o: o.automatic())
+    doing = "moving and capturing automatically"
+    begin = task(TaskKind.AUTOMATIC, lambda o: o.automatic(), doing)
     if not guards.moves_real_arm(context.s):
         begin(context)
         return
@@ -108,8 +106,7 @@ def automatic(context: ActionContext) -> None:
         "The arm moves by itself from pose to pose until all are captured. Nobody may be within its reach; "
         "a person keeps a hand on the hardware stop. Any key stops the arm."
     )
-    question = YesNo(title="Capture automatically?", text=text, yes="Move")
-    _ask(context, question, begin)
+    context.confirm("Capture automatically?", text, "Move", begin)
 
 
 def go(context: ActionContext, waypoint: int | None) -> None:
@@ -117,8 +114,7 @@ def go(context: ActionContext, waypoint: int | None) -> None:
     if waypoint is None:
         context.interface.refuse(guards.ALL_VISITED)
         return
-    text = f"moving to waypoint {waypoint + 1}"
-    context.submit(TaskKind.MOVE, text, lambda o: o.go(waypoint))
+    context.submit(TaskKind.MOVE, lambda o: o.go(waypoint), f"moving to waypoint {waypoint + 1}")
 
 
 def home(context: ActionContext) -> None:
@@ -134,21 +130,20 @@ def home(context: ActionContext) -> None:
         + ", ".join(f"J{j} by {MOVED(float(way)).with_unit}" for j, way in ways)
         + ". Check that the path is clear, and stand clear of the arm. Any key stops it."
     )
-    question = YesNo(title="Go home?", text=text, yes="Move")
-    _ask(context, question, task(TaskKind.HOME, "going home", lambda o: o.go_home()))
+    context.confirm("Go home?", text, "Move", task(TaskKind.HOME, lambda o: o.go_home()))
 
 
 def capture(context: ActionContext) -> None:
     """Capture a pose at the arm's current position."""
     at = -1 if context.s.at_waypoint is None else context.s.at_waypoint
-    context.submit(TaskKind.CAPTURE, "capturing", lambda o: o.capture(at))
+    context.submit(TaskKind.CAPTURE, lambda o: o.capture(at))
 
 
 def exclude(context: ActionContext) -> None:
     """Exclude the selected pose, or include it again."""
     number = context.interface.pose(context.s)
     if number is not None:
-        context.submit(TaskKind.NOTE, "excluding a pose", lambda o: o.exclude(number))
+        context.submit(TaskKind.NOTE, lambda o: o.exclude(number), "excluding a pose")
 
 
 def note(context: ActionContext) -> None:
@@ -159,9 +154,7 @@ def note(context: ActionContext) -> None:
         return
     context.ask(
         Typed(title=f"Note to pose {pose.number}", text="Text of the note:", value=pose.note),
-        lambda again, answer: again.submit(
-            TaskKind.NOTE, "noting", lambda o: o.note(pose.number, answer)
-        ),
+        lambda again, answer: again.submit(TaskKind.NOTE, lambda o: o.note(pose.number, answer)),
     )
 
 
@@ -169,9 +162,7 @@ def calibrate(context: ActionContext) -> None:
     """Calibrate with the chosen settings."""
     s = context.s
     context.submit(
-        TaskKind.CALIBRATE,
-        "calibrating",
-        lambda o: o.results.calibrate(s.estimator, s.unsensed_joints),
+        TaskKind.CALIBRATE, lambda o: o.results.calibrate(s.estimator, s.unsensed_joints)
     )
 
 
@@ -186,8 +177,8 @@ def upload(context: ActionContext, forced: str = "") -> None:
         f"parameters. Type the arm's serial number, {serial}, to confirm."
     )
     question = Typed(title="Upload to the controller?", text=text, expected=serial)
-    work = task(TaskKind.UPLOAD, "uploading", lambda o: o.results.upload(forced))
-    _ask(context, question, work)
+    work = task(TaskKind.UPLOAD, lambda o: o.results.write(upload=True, forced=forced))
+    context.ask(question, lambda again, _: work(again))
 
 
 def force(context: ActionContext) -> None:
@@ -213,10 +204,9 @@ def verify(context: ActionContext) -> None:
     text = f"The arm moves to {VERIFY_POSES} new poses by itself. Stand clear. Any key stops it."
     if joints:
         text = f"The drives are enabled again, {_modes_text(context.s)}. {text}"
-    question = YesNo(title="Verify with new poses?", text=text, yes="Move")
     doing = f"moving to {VERIFY_POSES} new poses"
-    work = task(TaskKind.VERIFY, doing, lambda o: o.verify(VERIFY_POSES, joints))
-    _ask(context, question, work)
+    work = task(TaskKind.VERIFY, lambda o: o.verify(VERIFY_POSES, joints), doing)
+    context.confirm("Verify with new poses?", text, "Move", work)
 
 
 def report(context: ActionContext) -> None:
@@ -228,13 +218,13 @@ def report(context: ActionContext) -> None:
         runner.publish(lambda now: replace(now, report=target))
         runner.say(Level.INFO, f"report written: {target}")
 
-    context.submit(TaskKind.EXPORT, "writing the report", work)
+    context.submit(TaskKind.EXPORT, work, "writing the report")
 
 
 def hold(context: ActionContext) -> None:
     """Cancel the running task, then hold all joints."""
     context.runner.cancel()
-    context.submit(TaskKind.HOLD, "holding all joints", lambda o: o.hold())
+    context.submit(TaskKind.HOLD, lambda o: o.hold(), "holding all joints")
 
 
 def apply_prompt(s: SessionSnapshot) -> str:
@@ -274,7 +264,8 @@ def _in_a_line(entry: SessionEntry) -> str:
 def procedure(context: ActionContext) -> None:
     """Start a session with another procedure, chosen from a list."""
     interface = context.interface
-    options = tuple((p.name, summary(p)) for p in interface.sessions.procedures())
+    procedures = map(load_procedure, builtin_names("procedure"))
+    options = tuple((p.name, summary(p)) for p in procedures)
     text = "This session is closed and kept, the arm is held, and a new session starts."
     question = OneOf(title="Which procedure?", text=text, options=options)
     interface.ask(question, lambda answer: interface.open(lambda: interface.sessions.new(answer)))

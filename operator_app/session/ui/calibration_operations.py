@@ -13,7 +13,7 @@ from operator_app.calibration.result import Solution
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.errors import Cancelled, GuardError
-from operator_app.session.store.solver_process import Solver, SolvingProcess
+from operator_app.session.store.solver_process import SolvingProcess
 from operator_app.session.ui.snapshot import DiffRow, Level, Publisher
 from operator_app.session.workflow.capture import verify
 from operator_app.session.workflow.export import export, recorded_export
@@ -26,15 +26,8 @@ from solver.chain.parameters import DhEntry
 class CalibrationOperations:
     """Operations on the calibration of a session.
 
-    Parameters
-    ----------
-    refresh
-        Function that publishes the session's state and the quality of its poses.
-
-    Attributes
-    ----------
-    solution
-        The calibration from the current poses; None before there is one.
+    `refresh` publishes the session's state and the quality of its poses. `solution`: the calibration from the current
+    poses; None before there is one.
     """
 
     def __init__(
@@ -64,42 +57,38 @@ class CalibrationOperations:
     def calibrate(self, estimator: str, unsensed_joints: tuple[int, ...]) -> None:
         """Calibrate in a separate process and publish each iteration; cancelling ends the process immediately."""
         self._publisher.publish(lambda s: replace(s, iterations=()))
-        with SolvingProcess(self._raise_if_cancelled) as process:
-            self._calibrate(process, estimator, unsensed_joints)
-
-    def _raise_if_cancelled(self) -> None:
-        if self._publisher.cancelled():
-            raise Cancelled
-
-    def _calibrate(self, solver: Solver, estimator: str, unsensed_joints: tuple[int, ...]) -> None:
         steps: list[tuple[int, float]] = []
 
         def progress(number: int, cost: float) -> None:
             steps.append((number, cost))
             self._publisher.publish(lambda s: replace(s, iterations=tuple(steps)))
 
-        solution = self._session.calibrate(
-            progress, estimator=estimator, unsensed_joints=unsensed_joints, solver=solver
-        )
-        self.solution = solution
-        # Published in one step, so that the solution is never shown with results of an earlier calibration.
-        self._publisher.publish(
-            lambda s: replace(
-                s, solution=solution, cross_checks=None, written=None, diff=(), receipt=None,
-                verification=None, report=None,
+        with SolvingProcess(self._raise_if_cancelled) as solver:
+            self.solution = solution = self._session.calibrate(
+                progress, estimator=estimator, unsensed_joints=unsensed_joints, solver=solver
             )
-        )  # fmt: skip
-        self._refresh()
-        verdict = "accepted" if solution.accepted else "not accepted"
-        self._publisher.say(
-            Level.INFO if solution.accepted else Level.WARNING,
-            f"calibrated from {solution.poses} poses: {verdict}",
-        )
-        # The cross-validation takes seconds: the verdict is shown first.
-        checks = self._session.check(solution, solver)
+            # Published in one step, so that the solution is never shown with results of an earlier calibration.
+            self._publisher.publish(
+                lambda s: replace(
+                    s, solution=solution, cross_checks=None, written=None, diff=(), receipt=None,
+                    verification=None, report=None,
+                )
+            )  # fmt: skip
+            self._refresh()
+            verdict = "accepted" if solution.accepted else "not accepted"
+            self._publisher.say(
+                Level.INFO if solution.accepted else Level.WARNING,
+                f"calibrated from {solution.poses} poses: {verdict}",
+            )
+            # The cross-validation takes seconds: the verdict is shown first.
+            checks = self._session.check(solution, solver)
         self._publisher.publish(lambda s: replace(s, cross_checks=checks))
         if solution.accepted:
             self._compare(self._active_parameters())
+
+    def _raise_if_cancelled(self) -> None:
+        if self._publisher.cancelled():
+            raise Cancelled
 
     def _active_parameters(self) -> bytes:
         """Read the controller's active document; empty without a connected arm or a document."""
@@ -113,24 +102,17 @@ class CalibrationOperations:
         rows = diff_rows(session.document(solution), active)
         self._publisher.publish(lambda s: replace(s, diff=rows))
 
-    def write(self) -> None:
-        """Write parameters.yaml and poses.csv."""
-        self._export(upload_too=False)
+    def write(self, *, upload: bool = False, forced: str = "") -> None:
+        """Write parameters.yaml and poses.csv; if `upload`, also upload the parameters and read them back.
 
-    def upload(self, forced: str = "") -> None:
-        """Hold the arm if its drives are enabled, write the files, upload the parameters and read them back.
-
-        `forced` is the reason for uploading a calibration that was not accepted.
+        Before an upload, the arm is held if its drives are enabled. `forced` is the reason for uploading a calibration
+        that was not accepted.
         """
-        session = self._session
-        if any(j.drive is DriveState.OPERATION_ENABLED for j in session.arm.snapshot().joints):
+        session, solution = self._session, self._current_solution()
+        joints = session.arm.snapshot().joints if upload else ()
+        if any(j.drive is DriveState.OPERATION_ENABLED for j in joints):
             session.hold()
-        self._export(upload_too=True, forced=forced)
-
-    def _export(self, *, upload_too: bool, forced: str = "") -> None:
-        exported = export(
-            self._session, self._current_solution(), upload_too=upload_too, forced=forced
-        )
+        exported = export(session, solution, upload_too=upload, forced=forced)
         self._publisher.publish(lambda s: replace(s, written=exported))
         self._refresh()
         if exported.receipt is None:

@@ -24,6 +24,12 @@ from operator_app.units import DATA_AGE, SILENCE, plural
 from solver.loops.closure import poses_needed
 
 Missing = tuple[str, ...]
+Guard = Callable[[SessionSnapshot], Missing]
+
+
+def all_of(*guards: Guard) -> Guard:
+    """Return a guard that returns the reasons of the first of these guards that refuses."""
+    return lambda s: next(filter(None, (guard(s) for guard in guards)), ())
 
 
 def missing_for(step: Step, s: SessionSnapshot) -> Missing:
@@ -74,7 +80,9 @@ def capture_ready(s: SessionSnapshot) -> Missing:
 
 def calibrate_ready(s: SessionSnapshot) -> Missing:
     """The Calibrate step needs enough poses to have more equations than parameters."""
-    used, needed = len(s.state.used_poses), poses_for(s)
+    model = s.procedure.fixture.fixture.model(s.procedure.arm, unsensed_joints=s.unsensed_joints)
+    used = len(s.state.used_poses)
+    needed = poses_needed(len(model.parameters), model.equations_per_pose)
     if used < needed:
         return (
             f"{used} of the {needed} required poses {'is' if used == 1 else 'are'} captured (step 4)",
@@ -100,7 +108,7 @@ def export_ready(s: SessionSnapshot) -> Missing:
     return ()
 
 
-_STEPS: Mapping[Step, Callable[[SessionSnapshot], Missing]] = {
+_STEPS: Mapping[Step, Guard] = {
     Step.FIXTURE: fixture_ready,
     Step.MODES: modes_ready,
     Step.CAPTURE: capture_ready,
@@ -108,12 +116,6 @@ _STEPS: Mapping[Step, Callable[[SessionSnapshot], Missing]] = {
     Step.RESULTS: results_ready,
     Step.EXPORT: export_ready,
 }
-
-
-def poses_for(s: SessionSnapshot) -> int:
-    """Return the smallest number of poses with which the next calibration is possible."""
-    model = s.procedure.fixture.fixture.model(s.procedure.arm, unsensed_joints=s.unsensed_joints)
-    return poses_needed(len(model.parameters), model.equations_per_pose)
 
 
 # -- actions ---------------------------------------------------------------------------------------
@@ -152,9 +154,7 @@ def may_use_data(s: SessionSnapshot) -> Missing:
     return ()
 
 
-def may_check_fixture(s: SessionSnapshot) -> Missing:
-    """The fixture checks need fresh data."""
-    return idle(s) or may_use_data(s)
+may_check_fixture = all_of(idle, may_use_data)
 
 
 def may_tick_all(s: SessionSnapshot) -> Missing:
@@ -183,21 +183,17 @@ def modes_problem(s: SessionSnapshot, position_joints: tuple[int, ...]) -> Missi
     return () if problem is None else (f"{problem.happened}: {problem.remedy}",)
 
 
+may_go_home = all_of(idle, capture_ready, may_use_data)
 ALL_VISITED = "all waypoints of the plan are visited"
 
 
 def may_move(s: SessionSnapshot) -> Missing:
     """Moving needs an open Capture step, fresh data and an unvisited waypoint."""
-    if missing := idle(s) or capture_ready(s) or may_use_data(s):
+    if missing := may_go_home(s):
         return missing
     if s.next_waypoint is None:
         return (ALL_VISITED,)
     return ()
-
-
-def may_go_home(s: SessionSnapshot) -> Missing:
-    """Going home needs an open Capture step and fresh data."""
-    return idle(s) or capture_ready(s) or may_use_data(s)
 
 
 def may_go_best(s: SessionSnapshot) -> Missing:
@@ -209,7 +205,7 @@ def may_go_best(s: SessionSnapshot) -> Missing:
 
 def may_capture(s: SessionSnapshot) -> Missing:
     """Capturing needs an open Capture step, fresh data, and no pending drift check."""
-    if missing := idle(s) or capture_ready(s) or may_use_data(s):
+    if missing := may_go_home(s):
         return missing
     if s.state.sensor_jump:
         return (s.state.sensor_jump,)
@@ -267,19 +263,9 @@ def may_calibrate(s: SessionSnapshot) -> Missing:
     return ()
 
 
-def may_write(s: SessionSnapshot) -> Missing:
-    """Writing needs an accepted calibration."""
-    return idle(s) or export_ready(s)
-
-
-def may_report(s: SessionSnapshot) -> Missing:
-    """A report needs a calibration, accepted or not."""
-    return idle(s) or results_ready(s)
-
-
-def may_upload(s: SessionSnapshot) -> Missing:
-    """Uploading needs an accepted calibration and fresh data; the drives may be on or off."""
-    return may_write(s) or _may_send(s)
+may_write = all_of(idle, export_ready)
+may_report = all_of(idle, results_ready)
+"""A report needs a calibration, accepted or not."""
 
 
 def may_force(s: SessionSnapshot) -> Missing:
@@ -295,6 +281,9 @@ def _may_send(s: SessionSnapshot) -> Missing:
     if s.identity is not None and not s.identity.keeps_parameters:
         return ("this arm stores no parameters: use the files in the session folder",)
     return may_use_data(s)
+
+
+may_upload = all_of(may_write, _may_send)
 
 
 def serial_number(s: SessionSnapshot) -> str:

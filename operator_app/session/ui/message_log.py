@@ -8,16 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from hardware.errors import (
-    ControlDenied,
-    DriveDiverged,
-    DuplicateNodeId,
-    HardwareError,
-    MappingChanged,
-    NodeRestarted,
-    OtherMaster,
-    SensorFault,
-)
+from hardware import errors
 from operator_app.errors import ConnectAgainError
 from operator_app.session.ui.snapshot import Level, Message, SessionSnapshot, TaskKind
 
@@ -29,11 +20,11 @@ ARM_RECOVERY: Final = frozenset({TaskKind.RESET, TaskKind.CONNECT})
 
 CONNECT_AGAIN: Final = (
     ConnectAgainError,
-    ControlDenied,
-    OtherMaster,
-    MappingChanged,
-    NodeRestarted,
-    DuplicateNodeId,
+    errors.ControlDenied,
+    errors.OtherMaster,
+    errors.MappingChanged,
+    errors.NodeRestarted,
+    errors.DuplicateNodeId,
 )
 """Errors that persist until the arm is connected again."""
 
@@ -41,12 +32,12 @@ CONNECT_AGAIN: Final = (
 def resolving_tasks(error: Exception, kind: TaskKind) -> frozenset[TaskKind]:
     """Return the kinds of task whose success resolves the alarm about `error`, which a task of `kind` raised."""
     # After a jump, all later readings are doubtful; with a stuck sensor, only readings of the excluded poses are.
-    jumped = isinstance(error, SensorFault) and not (
-        isinstance(error, DriveDiverged) or error.stuck
+    jumped = isinstance(error, errors.SensorFault) and not (
+        isinstance(error, errors.DriveDiverged) or error.stuck
     )
     if jumped or isinstance(error, CONNECT_AGAIN):
         return frozenset({TaskKind.CONNECT, kind})
-    return (ARM_RECOVERY if isinstance(error, HardwareError) else frozenset()) | {kind}
+    return (ARM_RECOVERY if isinstance(error, errors.HardwareError) else frozenset()) | {kind}
 
 
 def needs_reconnect(s: SessionSnapshot) -> bool:

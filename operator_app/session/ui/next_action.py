@@ -37,11 +37,8 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
         hint = f"{when} Enter (or R) resets it; nothing moves by itself"
         return NextAction("reset", "Reset STOP", hint)
     if s.arm is not None and any(j.drive is DriveState.FAULT for j in s.arm.joints):
-        return NextAction(
-            "reset",
-            "Reset fault",
-            "a drive has a fault: find the cause, then Enter (or R) resets it; nothing moves",
-        )
+        hint = "a drive has a fault: find the cause, then Enter (or R) resets it; nothing moves"
+        return NextAction("reset", "Reset fault", hint)
     if s.task is not None:
         return NextAction("", "", f"{s.task.text}: any key stops it")
     if not s.connected and Step.CONNECT < step < Step.CALIBRATE:
@@ -89,37 +86,29 @@ def _connect(s: SessionSnapshot) -> NextAction:
             hint = f"placement {s.state.placement}: when the fixture is mounted and everybody is clear, {hint}"
         return NextAction("connect", "Connect", hint)
     if not s.simulated and not s.stop_tested:
-        return NextAction(
-            "stop_tested",
-            "Stop tested",
-            "press the hardware stop, check that every drive switches off, release it; then Enter",
+        hint = (
+            "press the hardware stop, check that every drive switches off, release it; then Enter"
         )
+        return NextAction("stop_tested", "Stop tested", hint)
     if needs_reconnect(s):
-        return NextAction(
-            "connect", "Connect again", "correct what the alarm reports, then Enter connects again"
-        )
+        hint = "correct what the alarm reports, then Enter connects again"
+        return NextAction("connect", "Connect again", hint)
     return _next(Step.FIXTURE, "the arm is connected and checked")
 
 
 def _fixture(s: SessionSnapshot) -> NextAction:
     if not s.checks or any(c.severity is Severity.REFUSED for c in s.checks):
-        return NextAction(
-            "check_fixture",
-            "Check",
-            "remount the fixture as the refused check says, then Enter checks it again",
-        )
+        hint = "remount the fixture as the refused check says, then Enter checks it again"
+        return NextAction("check_fixture", "Check", hint)
     unticked = len(s.procedure.fixture.checklist) - len(s.ticked)
     if unticked and s.simulated:
-        return NextAction(
-            "confirm_all",
-            "Tick all",
+        hint = (
             "on a real arm the items are checked and ticked one at a time; this arm is simulated: "
-            f"Enter ticks all {unticked}",
         )
+        return NextAction("confirm_all", "Tick all", f"{hint}Enter ticks all {unticked}")
     if unticked:
-        return NextAction(
-            "confirm", "Tick", f"check each item of the list, then Enter ticks it: {unticked} left"
-        )
+        hint = f"check each item of the list, then Enter ticks it: {unticked} left"
+        return NextAction("confirm", "Tick", hint)
     return _next(Step.MODES, "the fixture is checked")
 
 
@@ -133,18 +122,14 @@ def _modes(s: SessionSnapshot) -> NextAction:
     if needs_reconnect(s):
         return _CONNECT_AGAIN
     if any(alarm.resolving_tasks == {TaskKind.MODES} for alarm in s.alarms):
-        return NextAction(
-            "apply_modes",
-            "Apply modes",
-            "do what the alarm says; then Enter applies the modes again, or N starts a new session",
+        hint = (
+            "do what the alarm says; then Enter applies the modes again, or N starts a new session"
         )
+        return NextAction("apply_modes", "Apply modes", hint)
     driven = names(f"J{k}" for k in marked)
     others = others_free(len(marked), s.procedure.arm.joint_count)
-    return NextAction(
-        "apply_modes",
-        "Apply modes",
-        f"Enter applies the modes: {driven} drive{others} (it asks first)",
-    )
+    hint = f"Enter applies the modes: {driven} drive{others} (it asks first)"
+    return NextAction("apply_modes", "Apply modes", hint)
 
 
 def _capture(s: SessionSnapshot) -> NextAction:
@@ -172,21 +157,16 @@ def _capture(s: SessionSnapshot) -> NextAction:
 
 def _calibrate(s: SessionSnapshot) -> NextAction:
     if s.solution is None:
-        return NextAction(
-            "calibrate",
-            "Solve",
-            f"Enter calibrates from {len(s.state.used_poses)} poses, estimator {s.estimator}",
-        )
+        poses = len(s.state.used_poses)
+        hint = f"Enter calibrates from {poses} poses, estimator {s.estimator}"
+        return NextAction("calibrate", "Solve", hint)
     return _next(Step.RESULTS, "calibrated")
 
 
 def _results(s: SessionSnapshot) -> NextAction:
     if missing_for(Step.EXPORT, s):
-        return NextAction(
-            "step_4",
-            "Capture more",
-            "not accepted: follow the warnings, or exclude bad poses, and calibrate again",
-        )
+        hint = "not accepted: follow the warnings, or exclude bad poses, and calibrate again"
+        return NextAction("step_4", "Capture more", hint)
     return _next(Step.EXPORT, "the calibration is accepted")
 
 
@@ -194,17 +174,11 @@ def _export(s: SessionSnapshot) -> NextAction:
     if s.written is None:
         return NextAction("write", "Write file", "Enter writes parameters.yaml and poses.csv")
     if s.identity is not None and not s.identity.keeps_parameters:
-        return NextAction(
-            "quit",
-            "Finish",
-            "done: the files are written; this arm stores no parameters. Enter or q quits",
-        )
+        hint = "done: the files are written; this arm stores no parameters. Enter or q quits"
+        return NextAction("quit", "Finish", hint)
     if s.receipt is None:
-        return NextAction(
-            "upload",
-            "Upload",
-            "the files are written. Enter uploads to the controller, after confirmation; q quits",
-        )
+        hint = "the files are written. Enter uploads to the controller, after confirmation; q quits"
+        return NextAction("upload", "Upload", hint)
     if s.verification is None:
         hint = "done: uploaded and read back. Enter or q quits; y verifies with new poses"
     elif s.verification.holds:

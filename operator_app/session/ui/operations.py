@@ -13,14 +13,8 @@ from operator_app.session.store.state import CapturedPose, SessionState
 from operator_app.session.ui.calibration_operations import CalibrationOperations
 from operator_app.session.ui.pose_quality import PoseQuality
 from operator_app.session.ui.snapshot import Level, Publisher
+from operator_app.session.workflow import drive_selection
 from operator_app.session.workflow.capture import outlier_warning, take_poses
-from operator_app.session.workflow.drive_selection import (
-    choose,
-    go_home,
-    visit,
-    waypoints_from,
-    waypoints_of,
-)
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from operator_app.units import MOVED, READING_SD, names, others_free
@@ -41,19 +35,18 @@ class _Edit:
     removed: bool = False
 
 
-class Operations:
-    """The operations of the seven steps; `results` has the operations of steps 5 to 7."""
+class Operations(Listener):
+    """The operations of the seven steps; `results` has the operations of steps 5 to 7. Publishes their progress."""
 
     def __init__(self, session: Session, publisher: Publisher) -> None:
         self._session = session
         self._publisher = publisher
-        self._listener = _PublishingListener(self, publisher)
         session.cancelled = publisher.cancelled
-        session.instruct = lambda text: publisher.say(Level.INFO, text)
+        session.instruct = self.report
         self._pose_quality = PoseQuality(session)
         self._edits: list[_Edit] = []
         self._undone: list[_Edit] = []
-        self.results = CalibrationOperations(session, publisher, self._listener, self.refresh)
+        self.results = CalibrationOperations(session, publisher, self, self.refresh)
 
     # -- 1 Connect, 2 Fixture ----------------------------------------------------------------------
 
@@ -83,7 +76,7 @@ class Operations:
             f"{len(identity.nodes)} nodes",
         )
         if configured := configured_words(identity):
-            self._publisher.say(Level.INFO, configured)
+            self.report(configured)
         if configured := unwatching_words(identity):
             self._publisher.say(Level.WARNING, configured)
         self.results.show_recorded_calibration()
@@ -102,7 +95,7 @@ class Operations:
         else:
             ranked = rank_at_pose(model, nominal_vector(model.parameters), q_rad)
         if joints is None:
-            choice = choose(session, may_move=False)
+            choice = drive_selection.choose(session, may_move=False)
             joints, ranked = choice.drives, choice.ranked
         best = ranked[0].drives if ranked else joints
         self._publisher.publish(
@@ -113,9 +106,9 @@ class Operations:
         start = session.state.start_rad
         if start is not None and len(session.position_joints) == session.mobility:
             # The session already has a plan, which starts at `start`.
-            self._set_plan(waypoints_of(session), start)
+            self._set_plan(drive_selection.waypoints_of(session), start)
         elif len(joints) == session.mobility:
-            self._set_plan(waypoints_from(session, q_rad, joints), q_rad)
+            self._set_plan(drive_selection.waypoints_from(session, q_rad, joints), q_rad)
         self.refresh()
 
     def confirm(self, item: str, text: str) -> None:
@@ -130,10 +123,10 @@ class Operations:
         session.set_modes(position_joints)
         driven = names(f"J{j}" for j in position_joints)
         others = others_free(len(position_joints), len(session.state.modes))
-        self._publisher.say(Level.INFO, f"{driven} in position mode{others}: read back")
+        self.report(f"{driven} in position mode{others}: read back")
         start = session.state.start_rad
         if start is not None:
-            self._set_plan(waypoints_of(session), start)
+            self._set_plan(drive_selection.waypoints_of(session), start)
         self.refresh()
 
     def wiggle(self) -> None:
@@ -155,24 +148,24 @@ class Operations:
             unit = MOVED.quantity.unit
             lines.append(f"J{joint} {changes[joint - 1].with_unit} moved {followed} {unit}")
         self._publisher.publish(lambda s: replace(s, wiggle="; ".join(lines)))
-        self._publisher.say(Level.INFO, "trial wiggle done: " + "; ".join(lines))
+        self.report("trial wiggle done: " + "; ".join(lines))
 
     def go_home(self) -> None:
         """Move the drive joints home at 5 deg/s."""
         self._at(None)
-        message = go_home(self._session)
+        message = drive_selection.go_home(self._session)
         self.refresh()
-        self._publisher.say(Level.INFO, message)
+        self.report(message)
 
     # -- 4 Capture ---------------------------------------------------------------------------------
 
     def go(self, waypoint: int) -> None:
         """Move to a waypoint (index from 0)."""
         self._at(None)
-        arrived = visit(self._session, waypoint)
+        arrived = drive_selection.visit(self._session, waypoint)
         self._at(waypoint if arrived else None)
         if arrived:
-            self._publisher.say(Level.INFO, f"at waypoint {waypoint + 1}: capture at standstill")
+            self.report(f"at waypoint {waypoint + 1}: capture at standstill")
         else:
             self._publisher.say(
                 Level.WARNING, f"waypoint {waypoint + 1} cannot be reached and was skipped"
@@ -182,7 +175,7 @@ class Operations:
     def capture(self, waypoint: int) -> None:
         """Capture a pose at the current position."""
         self._session.capture(waypoint)
-        self.captured(self._session.state.poses[-1])
+        self.pose_captured(self._session.state)
         if suspect := outlier_warning(self._session):
             # A planned capture that makes a new plan has no path back to the first pose.
             if self._session.procedure.capture.strategy != "planned":
@@ -192,22 +185,16 @@ class Operations:
                 )
             self._publisher.say(Level.WARNING, suspect)
 
-    def captured(self, pose: CapturedPose) -> None:
-        """Publish and report a captured pose."""
-        self.refresh()
-        noise = READING_SD(float(pose.sd_rad.max())).with_unit
-        self._publisher.say(Level.INFO, f"pose {pose.number} captured (noise up to {noise})")
-
     def automatic(self) -> None:
         """Capture the missing poses, by exploration or by plan."""
         try:
-            end = take_poses(self._session, self._listener)
+            end = take_poses(self._session, self)
         finally:
             self._publisher.publish(lambda s: replace(s, heading=None))
         self.refresh()
         if end is None:
             total = self._session.procedure.capture.poses
-            self._publisher.say(Level.INFO, f"all {total} poses captured")
+            self.report(f"all {total} poses captured")
         else:
             level = Level.INFO if end.complete else Level.WARNING
             self._publisher.say(
@@ -221,13 +208,13 @@ class Operations:
             self._save_before_edit(self._undone, pose.number)
             self._restore(pose)
             self.refresh()
-            self._publisher.say(Level.INFO, f"the last change of pose {pose.number} is undone")
+            self.report(f"the last change of pose {pose.number} is undone")
             return
         self._edits.clear()
         pose = self._session.undo()
         self._undone.append(_Edit(before=pose, captured=self._session.state.captured, removed=True))
         self.refresh()
-        self._publisher.say(Level.INFO, f"pose {pose.number} is removed")
+        self.report(f"pose {pose.number} is removed")
 
     def redo(self) -> None:
         """Redo the last undone change; raises GuardError if there is none, or poses were changed since."""
@@ -241,7 +228,7 @@ class Operations:
             self._save_before_edit(self._edits, number)
             self._restore(last.before)
         self.refresh()
-        self._publisher.say(Level.INFO, f"the change of pose {number} is redone")
+        self.report(f"the change of pose {number} is redone")
 
     def exclude(self, number: int) -> None:
         """Exclude a pose, or include it again."""
@@ -249,10 +236,10 @@ class Operations:
         pose = self._save_before_edit(self._edits, number)
         if pose is not None and pose.excluded:
             self._session.include(number)
-            self._publisher.say(Level.INFO, f"pose {number} is included again")
+            self.report(f"pose {number} is included again")
         else:
             self._session.exclude(number, "by the operator")
-            self._publisher.say(Level.INFO, f"pose {number} excluded: it stays in the journal")
+            self.report(f"pose {number} excluded: it stays in the journal")
         self.refresh()
 
     def note(self, number: int, text: str) -> None:
@@ -295,7 +282,7 @@ class Operations:
         if self._session.arm.snapshot().stopped:  # pressed again meanwhile
             return
         self._publisher.publish(lambda s: replace(s, stop=None))
-        self._publisher.say(Level.INFO, "STOP reset: nothing moves; apply the modes again (step 3)")
+        self.report("STOP reset: nothing moves; apply the modes again (step 3)")
 
     def hold(self) -> None:
         """Hold all joints in position mode where they are."""
@@ -334,21 +321,23 @@ class Operations:
         """Publish the index of the waypoint at which the arm is; None if it is at no waypoint."""
         self._publisher.publish(lambda s: replace(s, at_waypoint=waypoint))
 
-
-class _PublishingListener(Listener):
-    """Publishes the progress of a capture."""
-
-    def __init__(self, operations: Operations, publisher: Publisher) -> None:
-        self._operations, self._publisher = operations, publisher
+    # -- progress of a capture ---------------------------------------------------------------------
 
     def going(self, move: GoTo | None) -> None:
+        """Publish the current move."""
         self._publisher.publish(lambda s: replace(s, at_waypoint=None, heading=move))
 
     def arrived(self, waypoint: int) -> None:
-        self._publisher.publish(lambda s: replace(s, at_waypoint=waypoint))
+        """Publish the waypoint."""
+        self._at(waypoint)
 
-    def pose_captured(self, state: SessionState, total: int) -> None:
-        self._operations.captured(state.poses[-1])
+    def pose_captured(self, state: SessionState, total: int = 0) -> None:
+        """Publish and report the last pose."""
+        self.refresh()
+        pose = state.poses[-1]
+        noise = READING_SD(float(pose.sd_rad.max())).with_unit
+        self.report(f"pose {pose.number} captured (noise up to {noise})")
 
     def report(self, text: str) -> None:
+        """Add a message for the operator."""
         self._publisher.say(Level.INFO, text)

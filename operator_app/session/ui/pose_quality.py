@@ -28,14 +28,8 @@ from solver.loops.closure import ClosureModel, poses_needed
 class PoseQuality:
     """Evaluates the poses of a session; reuses earlier results.
 
-    Attributes
-    ----------
-    live
-        Quality of the used poses; None if there are none.
-    next_waypoint
-        Index of the first waypoint of the plan that was not visited; None if all were visited.
-    best_waypoint
-        Index of the most informative unvisited waypoint; None if it is not known.
+    `live`: quality of the used poses. `next_waypoint`, `best_waypoint`: index of the first unvisited waypoint of the
+    plan and of the most informative one. All are None if there is none or, for the last, if it is not known.
     """
 
     def __init__(self, session: Session) -> None:

@@ -15,18 +15,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC
 
-from hardware.arm import ArmSnapshot
 from hardware.errors import HardwareError, StopLatched
 from operator_app.errors import Cancelled
 from operator_app.messages.errors import EXPECTED, words
 from operator_app.session.store.journal import Clock, utc_now
-from operator_app.session.ui.message_log import (
-    ARM_RECOVERY,
-    add_message,
-    resolving_tasks,
-    without_acknowledged,
-    without_resolved,
-)
+from operator_app.session.ui import message_log
 from operator_app.session.ui.operations import Operations
 from operator_app.session.ui.snapshot import (
     HUNG_S,
@@ -62,16 +55,10 @@ class _Job:
 class Runner:
     """Runs a session for a user interface.
 
-    Parameters
-    ----------
-    session
-        The session; only the worker thread calls it, except for `ArmInterface.stop` and `ArmInterface.snapshot`.
-    simulated, bus
-        Whether no real arm can move; name of the bus in messages.
-    recording_ended
-        Function that returns why a recording of the bus ended early; "" if it did not.
-    monotonic, clock
-        Clocks for ages (s) and for the times of messages (UTC).
+    Only the worker thread calls the session, except for `ArmInterface.stop` and `ArmInterface.snapshot`. `simulated`:
+    whether no real arm can move. `bus`: name of the bus in messages. `recording_ended`: function that returns why a
+    recording of the bus ended early, "" if it did not. `monotonic`, `clock`: clocks for ages (s) and for the times of
+    messages (UTC).
     """
 
     def __init__(
@@ -136,12 +123,14 @@ class Runner:
         """Add a message; `resolving_tasks` resolve it if it is an alarm. May be called from any thread."""
         time_utc = f"{self._clock().astimezone(UTC):%H:%M:%S}"
         self.publish(
-            lambda s: add_message(s, level, text, time=time_utc, resolving_tasks=resolving_tasks)
+            lambda s: message_log.add_message(
+                s, level, text, time=time_utc, resolving_tasks=resolving_tasks
+            )
         )
 
     def acknowledge(self, number: int) -> None:
         """Remove the alarm with this number."""
-        self.publish(lambda s: without_acknowledged(s, number))
+        self.publish(lambda s: message_log.without_acknowledged(s, number))
 
     def cancelled(self) -> bool:
         """Whether the running task has been cancelled."""
@@ -159,9 +148,11 @@ class Runner:
         base, now = self._base, self._monotonic()
         if base.identity is None:
             return replace(base, now_s=now)
-        arm = self._arm_snapshot()
-        if arm is None:
-            # A lost connection is treated like an arm that does not answer.
+        try:
+            arm = self.session.arm.snapshot()
+        except HardwareError:
+            # A connection lost since the last call is treated like an arm that does not answer; the supervisor
+            # reports that once.
             return replace(base, now_s=now, data=DataState.LOST, oldest_s=now - self._data_at_s)
         ages = [joint.age_s for joint in arm.joints]
         oldest = max(ages, default=0.0)
@@ -179,13 +170,6 @@ class Runner:
             oldest_s=oldest,
             stale_joints=tuple(j.joint for j in arm.joints if j.age_s > STALE_S),
         )
-
-    def _arm_snapshot(self) -> ArmSnapshot | None:
-        try:
-            return self.session.arm.snapshot()
-        except HardwareError:
-            # The connection was lost since the last call; the supervisor reports that once.
-            return None
 
     @property
     def connected(self) -> bool:
@@ -236,16 +220,11 @@ class Runner:
         except Exception as error:  # noqa: BLE001 - STOP may fail, it may not raise
             problem = str(error) or repr(error)
         self.cancel()
-        report = StopReport(
-            asked_s=pressed_s,
-            acknowledged_after_s=None,
-            drives_stopped=0,
-            problem=problem,
-        )
+        report = StopReport(asked_s=pressed_s, problem=problem)
         self.publish(lambda s: replace(s, stop=report))
         if problem:
             problem = f"STOP could not be sent: {problem}. Use the hardware stop"
-            self.say(Level.ALARM, problem, ARM_RECOVERY)
+            self.say(Level.ALARM, problem, message_log.ARM_RECOVERY)
         elif not again:
             # Report STOP only once, and not if a stop by the arm itself has been reported.
             message = "software STOP sent to all drives; it is latched (R resets)"
@@ -308,14 +287,14 @@ class Runner:
             self.say(
                 Level.ALARM,
                 f"{message.happened}. {message.remedy}",
-                resolving_tasks(error, job.kind),
+                message_log.resolving_tasks(error, job.kind),
             )
             self._recover()
         except BaseException as error:  # noqa: BLE001 - kept for the screen to raise
             self.defect = error
             self.say(Level.ALARM, f"program error: {error!r}")
         else:
-            self.publish(lambda s: without_resolved(s, job.kind))
+            self.publish(lambda s: message_log.without_resolved(s, job.kind))
         finally:
             self.publish(lambda s: replace(s, task=None))
 

@@ -6,9 +6,6 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 
-from operator_app.config.procedure import Procedure
-from operator_app.config.procedure_file import load_procedure
-from operator_app.config.resources import builtin_names
 from operator_app.errors import DrivesNotOffError, JournalLostError, SessionError
 from operator_app.session.store.folders import SessionEntry, list_sessions
 from operator_app.session.ui.runner import Runner
@@ -28,29 +25,12 @@ from operator_app.session.workflow.remounting import record_in
 class Sessions:
     """Opens and closes the sessions of one folder.
 
-    Parameters
-    ----------
-    procedure
-        Built-in name or path.
-    choices
-        Options of the command line.
-    join
-        Function that returns a context manager with the `Rig` (the arm) of an `Opening`.
-    warning
-        First message to the operator; "" for none.
-
-    Attributes
-    ----------
-    last
-        Folder of the last closed session; None if it was empty and has been removed.
-    held
-        Whether the last closed session's arm confirmed that it holds its position; None if no arm was connected.
-    exported
-        Whether that session's parameters were written.
-    lost
-        The error about that session's journal, if the journal was lost; else None.
-    not_held
-        The error about that session's arm, if it did not confirm that it holds; else None.
+    `procedure`: built-in name or path. `choices`: options of the command line. `join` returns a context manager with
+    the `Rig` (the arm) of an `Opening`. `warning`: first message to the operator; "" for none. Of the last closed
+    session, `last` is the folder (None if it was empty and has been removed), `exported` whether its parameters were
+    written, `held` whether its arm confirmed that it holds its position (None if no arm was connected), and `lost` and
+    `not_held` are the errors about its journal, if that was lost, and about its arm, if that did not confirm; else
+    None.
     """
 
     def __init__(
@@ -80,10 +60,6 @@ class Sessions:
         )
         self._procedure = named
         return runner
-
-    def procedures(self) -> tuple[Procedure, ...]:
-        """Return the built-in procedures."""
-        return tuple(load_procedure(name) for name in builtin_names("procedure"))
 
     def resumed(self, reference: str) -> Runner:
         """Resume a session, given by folder, name or ``latest``, and return its runner."""

@@ -99,8 +99,8 @@ class StopReport:
     """
 
     asked_s: float
-    acknowledged_after_s: float | None
-    drives_stopped: int
+    acknowledged_after_s: float | None = None
+    drives_stopped: int = 0
     problem: str = ""
 
 
@@ -132,9 +132,8 @@ class SessionSnapshot:
         Confirmations of the operator in this run: test of the hardware stop; items of the check list (from 0).
     wanted_joints
         Joints selected for position mode, ascending; the others become free.
-    plan, forecast, next_waypoint, best_waypoint, at_waypoint
-        Waypoints and their prediction; indices (from 0) of the next waypoint, the most informative waypoint, and the
-        waypoint where the arm is.
+    next_waypoint, best_waypoint, at_waypoint
+        Indices (from 0) of the next waypoint, the most informative one, and the one where the arm is.
     heading
         Current move of a planned capture; otherwise None.
     estimator, unsensed_joints

@@ -33,20 +33,12 @@ MIN_SAMPLES = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """Motion of the joints over the last half second, for display only.
+    """Motion of the joints over the last half second, for display only (the arm itself checks standstill).
 
-    Before a capture the arm itself checks standstill.
-
-    Attributes
-    ----------
-    speed_rad_per_s
-        (n,) slopes of straight lines fitted to the measured angles over time.
-    still
-        Whether the spread of every joint is within the limit of the procedure's `SettleRule`.
-    held_s, needed_s
-        Time at standstill so far, and time that settling and measuring a pose take.
-    worst_joint, spread_share
-        Joint (1-based) with the largest spread relative to its limit, and that ratio.
+    `speed_rad_per_s` (n,): slopes of straight lines fitted to the measured angles over time. `still`: whether the
+    spread of every joint is within the limit of the procedure's `SettleRule`. `held_s`, `needed_s`: time at standstill
+    so far, and time that settling and measuring a pose take. `worst_joint`, `spread_share`: joint (1-based) with the
+    largest spread relative to its limit, and that ratio.
     """
 
     sync_rate_hz: float
@@ -119,10 +111,7 @@ UNWATCHED_S = 1.5
 class Supervisor:
     """Checks successive snapshots.
 
-    Attributes
-    ----------
-    reported_stop
-        Last reported reason why the arm stopped by itself; "" if it has not stopped.
+    `reported_stop`: last reported reason why the arm stopped by itself; "" if it has not stopped.
     """
 
     def __init__(
@@ -168,12 +157,17 @@ class Supervisor:
                 f"{cause} for {now.oldest_s:.1f} s: {sent}, the drives hold by themselves. {remedy}",
                 ARM_RECOVERY,
             )
-        elif self._lost and _all_data_fresh(now):
+        elif (
+            self._lost
+            and now.data is DataState.FRESH
+            and now.arm is not None
+            # A reset requires fresh heartbeats of all nodes.
+            and max(now.arm.heartbeat_age_s.values(), default=0.0) < LOST_S
+        ):
             self._lost = False
             self._runner.say(Level.INFO, "the data are back: reset STOP (R) when it is safe")
 
     def _report_stop(self, now: SessionSnapshot) -> None:
-        """Report and record why the arm stopped by itself."""
         reason, before = now.stopped_for, self.reported_stop
         self.reported_stop = reason
         if reason and reason != before:
@@ -195,7 +189,6 @@ class Supervisor:
         return "" if problem == before else problem[:1].upper() + problem[1:]
 
     def _end_unwatched_motion(self, now: SessionSnapshot, unseen_s: float) -> None:
-        """End a motion if no screen polls, since no key could stop the motion."""
         if (
             now.task is not None
             and now.task.moves
@@ -221,12 +214,3 @@ class Supervisor:
         )
         # A newer STOP or a reset may have replaced the report in the meantime.
         self._runner.publish(lambda s: replace(s, stop=counted) if s.stop is report else s)
-
-
-def _all_data_fresh(s: SessionSnapshot) -> bool:
-    """Whether all joint data and all heartbeats are fresh, as a reset requires."""
-    return (
-        s.data is DataState.FRESH
-        and s.arm is not None
-        and max(s.arm.heartbeat_age_s.values(), default=0.0) < LOST_S
-    )

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
-from operator_app.session.ui.guards import Missing
+from operator_app.session.ui.guards import Guard
 from operator_app.session.ui.operations import Operations
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.sessions import Sessions
@@ -120,28 +120,14 @@ class UserInterface(Protocol):
 EVERYWHERE = frozenset(Step)
 
 
-def always(s: SessionSnapshot) -> Missing:
-    """Guard of an action that is always allowed; returns ()."""
-    del s
-    return ()
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entry:
     """Common fields of all actions.
 
-    Attributes
-    ----------
-    name
-        Name in the code.
-    keys, shown
-        Names of the keys as the terminal reports them, and their display text.
-    label, help
-        One or two words for the footer, and a sentence for palette and help.
-    steps, footer
-        Steps at which the keys work, and at which the footer shows them.
-    offered
-        Function that returns whether the action is listed; an action refused by its guard is listed with the reason.
+    `keys`, `shown`: names of the keys as the terminal reports them, and their display text. `label`, `help`: one or
+    two words for the footer, and a sentence for palette and help. `steps`, `footer`: steps at which the keys work, and
+    at which the footer shows them. `offered` returns whether the action is listed; an action refused by its guard is
+    listed with the reason.
     """
 
     name: str
@@ -163,20 +149,13 @@ class OnScreen(Entry):
 class Action(Entry):
     """An action on the session, in all user interfaces.
 
-    Attributes
-    ----------
-    guard
-        Function that returns the reasons why the action is refused, () if it is allowed; called again after an answer.
-    work
-        Function that submits a task, changes a setting, or opens another session.
-    prompt
-        Text in plain mode; default: label and help.
-    rows
-        Function that returns prompts by row number; plain mode lists the action once for each row.
+    `guard` returns the reasons why the action is refused, () if it is allowed; called again after an answer. `work`
+    submits a task, changes a setting, or opens another session. `prompt`: text in plain mode; default: label and help.
+    `rows` returns prompts by row number; plain mode lists the action once for each row.
     """
 
     work: Callable[[ActionContext], None]
-    guard: Callable[[SessionSnapshot], Missing] = always
+    guard: Guard = lambda _: ()
     prompt: str | Callable[[SessionSnapshot], str] = ""
     rows: Callable[[SessionSnapshot], Mapping[int, str]] | None = None
 
@@ -196,9 +175,9 @@ class ActionContext:
     runner: Runner
     s: SessionSnapshot
 
-    def submit(self, kind: TaskKind, text: str, work: Callable[[Operations], None]) -> None:
-        """Submit a task to the runner without waiting for it."""
-        self.runner.submit(kind, text, lambda: work(self.runner.operations))
+    def submit(self, kind: TaskKind, work: Callable[[Operations], None], text: str = "") -> None:
+        """Submit a task to the runner without waiting for it; `text`: by default that of its kind."""
+        self.runner.submit(kind, text or kind.value, lambda: work(self.runner.operations))
 
     def ask(self, question: Question, then: Callable[[ActionContext, str], None]) -> None:
         """Ask a question; `then` is called with the answer, if the guard still allows the action."""
@@ -208,6 +187,12 @@ class ActionContext:
                 self.action, self.interface, lambda chosen: then(chosen, answer)
             ),
         )
+
+    def confirm(
+        self, title: str, text: str, yes: str, then: Callable[[ActionContext], None]
+    ) -> None:
+        """Ask for confirmation, with button `yes`, then call `then` if the guard still allows the action."""
+        self.ask(YesNo(title=title, text=text, yes=yes), lambda again, _: then(again))
 
 
 def perform_action(

@@ -64,10 +64,7 @@ def log_is_current(state: SessionState, settings: Mapping[str, Any]) -> bool:
 def replay_campaign(arm: ArmModel, fixture: EndpointConstraint, state: SessionState) -> Campaign:
     """Return the recorded campaign in its state after all recorded steps.
 
-    Raises
-    ------
-    ReplayDivergedError
-        The policy proposes another action than the one recorded in the journal.
+    Raises ReplayDivergedError if the policy proposes another action than the one recorded in the journal.
     """
     campaign = campaign_from_log(arm, fixture, state)
     readings = {p.number: p.mean_rad for p in state.used_poses}

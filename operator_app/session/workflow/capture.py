@@ -6,7 +6,7 @@ The operator may cancel at any time and resume later.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,15 +23,7 @@ from operator_app.planning.live import is_path_clear
 from operator_app.session.safety.resume_checks import SHIFT_RAD
 from operator_app.session.safety.return_check import check_repeat, repeat_text
 from operator_app.session.store.state import CapturedPose, pose_set_of
-from operator_app.session.workflow.drive_selection import (
-    HOMING_SPEED_RAD_PER_S,
-    explore,
-    go_home,
-    joints_outside_box,
-    reach,
-    require_in_box,
-    verification_waypoints,
-)
+from operator_app.session.workflow import drive_selection
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.planned_capture import CampaignEnd, PlannedCapture
 from operator_app.session.workflow.pose_reading import TargetLostError
@@ -82,21 +74,9 @@ def take_poses(
 ) -> CampaignEnd | None:
     """Capture the missing poses of the procedure, continuing where the journal ends.
 
-    Parameters
-    ----------
-    drives
-        Joints to put into position mode first; None: keep the modes, unless a plan in progress drives other joints.
-    homing
-        Whether the operator allows an arm outside its box to go home.
-
-    Returns
-    -------
-    The end of a planned capture; None for an explored capture.
-
-    Raises
-    ------
-    Cancelled
-        The operator ended the capture.
+    `drives`: joints to put into position mode first; None: keep the modes, unless a plan in progress drives other
+    joints. `homing`: whether the operator allows an arm outside its box to go home. Returns the end of a planned
+    capture; None for an explored capture. Raises Cancelled if the operator ended the capture.
     """
     joints = session.position_joints if drives is None else drives
     planned = None
@@ -108,63 +88,37 @@ def take_poses(
         listener.modes_set(joints)
     if homing and (planned is None or not planned.continues_in_place):
         go_home_if_outside(session, listener)
-    if session.state.resumed and session.state.poses_here and _poses_are_missing(session, planned):
+    drift_check = _DriftCheck(session, listener, planned)
+    # Without missing poses, later shifts do not affect the calibration.
+    captured = len(session.state.poses_here)
+    missing = (
+        captured < session.procedure.capture.poses if planned is None else not planned.complete
+    )
+    if session.state.resumed and session.state.poses_here and missing:
         if planned is None:
-            _check_unresolved_joints(session, listener)
+            drift_check.repeat_nearest_pose_if_unresolved()
         if session.state.resumed:  # no pose has been repeated yet
-            _repeat_first_pose_and_come_back(session, listener, planned)
+            drift_check.repeat_first_pose_and_come_back()
     end = None
     if planned is None:
         if not session.state.repeated_since_capture:
             # The last pose may have been captured by hand, without this check.
-            _check_last_pose(session, listener, None)
-        explore(session, listener, lambda: _check_last_pose(session, listener, None))
+            drift_check.check_last_pose()
+        drive_selection.explore(session, listener, drift_check.check_last_pose)
     else:
-        end = planned.run(lambda: _check_last_pose(session, listener, planned))
+        end = planned.run(drift_check.check_last_pose)
     if session.state.poses_here and not session.state.repeated_since_capture:
-        _repeat_first_pose(session, listener, planned)
+        drift_check.repeat_first_pose()
     return end
 
 
 def go_home_if_outside(session: Session, listener: Listener) -> None:
     """Go home if a drive joint is outside its box; call it only if the operator has agreed."""
-    away = joints_outside_box(session)
+    away = drive_selection.joints_outside_box(session)
     if away:
         listener.report(f"Going home at 5 deg/s: {away}.")
         listener.going(None)
-        listener.report(f"{go_home(session)}.")
-
-
-def _check_unresolved_joints(session: Session, listener: Listener) -> None:
-    """Repeat the nearest captured pose, moving at 5 deg/s, if a joint's shift would not show at the current pose.
-
-    Raises
-    ------
-    GuardError
-        The arm is outside its box, or a joint or the fixture has shifted.
-    """
-    if not session.unresolved_joints or not session.fixture.holds_hand:
-        return
-    require_in_box(session)
-    q_rad, drives = session.arm.snapshot().positions_rad, session.position_joints
-
-    def away_rad(pose: CapturedPose) -> float:
-        return max(abs(float(pose.mean_rad[j - 1] - q_rad[j - 1])) for j in drives)
-
-    nearest = min(session.state.poses_here, key=away_rad)
-    joints = " or ".join(map(str, session.unresolved_joints))
-    listener.report(
-        f"Moving {REACH(away_rad(nearest)).with_unit} to pose {nearest.number} at 5 deg/s first: at the present pose a "
-        f"shift of joint {joints} by {REACH(SHIFT_RAD).with_unit} would not show."
-    )
-    _repeat_pose(session, listener, nearest, None, speed_rad_per_s=HOMING_SPEED_RAD_PER_S)
-
-
-def _poses_are_missing(session: Session, planned: PlannedCapture | None) -> bool:
-    """Whether poses are still to be captured; if there are none, later shifts do not affect the calibration."""
-    if planned is not None:
-        return not planned.complete
-    return len(session.state.poses_here) < session.procedure.capture.poses
+        listener.report(f"{drive_selection.go_home(session)}.")
 
 
 def outlier_warning(session: Session) -> str:
@@ -183,106 +137,95 @@ def outlier_warning(session: Session) -> str:
     )
 
 
-def _check_last_pose(session: Session, listener: Listener, planned: PlannedCapture | None) -> None:
-    """If the last pose does not fit the earlier poses, repeat the first pose immediately.
+@dataclass(frozen=True, slots=True)
+class _DriftCheck:
+    """Repeats captured poses: the difference shows shifts of joints and fixture, independently of the model.
 
-    Raises
-    ------
-    GuardError
-        A joint or the fixture has shifted.
+    In an explored capture (`planned` is None), the drives move straight, within the box; in a planned capture, along
+    paths of the plan. Every method raises GuardError if the arm of an explored capture is outside its box, or if a
+    joint or the fixture has shifted.
     """
-    suspect, state = outlier_warning(session), session.state
-    if not suspect:
-        return
-    listener.report(suspect)
-    number, before = state.poses_here[-1].number, len(state.repeats)
-    _repeat_first_pose_and_come_back(session, listener, planned, suspect=True)
-    if len(session.state.repeats) > before:
-        listener.report(
-            f"Pose {state.poses_here[0].number} is unchanged; the calibration decides whether {number} is an outlier."
+
+    session: Session
+    listener: Listener
+    planned: PlannedCapture | None
+
+    def repeat_nearest_pose_if_unresolved(self) -> None:
+        """Repeat the nearest captured pose at 5 deg/s if a joint's shift would not show at the current pose."""
+        session = self.session
+        if not session.unresolved_joints or not session.fixture.holds_hand:
+            return
+        drive_selection.require_in_box(session)
+        q_rad, drives = session.arm.snapshot().positions_rad, session.position_joints
+
+        def away_rad(pose: CapturedPose) -> float:
+            return max(abs(float(pose.mean_rad[j - 1] - q_rad[j - 1])) for j in drives)
+
+        nearest = min(session.state.poses_here, key=away_rad)
+        joints = " or ".join(map(str, session.unresolved_joints))
+        self.listener.report(
+            f"Moving {REACH(away_rad(nearest)).with_unit} to pose {nearest.number} at 5 deg/s first: at the present "
+            f"pose a shift of joint {joints} by {REACH(SHIFT_RAD).with_unit} would not show."
         )
+        self._repeat(nearest, speed_rad_per_s=drive_selection.HOMING_SPEED_RAD_PER_S)
 
+    def check_last_pose(self) -> None:
+        """If the last pose does not fit the earlier poses, repeat the first pose immediately."""
+        suspect, state = outlier_warning(self.session), self.session.state
+        if not suspect:
+            return
+        self.listener.report(suspect)
+        number, before = state.poses_here[-1].number, len(state.repeats)
+        self.repeat_first_pose_and_come_back(suspect=True)
+        if len(self.session.state.repeats) > before:
+            self.listener.report(
+                f"Pose {state.poses_here[0].number} is unchanged; the calibration decides whether {number} is an "
+                "outlier."
+            )
 
-def _repeat_first_pose(
-    session: Session, listener: Listener, planned: PlannedCapture | None, *, suspect: bool = False
-) -> Sequence[Mapping[int, float]]:
-    """Repeat the first used pose; the difference shows shifts independently of the model.
+    def repeat_first_pose_and_come_back(self, *, suspect: bool = False) -> None:
+        """Repeat the first pose, then move the arm back to where it was."""
+        drive_selection.retrace(self.session, self.repeat_first_pose(suspect=suspect))
 
-    In an explored capture, the drives move to the pose straight, within the box; in a planned capture, along paths of
-    the plan. If the pose cannot be reached, this is recorded and the capture continues.
+    def repeat_first_pose(self, *, suspect: bool = False) -> Sequence[Mapping[int, float]]:
+        """Repeat the first used pose; return the drives' angles (rad) at the start of each move, for the way back."""
+        if self.planned is None:
+            drive_selection.require_in_box(self.session)
+        first = self.session.state.poses_here[0]
+        self.listener.report(f"Re-measuring pose {first.number} (drift check).")
+        return self._repeat(first, suspect=suspect)
 
-    Returns
-    -------
-    The drives' angles (rad) at the start of each move along the plan, for the way back; empty in an explored capture.
-
-    Raises
-    ------
-    GuardError
-        The arm of an explored capture is outside its box, or a joint or the fixture has shifted.
-    """
-    if planned is None:
-        require_in_box(session)
-    first = session.state.poses_here[0]
-    listener.report(f"Re-measuring pose {first.number} (drift check).")
-    return _repeat_pose(session, listener, first, planned, suspect=suspect)
-
-
-def _repeat_pose(
-    session: Session,
-    listener: Listener,
-    first: CapturedPose,
-    planned: PlannedCapture | None,
-    *,
-    suspect: bool = False,
-    speed_rad_per_s: float | None = None,
-) -> Sequence[Mapping[int, float]]:
-    """Move to pose `first` (the first used pose in a planned capture), measure it again, and compare the readings.
-
-    Returns the same as `_repeat_first_pose`.
-    """
-    listener.going(None)
-    way: Sequence[Mapping[int, float]] = ()
-    if planned is None:
-        targets = {j: float(first.mean_rad[j - 1]) for j in session.position_joints}
-        missed = reach(session, targets, speed_rad_per_s=speed_rad_per_s).reason
-    else:
-        missed, way = planned.to_first()
-    resumed = session.state.resumed
-    if not missed:
-        try:
-            session.take_check_reading("return", of=first.number)
-        except TargetLostError as lost:
-            missed = lost.happened
-    if missed:
-        session.record("return_missed", {"of": first.number, "reason": missed})
-        listener.report(f"Pose {first.number} could not be measured again: {missed}.")
+    def _repeat(
+        self, first: CapturedPose, *, suspect: bool = False, speed_rad_per_s: float | None = None
+    ) -> Sequence[Mapping[int, float]]:
+        """Move to a pose, measure it again and compare the readings; if it cannot be reached, record that."""
+        session, report = self.session, self.listener.report
+        self.listener.going(None)
+        if self.planned is None:
+            q_rad, drives = session.arm.snapshot().positions_rad, session.position_joints
+            way: Sequence[Mapping[int, float]] = [{j: float(q_rad[j - 1]) for j in drives}]
+            targets = {j: float(first.mean_rad[j - 1]) for j in drives}
+            missed = drive_selection.reach(session, targets, speed_rad_per_s=speed_rad_per_s).reason
+        else:
+            missed, way = self.planned.to_first()
+        resumed = session.state.resumed
+        if not missed:
+            try:
+                session.take_check_reading("return", of=first.number)
+            except TargetLostError as lost:
+                missed = lost.happened
+        if missed:
+            session.record("return_missed", {"of": first.number, "reason": missed})
+            report(f"Pose {first.number} could not be measured again: {missed}.")
+            return way
+        if resumed or suspect:
+            text = check_repeat(session.state, session.procedure)
+            session.record("return_holds", {"of": first.number, "told": text})
+        else:
+            text = repeat_text(session.state, session.procedure)
+        if text:
+            report(text)
         return way
-    if resumed or suspect:
-        report = check_repeat(session.state, session.procedure)
-        session.record("return_holds", {"of": first.number, "told": report})
-    else:
-        report = repeat_text(session.state, session.procedure)
-    if report:
-        listener.report(report)
-    return way
-
-
-def _repeat_first_pose_and_come_back(
-    session: Session, listener: Listener, planned: PlannedCapture | None, *, suspect: bool = False
-) -> None:
-    """Repeat the first pose, then move the arm back to where it was."""
-    before = session.arm.snapshot().positions_rad
-    way = _repeat_first_pose(session, listener, planned, suspect=suspect)
-    if planned is not None:
-        planned.retrace(way)
-        return
-    listener.going(None)
-    back = session.go_to({j: float(before[j - 1]) for j in session.position_joints})
-    if not back.reached:
-        raise GuardError(
-            f"the arm does not reach its position before the drift check: {back.reason}",
-            "clear the way, then go on with this session",
-        )
 
 
 def verify(
@@ -298,11 +241,11 @@ def verify(
             f"the fixture was remounted: the calibration has no pose of placement {session.state.placement}",
             "go on with the session (sarcal run --resume), then verify",
         )
-    require_in_box(session)
+    drive_selection.require_in_box(session)
     before = len(session.state.readings)
     for target in _new_targets(session, solution, poses):
         listener.going(None)
-        if reach(session, target).reached:
+        if drive_selection.reach(session, target).reached:
             try:
                 session.take_check_reading("verification")
             except TargetLostError as lost:
@@ -334,9 +277,9 @@ def _new_targets(session: Session, solution: Solution, poses: int) -> Iterator[M
         model, columns = model.of(session.state.placement)
         x = x[columns]
     if known >= set(session.position_joints):
-        yield from verification_waypoints(session, poses)
+        yield from drive_selection.verification_waypoints(session, poses)
         return
-    for target in verification_waypoints(session, CANDIDATES_PER_POSE * poses):
+    for target in drive_selection.verification_waypoints(session, CANDIDATES_PER_POSE * poses):
         q_rad = session.arm.snapshot().positions_rad
         if is_path_clear(session.model, model, x, q_rad, target):
             yield target

@@ -6,7 +6,7 @@ straight home, at low speed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -77,7 +77,7 @@ def choose(session: Session, *, may_move: bool = True) -> DriveChoice:
 def wiggle(session: Session, drives: tuple[int, ...]) -> DriveTrial:
     """Move each drive joint by 1.5 deg to either side and back, and measure the motion of all joints."""
     session.set_modes(drives)
-    start = session.read().mean_rad
+    start = session.reader.read().mean_rad
     commanded, displacements, stopped = [], [], ""
     for column, joint in enumerate(drives):
         for step in (WIGGLE_RAD, -WIGGLE_RAD):
@@ -87,7 +87,7 @@ def wiggle(session: Session, drives: tuple[int, ...]) -> DriveTrial:
                 command = np.zeros(len(drives))
                 command[column] = step
                 commanded.append(command)
-                displacements.append(session.read().mean_rad - start)
+                displacements.append(session.reader.read().mean_rad - start)
             session.go_to({joint: float(start[joint - 1])})
     measured = np.linalg.matrix_rank(np.array(commanded)) if commanded else 0
     if measured < len(drives):
@@ -168,7 +168,7 @@ def go_home(session: Session) -> str:
     box = drive_box(session)
     targets = dict(zip(box.joints, box.centre_rad, strict=True))
     outcome = session.go_to(targets, speed_rad_per_s=HOMING_SPEED_RAD_PER_S)
-    session.settle()
+    session.reader.settle()
     q = session.arm.snapshot().positions_rad
     session.record(
         "went_home", {"joints": list(box.joints), "q_rad": q.tolist(), "stopped": outcome.reason}
@@ -242,6 +242,20 @@ def reach(
                 "with this session",
             )
     return outcome
+
+
+def retrace(session: Session, stops: Sequence[Mapping[int, float]]) -> None:
+    """Go back to these angles (rad, by drive joint), the last first; raises GuardError if that fails."""
+    for stop in reversed(stops):
+        if session.position_joints != tuple(stop):
+            session.set_modes(tuple(stop))
+            session.reader.settle()
+        outcome = session.go_to(stop)
+        if not outcome.reached:
+            raise GuardError(
+                f"the arm does not reach its position before the drift check: {outcome.reason}",
+                "clear the way, then go on with this session",
+            )
 
 
 def visit(session: Session, index: int) -> bool:

@@ -23,10 +23,7 @@ from operator_app.session.workflow.session import Session
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exported:
-    """Result of an export: the written files, and the SHA-256 of the parameters file.
-
-    `receipt` is None if nothing was uploaded.
-    """
+    """Result of an export: its files, and the SHA-256 of the parameters file; `receipt`: None without an upload."""
 
     folder: Path
     parameters: Path
@@ -40,18 +37,10 @@ def export(
 ) -> Exported:
     """Write the session's files and, if `upload_too` (None: if the procedure requires it), upload the parameters.
 
-    A calibration that was not accepted needs a reason, `forced`, which is written to the journal and the file.
-
-    Raises
-    ------
-    UploadUnknown, SessionError
-        The controller may hold all or part of the parameters; this is recorded in the journal.
-    JournalLostError
-        The journal was changed; nothing was exported.
-    JournalError
-        The journal cannot be written; the message states what was uploaded.
-    GuardError
-        The calibration was not accepted and there is no reason.
+    A calibration that was not accepted needs a reason, `forced`, which is written to the journal and the file; raises
+    GuardError without one. Raises JournalLostError if the journal was changed (nothing was exported), JournalError if
+    the journal cannot be written (the message states what was uploaded), and UploadUnknown or SessionError if the
+    controller may hold all or part of the parameters; this is recorded in the journal.
     """
     forced = export_reason(solution, forced, say_it_by="--force REASON")
     if to_dict(solution) != session.state.solution:
@@ -135,12 +124,8 @@ def _upload(
 ) -> UploadReceipt:
     """Upload a document, read it back, compare it byte for byte; compare the home offsets with `expected_counts`.
 
-    Raises
-    ------
-    SessionError
-        The document or a home offset that was read back differs from the uploaded one.
-    UploadUnknown
-        The document could not be read back.
+    Raises SessionError if the document or a home offset that was read back differs from the uploaded one, and
+    UploadUnknown if the document could not be read back.
     """
     receipt = arm.upload_parameters(document)
     try:

@@ -27,6 +27,7 @@ from operator_app.session.store.journal_format import (
     JOURNAL_NAME,
     JournalEvent,
     format_lines,
+    os_errors_as_journal_errors,
     utc_in_words,
     write_new_file,
 )
@@ -56,17 +57,8 @@ class CalibrationOptions:
 class ImportedSession:
     """A session made from the poses in a file or an array; it is only in memory until `write` is called.
 
-    Parameters
-    ----------
-    file
-        Name of the source of the poses, for messages.
-    name
-        Name of the procedure and of the folder.
-
-    Raises
-    ------
-    ConfigError
-        The arm file or the fixture file is not valid.
+    `file`: name of the source of the poses, for messages. `name`: name of the procedure and of the folder. Raises
+    ConfigError if the arm file or the fixture file is not valid.
     """
 
     def __init__(
@@ -110,9 +102,7 @@ class ImportedSession:
     def calibrate(self) -> tuple[Solution, Checks]:
         """Calibrate, cross-validate, and return both results after recording them; raises SolverError, FixtureError."""
         own = self.procedure
-        solution = solve(
-            self.state, own, estimator=own.estimator, unsensed_joints=own.unsensed_joints
-        )
+        solution = solve(self.state, own)
         checks = check(solution, own.arm, own.fixture.fixture, self.state.pose_set())
         self.add(solution, checks)
         return solution, checks
@@ -135,12 +125,7 @@ class ImportedSession:
         """Write the journal into `folder`, or into a new folder below `root`; return the folder.
 
         If `folder` already contains a session, `replace_session` replaces its journal and removes its files named in
-        `stale`.
-
-        Raises
-        ------
-        JournalError
-            The session in `folder` must not be replaced, or nothing can be written.
+        `stale`. Raises JournalError if the session in `folder` must not be replaced, or nothing can be written.
         """
         if folder is None:
             folder = new_folder(
@@ -151,16 +136,13 @@ class ImportedSession:
         order = next_order(folder.parent, but=folder)
         lines = format_lines((replace(opened, data={**opened.data, "order": order}), *others))
         path = folder / JOURNAL_NAME
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            write_new_file(path, b"".join(lines))
-        except FileExistsError:
-            replace_session(folder, lines, self._events, overwrite=overwrite, stale=stale)
-        except OSError as error:
-            raise JournalError(
-                f"cannot write {path}: {error.strerror}",
-                "choose a folder with free space and write permission",
-            ) from error
+        remedy = "choose a folder with free space and write permission"
+        with os_errors_as_journal_errors(f"cannot write {path}", remedy):
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                write_new_file(path, b"".join(lines))
+            except FileExistsError:
+                replace_session(folder, lines, self._events, overwrite=overwrite, stale=stale)
         return folder
 
     def _record(self, name: str, data: Mapping[str, Any]) -> None:
@@ -203,7 +185,6 @@ def _pose(poses: PoseSet, k: int) -> dict[str, Any]:
 
 
 def _procedure_name(name: str) -> str:
-    """Return a valid procedure name made from a file name."""
     cleaned = re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-")[:48]
     return cleaned if re.match(r"[A-Za-z]", cleaned) else f"poses-{cleaned}".rstrip("-")
 
@@ -256,25 +237,21 @@ def replace_session(
     """Replace the journal in `folder` with these lines, after removing the files named in `stale`.
 
     A journal with the same poses, arm and fixture is replaced; a journal with other data only if `overwrite` is true.
-
-    Raises
-    ------
-    JournalError
-        The journal in `folder` is not reproducible, has other data, cannot be read, or is in use. Nothing was changed.
-    WriteError
-        The disk cannot be written.
+    Raises JournalError if the journal in `folder` is not reproducible, has other data, cannot be read, or is in use;
+    nothing was changed then. Raises WriteError if the disk cannot be written.
     """
     path = folder / JOURNAL_NAME
-    try:
+    with os_errors_as_journal_errors(f"cannot open {path}", "name another folder"):
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    except OSError as error:
-        raise JournalError(
-            f"cannot open {path}: {error.strerror}", "name another folder"
-        ) from error
     lock(descriptor, path)
     try:
         existing = read_journal(folder)
-        _require_reproducible(folder, existing.events)
+        names = {event.name for event in existing.events}
+        if "imported" not in names or not names <= REPRODUCIBLE_EVENTS:
+            raise JournalError(
+                f"{folder} holds a session captured on an arm, or edited",
+                "name another folder: such a session is not replaced even with overwrite=True",
+            )
         if not overwrite and _contents(existing.events) != _contents(events):
             poses = plural(sum(event.name == "pose" for event in existing.events), "pose")
             raise JournalError(
@@ -287,16 +264,6 @@ def replace_session(
         write_atomically(path, b"".join(lines))
     finally:
         os.close(descriptor)
-
-
-def _require_reproducible(folder: Path, events: Sequence[JournalEvent]) -> None:
-    names = {event.name for event in events}
-    if "imported" in names and names <= REPRODUCIBLE_EVENTS:
-        return
-    raise JournalError(
-        f"{folder} holds a session captured on an arm, or edited",
-        "name another folder: such a session is not replaced even with overwrite=True",
-    )
 
 
 def _contents(events: Sequence[JournalEvent]) -> list[Any]:

@@ -29,7 +29,7 @@ from solver.estimators.estimate import require_enough_poses
 
 if TYPE_CHECKING:
     from hardware.arm import ArmInterface
-    from operator_app.config.procedure import CapturePlan, Procedure
+    from operator_app.config.procedure import Procedure
     from operator_app.session.store.true_errors import Truths
     from operator_app.session.workflow.pose_reading import Instrument
     from operator_app.session.workflow.session import Session
@@ -98,18 +98,10 @@ class Opening:
 class Rig:
     """An arm ready to be connected, and the completed opening.
 
-    Attributes
-    ----------
-    opening
-        The opening with choices completed from the arm, the environment and defaults, as the journal records them.
-    simulated
-        Whether no real arm can move.
-    instrument
-        Instrument that measures the tool of an open arm; otherwise None.
-    truths
-        True parameters of an arm simulated in this process; otherwise None.
-    recording_ended
-        Function that returns why a recording of the bus ended early ("": it did not); may be called from any thread.
+    `opening`: the opening with choices completed from the arm, the environment and defaults, as the journal records
+    them. `simulated`: whether no real arm can move. `instrument` measures the tool of an open arm; otherwise None.
+    `truths`: true parameters of an arm simulated in this process; otherwise None. `recording_ended` returns why a
+    recording of the bus ended early ("": it did not); may be called from any thread.
     """
 
     arm: ArmInterface
@@ -135,7 +127,10 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
 
     opening, settings = rig.opening, asdict(rig.opening.choices)
     journal = (Journal.resume if opening.resumed else Journal.create_beside)(opening.folder)
-    _record_beside(journal, rig)
+    arm, folder = rig.arm, journal.path.parent
+    if isinstance(arm, Recordable) and arm.record_to and arm.record_to.parent == opening.folder:
+        # The journal may have got another folder than the intended one: the recording stays beside it.
+        arm.record_to = folder / arm.record_to.name
     try:
         session = Session(
             journal=journal,
@@ -148,7 +143,6 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
         if opening.resumed:
             session.record("resumed", {"settings": settings})
         else:
-            folder = journal.path.parent
             session.record(
                 "opened",
                 {
@@ -161,13 +155,6 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
         journal.close()
         raise
     return session
-
-
-def _record_beside(journal: Journal, rig: Rig) -> None:
-    """Redirect a recording of the bus to the journal's folder if that differs from the intended one."""
-    arm, folder = rig.arm, journal.path.parent
-    if isinstance(arm, Recordable) and arm.record_to and arm.record_to.parent == rig.opening.folder:
-        arm.record_to = folder / arm.record_to.name
 
 
 def remove_if_empty(session: Session) -> bool:
@@ -277,7 +264,11 @@ def _require_profile(procedure: Procedure, choices: Choices) -> None:
 
 def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
     """Return the procedure with these choices applied; raises SessionError if it does not allow them."""
-    procedure = replace(procedure, capture=_planned_or_not(procedure.capture, choices.plan))
+    capture, plan = procedure.capture, choices.plan
+    if plan == "planned" and capture.strategy == "explore":
+        # A planned capture needs fewer poses than an explored one.
+        capture = replace(capture, poses=min(capture.poses, PLANNED_POSES))
+    capture = replace(capture, strategy=plan or capture.strategy)
     if choices.poses is not None:
         if choices.poses < 1:
             raise SessionError(f"{choices.poses} poses were requested", "request at least 1")
@@ -285,24 +276,14 @@ def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
             raise SessionError(
                 f"more than {MOST_POSES} poses were requested", f"request at most {MOST_POSES}"
             )
-        procedure = replace(procedure, capture=replace(procedure.capture, poses=choices.poses))
+        capture = replace(capture, poses=choices.poses)
     names = ("estimator", "unsensed_joints", "length_tolerance_m", "upload")
     own: dict[str, Any] = {k: v for k in names if (v := getattr(choices, k)) is not None}
-    procedure = replace(procedure, **own)
+    procedure = replace(procedure, capture=capture, **own)
     if choices.placements is not None:
         procedure = replace(procedure, placements=require_mountable(procedure, choices.placements))
     _require_solvable(procedure)
     return procedure
-
-
-def _planned_or_not(
-    capture: CapturePlan, plan: Literal["explore", "planned"] | None
-) -> CapturePlan:
-    """Return the capture plan, with the strategy changed if requested."""
-    if plan == "planned" and capture.strategy == "explore":
-        # A planned capture needs fewer poses than an explored one.
-        capture = replace(capture, poses=min(capture.poses, PLANNED_POSES))
-    return replace(capture, strategy=plan or capture.strategy)
 
 
 def _require_solvable(procedure: Procedure) -> None:

@@ -7,13 +7,13 @@ new campaign starts with the used poses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from hardware.arm import ArmSnapshot, Watch
+from hardware.arm import Watch
 from operator_app.errors import GuardError
 from operator_app.planning.exploration import RANGE_END_MARGIN_RAD
 from operator_app.planning.task import CANDIDATES, require_closed_chain
@@ -61,19 +61,9 @@ class CampaignEnd:
 class PlannedCapture:
     """The planned capture of one session.
 
-    Parameters
-    ----------
-    session
-        The session, connected and with its fixture checked.
-    drives
-        Drive joints of a new campaign.
-    listener
-        Listener for moves, poses and decisions.
-
-    Attributes
-    ----------
-    campaign
-        The policy that plans the poses; None before the start, or if the journal cannot be replayed.
+    The session is connected, and its fixture is checked. `drives`: drive joints of a new campaign. `listener` receives
+    moves, poses and decisions. `campaign`: the policy that plans the poses; None before the start, or if the journal
+    cannot be replayed.
     """
 
     def __init__(
@@ -133,13 +123,8 @@ class PlannedCapture:
         """Carry out the campaign, with the joints from `ready` in position mode, and return its end.
 
         Calls `after_pose` after each pose, before the campaign may change its plan, while a path back is still known.
-
-        Raises
-        ------
-        GuardError
-            During exploration, the arm was moved out of its box, or does not return to its last position.
-        Cancelled
-            The operator ended a move; `ready` and `run` continue later.
+        Raises GuardError if, during exploration, the arm was moved out of its box or does not return to its last
+        position, and Cancelled if the operator ended a move; `ready` and `run` continue later.
         """
         session = self._session
         if self._ended is not None:
@@ -172,7 +157,7 @@ class PlannedCapture:
                     reason = action.why[:1].upper() + action.why[1:]
                     self._say(f"{reason}. They are the drive joints from now on.")
                     session.set_modes(action.drives)
-                    session.settle()
+                    session.reader.settle()
                     q = session.arm.snapshot().positions_rad
                     data = {"drives": list(action.drives), "q_rad": q.tolist()}
                     session.record("campaign_drives", data)
@@ -183,9 +168,8 @@ class PlannedCapture:
     def to_first(self) -> tuple[str, list[Mapping[int, float]]]:
         """Move to the first captured pose along paths of the plan, without reporting to the campaign.
 
-        Returns
-        -------
-        Why the pose was not reached ("" if it was), and the drives' angles (rad, by joint) at the start of each move.
+        Returns why the pose was not reached ("" if it was), and the drives' angles (rad, by joint) at the start of
+        each move.
         """
         campaign = None if self._moved else self.campaign
         first = self._session.state.used_poses[0].mean_rad
@@ -197,7 +181,7 @@ class PlannedCapture:
         for move in moves:
             if isinstance(move, ChangeDrives):
                 session.set_modes(move.drives)
-                session.settle()
+                session.reader.settle()
                 continue
             q_rad = session.arm.snapshot().positions_rad
             stops.append({j: float(q_rad[j - 1]) for j in session.position_joints})
@@ -205,20 +189,6 @@ class PlannedCapture:
             if not outcome.reached:
                 return outcome.reason, stops
         return "", stops
-
-    def retrace(self, stops: Sequence[Mapping[int, float]]) -> None:
-        """Go back along the moves of `to_first`; raises GuardError if that fails."""
-        session = self._session
-        for stop in reversed(stops):
-            if session.position_joints != tuple(stop):
-                session.set_modes(tuple(stop))
-                session.settle()
-            outcome = session.go_to(stop)
-            if not outcome.reached:
-                raise GuardError(
-                    f"the arm does not reach its position before the drift check: {outcome.reason}",
-                    "clear the way, then go on with this session",
-                )
 
     # -- carrying out ----------------------------------------------------------------------------
 
@@ -228,7 +198,7 @@ class PlannedCapture:
         self._listener.going(action)
         outcome = session.go_to(action.targets_rad, _path_watch(campaign, action))
         if not outcome.reached:
-            session.settle()
+            session.reader.settle()
             self._say(f"Stopped short: {outcome.reason}.")
         q = session.arm.snapshot().positions_rad
         session.record(
@@ -249,7 +219,7 @@ class PlannedCapture:
         self._say("The arm was moved: going back to its last position first.")
         self._listener.going(None)
         outcome = session.go_to({j: float(last[j - 1]) for j in campaign.drives})
-        session.settle()
+        session.reader.settle()
         deviation = np.abs(session.arm.snapshot().positions_rad - last)
         if not outcome.reached or float(deviation.max()) > SAME_BRANCH_RAD:
             joint = int(np.argmax(deviation)) + 1
@@ -294,7 +264,6 @@ class PlannedCapture:
     # -- beginning and replaying -----------------------------------------------------------------
 
     def _required_settings(self) -> dict[str, Any]:
-        """Return the settings that the procedure requires of a campaign."""
         own = self._session.procedure
         return {
             "poses": own.capture.poses,
@@ -309,7 +278,7 @@ class PlannedCapture:
         """Record and return a new campaign that contains the used poses and starts at the current position."""
         session = self._session
         sets = session.state.drive_sets if session.procedure.position_joints is None else ()
-        q_rad = session.read().mean_rad
+        q_rad = session.reader.read().mean_rad
         earlier = session.state.campaign.begun
         session.record(
             "campaign",
@@ -325,15 +294,10 @@ class PlannedCapture:
 
 
 def _path_watch(campaign: Campaign, move: GoTo) -> Watch:
-    """Return a watch that ends a move if the arm leaves the planned path."""
     on_path = path_watch(
         move.trace_rad, move.tolerance_rad, campaign.task.ranges.within(RANGE_END_MARGIN_RAD)
     )
-
-    def watch(snapshot: ArmSnapshot) -> str | None:
-        return on_path(snapshot.positions_rad)
-
-    return watch
+    return lambda snapshot: on_path(snapshot.positions_rad)
 
 
 def _end_from_journal(data: Mapping[str, Any]) -> CampaignEnd:

@@ -54,12 +54,7 @@ class TargetLostError(SessionError):
 class Instrument:
     """An instrument that measures the endpoint.
 
-    Parameters
-    ----------
-    full_pose
-        Whether the instrument must also measure the orientation.
-    patience_s
-        Timeout of one measurement.
+    `full_pose`: whether it must also measure the orientation. `patience_s`: timeout of one measurement.
     """
 
     def __init__(
@@ -91,16 +86,9 @@ class Instrument:
     ) -> FloatArray | None:
         """Measure the target at the pose with this name.
 
-        Returns
-        -------
-        Position (3,), m, or position and rotation vector (6,), m and rad; None if cancelled.
-
-        Raises
-        ------
-        InstrumentError
-            The instrument does not answer, or its line cannot be used.
-        TargetLostError
-            The instrument does not see the target.
+        Returns position (3,), m, or position and rotation vector (6,), m and rad; None if cancelled. Raises
+        InstrumentError if the instrument does not answer or its line cannot be used, and TargetLostError if it does
+        not see the target.
         """
         port = self._port
         port.ask(json.dumps({"measure": pose}))
@@ -158,18 +146,10 @@ def port_of(source: str) -> LinePort:
 class PoseReader:
     """Measures the poses of one session."""
 
-    def __init__(
-        self,
-        logbook: Logbook,
-        arm: ArmInterface,
-        *,
-        sensor_faults: SensorFaults,
-        lateness: LatenessRecorder,
-        instrument: Instrument | None,
-    ) -> None:
-        self._logbook, self._arm = logbook, arm
-        self._sensor_faults, self._lateness = sensor_faults, lateness
-        self._instrument = instrument
+    def __init__(self, logbook: Logbook, arm: ArmInterface, instrument: Instrument | None) -> None:
+        self._logbook, self._arm, self._instrument = logbook, arm, instrument
+        self.sensor_faults = SensorFaults(logbook, arm)
+        self.lateness = LatenessRecorder(logbook, arm)
         self._rule = logbook.procedure.capture.settle
 
     def open_instrument(self) -> None:
@@ -190,7 +170,7 @@ class PoseReader:
 
     def settle(self) -> bool:
         """Wait for standstill; return False if it is not reached before the timeout."""
-        with self._sensor_faults.recorded():
+        with self.sensor_faults.recorded():
             return self._arm.settle(
                 window=self._rule.window_syncs,
                 spread_rad=self._rule.spread_rad(self._logbook.model),
@@ -218,9 +198,9 @@ class PoseReader:
                 f"the arm does not come to rest{self._largest_spread_text()}",
                 "find what moves it, then capture again",
             )
-        with self._sensor_faults.recorded():
+        with self.sensor_faults.recorded():
             reading = self._arm.capture(self._logbook.procedure.capture.samples_per_pose)
-        self._sensor_faults.read_until = self._arm.snapshot().sync_count
+        self.sensor_faults.read_until = self._arm.snapshot().sync_count
         return reading
 
     def keep(self, name: str, data: Mapping[str, Any], cancelled: Callable[[], bool]) -> None:
@@ -233,8 +213,8 @@ class PoseReader:
                 "else start a new session",
             )
         reading = self.read()
-        self._lateness.record()
-        self._sensor_faults.require_no_stuck_sensor(reading)
+        self.lateness.record()
+        self.sensor_faults.require_no_stuck_sensor(reading)
         what = f"{data.get('kind', '')} {data['number']}".strip()
         endpoint = self.endpoint(what, reading, cancelled)
         placement = logbook.state.placement

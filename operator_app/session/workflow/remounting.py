@@ -6,6 +6,7 @@ confirmed that the fixture is mounted. In between, the session refuses to connec
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import Literal
 
@@ -35,11 +36,8 @@ def require_mounted(state: SessionState) -> None:
 
 def record_in(folder: Path, event: Literal["remounting", "remounted"], placement: int) -> None:
     """Record an event of this placement in the journal of a closed session."""
-    journal = Journal.resume(folder)
-    try:
+    with closing(Journal.resume(folder)) as journal:
         journal.append(event, {"placement": placement})
-    finally:
-        journal.close()
 
 
 def require_mountable(procedure: Procedure, count: int) -> int:

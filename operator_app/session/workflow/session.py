@@ -6,8 +6,8 @@ and `arm.snapshot()` may be read from any thread.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from functools import cached_property
 from typing import Any
@@ -15,6 +15,7 @@ from typing import Any
 from fixtures.base import SetupCheck, Severity
 from fixtures.setup_checks import setup_checks
 from hardware.arm import (
+    NO_LATENCY,
     ArmIdentity,
     ArmInterface,
     ArmSnapshot,
@@ -22,7 +23,6 @@ from hardware.arm import (
     JointMode,
     MoveResult,
     PowerReporting,
-    Reading,
     Watch,
 )
 from hardware.control.trajectory import coming_to_rest_s
@@ -40,10 +40,8 @@ from operator_app.messages.errors import by_hand_words
 from operator_app.planning.drives import modes_problem
 from operator_app.planning.exploration import range_watch
 from operator_app.planning.task import fixed_parameter_checks
-from operator_app.session.safety.latency import LatenessRecorder
 from operator_app.session.safety.preflight import require_plausible_readings
 from operator_app.session.safety.resume_checks import check_identity
-from operator_app.session.safety.sensor_faults import SensorFaults
 from operator_app.session.store.journal import Clock, Journal, utc_now
 from operator_app.session.store.logbook import Logbook
 from operator_app.session.store.state import CapturedPose, CheckReading
@@ -52,18 +50,12 @@ from operator_app.session.workflow.remounting import require_mounted
 
 
 class Session(Logbook):
-    """A calibration session on one arm.
+    """A calibration session on one arm; `reader` measures its poses.
 
-    Attributes
-    ----------
-    cancelled
-        Function called while the arm moves; returns True if the operator cancels the motion.
-    instruct
-        Function called with instructions for the person who moves the arm by hand.
-    unresolved_joints
-        Joints (1-based) whose shift since the last pose could not be detected at the current pose.
-    held
-        Whether the arm confirmed, at the last `release_holding`, that no drive follows commands any longer.
+    `cancelled` is called while the arm moves and returns True if the operator cancels the motion. `instruct` is called
+    with instructions for the person who moves the arm by hand. `unresolved_joints`: joints (1-based) whose shift since
+    the last pose could not be detected at the current pose. `held`: whether the arm confirmed, at the last
+    `release_holding`, that no drive follows commands any longer.
     """
 
     def __init__(
@@ -77,15 +69,7 @@ class Session(Logbook):
     ) -> None:
         super().__init__(journal=journal, procedure=procedure, clock=clock)
         self.arm = arm
-        self._sensor_faults = SensorFaults(self, arm)
-        self._lateness = LatenessRecorder(self, arm)
-        self._reader = PoseReader(
-            self,
-            arm,
-            sensor_faults=self._sensor_faults,
-            lateness=self._lateness,
-            instrument=instrument,
-        )
+        self.reader = PoseReader(self, arm, instrument)
         self.identity: ArmIdentity | None = None
         self.cancelled: Callable[[], bool] = lambda: False
         self.instruct: Callable[[str], None] = lambda _: None
@@ -96,11 +80,8 @@ class Session(Logbook):
 
     def record(self, name: str, data: Mapping[str, Any]) -> None:
         """Write an event to the journal, then apply it to the state; if the journal is lost, hold the arm and raise."""
-        try:
+        with self._holding_if_journal_is_lost():
             super().record(name, data)
-        except JournalLostError:
-            self._hold_if_possible()
-            raise
 
     # -- 1 Connect -------------------------------------------------------------------------------
 
@@ -111,10 +92,10 @@ class Session(Logbook):
         """
         require_mounted(self.state)
         if measuring:
-            self._reader.open_instrument()
+            self.reader.open_instrument()
         identity = self.arm.connect()
         self._readings_checked = False
-        self._lateness.restart()
+        self.reader.lateness.recorded = NO_LATENCY
         try:
             check_identity(self.state, identity)
         except GuardError:
@@ -217,7 +198,7 @@ class Session(Logbook):
         reading = self.arm.capture(self.procedure.capture.samples_per_pose)
         what = f"standing {self.state.captured}"
         self.unresolved_joints = require_plausible_readings(
-            self, reading, lambda: self._reader.endpoint(what, reading, self.cancelled)
+            self, reading, lambda: self.reader.endpoint(what, reading, self.cancelled)
         )
         self._readings_checked = True
 
@@ -237,12 +218,8 @@ class Session(Logbook):
     ) -> MoveResult:
         """Move joints in position mode to `targets_rad` while watching all joints; the watch `also` may end the move.
 
-        Raises
-        ------
-        GuardError
-            The number of joints in position mode differs from the degrees of freedom of the chain.
-        Cancelled
-            The operator ended the move.
+        Raises GuardError if the number of joints in position mode differs from the degrees of freedom of the chain,
+        and Cancelled if the operator ended the move.
         """
         self.check_modes(self.position_joints)
         self._raise_if_cancelled()
@@ -259,7 +236,7 @@ class Session(Logbook):
                 return "ended by the operator"
             return in_range(snapshot) or (None if also is None else also(snapshot))
 
-        with self._sensor_faults.recorded():
+        with self.reader.sensor_faults.recorded():
             outcome = self.arm.move(targets_rad, speed_rad_per_s=speed, watch=watch)
         self._raise_if_cancelled()
         return outcome
@@ -283,38 +260,26 @@ class Session(Logbook):
 
     def record_stop_cause(self) -> None:
         """Record and raise the fault that made the arm stop by itself while idle, if there was one."""
-        self._sensor_faults.record_stop_cause()
+        self.reader.sensor_faults.record_stop_cause()
 
     def reset_stop(self) -> None:
         """Clear STOP and drive faults after recording why the arm was stopped; the drives stay disabled.
 
-        Raises
-        ------
-        JournalError
-            The journal cannot be written; nothing was cleared.
-        Stopped, DriveFault, BusError
-            As for `ArmInterface.reset_stop`.
+        Raises JournalError if the journal cannot be written (nothing was cleared then), and Stopped, DriveFault or
+        BusError as `ArmInterface.reset_stop` does.
         """
         with suppress(HardwareError):
-            self._sensor_faults.record_stop_cause()
+            self.reader.sensor_faults.record_stop_cause()
         self.arm.reset_stop()
 
     def _keep(self, name: str, data: Mapping[str, Any]) -> None:
         self.check_modes(self.position_joints)
-        self._reader.keep(name, data, self.cancelled)
-
-    def read(self) -> Reading:
-        """Wait for standstill and measure a pose; records nothing."""
-        return self._reader.read()
-
-    def settle(self) -> bool:
-        """Wait for standstill; return False if it is not reached before the timeout."""
-        return self._reader.settle()
+        self.reader.keep(name, data, self.cancelled)
 
     @property
     def connection_lateness(self) -> HostLatency:
         """Recorded delays of this computer in the current or last connection."""
-        return self._lateness.recorded
+        return self.reader.lateness.recorded
 
     # -- end -------------------------------------------------------------------------------------
 
@@ -326,9 +291,9 @@ class Session(Logbook):
         try:
             if not self.journal.closed and self.journal.loss is None:
                 with suppress(HardwareError):
-                    self._sensor_faults.record_stop_cause()
+                    self.reader.sensor_faults.record_stop_cause()
                 with suppress(HardwareError):
-                    self._lateness.record()
+                    self.reader.lateness.record()
         finally:
             self.held = self.arm.close()
             self._powered = self.arm.left_powered if isinstance(self.arm, PowerReporting) else ()
@@ -346,7 +311,7 @@ class Session(Logbook):
                 self.release_holding()
             return self.held
         finally:
-            self._reader.close_instrument()
+            self.reader.close_instrument()
             try:
                 if not self.journal.closed and self.journal.loss is None:
                     # The caller reports a loss detected here, from `journal.loss`.
@@ -368,15 +333,17 @@ class Session(Logbook):
 
     def require_journal(self, *, unchanged: bool = False) -> None:
         """Hold the arm and raise JournalLostError if the journal is lost or, with `unchanged`, was changed."""
-        try:
+        with self._holding_if_journal_is_lost():
             super().require_journal(unchanged=unchanged)
-        except JournalLostError:
-            self._hold_if_possible()
-            raise
 
-    def _hold_if_possible(self) -> None:
-        with suppress(HardwareError):
-            self.arm.hold()
+    @contextmanager
+    def _holding_if_journal_is_lost(self) -> Iterator[None]:
+        try:
+            yield
+        except JournalLostError:
+            with suppress(HardwareError):
+                self.arm.hold()
+            raise
 
     def _raise_if_cancelled(self) -> None:
         if self.cancelled():

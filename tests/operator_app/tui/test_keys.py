@@ -298,7 +298,7 @@ async def test_chosen_procedure_starts_a_session(still):
         assert isinstance(d.app.screen, Choose)
         await d.press("enter")
         assert (d.app.source.begun, d.app.step) == (before, Step.FIXTURE)
-        await d.press("p", "down", "down", "enter")
+        await d.press("p", "down", "down", "down", "enter")
         await d.until(lambda: d.app.step is Step.CONNECT, "begun")
         assert d.app.source.begun == before + 1
         assert d.app.source.requested_procedure == "hinge_planned"

@@ -170,8 +170,7 @@ def _zeroed(
 
 def test_a_loop_at_its_nominal_values_has_no_cost():
     procedure = load_procedure("hinge")
-    fixture = procedure.fixture.fixture
-    found = loop_at_reading(procedure.arm, fixture, procedure.arm.home_rad).fit()
+    found = loop_at_reading(procedure, procedure.arm.home_rad).fit()
     assert 0.0 <= found.chi2 < 1.0
     assert found.dof == 5
     np.testing.assert_allclose(found.q_rad, procedure.arm.home_rad, atol=np.deg2rad(3.0))

@@ -12,7 +12,7 @@ def test_without_a_waypoint_nothing_moves(waypoint):
     refused, gone = list[str](), list[int]()
     context = SimpleNamespace(
         interface=SimpleNamespace(refuse=refused.append),
-        submit=lambda *task: task[-1](SimpleNamespace(go=gone.append)),
+        submit=lambda _, work, __: work(SimpleNamespace(go=gone.append)),
     )
     go(context, waypoint)  # type: ignore[arg-type]
     assert gone == ([] if waypoint is None else [waypoint])

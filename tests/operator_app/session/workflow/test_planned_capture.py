@@ -17,7 +17,7 @@ from operator_app.config.procedure import Procedure
 from operator_app.errors import Cancelled, GuardError
 from operator_app.session.store.journal import Journal, JournalEvent
 from operator_app.session.workflow.campaign_replay import is_same_action
-from operator_app.session.workflow.drive_selection import choose
+from operator_app.session.workflow.drive_selection import choose, retrace
 from operator_app.session.workflow.planned_capture import CampaignEnd, PlannedCapture
 from operator_app.session.workflow.session import Session
 from tests.oracles.hearing import RecordingListener
@@ -115,7 +115,7 @@ def test_return_to_the_first_pose_uses_known_paths_and_changes_no_plan(make_sess
     first = session.state.used_poses[0].mean_rad
     assert np.abs(session.arm.snapshot().positions_rad - first).max() < math.radians(0.1)
 
-    run.capture.retrace(path)
+    retrace(session, path)
     assert session.position_joints == drives
     assert np.abs(session.arm.snapshot().positions_rad - before).max() < math.radians(0.1)
     # A resumed session replays only what the plan proposed.

@@ -42,7 +42,7 @@ def test_reading_a_drifting_joint_reports_spread_and_limit(make_session):
     procedure = load_procedure("hinge")
     session = make_session(procedure, arm=DriftingArm(procedure, "exact"), connect=True)
     with pytest.raises(GuardError) as error:
-        session.read()
+        session.reader.read()
     settle = session.procedure.capture.settle
     spread_deg = 0.1 * (settle.window_syncs - 1)
     limit_deg = np.rad2deg(settle.spread_rad(session.model)[2])

@@ -41,13 +41,8 @@ WORTH_A_CHANGE = 0.03
 class DrivePrediction:
     """Drive sets ranked by the model.
 
-    Attributes
-    ----------
-    here, region
-        Rankings at the current pose and over the reachable region, the best first.
-    inexact
-        Joints with a linearity deviation above `INEXACT_RAD`. As drives they would miss planned positions; other joints
-        are preferred.
+    `here`, `region`: rankings at the current pose and over the reachable region, the best first. `inexact`: joints with
+    a linearity deviation above `INEXACT_RAD`. As drives they would miss planned positions; other joints are preferred.
     """
 
     here: tuple[RankedDrives, ...]
@@ -60,12 +55,8 @@ class DrivePrediction:
 class DriveChoice:
     """The chosen drive joints.
 
-    Attributes
-    ----------
-    sets
-        All drive sets that a plan may use: `drives` first, then the sets that reach other poses.
-    prediction, trial
-        Rankings by the model and by trials on the arm; `trial` is () without trials.
+    `sets`: all drive sets that a plan may use: `drives` first, then the sets that reach other poses. `prediction`,
+    `trial`: rankings by the model and by trials on the arm; `trial` is () without trials.
     """
 
     drives: tuple[int, ...]

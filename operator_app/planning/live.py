@@ -135,14 +135,9 @@ LEGS = 24
 class Forecast:
     """Predicted poses of a plan.
 
-    Attributes
-    ----------
-    q_rad
-        (w, n): joint angles at every waypoint.
-    reachable
-        (w,) bool: the loop closes there and every joint is inside its range.
-    scaled_condition_number
-        Scaled condition number of the planned number of reachable poses; inf if they do not determine all parameters.
+    `q_rad` (w, n): joint angles at every waypoint. `reachable` (w,): the loop closes there and every joint is inside
+    its range. `scaled_condition_number`: scaled condition number of the planned number of reachable poses; inf if they
+    do not determine all parameters.
     """
 
     q_rad: FloatArray

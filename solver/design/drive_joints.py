@@ -7,7 +7,7 @@ text.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -69,7 +69,7 @@ def rank_at_pose(model: ClosureModel, x: FloatArray, q: FloatArray) -> tuple[Ran
     pose = close_loops(model, x, np.asarray(q, dtype=np.float64)[None, :])
     motion = chain_motion(model, x, pose.q, pose.u)
     sets = _sets(model, motion.degrees)
-    return _sorted([_judge(motion, drives, reach=None) for drives in sets])
+    return _sorted(_ranked(motion, drives, reach=None) for drives in sets)
 
 
 def rank_over_region(model: ClosureModel, manifold: Manifold) -> tuple[RankedDrives, ...]:
@@ -85,7 +85,7 @@ def rank_over_region(model: ClosureModel, manifold: Manifold) -> tuple[RankedDri
             tangent=manifold.motion.tangent[indices],
             jacobian=manifold.motion.jacobian[indices],
         )
-        ranked.append(_judge(motion, drives, reach=float(reachable.mean())))
+        ranked.append(_ranked(motion, drives, reach=float(reachable.mean())))
     return _sorted(ranked)
 
 
@@ -93,16 +93,9 @@ def rank_over_region(model: ClosureModel, manifold: Manifold) -> tuple[RankedDri
 class DriveTrial:
     """Measured trial motions of one drive set.
 
-    Attributes
-    ----------
-    drives
-        Joints (1-based) in position mode.
-    commanded_rad
-        (w, d): commanded displacement of the drives in each trial motion.
-    moved_rad
-        (w, n): measured displacement of every joint.
-    stopped
-        Why the trial ended early, as text; empty if it did not end early.
+    `drives`: joints (1-based) in position mode. `commanded_rad` (w, d): commanded displacement of the drives in each
+    trial motion. `moved_rad` (w, n): measured displacement of every joint. `stopped`: why the trial ended early, as
+    text; empty if it did not end early.
     """
 
     drives: tuple[int, ...]
@@ -116,7 +109,7 @@ def rank_by_trial(trials: Sequence[DriveTrial]) -> tuple[RankedDrives, ...]:
 
     Raises `ValueError` if a trial has too few motions to separate its drives.
     """
-    return _sorted([_judge_trial(trial) for trial in trials])
+    return _sorted(map(_ranked_by_trial, trials))
 
 
 def _sets(model: ClosureModel, degrees: int) -> list[tuple[int, ...]]:
@@ -124,7 +117,7 @@ def _sets(model: ClosureModel, degrees: int) -> list[tuple[int, ...]]:
     return list(combinations(usable, degrees))
 
 
-def _judge(motion: ChainMotion, drives: tuple[int, ...], *, reach: float | None) -> RankedDrives:
+def _ranked(motion: ChainMotion, drives: tuple[int, ...], *, reach: float | None) -> RankedDrives:
     rates = np.linalg.norm(motion.rates(drives), axis=-1)
     rates[:, [j - 1 for j in drives]] = 0.0
     return _verdict(
@@ -136,7 +129,7 @@ def _judge(motion: ChainMotion, drives: tuple[int, ...], *, reach: float | None)
     )
 
 
-def _judge_trial(trial: DriveTrial) -> RankedDrives:
+def _ranked_by_trial(trial: DriveTrial) -> RankedDrives:
     if np.linalg.matrix_rank(trial.commanded_rad) < len(trial.drives):
         raise ValueError(
             f"the trial motions of joints {trial.drives} do not move each drive independently"
@@ -196,9 +189,7 @@ def _verdict(
     )
     # The paper's criterion is the motion of the remaining joints; rates above 1, as near a singularity, do not count
     # more.
-    passive_rate = (
-        float(np.mean(np.minimum([rates[j - 1] for j in passive], 1.0))) if passive else 0.0
-    )
+    passive_rate = float(np.minimum(rates, 1.0).sum()) / max(1, len(passive))
     score = (leverage * passive_rate) ** 0.5 if reach is None else reach * (0.5 + 0.5 * leverage)
     return RankedDrives(
         drives=drives,
@@ -214,5 +205,5 @@ def _verdict(
     )
 
 
-def _sorted(ranked: list[RankedDrives]) -> tuple[RankedDrives, ...]:
+def _sorted(ranked: Iterable[RankedDrives]) -> tuple[RankedDrives, ...]:
     return tuple(sorted(ranked, key=lambda r: (-r.score, -r.leverage, r.drives)))

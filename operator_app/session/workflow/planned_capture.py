@@ -326,9 +326,7 @@ class PlannedCapture:
 
 def _path_watch(campaign: Campaign, move: GoTo) -> Watch:
     """Return a watch that ends a move if the arm leaves the planned path."""
-    on_path = path_watch(
-        move.trace_rad, move.tolerance_rad, campaign.task.ranges.within(RANGE_END_MARGIN_RAD)
-    )
+    on_path = path_watch(move.trace_rad, campaign.task.ranges.within(RANGE_END_MARGIN_RAD))
 
     def watch(snapshot: ArmSnapshot) -> str | None:
         return on_path(snapshot.positions_rad)

@@ -6,6 +6,7 @@ Text contains no markup: the brackets in `[deg]` are plain text. A span is text 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, Self
 
 from rich.segment import Segment
@@ -62,14 +63,20 @@ class Lines(Widget, can_focus=True):
         # requests all rows of all panels from the first changed row to the last.
         self._painted: dict[int, Strip] = {}
 
+    @property
+    def look(self) -> Look:
+        """Appearance of text."""
+        app: Any = self.app
+        made: Look = app.look
+        return made
+
     def on_mount(self) -> None:
         """Set the title of the frame."""
         self.set_title(self.TITLE)
 
     def set_title(self, text: str) -> None:
         """Set the title of the frame to plain text, in which brackets are not markup."""
-        app: Any = self.app
-        new = app.look.text(text)
+        new = self.look.text(text)
         # `border_title` cannot be compared: it returns markup, in which brackets are escaped.
         if new != self._titled:
             self._titled = new
@@ -89,12 +96,8 @@ class Lines(Widget, can_focus=True):
     def show_lines(self, lines: Sequence[Line]) -> None:
         """Show lines; only rows that have changed are painted."""
         new = tuple(tuple(row) for row in lines)
-        old = self.shown
-        changed = [
-            y
-            for y in range(max(len(new), len(old)))
-            if y >= len(new) or y >= len(old) or new[y] != old[y]
-        ]
+        rows = enumerate(zip_longest(self.shown, new))
+        changed = [y for y, (old_row, new_row) in rows if old_row != new_row]
         if not changed:
             return
         self.shown = new
@@ -163,8 +166,7 @@ class Lines(Widget, can_focus=True):
             self.show(app.picture)
 
     def _strip(self, row: Line, width: int) -> Strip:
-        app: Any = self.app
-        look: Look = app.look
+        look = self.look
         row = clip(row, width)
         if self._base is None:
             self._base = self.rich_style

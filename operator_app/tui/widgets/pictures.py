@@ -183,7 +183,7 @@ class ArmView(Lines):
         drawn = model.drawn(x, q)
         if drawn is None:
             return [line((" this fixture has no drawing", "dim"))]
-        canvas = Canvas(width, height - 1, ascii_only=self.app.look.ascii_only)  # type: ignore[attr-defined]
+        canvas = Canvas(width, height - 1, ascii_only=self.look.ascii_only)
         chain, axis = drawn
         if self._box is None or self._box_of is not s.forecast:
             self._box, self._box_of = _box(model, x, q, s), s.forecast

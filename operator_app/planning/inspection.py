@@ -69,14 +69,10 @@ def _chain(
         if not isinstance(loaded, LoadedPoses) or loaded.poses.q_rad.shape[1] != arm.joint_count:
             continue
         try:
-            identified.append(
-                (
-                    file,
-                    identifiability_of_poses(
-                        arm, spec.fixture, loaded.poses, unsensed_joints=unsensed
-                    ),
-                )
+            determined = identifiability_of_poses(
+                arm, spec.fixture, loaded.poses, unsensed_joints=unsensed
             )
+            identified.append((file, determined))
         except (SolverError, ValueError) as error:
             unfit.append((file, str(error)))
     prospect = assess_feasibility(

@@ -53,20 +53,12 @@ BACK = "to a captured pose"
 class Campaign:
     """Policy of a campaign. Repeat: call `propose`, carry out the action, report it with `observe` or `captured`.
 
-    Parameters
-    ----------
-    task
-        Planning task; the first of its drive sets is in position mode now.
-    poses, requested
-        Number of planned poses, in addition to the poses of the exploration; and requested standard deviations (rad, m)
-        by parameter name (default: none requested).
-    calibrate
-        Interim calibration; by default the implicit estimator, started from nominal values.
-    captured, taken
-        Readings (m, n) at still valid poses of an earlier campaign on the same loop, and how many of these poses were
-        planned. If the readings suffice for a trusted estimate, nothing is explored again.
-    at_rad
-        Readings at the arm's present pose (n,); by default `start_rad`.
+    `task`: the first of its drive sets is in position mode now. `start_rad` (n,): readings at the start. `poses`:
+    planned poses, in addition to those of the exploration. `requested`: standard deviations (rad, m) by parameter name
+    (default: none requested). `calibrate`: interim calibration; by default the implicit estimator, started from nominal
+    values. `captured` (m, n), `taken`: readings at still valid poses of an earlier campaign on the same loop,
+    and how many of these poses were planned; if they suffice for a trusted estimate, nothing is explored again.
+    `at_rad` (n,): readings at the arm's present pose; by default `start_rad`.
     """
 
     def __init__(

@@ -29,27 +29,13 @@ SINGULAR_LEVERAGE = 0.02
 class RankedDrives:
     """One set of drive joints with its figures of merit.
 
-    Attributes
-    ----------
-    drives
-        Joints (1-based) to be put into position mode.
-    score
-        Value by which sets are ranked, in [0, 1].
-    usable
-        Whether the set may be used at all.
-    leverage
-        Smallest singular value of the drives' share in the self-motion, from 0 at a singularity to 1 if the drives
-        determine all motion; in a ranking over a region, the median over the poses that the set reaches.
-    passive_conditioning
-        Smallest singular value of the passive joints' closure Jacobian, over a region the median; None after trials.
-    fastest_passive, fastest_joint
-        Largest ratio of a passive joint's speed to the drives' speed, and the number of this joint.
-    still
-        Passive joints that hardly move with these drives.
-    reach
-        Share of the region's poses that can be reached from pose 0; None if the ranking is not over a region.
-    reasons
-        Reasons as text, the most important first.
+    `drives`: joints (1-based) to be put into position mode. `score`: value by which sets are ranked, in [0, 1].
+    `leverage`: smallest singular value of the drives' share in the self-motion, from 0 at a singularity to 1 if the
+    drives determine all motion; over a region, the median over the poses that the set reaches. `passive_conditioning`:
+    smallest singular value of the passive joints' closure Jacobian, over a region the median; None after trials.
+    `fastest_passive`, `fastest_joint`: largest ratio of a passive joint's speed to the drives' speed, and this joint.
+    `still`: passive joints that hardly move. `reach`: share of the region's poses that can be reached from pose 0; None
+    if the ranking is not over a region. `reasons`: the most important first.
     """
 
     drives: tuple[int, ...]

@@ -85,22 +85,12 @@ class PlanningTask:
 class PosePlan:
     """Poses to visit, and what the next plan needs.
 
-    Attributes
-    ----------
-    x
-        Parameters (P,) with which the plan was made.
-    manifold, information, graph
-        Candidates, their information, and the paths between them.
-    allowed
-        (m,): whether each candidate can be reached, is predicted reliably, and gives the drives enough leverage.
-    visits
-        Indices of the chosen candidates in visiting order.
-    ranked
-        Drive sets ranked over the region, best first; empty when the task states its drive sets.
-    predicted_sigma
-        Standard deviations (P,) with all chosen and captured poses; inf if undetermined.
-    design
-        Identifiability from the chosen poses under the paper's Jacobian.
+    `x` (P,): parameters with which the plan was made. `information`: of the candidates, which are the poses of
+    `manifold`; `graph`: paths between them. `allowed` (m,): whether each candidate can be reached, is predicted
+    reliably, and gives the drives enough leverage. `visits`: indices of the chosen candidates in visiting order.
+    `ranked`: drive sets ranked over the region, best first; empty when the task states its drive sets.
+    `predicted_sigma` (P,): standard deviations with all chosen and captured poses; inf if undetermined. `design`:
+    identifiability from the chosen poses under the paper's Jacobian.
     """
 
     x: FloatArray

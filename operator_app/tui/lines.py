@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from rich.segment import Segment
 from rich.style import Style
+from textual import events
 from textual.content import Content
 from textual.geometry import Region, Size
 from textual.message import Message
@@ -45,13 +46,8 @@ class Lines(Widget, can_focus=True):
     FIXED = False
     """Whether the lines are set once and independent of snapshots."""
 
-    def __init__(
-        self,
-        *,
-        id: str | None = None,  # noqa: A002 - Textual's name
-        classes: str | None = None,
-    ) -> None:
-        super().__init__(id=id, classes=classes)
+    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
+        super().__init__(id=id)
         self.shown: tuple[Line, ...] = ()
         """Lines on the screen."""
         self._strips: dict[int, Strip] = {}
@@ -117,17 +113,11 @@ class Lines(Widget, can_focus=True):
         self._strips.clear()
         self.refresh()
 
-    def refresh(
-        self,
-        *regions: Region,
-        repaint: bool = True,
-        layout: bool = False,
-        recompose: bool = False,
-    ) -> Self:
+    def refresh(self, *regions: Region, **options: bool) -> Self:
         """Repaint these regions or, if none are given, everything."""
         if not regions:
             self._painted.clear()
-        return super().refresh(*regions, repaint=repaint, layout=layout, recompose=recompose)
+        return super().refresh(*regions, **options)
 
     def notify_style_update(self) -> None:
         """Discard the painted rows after a change of colours or frame."""
@@ -164,6 +154,18 @@ class Lines(Widget, can_focus=True):
         app: Any = self.app
         if not self.FIXED and app.picture is not None:
             self.show(app.picture)
+
+    def on_click(self, event: events.Click) -> None:
+        """Ask for the action that was clicked."""
+        if action := self._action_at(event.x, event.y):
+            self.post_message(Clicked(action))
+
+    def _action_at(self, x: int, y: int) -> str:
+        """Return the name of the action for a click at this position; "" for none.
+
+        Subclasses override this method instead of `on_click`, since Textual also calls `on_click` of base classes.
+        """
+        return ""
 
     def _strip(self, row: Line, width: int) -> Strip:
         look = self.look

@@ -154,9 +154,7 @@ def _verdict(
     joint = int(np.argmax(rates)) + 1
     fastest = float(rates[joint - 1])
     usable = leverage >= LIMITS.least_leverage and fastest <= LIMITS.most_rate and not stopped
-    reasons = []
-    if stopped:
-        reasons.append(f"the trial stopped: {stopped}")
+    reasons = [f"the trial stopped: {stopped}"] if stopped else []
     if leverage < SINGULAR_LEVERAGE:
         reasons.append("singular: the drives do not determine the free joints")
     elif leverage < LIMITS.least_leverage:
@@ -168,11 +166,8 @@ def _verdict(
     if still:
         names = " and ".join(f"J{j}" for j in still)
         reasons.append(f"{names} hardly move{'s' * (len(still) == 1)}")
-    reasons.append(
-        f"J{joint} moves most, {fastest:.1f} times as far as the drives"
-        if passive
-        else "no passive joint"
-    )
+    most = f"J{joint} moves most, {fastest:.1f} times as far as the drives"
+    reasons.append(most if passive else "no passive joint")
     # The paper's criterion is the motion of the remaining joints; rates above 1, as near a singularity, do not count
     # more.
     passive_rate = float(np.minimum(rates, 1.0).sum()) / max(1, len(passive))

@@ -204,7 +204,7 @@ class ResultsView(StepView):
 
     def compose(self) -> ComposeResult:
         """Lay out the verdict over the whole width, parameters and plots below."""
-        yield VerdictPanel(id="verdict", classes="panel")
+        yield VerdictPanel(id="verdict").add_class("panel")
         yield from super().compose()
 
     def set_compact(self, compact: bool) -> None:  # noqa: FBT001 - one meaning only

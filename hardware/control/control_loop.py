@@ -89,7 +89,7 @@ class ControlLoop:
         self._answer_timeout_s = timing.answer_timeouts_s[pace]
         self._sampler = Sampler(frames, max_misses=timing.misses(pace), now_s=clock())
         self._thread = threading.Thread(target=self._run, name="sarcal-control", daemon=True)
-        self._tasks: deque[LoopTask[Any]] = deque()  # the loop works on the first
+        self._tasks: deque[LoopTask] = deque()  # the loop works on the first
         self._syncing = self._watching = self._beating = self._resampled = self._closing = False
         self._next_beat_s = self._next_tick_s = 0.0
         self._syncs_owed = SYNCS_AFTER_STOP

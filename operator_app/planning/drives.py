@@ -41,13 +41,8 @@ WORTH_A_CHANGE = 0.03
 class DrivePrediction:
     """Drive sets ranked by the model.
 
-    Attributes
-    ----------
-    here, region
-        Rankings at the current pose and over the reachable region, the best first.
-    inexact
-        Joints with a linearity deviation above `INEXACT_RAD`. As drives they would miss planned positions; other joints
-        are preferred.
+    `here`, `region`: rankings at the current pose and over the reachable region, the best first. `inexact`: joints with
+    a linearity deviation above `INEXACT_RAD`. As drives they would miss planned positions; other joints are preferred.
     """
 
     here: tuple[RankedDrives, ...]
@@ -60,12 +55,8 @@ class DrivePrediction:
 class DriveChoice:
     """The chosen drive joints.
 
-    Attributes
-    ----------
-    sets
-        All drive sets that a plan may use: `drives` first, then the sets that reach other poses.
-    prediction, trial
-        Rankings by the model and by trials on the arm; `trial` is () without trials.
+    `sets`: all drive sets that a plan may use: `drives` first, then the sets that reach other poses. `prediction`,
+    `trial`: rankings by the model and by trials on the arm; `trial` is () without trials.
     """
 
     drives: tuple[int, ...]
@@ -89,14 +80,8 @@ def predict_drives(
     Raises `SessionError` if the loop does not close near `q_rad`, or the arm can hardly move from there.
     """
     try:
-        manifold = candidate_poses(
-            model,
-            x,
-            q_rad,
-            ranges_of(arm).within(margin_rad(arm)),
-            count=REGION_POSES,
-            seed=seed,
-        )
+        ranges = ranges_of(arm).within(margin_rad(arm))
+        manifold = candidate_poses(model, x, q_rad, ranges, count=REGION_POSES, seed=seed)
         prediction = DrivePrediction(
             here=rank_at_pose(model, x, q_rad),
             region=rank_over_region(model, manifold),
@@ -219,10 +204,8 @@ def _against_here(prediction: DrivePrediction, best: RankedDrives) -> tuple[str,
     first = prediction.here[0]
     if first.drives == best.drives:
         return ("also best at the present pose",)
-    reach = next(
-        (f"{r.reach:.0%}" for r in prediction.region if r.drives == first.drives and r.reach),
-        "less",
-    )
+    same = (r for r in prediction.region if r.drives == first.drives)
+    reach = next((f"{r.reach:.0%}" for r in same if r.reach), "less")
     move, reaches = ("move", "reach") if len(first.drives) > 1 else ("moves", "reaches")
     return (
         f"{joints_named(first.drives)} {move} the arm more at the present pose, but {reaches} {reach}",
@@ -233,19 +216,19 @@ def _with_complementary_sets(
     manifold: Manifold, drives: tuple[int, ...], usable: list[tuple[int, ...]]
 ) -> tuple[tuple[int, ...], ...]:
     """Return `drives`, followed by the sets that reach further poses."""
+
+    def reach(*sets: tuple[int, ...]) -> float:
+        return float(PathGraph(manifold, sets, LIMITS).reachable(0).mean())
+
     chosen = [drives]
-    reachable = float(PathGraph(manifold, chosen, LIMITS).reachable(0).mean())
     # A set that reaches little alone adds little: the first six are enough.
     others = [d for d in usable if d != drives][:6]
     while others and len(chosen) < MOST_SETS:
-        share = [
-            float(PathGraph(manifold, [*chosen, d], LIMITS).reachable(0).mean()) for d in others
-        ]
+        share = [reach(*chosen, d) for d in others]
         best = int(np.argmax(share))
-        if share[best] < reachable + WORTH_A_CHANGE:
+        if share[best] < reach(*chosen) + WORTH_A_CHANGE:
             break
         chosen.append(others.pop(best))
-        reachable = share[best]
     return tuple(chosen)
 
 

@@ -44,9 +44,7 @@ class Box:
     def beyond_rad(self, positions_rad: FloatArray) -> FloatArray:
         """Return the distance (d,) of each drive joint from the box at these positions (n,); 0 inside."""
         positions = positions_rad[[j - 1 for j in self.joints]]
-        return np.maximum(
-            np.maximum(np.subtract(self.lower_rad, positions), positions - self.upper_rad), 0.0
-        )
+        return np.abs(positions - np.clip(positions, self.lower_rad, self.upper_rad))
 
 
 def box_of(
@@ -62,25 +60,21 @@ def box_of(
     A joint that the procedure does not limit gets `DEFAULT_SPAN_DEG` to each side of the start, `start_rad` (n,).
     """
     known = {box.joint: box for box in plan.exploration}
-    modest = {
-        j: Exploration(joint=j, from_deg=-DEFAULT_SPAN_DEG, to_deg=DEFAULT_SPAN_DEG) for j in joints
-    }
     if set(joints) == set(known):
         joints = tuple(known)
-    boxes = [known.get(j, modest[j]) for j in joints]
-    centres = [float((home_rad if j in known else start_rad)[j - 1]) for j in joints]
-    ends = [arm.joints[j - 1] for j in joints]
+    centres, lower, upper = [], [], []
+    for j in joints:
+        modest = Exploration(joint=j, from_deg=-DEFAULT_SPAN_DEG, to_deg=DEFAULT_SPAN_DEG)
+        box, limits = known.get(j, modest), arm.joints[j - 1]
+        centre = float((home_rad if j in known else start_rad)[j - 1])
+        centres.append(centre)
+        lower.append(max(limits.lower_rad + RANGE_END_MARGIN_RAD, centre + box.lower_rad))
+        upper.append(min(limits.upper_rad - RANGE_END_MARGIN_RAD, centre + box.upper_rad))
     return Box(
         joints=joints,
         centre_rad=tuple(centres),
-        lower_rad=tuple(
-            max(end.lower_rad + RANGE_END_MARGIN_RAD, centre + box.lower_rad)
-            for end, centre, box in zip(ends, centres, boxes, strict=True)
-        ),
-        upper_rad=tuple(
-            min(end.upper_rad - RANGE_END_MARGIN_RAD, centre + box.upper_rad)
-            for end, centre, box in zip(ends, centres, boxes, strict=True)
-        ),
+        lower_rad=tuple(lower),
+        upper_rad=tuple(upper),
     )
 
 
@@ -103,10 +97,7 @@ def waypoints(box: Box, *, poses: int, seed: int) -> tuple[Mapping[int, float], 
             order.append(nearest)
             current = points[nearest]
     return tuple(
-        MappingProxyType(
-            {joint: float(value) for joint, value in zip(box.joints, points[k], strict=True)}
-        )
-        for k in order
+        MappingProxyType(dict(zip(box.joints, points[k].tolist(), strict=True))) for k in order
     )
 
 
@@ -139,14 +130,12 @@ def range_watch(arm: ArmModel, braking_s: float) -> Watch:
 
     def watch(snapshot: ArmSnapshot) -> str | None:
         for joint, low, high, limits in zip(snapshot.joints, lower, upper, arm.joints, strict=True):
-            rest = joint.position_rad + joint.speed_rad_per_s * braking_s
-            outward = (rest < low and joint.speed_rad_per_s < 0.0) or (
-                rest > high and joint.speed_rad_per_s > 0.0
-            )
-            if outward:
+            speed = joint.speed_rad_per_s
+            rest = joint.position_rad + speed * braking_s
+            if (rest < low and speed < 0.0) or (rest > high and speed > 0.0):
                 return f"joint {joint.joint} came close to the end of its range"
-            if abs(joint.speed_rad_per_s) > 0.8 * limits.max_speed_rad_per_s:
-                degrees = np.rad2deg(abs(joint.speed_rad_per_s))
+            if abs(speed) > 0.8 * limits.max_speed_rad_per_s:
+                degrees = np.rad2deg(abs(speed))
                 return f"joint {joint.joint} moved at {degrees:.0f} deg/s: a singularity is near"
         return overload(arm, snapshot) or None
 

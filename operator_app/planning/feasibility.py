@@ -31,20 +31,10 @@ SPREAD = 60
 class Feasibility:
     """Whether an arm can be calibrated in a fixture, and with which drive joints.
 
-    Attributes
-    ----------
-    parameters
-        Unknowns of the calibration, without those that cannot be identified in the fixture's placement.
-    home_to_closed_rad
-        Nearest closed pose minus home (n,); None for an open arm, or if no pose closes.
-    mobility
-        Degrees of freedom of the chain, which is the number of drive joints; None if no pose closes.
-    choice
-        Choice of drive joints; None for an open arm, or if no joints can drive.
-    refusal
-        Reason why no set of joints can drive the arm; None if a set can, or for an open arm.
-    identifiability
-        Identifiability from poses over the whole reachable region; None if there is no such region.
+    `parameters`: unknowns of the calibration, without those that cannot be identified in the fixture's placement.
+    `mobility`: number of drive joints; None if no pose closes. `home_to_closed_rad` (n,): nearest closed pose minus
+    home; None for an open arm, or if no pose closes. `choice`: drive joints; None for an open arm, or if `refusal` is
+    the reason why no joints can drive. `identifiability`: from poses over the whole reachable region, if there is one.
     """
 
     parameters: tuple[Parameter, ...]

@@ -25,18 +25,10 @@ from solver.errors import SolverError
 class Chain:
     """An arm in a fixture.
 
-    Attributes
-    ----------
-    procedure
-        Name of the procedure; empty without one.
-    held
-        Entries fixed at their value in the arm file, with the reason.
-    home
-        Proposed home (n,), rad, with its `Feasibility`; None if the arm's own home is good, or no home was found.
-    poses
-        Names of the poses files for this arm and fixture, each with the identifiability from its poses.
-    unfit
-        Names of the poses files that do not fit this fixture, each with the reason.
+    `procedure`: name of the procedure; empty without one. `held`: entries fixed at their value in the arm file, with
+    the reason. `home`: proposed home (n,), rad, with its `Feasibility`; None if the arm's own home is good, or no home
+    was found. `poses`: names of the poses files for this arm and fixture, each with the identifiability from its poses.
+    `unfit`: names of the poses files that do not fit this fixture, each with the reason.
     """
 
     arm: ArmModel
@@ -77,14 +69,10 @@ def _chain(
         if not isinstance(loaded, LoadedPoses) or loaded.poses.q_rad.shape[1] != arm.joint_count:
             continue
         try:
-            identified.append(
-                (
-                    file,
-                    identifiability_of_poses(
-                        arm, spec.fixture, loaded.poses, unsensed_joints=unsensed
-                    ),
-                )
+            determined = identifiability_of_poses(
+                arm, spec.fixture, loaded.poses, unsensed_joints=unsensed
             )
+            identified.append((file, determined))
         except (SolverError, ValueError) as error:
             unfit.append((file, str(error)))
     prospect = assess_feasibility(

@@ -36,20 +36,11 @@ GROWTH = 1.02
 class LiveQuality:
     """Quality of a growing set of poses.
 
-    Attributes
-    ----------
-    needed
-        Smallest number of poses from which parameters can be estimated.
-    x
-        Latest estimate of the parameters (P,), rad or m; nominal values before the first estimate.
-    scaled_condition_number, weakest
-        Scaled condition number and weakest direction of the captured poses; inf and () with too few.
-    history
-        (poses, scaled condition number) after each estimate, oldest first.
-    coverage
-        Per joint: lowest and highest captured angle, rad; empty without poses.
-    predicted_m
-        By pose number: position closure error, m, of that pose with the estimate from the poses before it.
+    `needed`: smallest number of poses from which parameters can be estimated. `x` (P,): latest estimate, rad or m;
+    nominal values before the first. `scaled_condition_number`, `weakest`: of the captured poses. `history`: (poses,
+    scaled condition number) after each estimate, oldest first. `coverage`: lowest and highest captured angle of each
+    joint, rad. `predicted_m`: by pose number, position closure error of that pose with the estimate from the poses
+    before it, m.
     """
 
     needed: int
@@ -135,14 +126,9 @@ LEGS = 24
 class Forecast:
     """Predicted poses of a plan.
 
-    Attributes
-    ----------
-    q_rad
-        (w, n): joint angles at every waypoint.
-    reachable
-        (w,) bool: the loop closes there and every joint is inside its range.
-    scaled_condition_number
-        Scaled condition number of the planned number of reachable poses; inf if they do not determine all parameters.
+    `q_rad` (w, n): joint angles at every waypoint. `reachable` (w,): the loop closes there and every joint is inside
+    its range. `scaled_condition_number`: scaled condition number of the planned number of reachable poses; inf if they
+    do not determine all parameters.
     """
 
     q_rad: FloatArray

@@ -10,12 +10,7 @@ from fixtures.base import EndpointConstraint, SetupCheck
 from fixtures.setup_checks import setup_checks
 from operator_app.calibration.closed_loops import in_order
 from operator_app.errors import SessionError
-from operator_app.planning.drives import (
-    DriveChoice,
-    choose_drives,
-    named_drives,
-    predict_drives,
-)
+from operator_app.planning.drives import DriveChoice, choose_drives, named_drives, predict_drives
 from operator_app.planning.exploration import RANGE_END_MARGIN_RAD
 from operator_app.planning.task import planning_task
 from solver.arrays import FloatArray
@@ -44,22 +39,8 @@ class PlannedPose:
 class Preview:
     """A plan and the data on which it is based.
 
-    Attributes
-    ----------
-    parameters
-        Unknowns of the calibration.
-    mobility
-        Degrees of freedom of the closed chain.
-    estimate
-        Estimate with which the plan was made; None if it was made with nominal values.
-    checks
-        Checks of the fixture at the start position.
-    identifiability
-        Identifiability from the captured and planned poses together.
-    choice
-        Drive joints, with their ranking.
-    plan
-        Poses, their information and the predicted standard deviations.
+    `estimate`: estimate with which the plan was made; None if it was made with nominal values. `checks`: checks of the
+    fixture at the start position. `identifiability`: identifiability from the captured and planned poses together.
     """
 
     arm: ArmModel
@@ -89,14 +70,7 @@ def preview(
 
     Raises `SessionError` if no plan can be made, `SolverError` if the captured poses are too few for an estimate.
     """
-    task = planning_task(
-        arm,
-        fixture,
-        drive_sets=None,
-        unsensed_joints=unsensed_joints,
-        samples=samples,
-        seed=seed,
-    )
+    task = planning_task(arm, fixture, unsensed_joints=unsensed_joints, samples=samples, seed=seed)
     x, start, estimate = nominal_vector(task.model.parameters), arm.home_rad, None
     if known_rad is not None:
         start = known_rad[-1]

@@ -20,9 +20,8 @@ from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.planning.exploration import box_of, waypoints
 from solver.arrays import FloatArray
-from solver.chain.parameters import DhEntry
+from solver.chain.parameters import DhEntry, wrap_angle
 from solver.chain.poses import PoseSet
-from solver.chain.sensors import NoSensor
 
 PUBLISHED_POSES = 40
 SIGMA_POS_M, SIGMA_ORI_RAD, PUBLISHED_CONDITION = 2.7e-3, 6.6e-3, 28.0
@@ -82,11 +81,9 @@ def published(*, poses: int = PUBLISHED_POSES) -> Published:
     table2 = all_three.truth.table.stacked()
     entries = {p.name: DhEntry.parse(p.name) for p in solution.estimate.parameters}
     printed = {name: float(table2[entry.kind, entry.row]) for name, entry in entries.items()}
+    linearity = all_three.linearity_of_full_scale
     alone = (
-        (
-            "RVDT curves of the wrist",
-            replace(noise_only, linearity_of_full_scale=all_three.linearity_of_full_scale),
-        ),
+        ("RVDT curves of the wrist", replace(noise_only, linearity_of_full_scale=linearity)),
         ("fixed lengths off by 1 to 2 mm", replace(noise_only, lengths=all_three.lengths)),
         ("fixture that yields", replace(noise_only, loads=all_three.loads)),
         ("noise and counts", noise_only),
@@ -101,14 +98,11 @@ def published(*, poses: int = PUBLISHED_POSES) -> Published:
     measured = replace(arm, table=replace(arm.table, s_m=true.s_m[1:], a_m=true.a_m[1:]))
     stiff = capture_specimen(procedure, replace(all_three, loads=STIFF), poses=poses)
     known = replace(procedure, arm=measured)
+    unsensed = _calibrated(procedure, poses_taken, "implicit", (6, 7))
     remedies = (
         ("as it is, the paper's estimator", "3", solution),
         ("as it is, implicit", "", _calibrated(procedure, poses_taken, "implicit")),
-        (
-            "joints 6 and 7 unsensed",
-            "4, first",
-            _calibrated(procedure, poses_taken, "implicit", (6, 7)),
-        ),
+        ("joints 6 and 7 unsensed", "4, first", unsensed),
         ("fixed lengths measured", "4, second", _calibrated(known, poses_taken)),
         ("a rigid fixture", "4, third", _calibrated(procedure, stiff)),
         ("all three", "4", _calibrated(known, stiff, "implicit", (6, 7))),
@@ -155,11 +149,7 @@ def _remedy(name: str, where: str, solution: Solution, truth: dict[str, float]) 
         for p, x in zip(estimate.parameters, estimate.x, strict=True)
         if p.name in truth
     }
-    turned = [
-        float(np.arctan2(np.sin(e), np.cos(e)))
-        for n, e in errors.items()
-        if n.startswith("theta_off")
-    ]
+    turned = [wrap_angle(e) for n, e in errors.items() if n.startswith("theta_off")]
     lengths = [e for n, e in errors.items() if n.startswith(("a_", "s_"))]
     return Remedy(
         name=name,
@@ -177,16 +167,12 @@ def capture_specimen(procedure: Procedure, chosen: Scenario, *, poses: int) -> P
     """Capture `poses` poses of the scenario `chosen` at the waypoints of `procedure`, without a CAN bus."""
     arm, plan = procedure.arm, procedure.capture
     plant = chosen.build(arm)
-    resolution = np.array(
-        [
-            0.0 if isinstance(joint.sensor, NoSensor) else joint.sensor.resolution_rad
-            for joint in chosen.arm(arm).joints
-        ]
-    )
+    sensors = [joint.sensor for joint in chosen.arm(arm).joints]
+    resolution = np.array([getattr(sensor, "resolution_rad", 0.0) for sensor in sensors])
     drives = procedure.position_joints or ()
-    modes = [
-        JointMode.POSITION if j in drives else JointMode.FREE for j in range(1, arm.joint_count + 1)
-    ]
+    modes = [JointMode.FREE] * arm.joint_count
+    for joint in drives:
+        modes[joint - 1] = JointMode.POSITION
 
     def step(targets_rad: FloatArray) -> FloatArray:
         commands = [

@@ -73,7 +73,7 @@ def planning_task(
     arm: ArmModel,
     fixture: EndpointConstraint,
     *,
-    drive_sets: tuple[tuple[int, ...], ...] | None,
+    drive_sets: tuple[tuple[int, ...], ...] | None = None,
     unsensed_joints: tuple[int, ...] = (),
     samples: int = 1,
     seed: int = 0,

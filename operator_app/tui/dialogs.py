@@ -25,8 +25,7 @@ class Dialog(ModalScreen[str | None], Generic[Shown]):
 
     AUTO_FOCUS = ""
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "dismiss_none", show=False),
-        Binding("n,q", "dismiss_none", show=False),
+        Binding("escape,n,q", "dismiss", show=False),
     ]
 
     def __init__(self, question: Shown) -> None:
@@ -54,17 +53,14 @@ class Dialog(ModalScreen[str | None], Generic[Shown]):
         app: Any = self.app
         return Content(app.look.text(text))
 
-    def action_dismiss_none(self) -> None:
-        """Close without an answer."""
-        self.dismiss(None)
-
 
 class Confirm(Dialog[YesNo]):
     """A dialog with the buttons Yes and Cancel."""
 
+    AUTO_FOCUS = "#cancel"
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("y", "yes", show=False),
-        Binding("left,right,tab,shift+tab", "other", show=False),
+        Binding("y", "dismiss('yes')", show=False),
+        Binding("left,right,tab,shift+tab", "app.focus_next", show=False),
     ]
 
     def body(self) -> ComposeResult:
@@ -73,37 +69,20 @@ class Confirm(Dialog[YesNo]):
             yield Button(self._plain("Cancel  Esc"), id="cancel", compact=True)
             yield Button(self._plain(f"{self._question.yes}  y"), id="yes", compact=True)
 
-    def on_mount(self) -> None:
-        """Give Cancel the focus."""
-        self.query_one("#cancel", Button).focus()
-
     def on_button_pressed(self, event: Button.Pressed) -> None:
         """Close with the answer."""
         self.dismiss("yes" if event.button.id == "yes" else None)
-
-    def action_yes(self) -> None:
-        """Close with the answer yes."""
-        self.dismiss("yes")
-
-    def action_other(self) -> None:
-        """Move the focus to the other of the two buttons."""
-        focused = self.focused
-        self.query_one(
-            "#yes" if focused is not None and focused.id == "cancel" else "#cancel"
-        ).focus()
 
 
 class Ask(Dialog[Typed]):
     """A dialog with an input line; if the question has an expected text, only that text is accepted."""
 
+    AUTO_FOCUS = "Input"
+
     def body(self) -> ComposeResult:
         """Yield an input line and the line for instructions or a refusal."""
         yield Input(value=sanitized(self._question.value), id="answer", compact=True)
         yield Static(self._plain("Enter accepts, Esc cancels"), id="said")
-
-    def on_mount(self) -> None:
-        """Give the input the focus, so that typing can start at once."""
-        self.query_one(Input).focus()
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Accept the text, or show why it is refused."""
@@ -118,6 +97,8 @@ class Ask(Dialog[Typed]):
 class Choose(Dialog[OneOf]):
     """A dialog with a list of options."""
 
+    AUTO_FOCUS = "OptionList"
+
     def body(self) -> ComposeResult:
         """Yield the list of options, Cancel first."""
         cancel = Option(self._plain("Cancel"), id="")
@@ -125,10 +106,8 @@ class Choose(Dialog[OneOf]):
         yield OptionList(cancel, *rows, id="options", compact=True)
 
     def on_mount(self) -> None:
-        """Give the list the focus, with Cancel marked."""
-        options = self.query_one(OptionList)
-        options.focus()
-        options.highlighted = 0
+        """Mark Cancel."""
+        self.query_one(OptionList).highlighted = 0
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         """Close with the answer."""
@@ -138,8 +117,9 @@ class Choose(Dialog[OneOf]):
 class Read(Dialog[Titled]):
     """A dialog with a text to read; Esc, q, Enter and ? close it."""
 
+    AUTO_FOCUS = "#box"
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("q,enter,question_mark,f1", "dismiss_none", show=False)
+        Binding("enter,question_mark,f1", "dismiss", show=False)
     ]
 
     def __init__(self, title: str, text: str) -> None:
@@ -151,10 +131,6 @@ class Read(Dialog[Titled]):
             box.border_title = self._plain(self._question.title)
             box.border_subtitle = self._plain("Esc closes")
             yield Static(self._plain(self._question.text), id="text")
-
-    def on_mount(self) -> None:
-        """Give the text the focus, so that the arrow keys scroll it."""
-        self.query_one("#box").focus()
 
 
 def dialog(question: Question) -> Dialog[Any]:

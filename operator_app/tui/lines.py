@@ -6,10 +6,12 @@ Text contains no markup: the brackets in `[deg]` are plain text. A span is text 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, Self
 
 from rich.segment import Segment
 from rich.style import Style
+from textual import events
 from textual.content import Content
 from textual.geometry import Region, Size
 from textual.message import Message
@@ -44,13 +46,8 @@ class Lines(Widget, can_focus=True):
     FIXED = False
     """Whether the lines are set once and independent of snapshots."""
 
-    def __init__(
-        self,
-        *,
-        id: str | None = None,  # noqa: A002 - Textual's name
-        classes: str | None = None,
-    ) -> None:
-        super().__init__(id=id, classes=classes)
+    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
+        super().__init__(id=id)
         self.shown: tuple[Line, ...] = ()
         """Lines on the screen."""
         self._strips: dict[int, Strip] = {}
@@ -62,14 +59,20 @@ class Lines(Widget, can_focus=True):
         # requests all rows of all panels from the first changed row to the last.
         self._painted: dict[int, Strip] = {}
 
+    @property
+    def look(self) -> Look:
+        """Appearance of text."""
+        app: Any = self.app
+        made: Look = app.look
+        return made
+
     def on_mount(self) -> None:
         """Set the title of the frame."""
         self.set_title(self.TITLE)
 
     def set_title(self, text: str) -> None:
         """Set the title of the frame to plain text, in which brackets are not markup."""
-        app: Any = self.app
-        new = app.look.text(text)
+        new = self.look.text(text)
         # `border_title` cannot be compared: it returns markup, in which brackets are escaped.
         if new != self._titled:
             self._titled = new
@@ -89,12 +92,8 @@ class Lines(Widget, can_focus=True):
     def show_lines(self, lines: Sequence[Line]) -> None:
         """Show lines; only rows that have changed are painted."""
         new = tuple(tuple(row) for row in lines)
-        old = self.shown
-        changed = [
-            y
-            for y in range(max(len(new), len(old)))
-            if y >= len(new) or y >= len(old) or new[y] != old[y]
-        ]
+        rows = enumerate(zip_longest(self.shown, new))
+        changed = [y for y, (old_row, new_row) in rows if old_row != new_row]
         if not changed:
             return
         self.shown = new
@@ -114,17 +113,11 @@ class Lines(Widget, can_focus=True):
         self._strips.clear()
         self.refresh()
 
-    def refresh(
-        self,
-        *regions: Region,
-        repaint: bool = True,
-        layout: bool = False,
-        recompose: bool = False,
-    ) -> Self:
+    def refresh(self, *regions: Region, **options: bool) -> Self:
         """Repaint these regions or, if none are given, everything."""
         if not regions:
             self._painted.clear()
-        return super().refresh(*regions, repaint=repaint, layout=layout, recompose=recompose)
+        return super().refresh(*regions, **options)
 
     def notify_style_update(self) -> None:
         """Discard the painted rows after a change of colours or frame."""
@@ -162,9 +155,20 @@ class Lines(Widget, can_focus=True):
         if not self.FIXED and app.picture is not None:
             self.show(app.picture)
 
+    def on_click(self, event: events.Click) -> None:
+        """Ask for the action that was clicked."""
+        if action := self._action_at(event.x, event.y):
+            self.post_message(Clicked(action))
+
+    def _action_at(self, x: int, y: int) -> str:
+        """Return the name of the action for a click at this position; "" for none.
+
+        Subclasses override this method instead of `on_click`, since Textual also calls `on_click` of base classes.
+        """
+        return ""
+
     def _strip(self, row: Line, width: int) -> Strip:
-        app: Any = self.app
-        look: Look = app.look
+        look = self.look
         row = clip(row, width)
         if self._base is None:
             self._base = self.rich_style

@@ -17,7 +17,7 @@ from operator_app.session.ui.guards import missing_for, stops_on_any_key
 from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.session.ui.steps import Step
-from operator_app.tui.lines import Clicked, Lines
+from operator_app.tui.lines import Lines
 from operator_app.tui.steps.calibrate import CalibrateView
 from operator_app.tui.steps.capture import CaptureView
 from operator_app.tui.steps.connect import ConnectView
@@ -79,25 +79,19 @@ class StepRail(Lines, can_focus=False):
         """Return lines with glyph, number and title of each step, and its summary below."""
         rows: list[Line] = []
         for step in Step:
-            is_current = step is self.current
-            open_ = not missing_for(step, s)
-            glyph = "▶" if is_current else "✓" if done(step, s) else "·"
-            role = "accent" if is_current else "text" if open_ else "dim"
-            rows += [line((f" {glyph} {int(step)} {step.title}", role))]
-            rows += [line((f"    {detail(step, s)}"[: width - 1], "dim")), ()]
+            role = "dim" if missing_for(step, s) else "text"
+            role = "accent" if step is self.current else role
+            rows += [
+                line((f" {self._glyph(step, s)} {int(step)} {step.title}", role)),
+                line((f"    {detail(step, s)}"[: width - 1], "dim")),
+                (),
+            ]
         return rows
 
-    def on_click(self, event: events.Click) -> None:
-        """Go to the step that was clicked."""
-        action = self._action_at(event.x, event.y)
-        if action:
-            self.post_message(Clicked(action))
+    def _glyph(self, step: Step, s: SessionSnapshot) -> str:
+        return "▶" if step is self.current else "✓" if done(step, s) else "·"
 
     def _action_at(self, x: int, y: int) -> str:
-        """Return the name of the action for a click at this position; "" for none.
-
-        Subclasses override this method instead of `on_click`, since Textual also calls `on_click` of base classes.
-        """
         number = y // 3 + 1
         return f"step_{number}" if number <= len(Step) else ""
 
@@ -113,8 +107,8 @@ class StepRow(StepRail, can_focus=False):
         row: list[Span] = []
         for step in Step:
             is_current = step is self.current
-            glyph = "▶" if is_current else "✓" if done(step, s) else "·"
-            text = f" {glyph}{int(step)} {step.title} " if is_current else f" {glyph}{int(step)} "
+            title = f"{step.title} " if is_current else ""
+            text = f" {self._glyph(step, s)}{int(step)} {title}"
             row.append((text, "accent" if is_current else "dim"))
         row.append((f"  {detail(self.current, s)}", "dim"))
         view, count = self.place
@@ -124,7 +118,6 @@ class StepRow(StepRail, can_focus=False):
         return [tuple(row)]
 
     def _action_at(self, x: int, y: int) -> str:
-        """Return the name of the action for a click: show the clicked step or, on the view's number, the next view."""
         if self._view_at is not None and x >= self._view_at:
             return "view"
         end = 0
@@ -200,12 +193,8 @@ class Footer(Lines, can_focus=False):
             at += width_of + 2
         return [tuple(row)]
 
-    def on_click(self, event: events.Click) -> None:
-        """Post the action of the key that was clicked."""
-        for first, last, name in self._spots:
-            if first <= event.x < last:
-                self.post_message(Clicked(name))
-                return
+    def _action_at(self, x: int, y: int) -> str:
+        return next((name for first, last, name in self._spots if first <= x < last), "")
 
 
 class TooSmall(Lines, can_focus=False):

@@ -90,42 +90,33 @@ def is_compact(width: int, height: int) -> bool:
 
 def look(theme: str, *, ascii_only: bool) -> Look:
     """Return the look of a theme."""
-    return Look(theme=theme, ascii_only=ascii_only, styles=_styles(theme))
-
-
-def _styles(theme: str) -> Mapping[str, Style]:
-    plain = {
-        "text": Style(),
-        "bold": Style(bold=True),
-        "underline": Style(underline=True),
-        "reverse": Style(reverse=True),
-        "blank": Style(),
-    }
+    styles = {"bold": Style(bold=True)}
     if theme == NO_COLOUR:
-        return plain | {
+        styles |= {
+            "text": Style(),
             "dim": Style(),
             "accent": Style(bold=True),
             "warn": Style(bold=True),
             "alarm": Style(bold=True, reverse=True),
-            "ok": Style(),
             "key": Style(bold=True),
             "cursor": Style(reverse=True),
             "header": Style(bold=True, underline=True),
             "badge": Style(reverse=True),
         }
-    c = _COLOURS[theme]
-    return plain | {
-        "text": Style(color=c["text"]),
-        "dim": Style(color=c["dim"]),
-        "accent": Style(color=c["accent"], bold=True),
-        "warn": Style(color=c["warn"], bold=True),
-        "alarm": Style(color=c["alarm"], bold=True),
-        "ok": Style(color=c["text"]),
-        "key": Style(color=c["accent"], bold=True),
-        "cursor": Style(bgcolor=c["bar"]),
-        "header": Style(color=c["dim"], bold=True),
-        "badge": Style(color=c["background"], bgcolor=c["text"], bold=True),
-    }
+    else:
+        c = _COLOURS[theme]
+        styles |= {
+            "text": Style(color=c["text"]),
+            "dim": Style(color=c["dim"]),
+            "accent": Style(color=c["accent"], bold=True),
+            "warn": Style(color=c["warn"], bold=True),
+            "alarm": Style(color=c["alarm"], bold=True),
+            "key": Style(color=c["accent"], bold=True),
+            "cursor": Style(bgcolor=c["bar"]),
+            "header": Style(color=c["dim"], bold=True),
+            "badge": Style(color=c["background"], bgcolor=c["text"], bold=True),
+        }
+    return Look(theme=theme, ascii_only=ascii_only, styles=styles)
 
 
 def themes() -> tuple[Theme, ...]:

@@ -23,22 +23,13 @@ TOLERANCE_RAD = float(np.deg2rad(8.0))
 class GoTo:
     """Move the drive joints in a straight line, all finishing together.
 
-    Attributes
-    ----------
-    targets_rad
-        Target of each drive joint; the keys are joint numbers (1-based).
-    why
-        Reason, as text.
-    trace_rad
-        (t, n) predicted readings of all joints on the way; None if there is no prediction.
-    tolerance_rad
-        Largest allowed deviation of readings from the trace.
+    `targets_rad`: target by joint number (1-based). `trace_rad` (t, n): predicted readings of all joints on the way;
+    None if there is no prediction.
     """
 
     targets_rad: Mapping[int, float]
     why: str
     trace_rad: FloatArray | None = None
-    tolerance_rad: float = np.inf
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,9 +64,7 @@ class Finished:
 Action = GoTo | Capture | ChangeDrives | Finished
 
 
-def path_watch(
-    trace_rad: FloatArray | None, tolerance_rad: float, ranges: Ranges
-) -> Callable[[FloatArray], str | None]:
+def path_watch(trace_rad: FloatArray | None, ranges: Ranges) -> Callable[[FloatArray], str | None]:
     """Return a function that checks readings (n,) during one move and returns the reason to end the move, or None.
 
     `trace_rad`: predicted readings (t, n); None to check the ranges only. `ranges`: joint ranges, narrowed by the
@@ -95,7 +84,7 @@ def path_watch(
             apart = np.abs(trace_rad - q)
             nearest = int(np.argmin(apart.max(-1)))
             joint = int(np.argmax(apart[nearest]))
-            if apart[nearest, joint] > tolerance_rad:
+            if apart[nearest, joint] > TOLERANCE_RAD:
                 degrees = np.rad2deg(apart[nearest, joint])
                 return f"joint {joint + 1} is {degrees:.1f} deg from its predicted angle"
         return None
@@ -117,7 +106,6 @@ def moves_along(
             GoTo(
                 targets_rad=leg.targets(k),
                 trace_rad=leg.trace_rad,
-                tolerance_rad=TOLERANCE_RAD,
                 why=f"to {goal}{of}",
             )
             for k in range(len(leg.waypoints_rad))

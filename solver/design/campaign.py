@@ -53,22 +53,12 @@ BACK = "to a captured pose"
 class Campaign:
     """Policy of a campaign. Repeat: call `propose`, carry out the action, report it with `observe` or `captured`.
 
-    Parameters
-    ----------
-    task
-        Planning task; the first of its drive sets is in position mode now.
-    start_rad
-        Readings at the start (n,).
-    poses, requested
-        Number of planned poses, in addition to the poses of the exploration; and requested standard deviations (rad, m)
-        by parameter name (default: none requested).
-    calibrate
-        Interim calibration; by default the implicit estimator, started from nominal values.
-    captured, taken
-        Readings (m, n) at still valid poses of an earlier campaign on the same loop, and how many of these poses were
-        planned. If the readings suffice for a trusted estimate, nothing is explored again.
-    at_rad
-        Readings at the arm's present pose (n,); by default `start_rad`.
+    `task`: the first of its drive sets is in position mode now. `start_rad` (n,): readings at the start. `poses`:
+    planned poses, in addition to those of the exploration. `requested`: standard deviations (rad, m) by parameter name
+    (default: none requested). `calibrate`: interim calibration; by default the implicit estimator, started from nominal
+    values. `captured` (m, n), `taken`: readings at still valid poses of an earlier campaign on the same loop,
+    and how many of these poses were planned; if they suffice for a trusted estimate, nothing is explored again.
+    `at_rad` (n,): readings at the arm's present pose; by default `start_rad`.
     """
 
     def __init__(
@@ -171,16 +161,12 @@ class Campaign:
 
     def _end_exploration(self) -> None:
         if self._explorer.failure:
-            self._finish(self._explorer.failure, complete=False)
+            self._finish(self._explorer.failure)
         elif self.estimate is None:
-            self._finish(
-                f"exploration gave only {len(self._readings)} poses, too few to calibrate",
-                complete=False,
-            )
+            self._finish(f"exploration gave only {len(self._readings)} poses, too few to calibrate")
         elif not self._try_plan():
             self._finish(
-                f"the estimate from the explored poses allows no plan: {self.estimate.text}",
-                complete=False,
+                f"the estimate from the explored poses allows no plan: {self.estimate.text}"
             )
 
     # -- calibrating and planning ----------------------------------------------------------------
@@ -245,28 +231,24 @@ class Campaign:
 
     def _next_visit(self) -> None:
         if self._taken >= self.poses:
-            decision = self._judge()
-            text = f"all {self._taken} planned poses are taken"
-            if decision is not None:
-                text = f"{text}; {decision.text}"
+            decision = self._stop_decision()
+            more = "" if decision is None else f"; {decision.text}"
+            text = f"all {self._taken} planned poses are taken{more}"
             self._finish(text, complete=True, decision=decision)
             return
         if self.plan is None and not self._try_plan():
             self._finish(
                 f"{self._taken} of {self.poses} planned poses: "
-                "no further pose can be reached safely from here",
-                complete=False,
+                "no further pose can be reached safely from here"
             )
             return
-        decision = self._judge()
+        decision = self._stop_decision()
         if decision is not None and decision.stop:
             is_reached = decision.standing is PrecisionStatus.REACHED
             self._finish(decision.text, complete=is_reached, decision=decision)
             return
         plan = self.plan
-        if plan is None:
-            raise ValueError("there is no plan to visit")
-        if not self._visits:
+        if plan is None or not self._visits:
             self.plan = None
             return
         target = self._visits.popleft()
@@ -277,8 +259,7 @@ class Campaign:
             if len(self._unreached) > MOST_UNREACHED:
                 self._finish(
                     f"{self._taken} of {self.poses} planned poses: "
-                    "no safe path to any further pose was found",
-                    complete=False,
+                    "no safe path to any further pose was found"
                 )
             return
         goal = f"planned pose {self._taken + 1}"
@@ -325,7 +306,7 @@ class Campaign:
         drives = route[-1].drives if route else self.drives
         return (*moves, straight_move(captured_rad, drives, BACK))
 
-    def _judge(self) -> StopDecision | None:
+    def _stop_decision(self) -> StopDecision | None:
         if not self._requested or self.plan is None:
             return None
         manifold = self.plan.manifold
@@ -346,14 +327,15 @@ class Campaign:
         self._blocked.append(self._q.copy())
         self.plan = None
         if len(self._blocked) > MOST_BLOCKED or self._backing > 2:
-            self._finish(f"planned moves are stopped repeatedly: {stopped}", complete=False)
+            self._finish(f"planned moves are stopped repeatedly: {stopped}")
             return
         self._backing += 1
         reason = f"back to where it came from ({stopped})"
         self._queue.append(straight_move(self._before, tuple(action.targets_rad), reason))
 
-    def _finish(self, text: str, *, complete: bool, decision: StopDecision | None = None) -> None:
+    def _finish(
+        self, text: str, *, complete: bool = False, decision: StopDecision | None = None
+    ) -> None:
         self.phase = Phase.FINISHED
-        self._queue.append(
-            Finished(complete=complete, weak=() if decision is None else decision.weak, text=text)
-        )
+        weak = () if decision is None else decision.weak
+        self._queue.append(Finished(complete=complete, weak=weak, text=text))

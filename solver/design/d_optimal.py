@@ -78,20 +78,11 @@ def choose_poses(
 
     Raises `TooFewCandidatesError` if fewer than `count` candidates are allowed and far enough apart.
 
-    Parameters
-    ----------
-    root
-        (m, r, N): `PoseInformation.root` of all candidates.
-    parameters
-        The first `parameters` of the N unknowns (default: all) are to be determined; the others are effects (N(0, 1)).
-    fixed
-        Information (N, N) of poses captured already.
-    allowed
-        (m,): which candidates may be chosen; all by default.
-    q, apart_rad
-        Joint angles (m, n) of the candidates, and the least distance (Euclidean, rad) between chosen candidates.
-        Without a least distance, the best set repeats nearly the same few poses, which averages sensor noise but not
-        the linearity deviations of sensors.
+    `root` (m, r, N): `PoseInformation.root` of all candidates. `parameters`: the first `parameters` of the N unknowns
+    (default: all) are to be determined; the others are effects (N(0, 1)). `fixed`: information (N, N) of poses captured
+    already. `allowed` (m,): which candidates may be chosen; all by default. `q`, `apart_rad`: joint angles (m, n) of
+    the candidates, and the least distance (Euclidean, rad) between chosen candidates. Without a least distance, the
+    best set repeats nearly the same few poses, which averages sensor noise but not the linearity deviations of sensors.
     """
     m, _, N = root.shape
     P = N if parameters is None else parameters

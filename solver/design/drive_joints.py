@@ -7,7 +7,7 @@ text.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -29,27 +29,13 @@ SINGULAR_LEVERAGE = 0.02
 class RankedDrives:
     """One set of drive joints with its figures of merit.
 
-    Attributes
-    ----------
-    drives
-        Joints (1-based) to be put into position mode.
-    score
-        Value by which sets are ranked, in [0, 1].
-    usable
-        Whether the set may be used at all.
-    leverage
-        Smallest singular value of the drives' share in the self-motion, from 0 at a singularity to 1 if the drives
-        determine all motion; in a ranking over a region, the median over the poses that the set reaches.
-    passive_conditioning
-        Smallest singular value of the passive joints' closure Jacobian, over a region the median; None after trials.
-    fastest_passive, fastest_joint
-        Largest ratio of a passive joint's speed to the drives' speed, and the number of this joint.
-    still
-        Passive joints that hardly move with these drives.
-    reach
-        Share of the region's poses that can be reached from pose 0; None if the ranking is not over a region.
-    reasons
-        Reasons as text, the most important first.
+    `drives`: joints (1-based) to be put into position mode. `score`: value by which sets are ranked, in [0, 1].
+    `leverage`: smallest singular value of the drives' share in the self-motion, from 0 at a singularity to 1 if the
+    drives determine all motion; over a region, the median over the poses that the set reaches. `passive_conditioning`:
+    smallest singular value of the passive joints' closure Jacobian, over a region the median; None after trials.
+    `fastest_passive`, `fastest_joint`: largest ratio of a passive joint's speed to the drives' speed, and this joint.
+    `still`: passive joints that hardly move. `reach`: share of the region's poses that can be reached from pose 0; None
+    if the ranking is not over a region. `reasons`: the most important first.
     """
 
     drives: tuple[int, ...]
@@ -69,7 +55,7 @@ def rank_at_pose(model: ClosureModel, x: FloatArray, q: FloatArray) -> tuple[Ran
     pose = close_loops(model, x, np.asarray(q, dtype=np.float64)[None, :])
     motion = chain_motion(model, x, pose.q, pose.u)
     sets = _sets(model, motion.degrees)
-    return _sorted([_judge(motion, drives, reach=None) for drives in sets])
+    return _sorted(_ranked(motion, drives, reach=None) for drives in sets)
 
 
 def rank_over_region(model: ClosureModel, manifold: Manifold) -> tuple[RankedDrives, ...]:
@@ -85,7 +71,7 @@ def rank_over_region(model: ClosureModel, manifold: Manifold) -> tuple[RankedDri
             tangent=manifold.motion.tangent[indices],
             jacobian=manifold.motion.jacobian[indices],
         )
-        ranked.append(_judge(motion, drives, reach=float(reachable.mean())))
+        ranked.append(_ranked(motion, drives, reach=float(reachable.mean())))
     return _sorted(ranked)
 
 
@@ -93,16 +79,9 @@ def rank_over_region(model: ClosureModel, manifold: Manifold) -> tuple[RankedDri
 class DriveTrial:
     """Measured trial motions of one drive set.
 
-    Attributes
-    ----------
-    drives
-        Joints (1-based) in position mode.
-    commanded_rad
-        (w, d): commanded displacement of the drives in each trial motion.
-    moved_rad
-        (w, n): measured displacement of every joint.
-    stopped
-        Why the trial ended early, as text; empty if it did not end early.
+    `drives`: joints (1-based) in position mode. `commanded_rad` (w, d): commanded displacement of the drives in each
+    trial motion. `moved_rad` (w, n): measured displacement of every joint. `stopped`: why the trial ended early, as
+    text; empty if it did not end early.
     """
 
     drives: tuple[int, ...]
@@ -116,7 +95,7 @@ def rank_by_trial(trials: Sequence[DriveTrial]) -> tuple[RankedDrives, ...]:
 
     Raises `ValueError` if a trial has too few motions to separate its drives.
     """
-    return _sorted([_judge_trial(trial) for trial in trials])
+    return _sorted(map(_ranked_by_trial, trials))
 
 
 def _sets(model: ClosureModel, degrees: int) -> list[tuple[int, ...]]:
@@ -124,7 +103,7 @@ def _sets(model: ClosureModel, degrees: int) -> list[tuple[int, ...]]:
     return list(combinations(usable, degrees))
 
 
-def _judge(motion: ChainMotion, drives: tuple[int, ...], *, reach: float | None) -> RankedDrives:
+def _ranked(motion: ChainMotion, drives: tuple[int, ...], *, reach: float | None) -> RankedDrives:
     rates = np.linalg.norm(motion.rates(drives), axis=-1)
     rates[:, [j - 1 for j in drives]] = 0.0
     return _verdict(
@@ -136,7 +115,7 @@ def _judge(motion: ChainMotion, drives: tuple[int, ...], *, reach: float | None)
     )
 
 
-def _judge_trial(trial: DriveTrial) -> RankedDrives:
+def _ranked_by_trial(trial: DriveTrial) -> RankedDrives:
     if np.linalg.matrix_rank(trial.commanded_rad) < len(trial.drives):
         raise ValueError(
             f"the trial motions of joints {trial.drives} do not move each drive independently"
@@ -175,9 +154,7 @@ def _verdict(
     joint = int(np.argmax(rates)) + 1
     fastest = float(rates[joint - 1])
     usable = leverage >= LIMITS.least_leverage and fastest <= LIMITS.most_rate and not stopped
-    reasons = []
-    if stopped:
-        reasons.append(f"the trial stopped: {stopped}")
+    reasons = [f"the trial stopped: {stopped}"] if stopped else []
     if leverage < SINGULAR_LEVERAGE:
         reasons.append("singular: the drives do not determine the free joints")
     elif leverage < LIMITS.least_leverage:
@@ -189,16 +166,11 @@ def _verdict(
     if still:
         names = " and ".join(f"J{j}" for j in still)
         reasons.append(f"{names} hardly move{'s' * (len(still) == 1)}")
-    reasons.append(
-        f"J{joint} moves most, {fastest:.1f} times as far as the drives"
-        if passive
-        else "no passive joint"
-    )
+    most = f"J{joint} moves most, {fastest:.1f} times as far as the drives"
+    reasons.append(most if passive else "no passive joint")
     # The paper's criterion is the motion of the remaining joints; rates above 1, as near a singularity, do not count
     # more.
-    passive_rate = (
-        float(np.mean(np.minimum([rates[j - 1] for j in passive], 1.0))) if passive else 0.0
-    )
+    passive_rate = float(np.minimum(rates, 1.0).sum()) / max(1, len(passive))
     score = (leverage * passive_rate) ** 0.5 if reach is None else reach * (0.5 + 0.5 * leverage)
     return RankedDrives(
         drives=drives,
@@ -214,5 +186,5 @@ def _verdict(
     )
 
 
-def _sorted(ranked: list[RankedDrives]) -> tuple[RankedDrives, ...]:
+def _sorted(ranked: Iterable[RankedDrives]) -> tuple[RankedDrives, ...]:
     return tuple(sorted(ranked, key=lambda r: (-r.score, -r.leverage, r.drives)))

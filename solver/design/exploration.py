@@ -57,14 +57,8 @@ class _Here:
 class Explorer:
     """Policy of the exploration. Alternate `propose` and `observe` until `propose` returns an empty tuple.
 
-    Parameters
-    ----------
-    start_rad
-        Readings at the start (n,), to which every ray returns.
-    drives
-        Joints (1-based) in position mode.
-    ranges
-        Ranges of all joints, sensor coordinates.
+    `start_rad`: readings at the start (n,), to which every ray returns. `drives`: joints (1-based) in position mode.
+    `ranges`: ranges of all joints, sensor coordinates.
     """
 
     def __init__(self, *, start_rad: FloatArray, drives: tuple[int, ...], ranges: Ranges) -> None:

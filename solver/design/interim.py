@@ -42,12 +42,12 @@ def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
     When the closure errors are far larger than the joint sensors' noise, the excess is attributed to the fixture's
     compliance and the poses are fitted again: otherwise the covariance would be too small.
     """
-    last: list[FloatArray] = []
-    explained = [noise]
+    start: FloatArray | None = None
+    explained = noise
 
     def calibrate(q: FloatArray) -> InterimEstimate:
-        start = last[-1] if last else None
-        used = explained[-1]
+        nonlocal start, explained
+        used = explained
         estimate = estimate_implicit(model, q, used, x0=start)
         for _ in range(COMPLIANCE_ITERATIONS):
             scatter = estimate.chi2_per_dof or 0.0
@@ -64,10 +64,8 @@ def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
             and bool(np.all(np.isfinite(estimate.x)))
         )
         if trusted:
-            last.append(estimate.x)
-            explained.append(used)
-        change = np.abs(estimate.x - nominal_vector(model.parameters))
-        largest = int(np.argmax(change))
+            start, explained = estimate.x, used
+        largest = int(np.argmax(np.abs(estimate.x - nominal_vector(model.parameters))))
         return InterimEstimate(
             x=estimate.x,
             covariance=estimate.covariance * scatter,

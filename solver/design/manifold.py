@@ -37,14 +37,8 @@ COARSE_STEP_RAD = 0.15
 class Manifold:
     """Closed poses that cover the region reachable from pose 0 inside the ranges.
 
-    Attributes
-    ----------
-    q, u
-        Joint angles (m, n) and unsensed angles (m, U), rad; pose 0 is the start.
-    motion
-        Tangents at all poses.
-    neighbours
-        (E, 2) pairs of neighbouring poses, lower index first, sorted.
+    `q`, `u`: joint angles (m, n) and unsensed angles (m, U), rad; pose 0 is the start. `motion`: tangents at all poses.
+    `neighbours` (E, 2): pairs of neighbouring poses, lower index first, sorted.
     """
 
     q: FloatArray

@@ -132,16 +132,9 @@ LOST_RAD = 0.25
 class DriveTraces:
     """Predicted motion of b straight drive moves, sampled at s + 1 points each.
 
-    Attributes
-    ----------
-    q, u
-        (b, s + 1, n) and (b, s + 1, U), rad.
-    leverage
-        (b, s + 1): leverage of the drive joints; 0 at a singularity.
-    rate
-        (b,): largest motion of any arm joint per motion of the drive joint that moves most.
-    closed
-        (b,): whether the chain could be followed to the end of the line.
+    `q`, `u`: (b, s + 1, n) and (b, s + 1, U), rad. `leverage` (b, s + 1): leverage of the drive joints; 0 at a
+    singularity. `rate` (b,): largest motion of any arm joint per motion of the drive joint that moves most. `closed`
+    (b,): whether the chain could be followed to the end of the line.
     """
 
     q: FloatArray

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import combinations, groupby
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray, IntArray
+from solver.arrays import BoolArray, FloatArray
 from solver.design.manifold import Manifold
 from solver.design.motion import MotionLimits, Ranges, drive_straight
 from solver.loops.closure import ClosureModel
@@ -38,14 +38,9 @@ LINE_STEP_RAD = 0.03
 class Leg:
     """Straight moves of one set of drive joints, one after the other.
 
-    Attributes
-    ----------
-    drives
-        Joints (1-based) in position mode; all others are free.
-    waypoints_rad
-        (k, n): end of each straight move, all joints; only the drives are commanded.
-    trace_rad
-        (t, n): all joints along the leg, start included, closely spaced.
+    `drives`: joints (1-based) in position mode; all others are free. `waypoints_rad` (k, n): end of each straight move,
+    all joints; only the drives are commanded. `trace_rad` (t, n): all joints along the leg, start included, closely
+    spaced.
     """
 
     drives: tuple[int, ...]
@@ -60,16 +55,8 @@ class Leg:
 class PathGraph:
     """Graph of the poses that are reachable from each other, with their drive joints.
 
-    Parameters
-    ----------
-    manifold
-        Poses and their neighbours.
-    drive_sets
-        Usable sets of drive joints, each of as many joints as the mobility.
-    limits
-        Limits of every path.
-    allowed
-        (m,): poses that a path may pass; all by default.
+    `manifold`: poses and their neighbours. `drive_sets`: usable sets of drive joints, each of as many joints as the
+    mobility. `limits`: limits of every path. `allowed` (m,): poses that a path may pass; all by default.
     """
 
     def __init__(
@@ -167,23 +154,17 @@ class PathGraph:
 
         size, layers = self.manifold.size, len(self.drive_sets)
         i, j = self.manifold.neighbours.T
-        first, second, cost = [], [], []
-        for k in range(layers):
-            open_ = self._open[k]
-            first.append(i[open_] + k * size)
-            second.append(j[open_] + k * size)
-            cost.append(self._cost[k][open_])
+        edges = [
+            (i[open_] + k * size, j[open_] + k * size, cost[open_])
+            for k, (open_, cost) in enumerate(zip(self._open, self._cost, strict=True))
+        ]
         leverage = [self.manifold.motion.leverage(drives) for drives in self.drive_sets]
-        for a in range(layers):
-            for b in range(a + 1, layers):
-                least, _ = self._thresholds()
-                both = np.flatnonzero(
-                    self._allowed & (np.minimum(leverage[a], leverage[b]) >= least)
-                )
-                first.append(both + a * size)
-                second.append(both + b * size)
-                cost.append(np.full(len(both), CHANGE_COST_RAD))
-        rows, columns, values = map(np.concatenate, (first, second, cost))
+        least, _ = self._thresholds()
+        for a, b in combinations(range(layers), 2):
+            both = np.flatnonzero(self._allowed & (np.minimum(leverage[a], leverage[b]) >= least))
+            change = np.full(len(both), CHANGE_COST_RAD)
+            edges.append((both + a * size, both + b * size, change))
+        rows, columns, values = map(np.concatenate, zip(*edges, strict=True))
         return csr_array((values, (rows, columns)), shape=(layers * size, layers * size))
 
     def _search(
@@ -248,7 +229,8 @@ class PathGraph:
             # The same drive angles on another branch are another pose.
             safe &= np.abs(lines.q[:, -1] - q[ahead]).max(-1) < 1e-6
             if not safe.any():
-                self._close(layer, poses[position], poses[position + 1])
+                edge = sorted(poses[position : position + 2])
+                self._open[layer] &= (self.manifold.neighbours != edge).any(axis=1)
                 return None
             best = int(np.flatnonzero(safe)[-1])
             waypoints.append(q[ahead[best]])
@@ -257,8 +239,3 @@ class PathGraph:
         return Leg(
             drives=drives, waypoints_rad=np.stack(waypoints), trace_rad=np.concatenate(trace)
         )
-
-    def _close(self, layer: int, first: int, second: int) -> None:
-        low, high = min(first, second), max(first, second)
-        pairs: IntArray = self.manifold.neighbours
-        self._open[layer] &= ~((pairs[:, 0] == low) & (pairs[:, 1] == high))

@@ -47,12 +47,8 @@ class PlanningTask:
     ----------
     model
         The loop with all joints sensed.
-    ranges
-        Ranges of the arm's joints, sensor coordinates.
     margin_rad
         Least distance of planned poses and paths from the ends of the ranges, scalar or (n,).
-    noise
-        Noise of the readings, for interim estimates.
     errors_at
         Function from readings (m, n) to the stated errors of these poses, the same as in the final calibration.
     toleranced
@@ -63,15 +59,11 @@ class PlanningTask:
         Names of the parameters to be determined; the others count as known. None: all.
     drive_sets
         Sets of drive joints to plan with, beginning with the set in use. None: the best of all sets.
-    limits
-        Limits of leverage and rates of every path.
     pose_leverage
         Least leverage of the drives at a planned pose. It is larger than along a path, because the weight of the free
         joints must not deflect the fixture there.
     candidates
         Number of poses to choose from.
-    seed
-        Random seed for candidates and choice.
     """
 
     model: ClosureModel
@@ -93,22 +85,12 @@ class PlanningTask:
 class PosePlan:
     """Poses to visit, and what the next plan needs.
 
-    Attributes
-    ----------
-    x
-        Parameters (P,) with which the plan was made.
-    manifold, information, graph
-        Candidates, their information, and the paths between them.
-    allowed
-        (m,): whether each candidate can be reached, is predicted reliably, and gives the drives enough leverage.
-    visits
-        Indices of the chosen candidates in visiting order.
-    ranked
-        Drive sets ranked over the region, best first; empty when the task states its drive sets.
-    predicted_sigma
-        Standard deviations (P,) with all chosen and captured poses; inf if undetermined.
-    design
-        Condition, rank and weakest direction of the chosen poses under the paper's Jacobian.
+    `x` (P,): parameters with which the plan was made. `information`: of the candidates, which are the poses of
+    `manifold`; `graph`: paths between them. `allowed` (m,): whether each candidate can be reached, is predicted
+    reliably, and gives the drives enough leverage. `visits`: indices of the chosen candidates in visiting order.
+    `ranked`: drive sets ranked over the region, best first; empty when the task states its drive sets.
+    `predicted_sigma` (P,): standard deviations with all chosen and captured poses; inf if undetermined. `design`:
+    identifiability from the chosen poses under the paper's Jacobian.
     """
 
     x: FloatArray
@@ -147,15 +129,10 @@ def make_plan(
 
     Raises `ValueError` if the loop does not close near the start, or fewer than `count` poses can be reached.
 
-    Parameters
-    ----------
-    captured
-        Joint angles (c, n) of poses captured already; their information is included.
-    covariance
-        Covariance (P, P) of `x`; None: predictions from `x` count as reliable everywhere.
-    avoid_rad
-        Readings (b, n) where a move had to be stopped: nothing is planned within `AVOID_RADIUS_RAD` of them, or within
-        half their distance from `q_start` if that is less.
+    `captured`: joint angles (c, n) of poses captured already; their information is included. `covariance`: covariance
+    (P, P) of `x`; None: predictions from `x` count as reliable everywhere. `avoid_rad`: readings (b, n) where a move
+    had to be stopped: nothing is planned within `AVOID_RADIUS_RAD` of them, or within half their distance from
+    `q_start` if that is less.
     """
     manifold = candidate_poses(
         task.model,

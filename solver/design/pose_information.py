@@ -26,13 +26,8 @@ built-in arms they carry 99.9 % of the information, and a choice among 3,000 pos
 class PoseInformation:
     """Square roots of the information of m poses about P parameters and K effects.
 
-    Attributes
-    ----------
-    parameters
-        Names, in column order.
-    root
-        (m, r, P + K): ``L^-1 [A, Z]`` with ``V = L L'``; a pose's information is ``root' root``. The last K
-        columns are effects, with a standard normal prior.
+    `parameters`: names, in column order. `root` (m, r, P + K): ``L^-1 [A, Z]`` with ``V = L L'``; a pose's information
+    is ``root' root``. The last K columns are effects, with a standard normal prior.
     """
 
     parameters: tuple[str, ...]

@@ -51,14 +51,8 @@ class WeakParameter:
 class StopDecision:
     """Whether to stop, the reason, and the parameters that are not yet precise enough.
 
-    Attributes
-    ----------
-    standing
-        Status relative to the requested precision.
-    weak
-        Parameters less precise than requested, the worst (largest ratio of sigma to request) first.
-    text
-        The decision in one sentence.
+    `standing`: status relative to the requested precision. `weak`: parameters less precise than requested, the worst
+    (largest ratio of sigma to request) first. `text`: the decision in one sentence.
     """
 
     standing: PrecisionStatus
@@ -97,17 +91,9 @@ def stop_decision(
 ) -> StopDecision:
     """Decide whether to stop, from the information so far (N, N) and the requested standard deviations.
 
-    Parameters
-    ----------
-    candidates
-        Information of the candidate poses; same unknowns as `information`.
-    requested
-        Requested standard deviations by name, rad and m; other parameters are not checked. `ValueError` for an unknown
-        name.
-    poses_left
-        Number of poses that may still be taken.
-    allowed
-        (m,): candidates that can be reached.
+    `candidates`: information of the candidate poses; same unknowns as `information`. `requested`: requested standard
+    deviations by name, rad and m; other parameters are not checked. `ValueError` for an unknown name. `poses_left`:
+    number of poses that may still be taken. `allowed` (m,): candidates that can be reached.
     """
     unknown = sorted(set(requested) - set(candidates.parameters))
     if unknown:
@@ -149,9 +135,7 @@ def stop_decision(
         else f"{named} not known as well as requested: "
         f"{worst.name} is {worst.sigma / worst.requested:.1f} times too uncertain"
     )
-    nearer = float(_ratio(later, goal).max()) < (1.0 - WORTHWHILE_SHARE) * float(
-        _ratio(now, goal).max()
-    )
+    nearer = _ratio(later, goal).max() < (1.0 - WORTHWHILE_SHARE) * _ratio(now, goal).max()
     return StopDecision(
         standing=PrecisionStatus.GOING_ON if nearer else PrecisionStatus.HOPELESS,
         weak=weak,

@@ -74,12 +74,10 @@ class ConnectedArm:
 
     def away(self, joint: int) -> float:
         """Return a target, rad, `STEP_RAD` from the joint's position, towards the farther end of its range."""
-        position, limits = (
-            self.arm.snapshot().joints[joint - 1],
-            self.procedure.arm.joints[joint - 1],
-        )
-        up = limits.upper_rad - position.position_rad > position.position_rad - limits.lower_rad
-        return position.position_rad + (STEP_RAD if up else -STEP_RAD)
+        position_rad = self.arm.snapshot().joints[joint - 1].position_rad
+        limits = self.procedure.arm.joints[joint - 1]
+        up = limits.upper_rad - position_rad > position_rad - limits.lower_rad
+        return position_rad + (STEP_RAD if up else -STEP_RAD)
 
     def turn(self, joint: int, target_rad: float, speed_rad_per_s: float) -> checks.Turn:
         """Return the motion of a joint to a target, which a check executes."""

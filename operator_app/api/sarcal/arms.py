@@ -175,7 +175,7 @@ def reading_of(order: ArmOrder, samples_rad: ArrayLike, *, first_sample: int) ->
     samples = np.asarray(samples_rad, dtype=float)
     mean = samples.mean(axis=0)
     scales = [joint.scale for joint in order.description.joints]
-    counts = [scale.counts_of(float(q)) for scale, q in zip(scales, mean, strict=True)]
+    counts = [scale.counts_of(q) for scale, q in zip(scales, mean.tolist(), strict=True)]
     spread = samples.std(axis=0, ddof=1) if len(samples) > 1 else np.zeros(len(mean))
     return Reading(
         mean_counts=frozen(counts),

@@ -129,14 +129,11 @@ def poses_of(
         raise ValueError("give the readings in one unit only: q_rad=... or q_deg=...")
     name = "q_deg" if q_rad is None else "q_rad"
     angles = numbers("q_rad", q_rad) if q_deg is None else np.deg2rad(numbers("q_deg", q_deg))
-    if angles.ndim == 2 and not angles.size:
-        raise ValueError(
-            f"{name} has shape {angles.shape}: it contains no reading; give a row for each pose"
-        )
-    if angles.ndim != 2:
-        raise ValueError(
-            f"{name} has shape {angles.shape}: it must have one row per pose and one column per joint"
-        )
+    if angles.ndim != 2 or not angles.size:
+        problem = "it contains no reading; give a row for each pose"
+        if angles.ndim != 2:
+            problem = "it must have one row per pose and one column per joint"
+        raise ValueError(f"{name} has shape {angles.shape}: {problem}")
     if isinstance(names, str):
         raise TypeError(f"names={names!r}: give a list of one name per pose")
     m = len(angles)
@@ -239,11 +236,8 @@ def _csv_of(frame: Any, columns: list[str]) -> bytes:
     """Return a data frame of any library as the bytes of a poses file."""
     cells = {name: [_cell(v) for v in frame[name]] for name in columns}
     count = len(next(iter(cells.values()), []))
-    head = {
-        "placement": ["1"] * count,
-        "pose": [str(k) for k in range(1, count + 1)],
-    }
-    all_columns = {**{k: v for k, v in head.items() if k not in cells}, **cells}
+    head = {"placement": ["1"] * count, "pose": [str(k) for k in range(1, count + 1)]}
+    all_columns = head | cells
     from operator_app.config.csv_table import write_records
 
     return write_records([list(all_columns), *zip(*all_columns.values(), strict=True)])

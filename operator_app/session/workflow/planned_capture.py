@@ -294,9 +294,7 @@ class PlannedCapture:
 
 
 def _path_watch(campaign: Campaign, move: GoTo) -> Watch:
-    on_path = path_watch(
-        move.trace_rad, move.tolerance_rad, campaign.task.ranges.within(RANGE_END_MARGIN_RAD)
-    )
+    on_path = path_watch(move.trace_rad, campaign.task.ranges.within(RANGE_END_MARGIN_RAD))
     return lambda snapshot: on_path(snapshot.positions_rad)
 
 

@@ -36,16 +36,13 @@ class SettingsPanel(Lines):
         """Return lines with the settings, then the progress or the result."""
         used, captured = len(s.state.used_poses), len(s.state.poses)
         joints = ", ".join(f"J{j}" for j in s.unsensed_joints) or "none"
-        rows = [
+        excluded = f", {captured - used} excluded" if captured > used else ""
+        return [
             entry("Estimator", (s.estimator, "bold"), ("  " + ESTIMATOR_NOTES[s.estimator], "dim")),
             entry("Unsensed", joints, ("   (j changes)", "dim")),
-            entry(
-                "Poses",
-                f"{used} count",
-                (f", {captured - used} excluded" if captured > used else "", "dim"),
-            ),
+            entry("Poses", f"{used} count", (excluded, "dim")),
+            *_progress(s, width),
         ]
-        return [*rows, *_progress(s, width)]
 
 
 def _progress(s: SessionSnapshot, width: int) -> list[Line]:
@@ -79,15 +76,15 @@ class CalibratePlot(Lines):
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Return the plot of costs or of residuals."""
-        ascii_only: bool = self.app.look.ascii_only  # type: ignore[attr-defined]
         if (subject := subject_on(s)) is not None and s.solution is not None:
             self.set_title("Residual of each pose")
             picture = misses(subject, s.solution.identified)
-            return plot(picture, width, height, ascii_only=ascii_only)
-        if len(s.iterations) >= 2:
+        elif len(s.iterations) >= 2:
             self.set_title("Cost by iteration")
-            return plot(costs(s.iterations), width, height, ascii_only=ascii_only)
-        return [(), line((" nothing solved yet", "dim"))]
+            picture = costs(s.iterations)
+        else:
+            return [(), line((" nothing solved yet", "dim"))]
+        return plot(picture, width, height, ascii_only=self.look.ascii_only)
 
 
 class CalibrateView(StepView):

@@ -8,21 +8,14 @@ from statistics import median
 
 import numpy as np
 
-from operator_app.report.spans import Line, Span, clip, line, short_entry
+from operator_app.report.spans import Line, clip, line, short_entry
 from operator_app.session.ui.snapshot import SessionSnapshot, TaskKind
 from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import JointTable, ListPanel
 from operator_app.tui.widgets.pictures import ArmView, sparkline
-from operator_app.units import (
-    CONDITION,
-    JOINT_SPEED,
-    PREDICTED,
-    READING_SD,
-    SPAN,
-    TARGET,
-)
+from operator_app.units import CONDITION, JOINT_SPEED, PREDICTED, READING_SD, SPAN, TARGET
 from solver.chain.arm_model import Joint
 
 PAPER = 28
@@ -47,10 +40,8 @@ class StillPanel(Lines):
 def _target(s: SessionSnapshot) -> Line:
     if s.heading is not None:
         return short_entry("Target", f"{_angles(s.heading.targets_rad)}: {s.heading.why}")
-    if (
-        s.procedure.capture.strategy == "planned"
-        and len(s.state.used_poses) >= s.required_poses > 0
-    ):
+    planned = s.procedure.capture.strategy == "planned"
+    if planned and len(s.state.used_poses) >= s.required_poses > 0:
         return short_entry("Target", "none: the plan is complete")
     if s.next_waypoint is None or not s.plan:
         return short_entry("Target", "none left" if s.plan else "no plan yet")
@@ -63,10 +54,8 @@ def _target(s: SessionSnapshot) -> Line:
 
 def _angles(targets_rad: Mapping[int, float]) -> str:
     """Return the drive joints and their targets as text."""
-    return (
-        "  ".join(f"J{j} {TARGET(v).shown}" for j, v in targets_rad.items())
-        + f" {TARGET.quantity.unit}"
-    )
+    angles = "  ".join(f"J{j} {TARGET(v).shown}" for j, v in targets_rad.items())
+    return f"{angles} {TARGET.quantity.unit}"
 
 
 def _still(s: SessionSnapshot) -> Line:
@@ -112,16 +101,11 @@ class PosesPanel(ListPanel):
         noise = READING_SD(float(pose.sd_rad.max())).shown
         predicted_m = s.live.predicted_m.get(pose.number) if s.live is not None else None
         predicted = "—" if predicted_m is None else PREDICTED(predicted_m).shown
-        note = "✗ excluded " if pose.excluded else ""
+        note = ("✗ excluded " if pose.excluded else "") + pose.note
         back = "cursor " if is_marked else ""
-        figures = f"{pose.number:>4}  {pose.utc[11:19]}  {noise:>11}  {predicted:>9}  "
-        return [
-            line(
-                ("▌" if is_marked else " ", back + "text"),
-                (figures, back + ("dim" if pose.excluded else "text")),
-                (note + pose.note, back + ("dim" if pose.excluded else "text")),
-            )
-        ]
+        text = f"{pose.number:>4}  {pose.utc[11:19]}  {noise:>11}  {predicted:>9}  {note}"
+        role = "dim" if pose.excluded else "text"
+        return [line(("▌" if is_marked else " ", back + "text"), (text, back + role))]
 
 
 class ProgressPanel(Lines, can_focus=False):
@@ -132,12 +116,9 @@ class ProgressPanel(Lines, can_focus=False):
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Return the progress bar."""
         used, total = len(s.state.used_poses), s.required_poses
-        time_left = _time_left(s)
         placement = f"Placement {s.state.placement}  " if s.state.placement > 1 else ""
-        head, tail = (
-            f" {placement}Poses {used:>2}/{total}  ",
-            f"  {100 * used // max(1, total):>3} %  {time_left}",
-        )
+        head = f" {placement}Poses {used:>2}/{total}  "
+        tail = f"  {100 * used // max(1, total):>3} %  {_time_left(s)}"
         cells = max(4, width - len(head) - len(tail) - 1)
         full = min(cells, cells * used // max(1, total))
         return [line(head, ("━" * full, "accent"), ("─" * (cells - full), "dim"), tail)]
@@ -177,24 +158,26 @@ class QualityPanel(Lines):
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Return lines on condition number, weakest parameters, best next pose, coverage of joint ranges."""
-        live = s.live
-        rows: list[Line] = [_condition(s, width)]
-        if live is not None and live.history:
-            rows.append(_trend([c for _, c in live.history], width))
-        else:
-            rows.append(line((" trend  —", "dim")))
-        names = 3 if width > 40 else 2
-        weakest = " ".join(live.weakest[:names]) if live is not None and live.weakest else "—"
-        rows.append(clip(line((" weak  ", "dim"), weakest), width))
+        live, names = s.live, 3 if width > 40 else 2
+        history = () if live is None else live.history
+        weakest = " ".join(live.weakest[:names]) if live is not None else ""
         best = "—" if s.best_waypoint is None else f"waypoint {s.best_waypoint + 1} (b)"
         if s.procedure.capture.strategy == "planned":
             best = "the plan's (a)"
-        rows.append(line((" best next ", "dim"), best))
-        rows.append(line((" coverage of joint ranges", "dim")))
-        for k, joint in enumerate(s.procedure.arm.joints):
-            span = live.coverage[k] if live is not None and live.coverage else None
-            rows.append(_coverage(k + 1, joint, span, width))
-        return rows
+        joints = s.procedure.arm.joints
+        spans = live.coverage if live is not None and live.coverage else [None] * len(joints)
+        bars = (
+            _coverage(k, joint, span, width)
+            for k, (joint, span) in enumerate(zip(joints, spans, strict=True), 1)
+        )
+        return [
+            _condition(s, width),
+            _trend([c for _, c in history], width) if history else line((" trend  —", "dim")),
+            clip(line((" weak  ", "dim"), weakest or "—"), width),
+            line((" best next ", "dim"), best),
+            line((" coverage of joint ranges", "dim")),
+            *bars,
+        ]
 
 
 def _trend(values: Sequence[float], width: int) -> Line:
@@ -220,15 +203,8 @@ def _condition(s: SessionSnapshot, width: int) -> Line:
         # Later poses reduce the condition number: no remedy is needed.
         role, word = "bold", "so far"
     more = f" (limit {limit:g}, paper {PAPER})" if width > 40 else f" (paper {PAPER})"
-    return clip(
-        line(
-            (" condition ", "dim"),
-            (shown, role),
-            (f" {word}", role),
-            (more if good or width > 40 else "", "dim"),
-        ),
-        width,
-    )
+    more = more if good or width > 40 else ""
+    return clip(line((" condition ", "dim"), (f"{shown} {word}", role), (more, "dim")), width)
 
 
 def _coverage(number: int, joint: Joint, span: tuple[float, float] | None, width: int) -> Line:
@@ -242,8 +218,7 @@ def _coverage(number: int, joint: Joint, span: tuple[float, float] | None, width
         for k in range(max(0, first), min(cells - 1, last) + 1):
             bar[k] = "█"
         text = SPAN(span[1] - span[0]).shown
-    head: Span = (f" J{number} ", "dim")
-    return line(head, ("├" + "".join(bar) + "┤", "text"), f"{text:>6} {SPAN.quantity.unit}")
+    return line((f" J{number} ", "dim"), f"├{''.join(bar)}┤{text:>6} {SPAN.quantity.unit}")
 
 
 class CaptureView(StepView):

@@ -51,11 +51,11 @@ class NodesPanel(Lines):
             return [(), line(("  no arm is connected", "dim"))]
         wide = width >= 90
         device = "DEVICE".ljust(26) + " " if wide else ""
-        rows = [
-            line((f"  NODE  ROLE        {device} SERIAL  HEARTBEAT      DATA  STATE", "header"))
+        titles = f"  NODE  ROLE        {device} SERIAL  HEARTBEAT      DATA  STATE"
+        return [
+            line((titles, "header")),
+            *(_node(s, node, wide=wide) for node in s.identity.nodes),
         ]
-        rows += [_node(s, node, wide=wide) for node in s.identity.nodes]
-        return rows
 
 
 def _node(s: SessionSnapshot, node: NodeIdentity, *, wide: bool) -> Line:
@@ -87,25 +87,17 @@ class CheckPanel(Lines):
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Return lines on the checks that were passed and the checks still to be made."""
         rows: list[Line] = []
-        if s.identity is not None:
-            rows.append(
-                line(
-                    " ✓ ",
-                    f"{len(s.identity.nodes)} nodes answer, arm {s.identity.model}, serial {s.identity.serial_number}",
-                )
-            )
-            if s.identity.speaks == "CANopen":
+        arm = s.identity
+        if arm is not None:
+            text = f"{len(arm.nodes)} nodes answer, arm {arm.model}, serial {arm.serial_number}"
+            rows.append(line(" ✓ ", text))
+            if arm.speaks == "CANopen":
                 rows.append(line(" ✓ ", "no other operator on the bus"))
         else:
             rows.append(line((" ○ ", "dim"), "arm not connected yet"))
-        if s.simulated:
-            rows.append(
-                line((" ✓ ", "text"), ("hardware stop: none needed, nothing real moves", "dim"))
-            )
-        elif s.identity is not None and s.identity.by_hand:
-            rows.append(
-                line((" ✓ ", "text"), ("hardware stop: none needed, a person moves it", "dim"))
-            )
+        if s.simulated or (arm is not None and arm.by_hand):
+            reason = "nothing real moves" if s.simulated else "a person moves it"
+            rows.append(line(" ✓ ", (f"hardware stop: none needed, {reason}", "dim")))
         elif s.stop_tested:
             rows.append(line(" ✓ ", "hardware stop tested in this run"))
         else:

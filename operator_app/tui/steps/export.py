@@ -39,7 +39,7 @@ class FilePanel(Lines):
             rows = [entry("File", "not written yet: Enter or w writes it")]
         else:
             rows = [
-                entry("File", ("✓ ", "text"), str(s.written.parameters)),
+                entry("File", f"✓ {s.written.parameters}"),
                 entry("SHA-256", s.written.sha256),
             ]
         if s.identity is not None and not s.identity.keeps_parameters:
@@ -49,20 +49,11 @@ class FilePanel(Lines):
         if s.receipt is None:
             table = _difference(s)
             count = 0 if table is None else changed(table)
-            rows.append(
-                entry(
-                    "Controller", f"not uploaded: {count} of {len(s.diff)} parameters would change"
-                )
-            )
+            text = f"not uploaded: {count} of {len(s.diff)} parameters would change"
+            rows.append(entry("Controller", text))
         else:
-            rows.append(
-                entry(
-                    "Controller",
-                    ("✓ ", "text"),
-                    f"slot {s.receipt.slot} active, {s.receipt.length} bytes read back",
-                )
-            )
-            rows.append(entry("Read back", s.receipt.sha256))
+            text = f"✓ slot {s.receipt.slot} active, {s.receipt.length} bytes read back"
+            rows += [entry("Controller", text), entry("Read back", s.receipt.sha256)]
         return [clip(row, width) for row in rows]
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from fixtures.base import Severity
 from operator_app.messages.errors import REACHES_NOTHING
+from operator_app.planning.live import Forecast
 from operator_app.report.spans import Line, entry, line, wrapped
 from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.session.ui.steps import Step
@@ -58,13 +59,9 @@ class PlacementPanel(Lines):
             if texts:
                 values = f"{'  '.join(texts)} {kind.quantity.unit}"
                 rows.append(entry(name, values, (f"  ±{tolerance.with_unit}", "dim")))
-        rows.append(
-            entry(
-                "Unknowns",
-                f"{len(loop.parameters)} parameters, {loop.equations_per_pose} equations per pose",
-            )
-        )
-        return rows
+        count, equations = len(loop.parameters), loop.equations_per_pose
+        unknowns = f"{count} parameters, {equations} equations per pose"
+        return [*rows, entry("Unknowns", unknowns)]
 
 
 class ChecksPanel(Lines):
@@ -89,35 +86,30 @@ class ChecksPanel(Lines):
         if s.forecast is not None and s.forecast.reaches_nothing:
             rows += wrapped(f" ▲ {REACHES_NOTHING}", width, "warn", "   ")
         elif s.forecast is not None:
+            condition = CONDITION(s.forecast.scaled_condition_number).shown
+            limit = f"{s.procedure.acceptance.scaled_condition_number:g}"
             rows.append(
                 line(
-                    " ◌ ",
-                    f"predicted condition number {CONDITION(s.forecast.scaled_condition_number).shown} ",
-                    (
-                        f"(the result warns above {s.procedure.acceptance.scaled_condition_number:g})",
-                        "dim",
-                    ),
+                    f" ◌ predicted condition number {condition} ",
+                    (f"(the result warns above {limit})", "dim"),
                 )
             )
-            rows += _ranges(s)
+            rows += _ranges(s, s.forecast)
         return rows
 
 
-def _ranges(s: SessionSnapshot) -> list[Line]:
+def _ranges(s: SessionSnapshot, forecast: Forecast) -> list[Line]:
     """Return lines with the predicted range of every joint, three joints per line."""
-    if s.forecast is None:
-        return []
     cells = []
     for k, joint in enumerate(s.procedure.arm.joints, 1):
-        low, high = s.forecast.span_rad(k, s.required_poses)
+        low, high = forecast.span_rad(k, s.required_poses)
         near = min(low - joint.lower_rad, joint.upper_rad - high) < NEAR_END_RAD
         span = f"{REACH(low).shown:>6} to {REACH(high).shown:>6}"
-        cells.append((f" {'▲' if near else ' '} J{k} {span}", near))
-    rows = [line((f" ◌ predicted ranges of the joints [{REACH.quantity.unit}]", "text"))]
-    for first in range(0, len(cells), 3):
-        row_cells = cells[first : first + 3]
-        rows.append(tuple((text, "warn" if near else "dim") for text, near in row_cells))
-    return rows
+        cells.append((f" {'▲' if near else ' '} J{k} {span}", "warn" if near else "dim"))
+    return [
+        line(f" ◌ predicted ranges of the joints [{REACH.quantity.unit}]"),
+        *(tuple(cells[first : first + 3]) for first in range(0, len(cells), 3)),
+    ]
 
 
 class ChecklistPanel(ListPanel):

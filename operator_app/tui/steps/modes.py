@@ -30,13 +30,8 @@ class PlanPanel(Lines):
         """Return the pending change, the rule for the number of joints, and the ranking."""
         marked = s.wanted_joints
         names = " ".join(f"J{k}" for k in marked) or "none"
-        rows: list[Line] = [
-            short_entry(
-                "Marked",
-                (names, "bold"),
-                f" in position mode{others_free(len(marked), s.procedure.arm.joint_count)}",
-            )
-        ]
+        free = others_free(len(marked), s.procedure.arm.joint_count)
+        rows = [short_entry("Marked", (names, "bold"), f" in position mode{free}")]
         if marked == s.procedure.position_joints and s.ranked and marked != s.ranked[0].drives:
             rows.append(line(("           as in the procedure; p marks the best ranked", "dim")))
         problem = modes_problem(s, marked)
@@ -45,18 +40,14 @@ class PlanPanel(Lines):
         elif s.drives_ready and s.position_joints == marked:
             rows.append(line(" ✓ applied, and read back from every drive"))
         else:
-            rows += wrapped(
-                " ○ not applied: the drives will be enabled; keep clear of the arm",
-                width,
-                "text",
-                "   ",
-            )
+            text = " ○ not applied: the drives will be enabled; keep clear of the arm"
+            rows += wrapped(text, width, "text", "   ")
         if s.wiggle:
             rows += wrapped(f" Wiggle: {s.wiggle}", width, "text", "   ")
         if s.ranked:
             text = " Ranked    by how well each pair drives the chain here, 0 to 1"
             rows.append(line((text, "dim")))
-        pairs: list[list[Line]] = []
+        pairs = []
         for k, ranked in enumerate(s.ranked, 1):
             pair = " ".join(f"J{j}" for j in ranked.drives)
             glyph = "▌" if ranked.drives == marked else " "

@@ -148,7 +148,7 @@ class ResultsPlot(Lines):
         self.set_title(f"{title} (v: next)")
 
     def _page(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        ascii_only: bool = self.app.look.ascii_only  # type: ignore[attr-defined]
+        ascii_only = self.look.ascii_only
         subject, facts = subject_on(s), facts_on(s)
         if s.solution is None or subject is None or facts is None:
             return []
@@ -157,8 +157,8 @@ class ResultsPlot(Lines):
         tables = [joint_table(subject, subject.implicit), *tables]
         page = self.page % self.count
         if page == 0:
-            picture = misses(subject, s.solution.identified)
             self._entitle("Residuals")
+            picture = misses(subject, s.solution.identified)
             return plot(picture, width, height, ascii_only=ascii_only)
         if page < self.words_from:
             verdict = verdicts[page - 1]
@@ -204,7 +204,7 @@ class ResultsView(StepView):
 
     def compose(self) -> ComposeResult:
         """Lay out the verdict over the whole width, parameters and plots below."""
-        yield VerdictPanel(id="verdict", classes="panel")
+        yield VerdictPanel(id="verdict").add_class("panel")
         yield from super().compose()
 
     def set_compact(self, compact: bool) -> None:  # noqa: FBT001 - one meaning only

@@ -138,47 +138,41 @@ class JointTable(ListPanel):
         self, s: SessionSnapshot, k: int, joint: Joint, state: JointState | None, width: int
     ) -> Line:
         marked = self.show_wanted and k == self.cursor
+        spans: list[Span] = []
+
+        def add(text: str, role: str = "text") -> None:
+            spans.append((text, f"cursor {role}" if marked else role))
+
         name = f"J{k + 1} {joint.name}"[:13].ljust(13)
-        back = "cursor " if marked else ""
-        spans: list[Span] = [("▌ " if marked else "  ", back + "text"), (name + " ", back + "text")]
+        add("▌ " if marked else "  ")
+        add(name + " ")
         if self.show_wanted:
-            requested = JointMode.POSITION if k + 1 in s.wanted_joints else JointMode.FREE
-            spans += [
-                (_sensor(joint.sensor).ljust(5), back + "dim"),
-                (
-                    _mode(requested).ljust(9),
-                    back + ("accent" if requested is JointMode.POSITION else "text"),
-                ),
-            ]
+            drives = k + 1 in s.wanted_joints
+            requested = JointMode.POSITION if drives else JointMode.FREE
+            add(_sensor(joint.sensor).ljust(5), "dim")
+            add(_mode(requested).ljust(9), "accent" if drives else "text")
         if state is None:
-            spans.append(("no data".ljust(9), back + "dim"))
+            add("no data".ljust(9), "dim")
             return tuple(spans)
         stale = state.age_s > STALE_S
-        spans.append(
-            (
-                _mode(state.mode).ljust(9),
-                back
-                + ("accent" if state.mode is JointMode.POSITION and s.drives_ready else "text"),
-            )
-        )
-        position = POSITION(state.position_rad).shown
-        spans.append(
-            ((("?" if stale else " ") + f"{position:>8}"), back + ("warn" if stale else "text"))
-        )
+        role = "warn" if stale else "text"
+        in_position = state.mode is JointMode.POSITION and s.drives_ready
+        add(_mode(state.mode).ljust(9), "accent" if in_position else "text")
+        add(f"{'?' if stale else ' '}{POSITION(state.position_rad).shown:>8}", role)
         if not self.show_wanted:
             speed = "?"
             if s.motion is not None and not stale:
                 speed = JOINT_SPEED(float(s.motion.speed_rad_per_s[k])).shown
-            spans.append((f" {speed:>7}", back + ("warn" if stale else "text")))
+            add(f" {speed:>7}", role)
         torque = "?" if stale else JOINT_TORQUE(state.torque_nm).shown
-        heavy = not stale and abs(state.torque_nm) > 0.6 * joint.max_torque_nm
-        spans.append((f" {torque:>6} ", back + ("warn" if stale or heavy else "text")))
-        spans.append((_bar(state.position_rad, joint, self._cells(width)), back + "text"))
+        heavy = abs(state.torque_nm) > 0.6 * joint.max_torque_nm
+        add(f" {torque:>6} ", "warn" if stale or heavy else "text")
+        add(_bar(state.position_rad, joint, self._cells(width)))
         if not self.show_wanted:
             word, figure, role = _state(s, state, joint, stale=stale)
             state_text = f"{word} {figure}" if figure else word
             fits = length(tuple(spans)) + 1 + len(state_text) <= width
-            spans.append((f" {state_text if fits else word}", back + role))
+            add(f" {state_text if fits else word}", role)
         return tuple(spans)
 
 
@@ -186,10 +180,9 @@ def _bar(position_rad: float, joint: Joint, cells: int) -> str:
     """Return a bar, `cells` wide, of the joint's range with the joint's position marked in it."""
     share = (position_rad - joint.lower_rad) / (joint.upper_rad - joint.lower_rad)
     inner = cells - 2
-    at = min(inner - 1, max(0, int(share * inner)))
-    middle = inner // 2
-    body = ["┼" if k == middle else "─" for k in range(inner)]
-    body[at] = "●"
+    body = ["─"] * inner
+    body[inner // 2] = "┼"
+    body[min(inner - 1, max(0, int(share * inner)))] = "●"
     return "├" + "".join(body) + "┤"
 
 

@@ -111,18 +111,17 @@ def sparkline(values: Sequence[float], width: int) -> Span:
 
 
 _TURN, _TILT = np.deg2rad(35.0), np.deg2rad(18.0)
+_VIEW = np.array(
+    [
+        [0.0, np.cos(_TURN), np.sin(_TURN)],
+        [np.cos(_TILT), -np.sin(_TILT) * np.sin(_TURN), np.sin(_TILT) * np.cos(_TURN)],
+    ]
+)
+"""The screen's right and up directions (2, 3), as rows in the base frame, whose x axis points up."""
 _AXIS_M = 0.16
 """Half the length of the drawn hinge axis."""
 VISIBLE_RAD = 0.015
 """Smallest rotation that is redrawn, rad: a smaller one moves the drawing by less than a dot, and may be RVDT noise."""
-
-
-def _view() -> FloatArray:
-    """Return the screen's right and up directions (2, 3), as rows in the base frame, whose x axis points up."""
-    turn = np.array([-np.sin(_TURN), np.cos(_TURN)])
-    right = np.array([0.0, turn[1], -turn[0]])
-    up = np.array([np.cos(_TILT), np.sin(_TILT) * turn[0], np.sin(_TILT) * turn[1]])
-    return np.stack((right, up))
 
 
 class ArmView(Lines):
@@ -149,11 +148,10 @@ class ArmView(Lines):
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Return the drawing; it is made again only if a joint moved visibly or other contents changed."""
-        if s.arm is None:
+        if s.arm is None or s.data is DataState.LOST:
             self.set_title("Arm")
-            return [(), line((" no arm connected", "dim"))]
-        if s.data is DataState.LOST:
-            self.set_title("Arm")
+            if s.arm is None:
+                return [(), line((" no arm connected", "dim"))]
             return [(), *wrapped(" ▲ data LOST: the arm is not drawn", width, "warn", "   ")]
         q = s.arm.positions_rad
         x = s.live.x if s.live is not None and s.live.estimated else None
@@ -183,7 +181,7 @@ class ArmView(Lines):
         drawn = model.drawn(x, q)
         if drawn is None:
             return [line((" this fixture has no drawing", "dim"))]
-        canvas = Canvas(width, height - 1, ascii_only=self.app.look.ascii_only)  # type: ignore[attr-defined]
+        canvas = Canvas(width, height - 1, ascii_only=self.look.ascii_only)
         chain, axis = drawn
         if self._box is None or self._box_of is not s.forecast:
             self._box, self._box_of = _box(model, x, q, s), s.forecast
@@ -225,7 +223,7 @@ def _points(model: ClosureModel, x: FloatArray, q: FloatArray) -> FloatArray:
 def _box(model: ClosureModel, x: FloatArray, q: FloatArray, s: SessionSnapshot) -> FloatArray:
     """Return the lowest and highest screen coordinates (2, 2), m, of the arm over the planned poses."""
     poses = [q] if s.forecast is None else [q, *s.forecast.q_rad[s.forecast.reachable][:40]]
-    points = np.concatenate([_points(model, x, pose) for pose in poses]) @ _view().T
+    points = np.concatenate([_points(model, x, pose) for pose in poses]) @ _VIEW.T
     low, high = points.min(axis=0), points.max(axis=0)
     return np.stack((low - 0.08, high + 0.08))
 
@@ -240,7 +238,7 @@ class _Placing:
         self._middle = box.mean(axis=0)
 
     def _dots(self, points: FloatArray) -> FloatArray:
-        flat = (points @ _view().T - self._middle) * self._scale
+        flat = (points @ _VIEW.T - self._middle) * self._scale
         return np.stack(
             (self._canvas.width / 2 + flat[..., 0], self._canvas.height / 2 - flat[..., 1]), axis=-1
         )

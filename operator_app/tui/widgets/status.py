@@ -8,14 +8,12 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 
-from textual import events
-
 from hardware.arm import DriveState, JointMode
 from operator_app.report.spans import Line, Span, clip, cut, length, wrapped
 from operator_app.session.ui.guards import stops_on_any_key
 from operator_app.session.ui.snapshot import DataState, Level, Message, SessionSnapshot
 from operator_app.session.ui.user_interface import ShownAlarm
-from operator_app.tui.lines import Clicked, Lines
+from operator_app.tui.lines import Lines
 from operator_app.tui.theme import STOP_WIDTH
 from operator_app.units import DATA_AGE
 
@@ -31,26 +29,22 @@ class SafetyStrip(Lines, can_focus=False):
         """Return, in one row, everything a person must know before approaching the arm."""
         short = width < 110
         stop: list[Span] = [(" STOP ", "badge"), (" SPC/F8" if short else " SPACE/F8", "key")]
-        cells: list[list[Span]] = [stop, _where(s, short=short)]
-        cells += [_bus(s, short=short), _heartbeat(s, short=short), _data(s, short=short)]
-        cells += [_modes(s, short=short), _drives(s, short=short)]
+        parts = (_where, _bus, _heartbeat, _data, _modes, _drives)
+        cells = [stop, *(part(s, short=short) for part in parts)]
         row = _joined(cells, short=short)
         if length(row) > width:
             # Omit the modes, which the step's view shows too; the state of the drives is shown only in the strip.
             row = _joined([*cells[:-2], cells[-1]], short=short)
         return [clip(row, width)]
 
-    def on_click(self, event: events.Click) -> None:
-        """Stop when STOP is clicked."""
-        if event.x < STOP_WIDTH:
-            self.post_message(Clicked("stop"))
+    def _action_at(self, x: int, y: int) -> str:
+        return "stop" if x < STOP_WIDTH else ""
 
 
 def _joined(cells: Sequence[Sequence[Span]], *, short: bool) -> Line:
-    row: list[Span] = []
-    for k, cell in enumerate(cells):
-        row += [*([THIN if short else SEPARATOR] if k else []), *cell]
-    return tuple(row)
+    separator = THIN if short else SEPARATOR
+    first, *others = cells
+    return (*first, *(span for cell in others for span in (separator, *cell)))
 
 
 class Banner(Lines, can_focus=False):
@@ -64,17 +58,14 @@ class Banner(Lines, can_focus=False):
 
 def _status(s: SessionSnapshot) -> Line:
     if s.stopped_for:
-        return (("■ STOPPED BY ITSELF", "alarm"), (f" {s.stopped_for}", "alarm"))
+        return ((f"■ STOPPED BY ITSELF {s.stopped_for}", "alarm"),)
     explained = s.stop is not None and (s.stopped or s.stop.problem)
     if explained or (s.stopped and s.data is not DataState.LOST):
-        return (("■ SOFTWARE STOP", "alarm"), (" " + _stop_words(s), "alarm"))
+        return ((f"■ SOFTWARE STOP {_stop_words(s)}", "alarm"),)
     if s.data is DataState.LOST:
-        return (
-            ("▲ DATA LOST", "alarm"),
-            (" quick stop sent; the drives hold by themselves", "alarm"),
-        )
+        return (("▲ DATA LOST quick stop sent; the drives hold by themselves", "alarm"),)
     if s.task is not None and stops_on_any_key(s.task):
-        return (("▶ ANY KEY STOPS ", "accent"), (f" {s.task.text}", "accent"))
+        return ((f"▶ ANY KEY STOPS  {s.task.text}", "accent"),)
     if s.task is not None:
         return (("◌ ", "bold"), (s.task.text, "text"))
     if s.simulated:
@@ -143,9 +134,8 @@ def _modes(s: SessionSnapshot, *, short: bool) -> list[Span]:
     if not free:
         return [("POS all", "text")]
     names = " ".join(f"J{j}" for j in position) or "none"
-    if short:
-        return [("POS ", "dim"), (names, "accent")]
-    return [("POS ", "dim"), (names, "accent"), (f" · FREE {free}", "text")]
+    spans: list[Span] = [("POS ", "dim"), (names, "accent")]
+    return spans if short else [*spans, (f" · FREE {free}", "text")]
 
 
 def _drives(s: SessionSnapshot, *, short: bool) -> list[Span]:
@@ -200,9 +190,8 @@ class Log(Lines, can_focus=False):
             rows += cut(message_rows, width, free_rows, more)
         return [clip(row, width) for row in rows]
 
-    def on_click(self, event: events.Click) -> None:
-        """Show all messages; unlike a key, this click does not end a motion."""
-        self.post_message(Clicked("messages"))
+    def _action_at(self, x: int, y: int) -> str:
+        return "messages"  # unlike a key, a click does not end a motion
 
 
 def _alarm_rows(s: SessionSnapshot, width: int) -> list[Line]:
@@ -222,14 +211,6 @@ def _rows(message: Message, width: int, text: str) -> list[Line]:
 
 def messages_text(s: SessionSnapshot, width: int) -> str:
     """Return all messages in full, newest first."""
-    return (
-        "\n".join(
-            textwrap.fill(
-                f"{message.time} {MARKS[message.level][0]}{message.text}",
-                width,
-                subsequent_indent=" " * 9,
-            )
-            for message in s.messages[::-1]
-        )
-        or "no messages yet"
-    )
+    texts = (f"{m.time} {MARKS[m.level][0]}{m.text}" for m in s.messages[::-1])
+    rows = [textwrap.fill(text, width, subsequent_indent=" " * 9) for text in texts]
+    return "\n".join(rows) or "no messages yet"

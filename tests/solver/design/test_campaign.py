@@ -130,11 +130,13 @@ def test_interim_sigmas_include_fixture_compliance(loop, x):
 def test_path_watch_names_joint_and_reason():
     ranges = paper_ranges()
     trace = HOME + np.linspace(0.0, 0.2, 5)[:, None] * np.array([1.0, 1, 1, 0, 1, 1, 1])
-    watch = path_watch(trace, np.deg2rad(5.0), ranges)
+    watch = path_watch(trace, ranges)
     assert watch(trace[2]) is None
     deviating = trace[2].copy()
-    deviating[3] += np.deg2rad(8.0)
-    assert watch(deviating) == "joint 4 is 8.0 deg from its predicted angle"
+    deviating[3] += np.deg2rad(7.9)
+    assert watch(deviating) is None
+    deviating[3] += np.deg2rad(0.2)
+    assert watch(deviating) == "joint 4 is 8.1 deg from its predicted angle"
     out_of_range = HOME.copy()
     out_of_range[2] = ranges.upper_rad[2] + 0.01
     assert watch(out_of_range) == "joint 3 came close to the end of its range"
@@ -144,7 +146,7 @@ def test_path_watch_allows_leaving_the_end_of_a_range():
     ranges = paper_ranges()
     q = HOME.copy()
     q[5] = ranges.lower_rad[5] - 0.01
-    watch = path_watch(None, 1.0, ranges)
+    watch = path_watch(None, ranges)
     assert watch(q) is None
     q[5] += 0.005
     assert watch(q) is None

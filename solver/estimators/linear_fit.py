@@ -208,8 +208,10 @@ class LinearFit:
                 add("discrepancy", share * unnamed / of_group)
         for part in self.parts():
             squares = (np.swapaxes(part.C, -1, -2) @ part.times(gain.T)) ** 2
-            for noise in design.noise_sources(part.poses):
-                add(noise.source, np.einsum("mf,mfp->p", noise.variance(self.v), squares))
+            sources = design.noise_sources(part.poses)
+            by_source = np.tensordot(sources.variances(self.v), squares, 2)
+            for name, contribution in zip(sources.names, by_source, strict=True):
+                add(name, contribution)
         rows = self._distances()[1]
         if len(rows):
             add("distances", ((gain @ rows.T) ** 2).sum(-1))

@@ -276,10 +276,8 @@ def _wrenches(
         moments = by_moment(torque_rates(part.arm(poses), part.masses.down), part.masses)
     else:
         moments = torque[..., 1 : 1 + 4 * len(part.masses.mass_kg)]
-    every = np.arange(model.joint_count)
-    free = np.array(
-        [np.delete(every, driven) for driven in driven_sets(len(every), J.shape[-2] - own)]
-    )
+    sets = driven_sets(model.joint_count, J.shape[-2] - own)
+    free = np.array([[j for j in range(model.joint_count) if j not in driven] for driven in sets])
     # (m, sets, k, 4 n): the free joints of every set.
     held = wrench_of(np.moveaxis(J[..., free], -2, -3), E[:, None], moments[:, free])
     return np.moveaxis(held, 1, -1)

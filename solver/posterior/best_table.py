@@ -167,12 +167,14 @@ def best_table(
         3 * m, -1
     )
     base = (at.jac_q @ readings.expected[..., None]).reshape(-1)
-    A = np.concatenate((root[:, None] * J * size / CLOSE_M, np.eye(len(names))))
-    target = root[:, None] * np.column_stack((by_corrections, base)) / CLOSE_M
-    target = np.concatenate((target, np.zeros((len(names), target.shape[1]))))
-    G = np.linalg.lstsq(A, target, rcond=None)[0] * size[:, None]
+    corrected = np.column_stack((by_corrections, base))
+    A = (root / CLOSE_M)[:, None] * J * size
+    # With the unit matrix, the normal equations are well conditioned.
+    normal = A.T @ A + np.eye(len(names))
+    right = A.T @ ((root / CLOSE_M)[:, None] * corrected)
+    G = size[:, None] * np.linalg.solve(normal, right)
     b = np.append(corrections.coefficients, 1.0)
-    not_represented = np.column_stack((by_corrections, base)) - J @ G
+    not_represented = corrected - J @ G
     k = len(known)
     spread = ((not_represented[:, :-1] @ covariance[k:, k:]) * not_represented[:, :-1]).sum(-1)
     mean_square = float(root**2 @ ((not_represented @ b) ** 2 + np.maximum(spread, 0.0)))

@@ -88,11 +88,12 @@ class Rates:
     down: FloatArray
 
     @classmethod
-    def of(cls, error: LoopError, misclosure: FloatArray) -> Rates:
-        """Return the rates for linearised loops; `misclosure` (m, k) is ``c - J_q e``."""
+    def of(cls, error: LoopError, e: FloatArray) -> Rates:
+        """Return the rates for loops linearised at joint corrections e (m, n)."""
         down = left_inverse(error.jac_u)
+        misclosure = error.residual[..., None] - error.jac_q @ e[..., None]
         return cls(
-            closed=(down @ misclosure[..., None])[..., 0],
+            closed=(down @ misclosure)[..., 0],
             by_x=down @ error.jac_x,
             by_q=down @ error.jac_q,
             down=down,

@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray, IntArray
-from solver.closing import Rates, left_null_space
+from solver.arrays import BoolArray, FloatArray, IntArray, select_poses
+from solver.closing import Rates, ReducedEquations, reduced_equations
 from solver.estimators.error_model import ErrorModel, distance_rows
 from solver.estimators.joint_shapes import JointShapes
 from solver.estimators.layout import FIXTURE_NOISE, Layout
@@ -29,17 +29,13 @@ CHUNK = 1024
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class System:
-    """Reduced closure equations of m poses (see the module): w (m, r), A (m, r, P), B (m, r, n), E (m, k, r).
+class System(ReducedEquations):
+    """Reduced closure equations of m poses (see the module).
 
     `angle` (m, n) are the corrected joint angles at which curves are evaluated. `distances` are misclosures (k,) and
     derivatives (k, P) of measured distances; they belong to no pose.
     """
 
-    w: FloatArray
-    A: FloatArray
-    B: FloatArray
-    E: FloatArray
     angle: FloatArray
     distances: tuple[FloatArray, FloatArray] = (np.zeros(0), np.zeros((0, 0)))
 
@@ -53,20 +49,9 @@ class System:
         """Number of equations: closure equations of all poses, plus one for each distance."""
         return self.w.size + self.distances[0].size
 
-    def part(self, poses: slice) -> System:
-        """Return the equations of a slice of the poses."""
-        return self.at_poses(poses)
-
     def at_poses(self, poses: IntArray | slice) -> System:
         """Return the equations of a selection of poses."""
-        return System(
-            w=self.w[poses],
-            A=self.A[poses],
-            B=self.B[poses],
-            E=self.E[poses],
-            angle=self.angle[poses],
-            distances=self.distances,
-        )
+        return select_poses(self, poses, "w", "A", "B", "E", "angle")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -326,17 +311,13 @@ class Linearisation:
         self.equations = len(design.q) * design.model.equations_per_pose + len(w)
         self._last: tuple[slice, System, Rates] | None = None
 
-    def part(self, poses: slice) -> System:
-        """Equations of a slice of the poses."""
-        return self._of(poses)[0]
+    def at_poses(self, poses: IntArray | slice) -> System:
+        """Equations of a selection of poses."""
+        return self._of(poses)[0] if isinstance(poses, slice) else self._made(poses)[0]
 
     def rates(self, poses: slice) -> Rates:
         """`Rates` of the unsensed angles at a slice of the poses."""
         return self._of(poses)[1]
-
-    def at_poses(self, poses: IntArray) -> System:
-        """Equations of a selection of poses."""
-        return self._made(poses)[0]
 
     def _of(self, poses: slice) -> tuple[System, Rates]:
         if self._last is None or self._last[0] != poses:
@@ -350,12 +331,10 @@ class Linearisation:
         angle = state.closed_q[poses]
         e = angle - self._q[poses]
         error = model.loop(state.x, angle, state.closed_u[poses])
-        E = left_null_space(error.jac_u)
-        Et = np.swapaxes(E, -1, -2)
-        A = Et @ error.jac_x
-        c = error.residual - (error.jac_q @ e[..., None])[..., 0]
-        B = Et @ error.jac_q
-        w = (Et @ c[..., None])[..., 0] - A @ self._soft
-        w += (B @ self._expected[poses, :, None])[..., 0]
-        system = System(w=w, A=A, B=B, E=E, angle=angle, distances=self.distances)
-        return system, Rates.of(error, c)
+        reduced = reduced_equations(error)
+        w = reduced.w - reduced.A @ self._soft
+        w += (reduced.B @ (self._expected[poses] - e)[..., None])[..., 0]
+        system = System(
+            w=w, A=reduced.A, B=reduced.B, E=reduced.E, angle=angle, distances=self.distances
+        )
+        return system, Rates.of(error, e)

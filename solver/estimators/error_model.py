@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray, IntArray, select_poses
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter
 from solver.chain.sensors import DITHER, NoSensor, Rvdt, SensorCurve, curves_of
@@ -108,11 +108,9 @@ class ErrorModel:
     def at_poses(self, poses: IntArray) -> ErrorModel:
         """Return the error model of a selection of poses."""
         return replace(
-            self,
-            joint_variance=self.joint_variance[poses],
-            analogue=tuple(replace(a, share=a.share[poses]) for a in self.analogue),
+            select_poses(self, poses, "joint_variance", "approach"),
+            analogue=tuple(select_poses(a, poses, "share") for a in self.analogue),
             loads=None if self.loads is None else self.loads.at_poses(poses),
-            approach=None if self.approach is None else self.approach[poses],
         )
 
     def without_joints(self, joints: tuple[int, ...]) -> ErrorModel:

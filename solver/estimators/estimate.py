@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray, IntArray
+from solver.arrays import BoolArray, FloatArray, IntArray, select_poses
 from solver.chain.parameters import Parameter
 from solver.closing import close_loops
 from solver.errors import TooFewPosesError
@@ -112,11 +112,8 @@ class Estimate:
     def at_poses(self, poses: IntArray) -> Estimate:
         """Return the same estimate with the per-pose results of some poses; a pose may be selected repeatedly."""
         return replace(
-            self,
-            residual=self.residual[poses],
-            flipped=tuple(int(k) for k in np.flatnonzero(np.isin(poses, self.flipped))),
-            pose_chi2=None if self.pose_chi2 is None else self.pose_chi2[poses],
-            corrections=None if self.corrections is None else self.corrections[poses],
+            select_poses(self, poses, "residual", "pose_chi2", "corrections"),
+            flipped=tuple(np.flatnonzero(np.isin(poses, self.flipped)).tolist()),
         )
 
     def value(self, name: str) -> float:

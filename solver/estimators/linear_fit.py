@@ -121,7 +121,7 @@ class LinearFit:
         return np.repeat((0.0, 1.0), (hard, self.design.width - hard))
 
     def _whiten(self, poses: slice) -> Whitened:
-        return self.design.whiten(self.system.part(poses), self.v, self.root, poses)
+        return self.design.whiten(self.system.at_poses(poses), self.v, self.root, poses)
 
     def parts(self) -> Iterator[Whitened]:
         """Yield whitened poses, with effects scaled to unit variance; they are computed again if not kept."""
@@ -130,7 +130,7 @@ class LinearFit:
     @property
     def whole(self) -> System:
         """The equations of all poses at once."""
-        return self.system.part(slice(0, len(self.design.q)))
+        return self.system.at_poses(slice(0, len(self.design.q)))
 
     def at_poses(self, poses: IntArray) -> LinearFit:
         """Return the linear fit of a selection of poses alone, at the same linearisation."""

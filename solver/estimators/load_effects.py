@@ -29,7 +29,7 @@ from itertools import combinations
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray, IntArray, select_poses
 from solver.chain.statics import LinkMasses, torque_rates
 from solver.closing import left_null_space
 from solver.estimators.compliance import (
@@ -113,16 +113,8 @@ class LoadBasis:
 
     def at_poses(self, poses: IntArray) -> LoadBasis:
         """Return the effects at a selection of poses."""
-        return LoadBasis(
-            sag_expected=self.sag_expected[poses],
-            sag=self.sag[poses],
-            sag_missed=self.sag_missed[poses],
-            all_deflections=self.all_deflections,
-            rows=self.rows[poses],
-            deflection_missed=self.deflection_missed[poses],
-            side=self.side[poses],
-            gravity=self.gravity,
-        )
+        of_poses = ("sag_expected", "sag", "sag_missed", "rows", "deflection_missed", "side")
+        return select_poses(self, poses, *of_poses)
 
     def joints_at(self, q: FloatArray) -> LoadBasis:
         """Return the effects of load on joints without a fixture, at other angles `q` (m, n), rad."""

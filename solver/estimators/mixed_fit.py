@@ -276,7 +276,9 @@ def gravity_share(fit: LinearFit) -> float:
     expected sag itself would be the error.
     """
     design = fit.design
-    G = np.concatenate([fit.system.part(s).B @ design.expected[s, :, None] for s in design.parts()])
+    G = np.concatenate(
+        [fit.system.at_poses(s).B @ design.expected[s, :, None] for s in design.parts()]
+    )
     s, C = fit.score(G)
     return float(1.0 - s[0] / max(C[0, 0], 1e-300))
 
@@ -307,7 +309,7 @@ def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[St
     e, deflection = design.effects_at(fit.b, old.closed_q)
     u, closed_q, closed_u = old.closed_u.copy(), design.q.copy(), old.closed_u.copy()
     for part in fit.parts():
-        poses, system = part.poses, at.part(part.poses)
+        poses, system = part.poses, at.at_poses(part.poses)
         residual = (part.w + part.times(fit.coefficients))[..., None]
         multipliers = np.swapaxes(part.L_inverse, -1, -2) @ residual
         noise = part.noise * (np.swapaxes(system.noise_columns, -1, -2) @ multipliers)[..., 0]

@@ -14,7 +14,7 @@ from typing import Self
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray, IntArray
+from solver.arrays import BoolArray, FloatArray, IntArray, select_poses
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, Parameter, wrap_angles
 from solver.loops.endpoint_geometry import Line
@@ -42,12 +42,7 @@ class LoopError:
 
     def of_poses(self, poses: IntArray | BoolArray) -> LoopError:
         """Return the error of a selection of poses."""
-        return LoopError(
-            residual=self.residual[poses],
-            jac_x=self.jac_x[poses],
-            jac_q=self.jac_q[poses],
-            jac_u=self.jac_u[poses],
-        )
+        return select_poses(self, poses, "residual", "jac_x", "jac_q", "jac_u")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -28,6 +28,8 @@ class PointClosure(ArmLoop):
     """
 
     OWN: ClassVar[tuple[str, ...]] = TIP + GROUND
+    components: ClassVar[int] = 3
+    constrained_part: ClassVar[ConstrainedPart] = ConstrainedPart.POINT
 
     tip_m: FloatArray
     ground_m: FloatArray
@@ -43,11 +45,6 @@ class PointClosure(ArmLoop):
 
     def _own_nominal(self) -> FloatArray:
         return np.concatenate((self.tip_m, self.ground_m))
-
-    @property
-    def components(self) -> int:
-        """Number of closure components: 3, position only."""
-        return 3
 
     def loop(self, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:
         """Vector from the socket's centre to the ball's (m), in the base frame, and its exact derivatives."""
@@ -81,11 +78,6 @@ class PointClosure(ArmLoop):
     def hand_side(self) -> tuple[str, ...]:
         """Names of the unknowns among tip_x, tip_y and tip_z."""
         return tuple(name for name in self.own if name in TIP)
-
-    @property
-    def constrained_part(self) -> ConstrainedPart:
-        """The fixture constrains a point of the tool."""
-        return ConstrainedPart.POINT
 
     def constraint_entries(self, at: ToolConstraint) -> dict[str, float]:
         """Centres of ball and socket by name, m: the points in `at` moved by the nominal theta_off_1, s_1 and row n."""

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray, IntArray, select_poses
 from solver.chain.kinematics import forward
 from solver.chain.parameters import DhKind
 from solver.chain.sensors import powers_of
@@ -199,10 +199,7 @@ class CorrectionShapes:
 
     def first(self, count: int) -> CorrectionShapes:
         """Return the parts at the first `count` poses."""
-        return CorrectionShapes(
-            q=self.q[:count], shapes=self.shapes[:count], expected=self.expected[:count],
-            side=self.side[:count],
-        )  # fmt: skip
+        return select_poses(self, slice(count), "q", "shapes", "expected", "side")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -14,15 +14,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray, IntArray, select_poses
 from solver.closing import Rates, ReducedEquations, reduced_equations
-from solver.estimators.error_model import ErrorModel, distance_rows
+from solver.estimators.error_model import distance_rows
 from solver.estimators.joint_shapes import JointShapes
 from solver.estimators.layout import FIXTURE_NOISE, Layout
-from solver.loops.closure import ClosureModel
 
 CHUNK = 1024
 """Poses whitened at a time, so that memory does not grow with columns times poses."""
@@ -106,23 +106,14 @@ class NoiseSources:
 
 
 class LinearModel(Layout):
-    """Noise and columns of a closure model with stated errors, calculated for some poses at a time.
+    """Noise and columns of a closure model with stated errors, calculated for some poses at a time."""
 
-    `along_joints`: shapes of the effects that act along a joint.
-    """
+    _noise: tuple[slice, NoiseSources] | None = None
 
-    def __init__(
-        self,
-        model: ClosureModel,
-        q: FloatArray,
-        errors: ErrorModel,
-        *,
-        group: IntArray | None = None,
-        like: Layout | None = None,
-    ) -> None:
-        super().__init__(model, q, errors, group=group, like=like)
-        self.along_joints = JointShapes(self)
-        self._noise: tuple[slice, NoiseSources] | None = None
+    @cached_property
+    def along_joints(self) -> JointShapes:
+        """Shapes of the effects that act along a joint."""
+        return JointShapes(self)
 
     def at_poses(self, poses: IntArray) -> LinearModel:
         """Return the design of a selection of poses, with smooth functions made from these poses only."""

@@ -180,7 +180,7 @@ class Layout:
         )
         self.components: list[VarianceComponent] = []
         self.groups: list[Group] = []
-        self._lay_out(names, group, like)
+        self._lay_out(names, like)
         self.index = {c.name: k for k, c in enumerate(self.components)}
         self.floors = np.array([c.floor for c in self.components])
         self.ceilings = np.array([c.ceiling for c in self.components])
@@ -211,7 +211,7 @@ class Layout:
         rates = ((self._component(component), 1.0),)
         self.groups.append(Group(source=source, names=tuple(names), rates=rates))
 
-    def _lay_out(self, names: list[str], group: IntArray | None, like: Layout | None) -> None:
+    def _lay_out(self, names: list[str], like: Layout | None) -> None:
         # Functions smooth over all poses: computed once, if at all, and not kept.
         process = cache(partial(pose_process, self.q))
         stated = self._lay_out_noise()
@@ -234,7 +234,7 @@ class Layout:
             self._group("encoder_accuracy", names, VarianceComponent(name="encoder_accuracy"))
         self._lay_out_curves()
         self._lay_out_joints(process, like)
-        self._lay_out_deflection(stated, group, process, like)
+        self._lay_out_deflection(stated, process, like)
 
     def _lay_out_noise(self) -> dict[str, float]:
         """Add the components of noise; return the fixture's stated deflections (rad, m) by name of component."""
@@ -278,7 +278,6 @@ class Layout:
     def _lay_out_deflection(
         self,
         stated_sizes: dict[str, float],
-        group: IntArray | None,
         process: Callable[[], PoseProcess],
         like: Layout | None,
     ) -> None:
@@ -294,7 +293,7 @@ class Layout:
         along = np.repeat((turn_rad, shift_m), (self.rows - 3, 3))
         self.loaded = loaded_give(self.errors, along)
         if self.deflecting_rows:
-            self._smooth_deflection(group, process, like)
+            self._smooth_deflection(process, like)
         if self.loaded is not None:
             names = [f"load{i}" for i in range(self.loaded.width)]
             self._group("fixture_give", names, VarianceComponent(name="compliance"))
@@ -345,12 +344,10 @@ class Layout:
             names = [f"sag{i}_{j + 1}" for j in self.sag_joints for i in range(self.sags.width)]
             self._group("sag", names, VarianceComponent(name="sag"))
 
-    def _smooth_deflection(
-        self, group: IntArray | None, alike: Callable[[], PoseProcess], like: Layout | None
-    ) -> None:
-        groups = 1 if group is None else len(np.unique(group))
+    def _smooth_deflection(self, alike: Callable[[], PoseProcess], like: Layout | None) -> None:
+        groups = 1 if self.group is None else len(np.unique(self.group))
         if like is None:
-            process = alike() if groups == 1 else pose_process(self.q, group=group)
+            process = alike() if groups == 1 else pose_process(self.q, group=self.group)
             self.deflection_basis = process.leading(DEFLECTION_COLUMNS * groups)
         else:
             self.deflection_basis = like.deflection_basis

@@ -55,25 +55,23 @@ class LinearFit:
         self.unit[design.soft_index] = design.soft_sd * self.root[:soft]
         slices = list(design.parts())
         self._kept: list[Whitened] = []
-        gram: FloatArray | None = None
+        self.H = np.diag(self._prior())
         right = np.zeros(design.width)
         square, logdet = 0.0, 0.0
         for poses in slices:
             part = self._whiten(poses)
             M = part.M.reshape(-1, design.width)
-            gram = M.T @ M if gram is None else gram + M.T @ M
+            self.H += M.T @ M
             right += part.w.reshape(-1) @ M
             square += float((part.w**2).sum())
             logdet -= float(np.log(np.diagonal(part.L_inverse, axis1=-2, axis2=-1)).sum())
             if len(slices) == 1:
                 self._kept.append(part)
-        self.H = np.zeros((design.width, design.width)) if gram is None else gram
         w, rows = self._distances()
         if len(w):
             self.H += rows.T @ rows
             right += w @ rows
             square += float(w @ w)
-        np.fill_diagonal(self.H, np.diagonal(self.H) + self._prior())
         self.half, determinant = inverse_root(self.H)
         self.coefficients = -(self.half @ (self.half.T @ right))
         # One refinement: the squares of M cost half the digits, its product with them does not.

@@ -37,7 +37,8 @@ class ArmLoop(ClosureModel):
     FIRST_LINK: ClassVar[int] = 1
     OWN: ClassVar[tuple[str, ...]] = ()
     OWN_ANGLES: ClassVar[tuple[str, ...]] = ()
-    """Unknowns that an endpoint can have, and which of them are angles."""
+    GROUND_SIDE: ClassVar[tuple[str, ...]] = ()
+    """Unknowns that an endpoint can have, which of them are angles, and which place the fixture on the table."""
 
     table: DhTable
     entries: tuple[DhEntry, ...]
@@ -89,6 +90,16 @@ class ArmLoop(ClosureModel):
     def joint_count(self) -> int:
         """Number n of joints of the arm."""
         return self.table.links - 1 + self.FIRST_LINK
+
+    @property
+    def ground_side(self) -> tuple[str, ...]:
+        """Names of the endpoint's unknowns among `GROUND_SIDE`."""
+        return tuple(name for name in self.own if name in self.GROUND_SIDE)
+
+    @property
+    def hand_side(self) -> tuple[str, ...]:
+        """Names of the endpoint's other unknowns."""
+        return tuple(name for name in self.own if name not in self.GROUND_SIDE)
 
     def arm_rows(self) -> FloatArray:
         """Nominal rows 1..n (5, n): theta_off, s, a, alpha, beta."""

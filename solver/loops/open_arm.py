@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray, frozen
+from solver.arrays import FloatArray, IntArray, frozen, select_poses
 from solver.chain.rotations import rotation_matrix, rotation_vector, rotation_vector_differential
 from solver.loops.arm_loop import ArmLoop
 from solver.loops.closure import LoopError
@@ -44,6 +44,7 @@ class MeasuredClosure(ArmLoop):
 
     OWN: ClassVar[tuple[str, ...]] = BASE + TIP_POINT + TIP_TURN
     OWN_ANGLES: ClassVar[tuple[str, ...]] = BASE[3:] + TIP_TURN
+    GROUND_SIDE: ClassVar[tuple[str, ...]] = BASE
 
     base_m: FloatArray
     base_rotation: FloatArray
@@ -143,22 +144,9 @@ class MeasuredClosure(ArmLoop):
                         candidates.append(z)
         return np.stack(candidates)
 
-    @property
-    def ground_side(self) -> tuple[str, ...]:
-        """Unknowns of the placement of base and instrument relative to each other: base_*."""
-        return tuple(name for name in self.own if name in BASE)
-
-    @property
-    def hand_side(self) -> tuple[str, ...]:
-        """Unknowns of the target's placement on the tool: tip_*."""
-        return tuple(name for name in self.own if name not in BASE)
-
     def at_poses(self, poses: IntArray) -> MeasuredClosure:
         """Return the model bound to the measurements of these poses only."""
-        if self.endpoint_m is None:
-            return self
-        rotation = None if self.endpoint_rotation is None else self.endpoint_rotation[poses]
-        return replace(self, endpoint_m=self.endpoint_m[poses], endpoint_rotation=rotation)
+        return select_poses(self, poses, "endpoint_m", "endpoint_rotation")
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Origins of frames 0..n and the target (n + 2, 3), m, and a zero axis, for joint angles `q` (n,)."""

@@ -15,20 +15,11 @@ from solver.chain.statics import LinkMasses
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Joint:
-    """One sensed or unsensed revolute joint.
+    """One sensed or unsensed revolute joint; `name` is shown to the operator.
 
-    Attributes
-    ----------
-    name
-        Name shown to the operator.
-    lower_rad, upper_rad
-        Range in sensor coordinates (the measured angle theta, before the offset is added).
-    sensor
-        Its angle sensor.
-    backlash_rad, sag_rad
-        Play between sensor and link, and elastic twist under load, each as one standard deviation; 0 for none.
-    max_speed_rad_per_s, max_torque_nm
-        Limits of speed and torque.
+    `lower_rad`, `upper_rad`: range in sensor coordinates (the measured angle theta, before the offset is added).
+    `backlash_rad`, `sag_rad`: play between sensor and link, and elastic twist under load, each as one standard
+    deviation; 0 for none.
     """
 
     name: str

@@ -123,21 +123,10 @@ _POWERS = _power_series()
 class SensorCurve:
     """Deviation of one sensor from the true angle: a line plus ``sum_k c_k P_k(x)``, k = 2, 3, ...
 
-    x is the angle from `middle_rad`, divided by `half_scale_rad`. The line is the gain error, the polynomials are the
-    linearity deviation. P_0 is left out because the joint's offset covers it.
-
-    Attributes
-    ----------
-    joint
-        1-based.
-    middle_rad
-        Angle of the electrical zero, in sensor coordinates.
-    half_scale_rad
-        Half of full scale.
-    gain
-        Standard deviation of the sensor's gain error; 0 leaves the line out.
-    bent
-        Whether the polynomials are included.
+    x is the angle from `middle_rad` (the electrical zero, in sensor coordinates), divided by `half_scale_rad` (half of
+    full scale). The line is the gain error, the polynomials are the linearity deviation. P_0 is left out because the
+    offset of the `joint` (1-based) covers it. `gain`: standard deviation of the gain error; 0 leaves the line out.
+    `bent`: whether the polynomials are included.
     """
 
     joint: int

@@ -85,16 +85,9 @@ class LinearisedPoses(ReducedEquations):
 class ImplicitFit:
     """Result of the implicit iteration.
 
-    Attributes
-    ----------
-    x, covariance
-        Parameters (P,) and their covariance (P, P) under the noise model.
-    corrections
-        Joint corrections e (m, n), rad: adjusted minus measured.
-    unsensed
-        Unsensed angles (m, U), rad.
-    pose_chi2
-        Each pose's share of chi2 (m,).
+    `x`, `covariance`: parameters (P,) and their covariance (P, P) under the noise model. `corrections`: joint
+    corrections e (m, n), rad, adjusted minus measured. `unsensed`: unsensed angles (m, U), rad. `pose_chi2`: each
+    pose's share of chi2 (m,).
     """
 
     x: FloatArray

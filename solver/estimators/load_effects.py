@@ -77,11 +77,9 @@ class LoadBasis:
 
     Attributes
     ----------
-    sag_expected
-        (m, n) expected twist of every joint; zero for a joint on which gravity has no lever arm.
-    sag, sag_missed
-        (m, n, c) columns of the deviation of each twist from its expected value, and (m, n) variance that these columns
-        leave out: the whole variance for a joint on which gravity has no lever arm.
+    sag_expected, sag, sag_missed
+        Expected twist (m, n) of every joint, columns (m, n, c) of the deviation from it, and the variance (m, n) that
+        these columns leave out: the whole variance for a joint on which gravity has no lever arm.
     all_deflections, rows
         (M, k, c) deflection along the closure components in units of the stated deflection, and the index (m,) of each
         pose in this array. It is by far the largest array, and is shared by every selection of poses.
@@ -130,21 +128,12 @@ class LoadBasis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Gravity:
-    """Each joint's twist as a function of gravity's torque, given as s shapes tau (m, n, s).
+    """Each joint's twist as a function of gravity's torque on the arm `part`, given as s shapes tau (m, n, s).
 
     The first shape of the torque is its mean; the other shapes have coefficients ~ N(0, 1). Over the poses of the
-    basis, the mean square of the twist is 1.
-
-    Attributes
-    ----------
-    part
-        The arm on which these torques act.
-    size
-        (n, s): root of the second moments of the twist's deviations from its expected value, for a unit of each shape.
-    turn
-        (n, s, c): columns of the deviations are ``tau_js turn_jsc``.
-    rate
-        (n,): expected twist is ``rate_j tau_j0``; 0 for a joint on which gravity has no lever.
+    basis, the mean square of the twist is 1. The expected twist is ``rate_j tau_j0``, `rate` (n,), 0 for a joint on
+    which gravity has no lever; the columns of the deviations are ``tau_js turn_jsc``, `turn` (n, s, c). `size` (n, s):
+    root of the second moments of these deviations, for a unit of each shape.
     """
 
     part: ArmPoses

@@ -43,8 +43,8 @@ class VarianceComponents:
 
     Attributes
     ----------
-    components
-        Every component with its interval.
+    components, variances
+        Every component with its interval; every estimated variance component, by its name in the error model.
     compliance
         Test whether the fixture is more compliant than stated; None if it was not made.
     noise
@@ -57,10 +57,6 @@ class VarianceComponents:
         By source, contribution to the variance of every parameter (P,); the sum of all is the variance of the estimate.
     stated_chi2, stated_dof
         Misfit at the stated variances instead of fitted ones, and its expectation.
-    iterations, converged
-        Number of iterations, and whether they converged.
-    variances
-        Every estimated variance component, by its name in the error model.
     signed
         Whether joints are taken to sag in the direction of gravity; False if the readings contradict this.
     """
@@ -96,14 +92,9 @@ class VarianceComponents:
 class Calibrated:
     """An estimate, its variance components, and the linear fit that further tests use.
 
-    Attributes
-    ----------
-    linear, order
-        The fit, with its poses in canonical order, and the caller's index (m,) of each of these poses.
-    found
-        Derivatives, at the solution, of the likelihood with respect to the variances.
-    unsensed
-        Unsensed angles (m, U), rad, in the caller's order.
+    `linear`, `order`: the fit, with its poses in canonical order, and the caller's index (m,) of each of these poses.
+    `found`: derivatives, at the solution, of the likelihood with respect to the variances. `unsensed`: unsensed angles
+    (m, U), rad, in the caller's order.
     """
 
     estimate: Estimate
@@ -143,22 +134,11 @@ def estimate_with_errors(
     group: IntArray | None = None,
     progress: Progress | None = None,
 ) -> Calibrated:
-    """Fit parameters, joint corrections, effects and variances to joint angles `q` (m, n), rad.
+    """Fit parameters, joint corrections, effects and variances to joint angles `q` (m, n), rad, from `x0` (P,).
 
-    Parameters
-    ----------
-    x0
-        Start (P,). Default: toleranced parameters at their nominal values, the others from the estimator without
-        effects (`solver.estimators.implicit`).
-    group
-        Placement of each pose (m,).
-
-    Raises
-    ------
-    ValueError
-        The errors name a joint whose reading is not used, or a parameter that is not free.
-    TooFewPosesError
-        No degree of freedom would be left.
+    By default, the start is the estimate without effects (`solver.estimators.implicit`), with toleranced parameters at
+    their nominal values. `group`: placement of each pose (m,). Raises `ValueError` if the errors name a joint whose
+    reading is not used, or a parameter that is not free; `TooFewPosesError` if no degree of freedom would be left.
     """
     settled = settle(model, q, errors, x0=x0, group=group, progress=progress)
     fitted = settled.fit

@@ -22,16 +22,9 @@ from solver.loops.closure import ClosureModel, LoopError
 class ArmLoop(ClosureModel):
     """A chain of D-H links with sensed and unsensed joints.
 
-    Attributes
-    ----------
-    table
-        Nominal D-H table of the links, the first of which is number `FIRST_LINK`.
-    entries
-        Unknown entries, in the order of the parameter vector.
-    unsensed_joints
-        Arm joints (1-based) whose readings are not used; their angles are unknowns of each pose.
-    own
-        Names of the endpoint's unknowns, which follow the entries in the parameter vector.
+    `table`: nominal D-H table of the links, the first of which is number `FIRST_LINK`. `entries`: unknown entries, in
+    the order of the parameter vector; the endpoint's unknowns `own` (names) follow them. `unsensed_joints`: arm joints
+    (1-based) whose readings are not used; their angles are unknowns of each pose.
     """
 
     FIRST_LINK: ClassVar[int] = 1

@@ -49,18 +49,10 @@ class LoopError:
 class ReducedError:
     """Closure error with the unsensed angles eliminated, as the paper minimises it.
 
-    Attributes
-    ----------
-    residual
-        (..., m, r) in the fixture frame: for a hinge dx, dy (rad), then x, y, z (m) of eq. 13.
-    jac_x
-        Exact derivative of `residual` with respect to the parameters (..., m, r, P), the paper's C for these rows.
-    rotation_rows
-        Number of the r rows that are rotations; they come first.
-    unsensed
-        The eliminated angles (..., m, U), rad.
-    flipped
-        (..., m) bool: poses on the other branch of the elimination (tool upside down on the hinge).
+    `residual`: (..., m, r) in the fixture frame; for a hinge dx, dy (rad), then x, y, z (m) of eq. 13. The first
+    `rotation_rows` of the r rows are rotations. `jac_x`: its exact derivative with respect to the parameters (..., m,
+    r, P), the paper's C for these rows. `unsensed`: the eliminated angles (..., m, U), rad. `flipped`: (..., m) bool,
+    poses on the other branch of the elimination (tool upside down on the hinge).
     """
 
     residual: FloatArray

@@ -30,16 +30,9 @@ class MeasuredClosure(ArmLoop):
     stays small and its components are ordinary angles). `own` lists which of base_x .. tip_rz are unknown;
     position-only measurements do not determine tip_r*.
 
-    Attributes
-    ----------
-    base_m, base_rotation, tip_m, tip_rotation
-        Nominal placements: positions (3,) and rotations (3, 3).
-    full_pose
-        Whether orientations are measured too.
-    endpoint_m
-        Measured positions of the target in the instrument's frame (m, 3); None before binding.
-    endpoint_rotation
-        Measured orientations of the target (m, 3, 3); None for position only.
+    `base_m`, `base_rotation`, `tip_m`, `tip_rotation`: nominal placements, positions (3,) and rotations (3, 3).
+    `full_pose`: whether orientations are measured too. `endpoint_m`, `endpoint_rotation`: measured positions (m, 3)
+    and, of a full pose, orientations (m, 3, 3) of the target in the instrument's frame; None before binding.
     """
 
     OWN: ClassVar[tuple[str, ...]] = BASE + TIP_POINT + TIP_TURN

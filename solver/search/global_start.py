@@ -55,16 +55,9 @@ CLOSED = 1e-9
 class LocalMinimum:
     """One solution of the search.
 
-    Attributes
-    ----------
-    x
-        Parameters (P,): of all equivalent vectors, the one nearest to the nominal values.
-    rms
-        Root mean square of the reduced closure error over all poses (1 m : 1 rad).
-    starts
-        Number of starts that ended here.
-    flipped
-        Poses (indices) that this solution puts on the flipped branch; a solution with such poses is invalid.
+    `x`: parameters (P,), of all equivalent vectors the one nearest to the nominal values. `rms`: root mean square of
+    the reduced closure error over all poses (1 m : 1 rad). `starts`: number of starts that ended here. `flipped`: poses
+    (indices) that this solution puts on the flipped branch; a solution with such poses is invalid.
     """
 
     x: FloatArray
@@ -75,17 +68,11 @@ class LocalMinimum:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GlobalStart:
-    """Result of the search.
+    """Result of the search, made from a number of `starts`.
 
-    Attributes
-    ----------
-    minima
-        Distinct solutions, the best first; solutions with poses on the flipped branch come last.
-    starts
-        Number of starts.
-    set_aside
-        Poses (indices) taken with the tool upside down on the hinge: no solution uses them. `LocalMinimum.flipped` does
-        not include them.
+    `minima`: distinct solutions, the best first; solutions with poses on the flipped branch come last. `set_aside`:
+    poses (indices) taken with the tool upside down on the hinge: no solution uses them, and `LocalMinimum.flipped` does
+    not include them.
     """
 
     minima: tuple[LocalMinimum, ...]
@@ -119,22 +106,10 @@ def global_start(
 ) -> GlobalStart:
     """Search for parameters of `model` that close the poses `q` (m, n), rad, without a first guess.
 
-    Parameters
-    ----------
-    starts
-        Number of starts (default: 500, or 1500 if only positions are constrained). The first starts from the nominal
-        values, the others at random.
-    seed
-        Seed of the random starts; the same seed gives the same result.
-    progress
-        Called after each iteration of the search; may raise to cancel.
-
-    Raises
-    ------
-    TooFewPosesError
-        The poses do not give more equations than unknowns.
-    ValueError
-        `starts` is less than 1.
+    `starts`: number of starts (default: 500, or 1500 if only positions are constrained). The first starts from the
+    nominal values, the others at random; the same `seed` gives the same result. `progress`: called after each iteration
+    of the search; may raise to cancel. Raises `TooFewPosesError` if the poses do not give more equations than unknowns,
+    `ValueError` if `starts` is less than 1.
     """
     if starts is not None and starts < 1:
         raise ValueError("at least one start is needed")

@@ -100,12 +100,7 @@ class LoadBasis:
     side: FloatArray
     gravity: Gravity
 
-    @property
-    def deflection(self) -> FloatArray:
-        """Deflection (m, k, c) at these poses."""
-        return self.deflection_at(slice(None))
-
-    def deflection_at(self, poses: slice) -> FloatArray:
+    def deflection_at(self, poses: slice = slice(None)) -> FloatArray:
         """Deflection (m, k, c) at a slice of these poses."""
         return np.asarray(self.all_deflections[self.rows[poses]])
 
@@ -348,14 +343,18 @@ def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
     return [every[i] for i in chosen]
 
 
-def farthest(points: FloatArray, count: int) -> IntArray:
-    """Indices of `count` of `points` (m, d): the nearest to the mean, then always the farthest from those chosen."""
+def farthest(points: FloatArray, count: int, *, first: int | None = None) -> IntArray:
+    """Indices of `count` of `points` (m, d): `first`, then always the farthest from those chosen.
+
+    By default, the first is the point nearest to the mean.
+    """
     if len(points) <= count:
         return np.arange(len(points))
-    distance = ((points - points.mean(axis=0)) ** 2).sum(-1)
-    chosen: list[int] = []
-    for _ in range(count):
-        chosen.append(int(np.argmax(distance if chosen else -distance)))
-        near = ((points - points[chosen[-1]]) ** 2).sum(-1)
-        distance = near if len(chosen) == 1 else np.minimum(distance, near)
+    if first is None:
+        first = int(np.argmin(((points - points.mean(axis=0)) ** 2).sum(-1)))
+    chosen = [first]
+    distance = ((points - points[first]) ** 2).sum(-1)
+    while len(chosen) < count:
+        chosen.append(int(np.argmax(distance)))
+        distance = np.minimum(distance, ((points - points[chosen[-1]]) ** 2).sum(-1))
     return np.array(chosen)

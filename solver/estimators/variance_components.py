@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray, IntArray, select_poses
 from solver.chain.parameters import nominal_vector, wrap_angle
 from solver.chain.poses import back_to_caller, canonical_order
 from solver.estimators.component_report import (
@@ -76,10 +76,9 @@ class VarianceComponents:
 
     def at_poses(self, poses: IntArray) -> VarianceComponents:
         """Return the results with the per-pose values of some poses only."""
-        variance = self.noise.joint_variance[poses]
         return replace(
             self,
-            noise=replace(self.noise, joint_variance=variance),
+            noise=select_poses(self.noise, poses, "joint_variance"),
             curves_rad={j: curve[poses] for j, curve in self.curves_rad.items()},
         )
 
@@ -114,11 +113,11 @@ class Calibrated:
         # Evenly in canonical order, so that the selection does not depend on the poses' order.
         subset = np.linspace(0, len(self.order) - 1, most).astype(np.int64)
         of_caller = np.sort(self.order[subset])
-        reduced = Calibrated(
+        reduced = replace(
+            self,
             estimate=self.estimate.at_poses(of_caller),
             components=self.components.at_poses(of_caller),
             linear=self.linear.at_poses(subset),
-            found=self.found,
             order=np.searchsorted(of_caller, self.order[subset]),
             unsensed=self.unsensed[of_caller],
         )
@@ -141,14 +140,11 @@ def estimate_with_errors(
     reading is not used, or a parameter that is not free; `TooFewPosesError` if no degree of freedom would be left.
     """
     settled = settle(model, q, errors, x0=x0, group=group, progress=progress)
-    fitted = settled.fit
-    back = back_to_caller(settled.order)
-    fit = fitted.fit
-    estimate = estimate_of(settled, model, q)
+    fitted, back = settled.fit, back_to_caller(settled.order)
     return Calibrated(
-        estimate=estimate,
+        estimate=estimate_of(settled, model, q),
         components=_report(fitted, back),
-        linear=fit,
+        linear=fitted.fit,
         found=fitted.derivatives(),
         order=settled.order,
         unsensed=fitted.unsensed[back],
@@ -207,7 +203,7 @@ def settle(
     model, q, errors = model.at_poses(order), q[order], errors.at_poses(order)
     group = None if group is None else group[order]
     if near is not None:
-        near = replace(near, corrections=near.corrections[order], unsensed=near.unsensed[order])
+        near = select_poses(near, order, "corrections", "unsensed")
     dof = require_enough_poses(model, len(q), known=len(errors.tolerance))
     nominal = nominal_vector(model.parameters)
     if x0 is None:

@@ -23,6 +23,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable, Frames, forward
 from solver.chain.parameters import DhKind, wrap_angle
+from solver.estimators.load_effects import farthest
 from solver.loops.closure import ClosureModel, ConstrainedPart, ToolConstraint, Which
 from solver.loops.endpoint_geometry import Line
 
@@ -145,16 +146,9 @@ def spread_poses(q: FloatArray, count: int) -> FloatArray:
 
     Farthest-point selection over the points (cos q, sin q); the first is the pose farthest from the mean.
     """
-    if len(q) <= count:
-        return q
     points = np.concatenate((np.cos(q), np.sin(q)), axis=-1)
-    points = points - points.mean(0)
-    chosen = [int(np.argmax((points**2).sum(-1)))]
-    distance = ((points - points[chosen[0]]) ** 2).sum(-1)
-    while len(chosen) < count:
-        chosen.append(int(np.argmax(distance)))
-        distance = np.minimum(distance, ((points - points[chosen[-1]]) ** 2).sum(-1))
-    return q[chosen]
+    points -= points.mean(0)
+    return q[farthest(points, count, first=int(np.argmax((points**2).sum(-1))))]
 
 
 def projectable_parts(model: ClosureModel, q: FloatArray) -> list[InnerProblem]:

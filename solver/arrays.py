@@ -1,11 +1,19 @@
-"""Array types of the solver, and read-only copies of arrays."""
+"""Array types of the solver, read-only copies of arrays, and selections of poses from records of arrays."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Record = TypeVar("Record", bound="DataclassInstance")
+
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -18,3 +26,16 @@ def frozen(values: Sequence[float] | FloatArray) -> FloatArray:
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array
+
+
+def select_poses(record: Record, poses: IntArray | BoolArray | slice, *fields: str) -> Record:
+    """Return the record with a selection of poses from its `fields`, arrays (m, ...) or tuples; None stays None."""
+    selected = {}
+    for name in fields:
+        values = getattr(record, name)
+        if isinstance(values, tuple):
+            values = tuple(values[k] for k in np.arange(len(values))[poses].tolist())
+        elif values is not None:
+            values = values[poses]
+        selected[name] = values
+    return replace(record, **selected)

@@ -54,12 +54,8 @@ class ClosedPoses:
 class ReducedEquations:
     """Loop equations of every pose after eliminating the unsensed angles: ``w + A dphi + B dq = 0``.
 
-    Attributes
-    ----------
-    E
-        Orthonormal basis (..., m, k, r) with ``E' N = 0``.
-    w, A, B
-        ``E' c`` (..., m, r), ``E' C`` (..., m, r, P) and ``E' J_q`` (..., m, r, n).
+    `E`: orthonormal basis (..., m, k, r) with ``E' N = 0``. `w`, `A`, `B`: ``E' c`` (..., m, r), ``E' C`` (..., m, r,
+    P) and ``E' J_q`` (..., m, r, n).
     """
 
     E: FloatArray
@@ -72,14 +68,8 @@ class ReducedEquations:
 class Rates:
     """Negative derivatives of the unsensed angles with respect to parameters, joint angles and displacements.
 
-    Attributes
-    ----------
-    closed
-        ``N+ (c - J_q e)`` (m, U), where e are the joint corrections at which the loops were linearised.
-    by_x, by_q
-        ``N+ C`` (m, U, P) and ``N+ J_q`` (m, U, n).
-    down
-        ``N+`` (m, U, k).
+    `closed`: ``N+ (c - J_q e)`` (m, U), where e are the joint corrections at which the loops were linearised. `by_x`,
+    `by_q`, `down`: ``N+ C`` (m, U, P), ``N+ J_q`` (m, U, n) and ``N+`` (m, U, k).
     """
 
     closed: FloatArray
@@ -88,11 +78,12 @@ class Rates:
     down: FloatArray
 
     @classmethod
-    def of(cls, error: LoopError, misclosure: FloatArray) -> Rates:
-        """Return the rates for linearised loops; `misclosure` (m, k) is ``c - J_q e``."""
+    def of(cls, error: LoopError, e: FloatArray) -> Rates:
+        """Return the rates for loops linearised at joint corrections e (m, n)."""
         down = left_inverse(error.jac_u)
+        misclosure = error.residual[..., None] - error.jac_q @ e[..., None]
         return cls(
-            closed=(down @ misclosure[..., None])[..., 0],
+            closed=(down @ misclosure)[..., 0],
             by_x=down @ error.jac_x,
             by_q=down @ error.jac_q,
             down=down,
@@ -126,19 +117,11 @@ def close_loops(
     max_iterations: int = 30,
     tolerance: float = 1e-12,
 ) -> ClosedPoses:
-    """Correct joint angles by Newton's iteration until the loops of `model` close with parameters `x`.
+    """Correct joint angles `q` (m, n) by Newton's iteration until the loops of `model` close with parameters `x` (P,).
 
-    Parameters
-    ----------
-    x
-        Parameters (P,).
-    q
-        Joint angles (m, n), rad.
-    sigma_rad
-        Standard deviation of each joint (n,), default: equal. The correction with the smallest ``|dq / sigma|`` is
-        taken; a joint with 0 does not move.
-    u
-        Unsensed angles (m, U) to start from (default: `initial_unsensed` of the model); they may change freely.
+    `sigma_rad`: standard deviation of each joint (n,), default equal. The correction with the smallest ``|dq / sigma|``
+    is taken; a joint with 0 does not move. `u`: unsensed angles (m, U) to start from (default: `initial_unsensed` of
+    the model); they may change freely. All angles are rad.
     """
     if len(q) > BLOCK_POSES:
         # Poses are closed in blocks, so that the Jacobians of all are never in memory at once.

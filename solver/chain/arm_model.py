@@ -9,26 +9,17 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, DhKind
-from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
+from solver.chain.sensors import NoSensor, Sensor
 from solver.chain.statics import LinkMasses
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Joint:
-    """One sensed or unsensed revolute joint.
+    """One sensed or unsensed revolute joint; `name` is shown to the operator.
 
-    Attributes
-    ----------
-    name
-        Name shown to the operator.
-    lower_rad, upper_rad
-        Range in sensor coordinates (the measured angle theta, before the offset is added).
-    sensor
-        Its angle sensor.
-    backlash_rad, sag_rad
-        Play between sensor and link, and elastic twist under load, each as one standard deviation; 0 for none.
-    max_speed_rad_per_s, max_torque_nm
-        Limits of speed and torque.
+    `lower_rad`, `upper_rad`: range in sensor coordinates (the measured angle theta, before the offset is added).
+    `backlash_rad`, `sag_rad`: play between sensor and link, and elastic twist under load, each as one standard
+    deviation; 0 for none.
     """
 
     name: str
@@ -147,21 +138,15 @@ class ArmModel:
 
     def sigma_rad(self) -> FloatArray:
         """Standard deviation of one reading of every joint, shape (n,); 0 without a sensor."""
-        return np.array(
-            [0.0 if isinstance(j.sensor, NoSensor) else j.sensor.sigma_rad for j in self.joints]
-        )
+        return np.array([joint.sensor.sigma_rad for joint in self.joints])
 
     def linearity_rad(self) -> FloatArray:
         """Largest linearity deviation that the specification of each RVDT allows, shape (n,); 0 for other sensors."""
-        return np.array(
-            [j.sensor.linearity_rad if isinstance(j.sensor, Rvdt) else 0.0 for j in self.joints]
-        )
+        return np.array([joint.sensor.linearity_rad for joint in self.joints])
 
     def gain_rad(self) -> FloatArray:
         """Standard deviation due to each RVDT's gain error, as rms over full scale, (n,); 0 for other sensors."""
-        return np.array(
-            [j.sensor.gain_rad if isinstance(j.sensor, Rvdt) else 0.0 for j in self.joints]
-        )
+        return np.array([joint.sensor.gain_rad for joint in self.joints])
 
     @property
     def length_tolerance_m(self) -> FloatArray:
@@ -178,8 +163,7 @@ class ArmModel:
     @property
     def accuracy_rad(self) -> FloatArray:
         """Standard deviation of each encoder's errors of period 1 and 1/2 turn, shape (n,); 0 for other sensors."""
-        sensors = [joint.sensor for joint in self.joints]
-        return np.array([s.accuracy_rad if isinstance(s, Encoder) else 0.0 for s in sensors])
+        return np.array([joint.sensor.accuracy_rad for joint in self.joints])
 
     @property
     def backlash_rad(self) -> FloatArray:

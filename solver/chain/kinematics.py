@@ -26,16 +26,9 @@ from solver.chain.parameters import DhKind
 class DhTable:
     """Constants of a chain: one entry per link, shape (links,).
 
-    Attributes
-    ----------
-    theta_off_rad
-        Joint-angle offsets: ``theta' = theta + theta_off`` (paper, section 2.1).
-    s_m, a_m
-        Offsets along z_{j-1} and lengths along x_j.
-    alpha_rad
-        Twists about x_j.
-    beta_rad
-        Hayati's twists about y_j; zeros if none are given.
+    `theta_off_rad`: joint-angle offsets, ``theta' = theta + theta_off`` (paper, section 2.1). `s_m`, `a_m`: offsets
+    along z_{j-1} and lengths along x_j. `alpha_rad`: twists about x_j. `beta_rad`: Hayati's twists about y_j; zeros if
+    none are given.
     """
 
     theta_off_rad: FloatArray

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray, IntArray, frozen
+from solver.arrays import BoolArray, FloatArray, IntArray, frozen, select_poses
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -92,17 +92,7 @@ class PoseSet:
 
     def at_poses(self, poses: IntArray | BoolArray) -> PoseSet:
         """Return a selection of the poses, in the order of `poses`."""
-        chosen = np.arange(len(self))[poses].tolist()
-        return PoseSet(
-            placement=self.placement[poses],
-            label=tuple(self.label[k] for k in chosen),
-            q_rad=self.q_rad[poses],
-            sd_rad=None if self.sd_rad is None else self.sd_rad[poses],
-            samples=None if self.samples is None else self.samples[poses],
-            endpoint=None if self.endpoint is None else self.endpoint[poses],
-            utc=None if self.utc is None else tuple(self.utc[k] for k in chosen),
-            notes=None if self.notes is None else tuple(self.notes[k] for k in chosen),
-        )
+        return select_poses(self, poses, *self.__dataclass_fields__)
 
     @property
     def sample_counts(self) -> IntArray:

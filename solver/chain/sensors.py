@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -30,6 +30,9 @@ class Encoder:
     `accuracy_rad`: one standard deviation of each of the two scale errors, of period one turn (eccentric disc) and half
     a turn (oval disc); they are systematic, so not part of `sigma_rad`.
     """
+
+    linearity_rad: ClassVar[float] = 0.0
+    gain_rad: ClassVar[float] = 0.0
 
     counts_per_rev: int
     noise_counts: float = 0.0
@@ -58,6 +61,8 @@ class Rvdt:
     scale; `gain` is one standard deviation of that line's slope about 1. Data sheets state the two separately. Both are
     systematic and not part of `sigma_rad`.
     """
+
+    accuracy_rad: ClassVar[float] = 0.0
 
     bits: int
     full_scale_rad: float
@@ -92,7 +97,12 @@ class Rvdt:
 
 @dataclass(frozen=True, slots=True)
 class NoSensor:
-    """No sensor: the joint's angle is not measured."""
+    """No sensor: the joint's angle is not measured, and no error of a reading counts."""
+
+    sigma_rad: ClassVar[float] = 0.0
+    accuracy_rad: ClassVar[float] = 0.0
+    linearity_rad: ClassVar[float] = 0.0
+    gain_rad: ClassVar[float] = 0.0
 
 
 Sensor = Encoder | Rvdt | NoSensor
@@ -123,21 +133,10 @@ _POWERS = _power_series()
 class SensorCurve:
     """Deviation of one sensor from the true angle: a line plus ``sum_k c_k P_k(x)``, k = 2, 3, ...
 
-    x is the angle from `middle_rad`, divided by `half_scale_rad`. The line is the gain error, the polynomials are the
-    linearity deviation. P_0 is left out because the joint's offset covers it.
-
-    Attributes
-    ----------
-    joint
-        1-based.
-    middle_rad
-        Angle of the electrical zero, in sensor coordinates.
-    half_scale_rad
-        Half of full scale.
-    gain
-        Standard deviation of the sensor's gain error; 0 leaves the line out.
-    bent
-        Whether the polynomials are included.
+    x is the angle from `middle_rad` (the electrical zero, in sensor coordinates), divided by `half_scale_rad` (half of
+    full scale). The line is the gain error, the polynomials are the linearity deviation. P_0 is left out because the
+    offset of the `joint` (1-based) covers it. `gain`: standard deviation of the gain error; 0 leaves the line out.
+    `bent`: whether the polynomials are included.
     """
 
     joint: int

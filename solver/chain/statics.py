@@ -30,20 +30,10 @@ STANDARD_GRAVITY_M_PER_S2 = 9.80665
 class LinkMasses:
     """Masses of links 1..n of an arm, their uncertainty, and the direction of gravity.
 
-    Attributes
-    ----------
-    mass_kg
-        (n,).
-    centre_m
-        (n, 3): centre of mass of each link j relative to p_{j-1}, in frame j-1 rotated with joint j.
-    mass_sd_kg
-        (n,): standard deviation of the masses.
-    centre_sd_m
-        (n,): standard deviation of each component of the centres.
-    down
-        (3,): unit vector along gravity in frame 0, the arm's base.
-    down_sd_rad
-        Standard deviation of the base's tilt about each horizontal axis.
+    `mass_kg`: (n,). `centre_m`: (n, 3), centre of mass of each link j relative to p_{j-1}, in frame j-1 rotated with
+    joint j. `mass_sd_kg`, `centre_sd_m`: (n,), standard deviations of the masses and of each component of the centres.
+    `down`: (3,), unit vector along gravity in frame 0, the arm's base. `down_sd_rad`: standard deviation of the base's
+    tilt about each horizontal axis.
     """
 
     mass_kg: FloatArray

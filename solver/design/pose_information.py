@@ -80,7 +80,9 @@ def pose_information(
     sizes = design.start_variances() if variances is None else design.variances_by_name(variances)
     root = np.sqrt(design.group_variances(sizes))
     try:
-        parts = [design.whiten(equations.part(part), sizes, root, part) for part in design.parts()]
+        parts = [
+            design.whiten(equations.at_poses(part), sizes, root, part) for part in design.parts()
+        ]
     except np.linalg.LinAlgError as error:
         raise ValueError(
             "some closure components have no noise, because their joints have none"

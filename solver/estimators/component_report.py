@@ -21,18 +21,10 @@ NORMAL_95 = 1.959963984540054
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Component:
-    """Standard deviation of one source of error.
+    """Standard deviation `sd` of one source of error, with its 95 % interval, and the value `stated` in the files.
 
-    Attributes
-    ----------
-    name
-        ``rvdt_6`` (noise of a single reading), ``curve_6``, ``fixture_m``, ``fixture_rad``.
-    unit
-        ``rad`` or ``m``.
-    sd, low, high
-        Estimated standard deviation and its 95 % interval.
-    stated
-        Value stated in the files.
+    `name`: ``rvdt_6`` (noise of a single reading), ``curve_6``, ``fixture_m``, ``fixture_rad``. `unit`: ``rad`` or
+    ``m``.
     """
 
     name: str
@@ -47,14 +39,9 @@ class Component:
 class ComplianceTest:
     """Score test of a fixture's stated compliance against a larger one.
 
-    Attributes
-    ----------
-    statistic
-        Square of the largest ratio of a score to its standard deviation; 0 if the data show a smaller compliance.
-    p_value
-        Probability of so large a statistic if the stated value is right.
-    deflects
-        Whether the data show a larger compliance at `COMPLIANCE_LEVEL`.
+    `statistic`: square of the largest ratio of a score to its standard deviation; 0 if the data show a smaller
+    compliance. `p_value`: probability of so large a statistic if the stated value is right. `deflects`: whether the
+    data show a larger compliance at `COMPLIANCE_LEVEL`.
     """
 
     statistic: float

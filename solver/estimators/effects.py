@@ -14,32 +14,28 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray
-from solver.closing import Rates, left_null_space
-from solver.estimators.error_model import ErrorModel, distance_rows
+from solver.arrays import BoolArray, FloatArray, IntArray, select_poses
+from solver.closing import Rates, ReducedEquations, reduced_equations
+from solver.estimators.error_model import distance_rows
 from solver.estimators.joint_shapes import JointShapes
 from solver.estimators.layout import FIXTURE_NOISE, Layout
-from solver.loops.closure import ClosureModel
 
 CHUNK = 1024
 """Poses whitened at a time, so that memory does not grow with columns times poses."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class System:
-    """Reduced closure equations of m poses (see the module): w (m, r), A (m, r, P), B (m, r, n), E (m, k, r).
+class System(ReducedEquations):
+    """Reduced closure equations of m poses (see the module).
 
     `angle` (m, n) are the corrected joint angles at which curves are evaluated. `distances` are misclosures (k,) and
     derivatives (k, P) of measured distances; they belong to no pose.
     """
 
-    w: FloatArray
-    A: FloatArray
-    B: FloatArray
-    E: FloatArray
     angle: FloatArray
     distances: tuple[FloatArray, FloatArray] = (np.zeros(0), np.zeros((0, 0)))
 
@@ -53,20 +49,9 @@ class System:
         """Number of equations: closure equations of all poses, plus one for each distance."""
         return self.w.size + self.distances[0].size
 
-    def part(self, poses: slice) -> System:
-        """Return the equations of a slice of the poses."""
-        return self.at_poses(poses)
-
     def at_poses(self, poses: IntArray | slice) -> System:
         """Return the equations of a selection of poses."""
-        return System(
-            w=self.w[poses],
-            A=self.A[poses],
-            B=self.B[poses],
-            E=self.E[poses],
-            angle=self.angle[poses],
-            distances=self.distances,
-        )
+        return select_poses(self, poses, "w", "A", "B", "E", "angle")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -92,46 +77,43 @@ class Whitened:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class NoiseSource:
-    """Noise of one source, independent from pose to pose.
+class NoiseSources:
+    """Noise of m poses by source (s), independent from pose to pose.
 
-    `rates` (m, n + k): variance along joints and closure components, per unit of the variance component with the index
-    `component`; if `component` is None, `rates` is the variance itself. `missed`: whether this is the part of a
-    repeatable effect that its columns do not represent. That part is as large as stated or, if the effect is estimated
-    smaller, smaller by the same factor; it does not take part in the estimate of the factor, because white noise says
-    nothing about an effect that repeats.
+    `names`: sources. `rates` (s, m, n + k): variance along joints and closure components, per unit of the variance
+    component with index `component` (s,); the variance itself if the index is -1. `missed` (s,): whether this is the
+    part of a repeatable effect that its columns do not represent. That part is as large as stated or, if the effect is
+    estimated smaller, smaller by the same factor; it does not take part in the estimate of the factor, because white
+    noise says nothing about an effect that repeats.
     """
 
-    source: str
-    component: int | None
+    names: tuple[str, ...]
+    component: IntArray
+    missed: BoolArray
     rates: FloatArray
-    missed: bool
 
-    def variance(self, v: FloatArray) -> FloatArray:
-        """Variance (m, n + k) for variance components `v` (K,)."""
-        if self.component is None:
-            return self.rates
-        factor = float(v[self.component])
-        return self.rates * (min(1.0, factor) if self.missed else factor)
+    def variances(self, v: FloatArray) -> FloatArray:
+        """Variance (s, m, n + k) of every source for variance components `v` (K,)."""
+        return self.rates * self._factors(v)[:, None, None]
+
+    def total(self, v: FloatArray) -> FloatArray:
+        """Variance (m, n + k) of all sources together for variance components `v` (K,)."""
+        return np.tensordot(self._factors(v), self.rates, 1)
+
+    def _factors(self, v: FloatArray) -> FloatArray:
+        factor = np.append(v, 1.0)[self.component]
+        return np.where(self.missed, np.minimum(factor, 1.0), factor)
 
 
 class LinearModel(Layout):
-    """Noise and columns of a closure model with stated errors, calculated for some poses at a time.
+    """Noise and columns of a closure model with stated errors, calculated for some poses at a time."""
 
-    `along_joints`: shapes of the effects that act along a joint.
-    """
+    _noise: tuple[slice, NoiseSources] | None = None
 
-    def __init__(
-        self,
-        model: ClosureModel,
-        q: FloatArray,
-        errors: ErrorModel,
-        *,
-        group: IntArray | None = None,
-        like: Layout | None = None,
-    ) -> None:
-        super().__init__(model, q, errors, group=group, like=like)
-        self.along_joints = JointShapes(self)
+    @cached_property
+    def along_joints(self) -> JointShapes:
+        """Shapes of the effects that act along a joint."""
+        return JointShapes(self)
 
     def at_poses(self, poses: IntArray) -> LinearModel:
         """Return the design of a selection of poses, with smooth functions made from these poses only."""
@@ -149,63 +131,69 @@ class LinearModel(Layout):
 
     # ---- noise
 
-    def noise_sources(self, poses: slice) -> Iterator[NoiseSource]:
-        """Yield every source of noise, i.e. of errors that are independent from pose to pose."""
-        n, errors = self.model.joint_count, self.errors
-        shape = (len(self.q[poses]), n + self.rows)
+    def noise_sources(self, poses: slice) -> NoiseSources:
+        """Every source of noise, i.e. of errors that are independent from pose to pose, at a slice of the poses."""
+        if self._noise is None or self._noise[0] != poses:
+            self._noise = (poses, self._sources_at(poses))
+        return self._noise[1]
 
-        def along(
-            columns: slice,
+    def _sources_at(self, poses: slice) -> NoiseSources:
+        n, errors = self.model.joint_count, self.errors
+        listed: list[tuple[str, int, bool]] = []
+        rates: list[FloatArray] = []
+
+        def add(
             source: str,
-            rate: FloatArray,
+            columns: slice,
+            rate: FloatArray | float,
             component: str = "",
             *,
             missed: bool = False,
-        ) -> NoiseSource:
-            rates = np.zeros(shape)
-            rates[:, columns] = rate
-            return NoiseSource(
-                source=source, component=self.index.get(component), rates=rates, missed=missed
-            )
+        ) -> None:
+            listed.append((source, self.index.get(component, -1), missed))
+            rates.append(np.zeros((len(self.q[poses]), n + self.rows)))
+            rates[-1][:, columns] = rate
 
         joints, closure = slice(0, n), slice(n, None)
         read = ~np.isin(np.arange(1, n + 1), self.model.unsensed_joints)
         for a in errors.analogue:
-            own, name = slice(a.joint - 1, a.joint), f"rvdt_noise_{a.joint}"
-            yield along(own, name, a.share[poses, None], f"rvdt_{a.joint}")
-        yield along(joints, "counts", errors.joint_variance[poses] * read)
+            own = slice(a.joint - 1, a.joint)
+            add(f"rvdt_noise_{a.joint}", own, a.share[poses, None], f"rvdt_{a.joint}")
+        add("counts", joints, errors.joint_variance[poses] * read)
         if len(self.play_joints):
             rate = self.play.missed[poses] * self.backlash**2
-            yield along(joints, "joint_play", rate, "play_sides", missed=True)
-            yield along(joints, "joint_play", self.backlash**2, "joint_play")
+            add("joint_play", joints, rate, "play_sides", missed=True)
+            add("joint_play", joints, self.backlash**2, "joint_play")
         if len(self.sag_joints):
-            yield along(joints, "sag", self.sags.missed[poses] * self.sag**2, "sag", missed=True)
+            add("sag", joints, self.sags.missed[poses] * self.sag**2, "sag", missed=True)
         if errors.endpoint_variance.any():
-            yield along(closure, "instrument", errors.endpoint_variance[6 - self.rows :])
+            add("instrument", closure, errors.endpoint_variance[6 - self.rows :])
         for rows, stated in self.deflecting_rows:
             rate = self.deflection_basis.missed[poses, None] * self.free_deflection * stated**2
             along_rows = slice(n + rows.start, n + rows.stop)
-            yield along(along_rows, "fixture_give", rate, "smooth_give", missed=True)
+            add("fixture_give", along_rows, rate, "smooth_give", missed=True)
         if self.loaded is not None:
-            rate = self.loaded.missed(poses)
-            yield along(closure, "fixture_give", rate, "compliance", missed=True)
+            add("fixture_give", closure, self.loaded.missed(poses), "compliance", missed=True)
         for name, rows in zip(FIXTURE_NOISE, (slice(n, n + 3), slice(-3, None)), strict=True):
             if name in self.index:
-                yield along(rows, "fixture_give", np.ones((1, 1)), name)
-
-    def noise_variance(self, v: FloatArray, poses: slice = slice(None)) -> FloatArray:
-        """Noise variance (m, n + k) along n joints, rad^2, and k closure components."""
-        return np.asarray(sum(s.variance(v) for s in self.noise_sources(poses)))
-
-    def noise_rates(self, poses: slice) -> FloatArray:
-        """Derivatives (m, n + k, K) of the variance along joints and closure components with respect to `v` (K,)."""
-        rates = np.zeros(
-            (len(self.q[poses]), self.model.joint_count + self.rows, len(self.components))
+                add("fixture_give", rows, 1.0, name)
+        names, component, missed = zip(*listed, strict=True)
+        return NoiseSources(
+            names=names,
+            component=np.array(component),
+            missed=np.array(missed),
+            rates=np.stack(rates),
         )
-        for s in self.noise_sources(poses):
-            if s.component is not None and not s.missed:
-                rates[..., s.component] += s.rates
-        return rates
+
+    def noise_variance(self, v: FloatArray) -> FloatArray:
+        """Noise variance (m, n + k) along n joints, rad^2, and k closure components."""
+        return np.concatenate([self.noise_sources(poses).total(v) for poses in self.parts()])
+
+    def noise_rates(self, poses: slice) -> tuple[IntArray, FloatArray]:
+        """Components (c,) that scale noise, and derivatives (m, n + k, c) of the noise's variance by these."""
+        sources = self.noise_sources(poses)
+        own = np.flatnonzero((sources.component >= 0) & ~sources.missed)
+        return sources.component[own], np.moveaxis(sources.rates[own], 0, -1)
 
     def smooth_deflection_variance(self, v: FloatArray) -> FloatArray:
         """Variance (6,), rad^2 then m^2, of the deflection that repeats at the same pose."""
@@ -231,7 +219,7 @@ class LinearModel(Layout):
 
         `root` (width - hard,): factors of the effects' columns, the square root of `group_variances` for unit variance.
         """
-        C, noise = system.noise_columns, self.noise_variance(v, poses)
+        C, noise = system.noise_columns, self.noise_sources(poses).total(v)
         V = (C * noise[:, None, :]) @ np.swapaxes(C, -1, -2)
         L_inverse = np.linalg.inv(np.linalg.cholesky(V))
         C = L_inverse @ C
@@ -314,17 +302,13 @@ class Linearisation:
         self.equations = len(design.q) * design.model.equations_per_pose + len(w)
         self._last: tuple[slice, System, Rates] | None = None
 
-    def part(self, poses: slice) -> System:
-        """Equations of a slice of the poses."""
-        return self._of(poses)[0]
+    def at_poses(self, poses: IntArray | slice) -> System:
+        """Equations of a selection of poses."""
+        return self._of(poses)[0] if isinstance(poses, slice) else self._made(poses)[0]
 
     def rates(self, poses: slice) -> Rates:
         """`Rates` of the unsensed angles at a slice of the poses."""
         return self._of(poses)[1]
-
-    def at_poses(self, poses: IntArray) -> System:
-        """Equations of a selection of poses."""
-        return self._made(poses)[0]
 
     def _of(self, poses: slice) -> tuple[System, Rates]:
         if self._last is None or self._last[0] != poses:
@@ -338,12 +322,10 @@ class Linearisation:
         angle = state.closed_q[poses]
         e = angle - self._q[poses]
         error = model.loop(state.x, angle, state.closed_u[poses])
-        E = left_null_space(error.jac_u)
-        Et = np.swapaxes(E, -1, -2)
-        A = Et @ error.jac_x
-        c = error.residual - (error.jac_q @ e[..., None])[..., 0]
-        B = Et @ error.jac_q
-        w = (Et @ c[..., None])[..., 0] - A @ self._soft
-        w += (B @ self._expected[poses, :, None])[..., 0]
-        system = System(w=w, A=A, B=B, E=E, angle=angle, distances=self.distances)
-        return system, Rates.of(error, c)
+        reduced = reduced_equations(error)
+        w = reduced.w - reduced.A @ self._soft
+        w += (reduced.B @ (self._expected[poses] - e)[..., None])[..., 0]
+        system = System(
+            w=w, A=reduced.A, B=reduced.B, E=reduced.E, angle=angle, distances=self.distances
+        )
+        return system, Rates.of(error, e)

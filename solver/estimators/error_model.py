@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray, IntArray, select_poses
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter
 from solver.chain.sensors import DITHER, NoSensor, Rvdt, SensorCurve, curves_of
@@ -23,23 +23,13 @@ SD_OF_PEAK = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AnalogueReading:
-    """A sensor whose noise and linearity deviation are estimated with the parameters.
+    """A sensor whose noise and linearity deviation are estimated with the parameters; `joint` is 1-based.
 
-    Attributes
-    ----------
-    joint
-        1-based.
-    variance
-        Stated variance of one single reading, rad^2.
-    share
-        (m,): the mean of each pose's samples has the variance ``share * variance``.
-    spread_variance, spread_dof
-        Mean square of the spread inside the poses, rad^2, and its degrees of freedom; 0 and 0 if spreads were not
-        recorded.
-    curve
-        Shapes of the sensor's systematic deviation; None if it has none.
-    curve_variance
-        Variance of the coefficients of `curve` (rad^2) that corresponds to the specification.
+    `variance`: stated variance of one single reading, rad^2; that of each pose's mean is ``share * variance``, `share`
+    (m,). `spread_variance`, `spread_dof`: mean square of the spread inside the poses, rad^2, and
+    its degrees of freedom; 0 and 0 if spreads were not recorded. `curve`: shapes of the sensor's systematic deviation;
+    None if it has none. `curve_variance`: variance of the coefficients of `curve` (rad^2) that corresponds to the
+    specification.
     """
 
     joint: int
@@ -58,23 +48,20 @@ class ErrorModel:
     Attributes
     ----------
     joint_variance
-        (m, n), rad^2: variance of each mean reading from resolution and stated noise. For joints in `analogue`, only
-        the part that is not estimated with the noise of the sensor.
+        (m, n), rad^2: variance of each mean reading from resolution and stated noise. For joints in `analogue` (sensors
+        whose noise is estimated), only the part that is not estimated with the noise of the sensor.
     endpoint_variance
         (6,), rad^2 then m^2: variance of an instrument that measures the end point.
-    analogue
-        Sensors whose noise is estimated.
     accuracy_rad, backlash_rad, sag_rad
         (n,): standard deviations of each joint's encoder errors (of period one and half a turn), play, and twist under
         load.
     give_rad, give_m
         Standard deviation of the fixture's deflection along each closure component; None without a fixture.
-    tolerance
-        By name, standard deviation (rad, m) of the maker's table entries that are corrected within this tolerance.
+    tolerance, prior
+        By name, standard deviations (rad, m) of the maker's table entries that are corrected within this tolerance, and
+        of the identified parameters whose uncertainty a file states.
     distances
         Measured distances between points of the loop.
-    prior
-        By name, standard deviation (rad, m) of the identified parameters whose uncertainty a file states.
     discrepancy
         Whether a smooth misfit without a stated source is estimated.
     loads
@@ -108,11 +95,9 @@ class ErrorModel:
     def at_poses(self, poses: IntArray) -> ErrorModel:
         """Return the error model of a selection of poses."""
         return replace(
-            self,
-            joint_variance=self.joint_variance[poses],
-            analogue=tuple(replace(a, share=a.share[poses]) for a in self.analogue),
+            select_poses(self, poses, "joint_variance", "approach"),
+            analogue=tuple(select_poses(a, poses, "share") for a in self.analogue),
             loads=None if self.loads is None else self.loads.at_poses(poses),
-            approach=None if self.approach is None else self.approach[poses],
         )
 
     def without_joints(self, joints: tuple[int, ...]) -> ErrorModel:

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray, IntArray
+from solver.arrays import BoolArray, FloatArray, IntArray, select_poses
 from solver.chain.parameters import Parameter
 from solver.closing import close_loops
 from solver.errors import TooFewPosesError
@@ -24,29 +24,19 @@ class Estimate:
 
     Attributes
     ----------
-    estimator
-        ``paper`` or ``implicit``.
-    parameters, x
-        The unknowns and their values (P,), rad and m; angles in (-pi, pi]. Of all equivalent vectors, `x` is the one
-        nearest to the nominal values.
-    covariance
-        (P, P) of `x` under the estimator's own noise model.
+    x, covariance
+        Values (P,) of `parameters`, rad and m, angles in (-pi, pi], of all equivalent vectors the one nearest to the
+        nominal values; and their covariance (P, P) under the estimator's own noise model.
     residual, rotation_rows
         Reduced closure error (m, r) at the *measured* joints; the first `rotation_rows` rows are rad, the others m.
-    sigmas
-        sigma_pos and sigma_ori, calculated from `residual`.
-    flipped
-        Indices of poses on the flipped branch of the hinge.
+    sigmas, flipped
+        sigma_pos and sigma_ori, calculated from `residual`; indices of poses on the flipped branch of the hinge.
     dof
         Degrees of freedom: equations minus parameters.
-    chi2
-        Weighted sum of squared residuals; None without a noise model.
-    pose_chi2
-        Each pose's share of `chi2` (m,); None without a noise model.
+    chi2, pose_chi2
+        Weighted sum of squared residuals, and each pose's share of it (m,); None without a noise model.
     corrections
         Joint corrections (m, n), rad, adjusted minus measured; None without a noise model.
-    iterations, converged
-        Number of iterations, and whether they converged.
     """
 
     estimator: Literal["paper", "implicit"]
@@ -112,11 +102,8 @@ class Estimate:
     def at_poses(self, poses: IntArray) -> Estimate:
         """Return the same estimate with the per-pose results of some poses; a pose may be selected repeatedly."""
         return replace(
-            self,
-            residual=self.residual[poses],
-            flipped=tuple(int(k) for k in np.flatnonzero(np.isin(poses, self.flipped))),
-            pose_chi2=None if self.pose_chi2 is None else self.pose_chi2[poses],
-            corrections=None if self.corrections is None else self.corrections[poses],
+            select_poses(self, poses, "residual", "pose_chi2", "corrections"),
+            flipped=tuple(np.flatnonzero(np.isin(poses, self.flipped)).tolist()),
         )
 
     def value(self, name: str) -> float:

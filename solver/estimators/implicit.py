@@ -25,7 +25,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.chain.poses import back_to_caller, canonical_order
-from solver.closing import Rates, close_loops, reduced_equations
+from solver.closing import Rates, ReducedEquations, close_loops, reduced_equations
 from solver.errors import PosesDoNotFitError
 from solver.estimators.estimate import Estimate, closure_at_readings, require_enough_poses
 from solver.estimators.least_squares import Progress, Triangle, triangle_of
@@ -72,42 +72,22 @@ class ParameterPrior:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LinearisedPoses:
+class LinearisedPoses(ReducedEquations):
     """The reduced linear system of all poses at one iterate (see the module's derivation).
 
-    Attributes
-    ----------
-    w
-        Misclosures (m, r).
-    A, B
-        Jacobians of w with respect to the parameters (m, r, P) and the joints (m, r, n).
-    V
-        Covariance of w, ``B S B' + F`` (m, r, r).
-    E
-        Left null space of the unsensed columns (m, k, r).
+    `V`: covariance of the misclosures w, ``B S B' + F`` (m, r, r).
     """
 
-    w: FloatArray
-    A: FloatArray
-    B: FloatArray
     V: FloatArray
-    E: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImplicitFit:
     """Result of the implicit iteration.
 
-    Attributes
-    ----------
-    x, covariance
-        Parameters (P,) and their covariance (P, P) under the noise model.
-    corrections
-        Joint corrections e (m, n), rad: adjusted minus measured.
-    unsensed
-        Unsensed angles (m, U), rad.
-    pose_chi2
-        Each pose's share of chi2 (m,).
+    `x`, `covariance`: parameters (P,) and their covariance (P, P) under the noise model. `corrections`: joint
+    corrections e (m, n), rad, adjusted minus measured. `unsensed`: unsensed angles (m, U), rad. `pose_chi2`: each
+    pose's share of chi2 (m,).
     """
 
     x: FloatArray
@@ -316,7 +296,7 @@ class _Loops:
             A=whiten @ system.A,
             B=whiten @ system.B,
             Et=whiten @ np.swapaxes(system.E, -1, -2),
-            rates=Rates.of(error, error.residual - (error.jac_q @ e[..., None])[..., 0]),
+            rates=Rates.of(error, e),
         )
 
     def after(self, step: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

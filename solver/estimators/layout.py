@@ -75,7 +75,7 @@ SAG_COLUMNS, DEFLECTION_COLUMNS = 8, 12
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VarianceComponent:
-    """One variance to be estimated, with its start value, floor and upper limit.
+    """One variance to be estimated, with its start value, floor and upper limit; by default, that of a stated scale.
 
     `stated` is the value in the files. With `scaled`, the variance has a log-normal prior with median `start` (method,
     section 10): it stays near `start` unless the poses determine it. `soft`: the variance v has a prior proportional to
@@ -85,12 +85,12 @@ class VarianceComponent:
     """
 
     name: str
-    start: float
-    floor: float
-    stated: float
-    scaled: bool = False
+    start: float = 1.0
+    floor: float = SMALLEST_SCALE**2
+    stated: float = 1.0
+    scaled: bool = True
     soft: float = np.inf
-    ceiling: float = np.inf
+    ceiling: float = LARGEST_SCALE**2
     raise_limit: float = 0.0
     spread_variance: float = 0.0
     spread_dof: int = 0
@@ -180,7 +180,7 @@ class Layout:
         )
         self.components: list[VarianceComponent] = []
         self.groups: list[Group] = []
-        self._lay_out(names, group, like)
+        self._lay_out(names, like)
         self.index = {c.name: k for k, c in enumerate(self.components)}
         self.floors = np.array([c.floor for c in self.components])
         self.ceilings = np.array([c.ceiling for c in self.components])
@@ -202,10 +202,16 @@ class Layout:
         self.variance_rates = np.repeat(rates, wide, axis=0)
 
     def _component(self, component: VarianceComponent) -> int:
+        """Add a component and return its index."""
         self.components.append(component)
         return len(self.components) - 1
 
-    def _lay_out(self, names: list[str], group: IntArray | None, like: Layout | None) -> None:
+    def _group(self, source: str, names: Iterable[str], component: VarianceComponent) -> None:
+        """Add columns scaled by a component of their own."""
+        rates = ((self._component(component), 1.0),)
+        self.groups.append(Group(source=source, names=tuple(names), rates=rates))
+
+    def _lay_out(self, names: list[str], like: Layout | None) -> None:
         # Functions smooth over all poses: computed once, if at all, and not kept.
         process = cache(partial(pose_process, self.q))
         stated = self._lay_out_noise()
@@ -217,19 +223,18 @@ class Layout:
             elif listed and source == PLACEMENT:
                 # The fixture's distance from its nominal placement implies nothing about the arm.
                 far = LARGEST_PLACEMENT_SCALE**2
-                self._group(
-                    source, listed, self._scale(PLACEMENT, floor=1.0, ceiling=far, raise_limit=far)
-                )
+                placement = VarianceComponent(name=source, floor=1.0, ceiling=far, raise_limit=far)
+                self._group(source, listed, placement)
             elif listed:
-                self._group(source, listed, self._scale(source))
+                self._group(source, listed, VarianceComponent(name=source))
         turning = np.flatnonzero(self.accuracy)
         if len(turning):
             waves = ("sin", "cos", "sin2", "cos2")
             names = [f"{wave}_{j + 1}" for j in turning for wave in waves]
-            self._group("encoder_accuracy", names, self._scale("encoder_accuracy"))
+            self._group("encoder_accuracy", names, VarianceComponent(name="encoder_accuracy"))
         self._lay_out_curves()
         self._lay_out_joints(process, like)
-        self._lay_out_deflection(stated, group, process, like)
+        self._lay_out_deflection(stated, process, like)
 
     def _lay_out_noise(self) -> dict[str, float]:
         """Add the components of noise; return the fixture's stated deflections (rad, m) by name of component."""
@@ -240,6 +245,8 @@ class Layout:
                     start=a.variance,
                     floor=LEAST_NOISE_SHARE**2 * a.variance,
                     stated=a.variance,
+                    scaled=False,
+                    ceiling=np.inf,
                     spread_variance=a.spread_variance,
                     spread_dof=a.spread_dof,
                 )
@@ -247,26 +254,23 @@ class Layout:
         sizes = zip(FIXTURE_NOISE, (self.errors.give_rad, self.errors.give_m), strict=True)
         stated_deflection = {k: s for k, s in list(sizes)[self.rows != 6 :] if s is not None}
         for key, stated in stated_deflection.items():
+            start = NON_REPEATABLE_SHARE * stated
             self._component(
                 VarianceComponent(
                     name=key,
-                    start=max(NON_REPEATABLE_SHARE * stated, SMALLEST_DEFLECTION) ** 2,
-                    floor=max(SMALLEST_SCALE * NON_REPEATABLE_SHARE * stated, SMALLEST_DEFLECTION)
-                    ** 2,
+                    start=max(start, SMALLEST_DEFLECTION) ** 2,
+                    floor=max(SMALLEST_SCALE * start, SMALLEST_DEFLECTION) ** 2,
                     stated=max(stated, SMALLEST_DEFLECTION) ** 2,
                     scaled=stated > SMALLEST_DEFLECTION,
+                    ceiling=np.inf,
                     raise_limit=DEFLECTION_RAISE_LIMIT**2,
                 )
             )
         if self.backlash.any():
+            start = NON_REPEATABLE_SHARE
             self._component(
                 VarianceComponent(
-                    name="joint_play",
-                    start=NON_REPEATABLE_SHARE**2,
-                    floor=(SMALLEST_SCALE * NON_REPEATABLE_SHARE) ** 2,
-                    stated=1.0,
-                    scaled=True,
-                    ceiling=LARGEST_SCALE**2,
+                    name="joint_play", start=start**2, floor=(SMALLEST_SCALE * start) ** 2
                 )
             )
         return stated_deflection
@@ -274,7 +278,6 @@ class Layout:
     def _lay_out_deflection(
         self,
         stated_sizes: dict[str, float],
-        group: IntArray | None,
         process: Callable[[], PoseProcess],
         like: Layout | None,
     ) -> None:
@@ -290,37 +293,35 @@ class Layout:
         along = np.repeat((turn_rad, shift_m), (self.rows - 3, 3))
         self.loaded = loaded_give(self.errors, along)
         if self.deflecting_rows:
-            self._smooth_deflection(group, process, like)
+            self._smooth_deflection(process, like)
         if self.loaded is not None:
             names = [f"load{i}" for i in range(self.loaded.width)]
-            self._group("fixture_give", names, self._scale("compliance"))
+            self._group("fixture_give", names, VarianceComponent(name="compliance"))
 
     def _lay_out_curves(self) -> None:
         """Add gain and curve of every analogue sensor."""
-        for joint, curve, stated in (
-            (a.joint, a.curve, a.curve_variance)
-            for a in self.errors.analogue
-            if a.curve is not None
-        ):
-            if curve.lines:
+        for a in self.errors.analogue:
+            if a.curve is not None and a.curve.lines:
                 gain = VarianceComponent(
-                    name=f"gain_{joint}", start=1.0, floor=SMALLEST_SCALE**2, stated=1.0, scaled=True,
-                    spread_variance=1.0, spread_dof=SPECIFICATION_DOF,
-                )  # fmt: skip
-                self._group(f"rvdt_gain_{joint}", [gain.name], self._component(gain))
-            if not curve.bent:
-                continue
-            bend = VarianceComponent(
-                name=f"curve_{joint}",
-                start=stated,
-                floor=LEAST_CURVE**2 * stated,
-                stated=stated,
-                ceiling=25.0 * stated,
-                spread_variance=stated,
-                spread_dof=SPECIFICATION_DOF,
-            )
-            names = [f"curve{k}_{joint}" for k in range(LOWEST, LOWEST + curve.bends)]
-            self._group(f"rvdt_curve_{joint}", names, self._component(bend))
+                    name=f"gain_{a.joint}",
+                    ceiling=np.inf,
+                    spread_variance=1.0,
+                    spread_dof=SPECIFICATION_DOF,
+                )
+                self._group(f"rvdt_gain_{a.joint}", [gain.name], gain)
+            if a.curve is not None and a.curve.bent:
+                bend = VarianceComponent(
+                    name=f"curve_{a.joint}",
+                    start=a.curve_variance,
+                    floor=LEAST_CURVE**2 * a.curve_variance,
+                    stated=a.curve_variance,
+                    scaled=False,
+                    ceiling=25.0 * a.curve_variance,
+                    spread_variance=a.curve_variance,
+                    spread_dof=SPECIFICATION_DOF,
+                )
+                names = [f"curve{k}_{a.joint}" for k in range(LOWEST, LOWEST + a.curve.bends)]
+                self._group(f"rvdt_curve_{a.joint}", names, bend)
 
     def _lay_out_joints(self, process: Callable[[], PoseProcess], like: Layout | None) -> None:
         """Add play and sag of every joint; set `expected` (m, n), rad, to the sum of their expected values."""
@@ -332,7 +333,7 @@ class Layout:
             # Play taken up to the same side in every pose is not noise but looks like an offset.
             sides = ("play", "approach")[: self.play.width]
             names = [f"{side}_{j + 1}" for j in self.play_joints for side in sides]
-            self._group("joint_play", names, self._scale("play_sides"))
+            self._group("joint_play", names, VarianceComponent(name="play_sides"))
         self.sag_joints = np.flatnonzero(self.sag)
         self.sag_basis = _NOTHING
         self.sags = NO_SHAPES
@@ -341,71 +342,42 @@ class Layout:
             self.sags = shapes_of_sag(self.q, self.errors, self.sag_basis)
             self.expected += self.sag * self.sags.expected
             names = [f"sag{i}_{j + 1}" for j in self.sag_joints for i in range(self.sags.width)]
-            self._group("sag", names, self._scale("sag"))
+            self._group("sag", names, VarianceComponent(name="sag"))
 
-    def _smooth_deflection(
-        self, group: IntArray | None, alike: Callable[[], PoseProcess], like: Layout | None
-    ) -> None:
-        groups = 1 if group is None else len(np.unique(group))
+    def _smooth_deflection(self, alike: Callable[[], PoseProcess], like: Layout | None) -> None:
+        groups = 1 if self.group is None else len(np.unique(self.group))
         if like is None:
-            process = alike() if groups == 1 else pose_process(self.q, group=group)
+            process = alike() if groups == 1 else pose_process(self.q, group=self.group)
             self.deflection_basis = process.leading(DEFLECTION_COLUMNS * groups)
         else:
             self.deflection_basis = like.deflection_basis
-        c = None
+        rates_of_all: tuple[tuple[int, float], ...] = ()
         if self.errors.discrepancy:
-            largest = LARGEST_DISCREPANCY**2
-            c = self._component(
-                VarianceComponent(
-                    name="discrepancy",
-                    start=1e-8,
-                    floor=1e-8,
-                    stated=1e-8,
-                    raise_limit=0.04,
-                    soft=1.0,
-                    ceiling=largest,
-                )
+            discrepancy = VarianceComponent(
+                name="discrepancy",
+                start=1e-8,
+                floor=1e-8,
+                stated=1e-8,
+                scaled=False,
+                soft=1.0,
+                ceiling=LARGEST_DISCREPANCY**2,
+                raise_limit=0.04,
             )
+            rates_of_all = ((self._component(discrepancy), UNIT_DISCREPANCY**2),)
         k = self.deflection_basis.phi.shape[1]
         # The basis has a variance of 2: a constant and a linear part in addition to its scales.
         self.free_deflection = 1.0 if self.loaded is None else 0.5 * UNMODELLED_SHARE
-        smooth = (
-            self._scale("smooth_give")
-            if any(stated > 0.0 for _, stated in self.deflecting_rows)
-            else None
-        )
+        smooth = None
+        if any(stated > 0.0 for _, stated in self.deflecting_rows):
+            smooth = self._component(VarianceComponent(name="smooth_give"))
         for rows, stated in self.deflecting_rows:
-            rates = [] if c is None else [(c, UNIT_DISCREPANCY**2)]
+            rates = rates_of_all
             if smooth is not None and stated > 0.0:
-                rates.append((smooth, self.free_deflection * stated**2))
+                rates = (*rates, (smooth, self.free_deflection * stated**2))
             names = [f"give{i}_{row}" for row in range(rows.start, rows.stop) for i in range(k)]
             self.groups.append(
-                Group(source="fixture_give", names=tuple(names), rates=tuple(rates), fixed=1e-18)
+                Group(source="fixture_give", names=tuple(names), rates=rates, fixed=1e-18)
             )
-
-    def _group(self, source: str, names: Iterable[str], component: int) -> None:
-        self.groups.append(Group(source=source, names=tuple(names), rates=((component, 1.0),)))
-
-    def _scale(
-        self,
-        name: str,
-        *,
-        floor: float = SMALLEST_SCALE**2,
-        ceiling: float = LARGEST_SCALE**2,
-        raise_limit: float = 0.0,
-    ) -> int:
-        """Add a component for a source whose scale is as stated unless the poses show otherwise; return its index."""
-        return self._component(
-            VarianceComponent(
-                name=name,
-                start=1.0,
-                floor=floor,
-                stated=1.0,
-                scaled=True,
-                ceiling=ceiling,
-                raise_limit=raise_limit,
-            )
-        )
 
     @property
     def motion_components(self) -> list[int]:

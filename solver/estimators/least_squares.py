@@ -139,20 +139,10 @@ Problem = Callable[[FloatArray], Triangle]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """Result of the iteration.
+    """Parameters `x` (P,) after some accepted steps, and the `cost`, half the sum of squared residuals.
 
-    Attributes
-    ----------
-    x
-        Parameters (P,).
-    cost
-        Half the sum of squared residuals.
-    iterations
-        Accepted steps.
-    converged
-        Whether the last step, or the reduction of the cost expected from it, was negligible.
-    triangle
-        Triangle at `x`; if the last step was taken without evaluation, the triangle at its start.
+    `converged`: whether the last step, or the reduction of the cost expected from it, was negligible. `triangle`:
+    triangle at `x`; if the last step was taken without evaluation, the triangle at its start.
     """
 
     x: FloatArray

@@ -56,22 +56,26 @@ def likelihood_derivatives(fit: LinearFit) -> Derivatives:
         P = np.eye(r) - X.reshape(m, r, width) @ np.swapaxes(part.M, -1, -2)
         residual = (part.w + part.times(fit.coefficients))[..., None]
         # A component's derivative of the noise's covariance is C diag(rates) C'.
-        C, noise = part.C, design.noise_rates(part.poses)
+        own, noise = design.noise_rates(part.poses)
+        C, rows = part.C, m * part.C.shape[-1]
+        by_own = noise.reshape(rows, -1)
         Ct = np.swapaxes(C, -1, -2)
         pulled_residual = Ct @ residual
-        pulled = (C @ (noise * pulled_residual)).reshape(m * r, K)
-        pulled -= M[:, hard:] @ effects
+        pulled = -M[:, hard:] @ effects
+        pulled[:, own] += (C @ (noise * pulled_residual)).reshape(m * r, -1)
         inner += pulled.T @ pulled
         along += pulled.T @ M
         PC = P @ C
-        expected_part = np.einsum("mf,mfc->c", (PC * C).sum(1), noise)
-        expected += expected_part
-        score += np.einsum("mf,mfc->c", pulled_residual[..., 0] ** 2, noise) - expected_part
-        information += np.einsum("mfc,mfd->cd", noise, (Ct @ PC) * (Ct @ C) @ noise)
+        expected_part = (PC * C).sum(1).ravel() @ by_own
+        expected[own] += expected_part
+        score[own] += pulled_residual.ravel() ** 2 @ by_own - expected_part
+        squared = (Ct @ PC) * (Ct @ C) @ noise
+        information[np.ix_(own, own)] += by_own.T @ squared.reshape(rows, -1)
         # The projector P times the effects' columns of each pose, along the noise columns.
-        effect_columns = Ct @ X.reshape(m, r, width)[..., hard:]
-        across = np.einsum("mfc,mfx->cx", noise, effect_columns**2, optimize=True) @ rates
-        information += across + across.T
+        effect_columns = (Ct @ X.reshape(m, r, width)[..., hard:]).reshape(rows, -1)
+        across = (by_own.T @ effect_columns**2) @ rates
+        information[own] += across
+        information[:, own] += across.T
     average = inner - along @ fit.H_inverse @ along.T
     return Derivatives(
         score=0.5 * score,

@@ -34,17 +34,10 @@ LEAST_RESOLVED_SHARE = 1e-3
 class LinearFit:
     """The mixed model of `design` at one linearisation, solved for given variance components `v` (K,).
 
-    Attributes
-    ----------
-    unit, change
-        Unit of each parameter's column (P,), and change of each parameter (P,), rad and m: the step dx if it has no
-        prior, the deviation from its nominal value if it has one.
-    b
-        Predicted coefficients of the effects, unscaled (width - hard,).
-    half
-        Root of the inverse (width, width): ``H^-1 = half half'``.
-    chi2, dof
-        ``w' P w``, and its expectation if the variances are right: equations minus parameters without a prior.
+    `unit`, `change`: unit of each parameter's column (P,), and change of each parameter (P,), rad and m: the step dx if
+    it has no prior, the deviation from its nominal value if it has one. `b`: predicted coefficients of the effects,
+    unscaled (width - hard,). `half`: root of the inverse (width, width), ``H^-1 = half half'``. `chi2`: ``w' P w``.
+    `dof`: its expectation if the variances are right, equations minus parameters without a prior.
     """
 
     def __init__(self, design: LinearModel, system: System | Linearisation, v: FloatArray) -> None:
@@ -55,25 +48,23 @@ class LinearFit:
         self.unit[design.soft_index] = design.soft_sd * self.root[:soft]
         slices = list(design.parts())
         self._kept: list[Whitened] = []
-        gram: FloatArray | None = None
+        self.H = np.diag(self._prior())
         right = np.zeros(design.width)
         square, logdet = 0.0, 0.0
         for poses in slices:
             part = self._whiten(poses)
             M = part.M.reshape(-1, design.width)
-            gram = M.T @ M if gram is None else gram + M.T @ M
+            self.H += M.T @ M
             right += part.w.reshape(-1) @ M
             square += float((part.w**2).sum())
             logdet -= float(np.log(np.diagonal(part.L_inverse, axis1=-2, axis2=-1)).sum())
             if len(slices) == 1:
                 self._kept.append(part)
-        self.H = np.zeros((design.width, design.width)) if gram is None else gram
         w, rows = self._distances()
         if len(w):
             self.H += rows.T @ rows
             right += w @ rows
             square += float(w @ w)
-        np.fill_diagonal(self.H, np.diagonal(self.H) + self._prior())
         self.half, determinant = inverse_root(self.H)
         self.coefficients = -(self.half @ (self.half.T @ right))
         # One refinement: the squares of M cost half the digits, its product with them does not.
@@ -121,7 +112,7 @@ class LinearFit:
         return np.repeat((0.0, 1.0), (hard, self.design.width - hard))
 
     def _whiten(self, poses: slice) -> Whitened:
-        return self.design.whiten(self.system.part(poses), self.v, self.root, poses)
+        return self.design.whiten(self.system.at_poses(poses), self.v, self.root, poses)
 
     def parts(self) -> Iterator[Whitened]:
         """Yield whitened poses, with effects scaled to unit variance; they are computed again if not kept."""
@@ -130,7 +121,7 @@ class LinearFit:
     @property
     def whole(self) -> System:
         """The equations of all poses at once."""
-        return self.system.part(slice(0, len(self.design.q)))
+        return self.system.at_poses(slice(0, len(self.design.q)))
 
     def at_poses(self, poses: IntArray) -> LinearFit:
         """Return the linear fit of a selection of poses alone, at the same linearisation."""
@@ -208,8 +199,10 @@ class LinearFit:
                 add("discrepancy", share * unnamed / of_group)
         for part in self.parts():
             squares = (np.swapaxes(part.C, -1, -2) @ part.times(gain.T)) ** 2
-            for noise in design.noise_sources(part.poses):
-                add(noise.source, np.einsum("mf,mfp->p", noise.variance(self.v), squares))
+            sources = design.noise_sources(part.poses)
+            by_source = np.tensordot(sources.variances(self.v), squares, 2)
+            for name, contribution in zip(sources.names, by_source, strict=True):
+                add(name, contribution)
         rows = self._distances()[1]
         if len(rows):
             add("distances", ((gain @ rows.T) ** 2).sum(-1))

@@ -29,7 +29,7 @@ from itertools import combinations
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray, IntArray, select_poses
 from solver.chain.statics import LinkMasses, torque_rates
 from solver.closing import left_null_space
 from solver.estimators.compliance import (
@@ -77,11 +77,9 @@ class LoadBasis:
 
     Attributes
     ----------
-    sag_expected
-        (m, n) expected twist of every joint; zero for a joint on which gravity has no lever arm.
-    sag, sag_missed
-        (m, n, c) columns of the deviation of each twist from its expected value, and (m, n) variance that these columns
-        leave out: the whole variance for a joint on which gravity has no lever arm.
+    sag_expected, sag, sag_missed
+        Expected twist (m, n) of every joint, columns (m, n, c) of the deviation from it, and the variance (m, n) that
+        these columns leave out: the whole variance for a joint on which gravity has no lever arm.
     all_deflections, rows
         (M, k, c) deflection along the closure components in units of the stated deflection, and the index (m,) of each
         pose in this array. It is by far the largest array, and is shared by every selection of poses.
@@ -102,27 +100,14 @@ class LoadBasis:
     side: FloatArray
     gravity: Gravity
 
-    @property
-    def deflection(self) -> FloatArray:
-        """Deflection (m, k, c) at these poses."""
-        return self.deflection_at(slice(None))
-
-    def deflection_at(self, poses: slice) -> FloatArray:
+    def deflection_at(self, poses: slice = slice(None)) -> FloatArray:
         """Deflection (m, k, c) at a slice of these poses."""
         return np.asarray(self.all_deflections[self.rows[poses]])
 
     def at_poses(self, poses: IntArray) -> LoadBasis:
         """Return the effects at a selection of poses."""
-        return LoadBasis(
-            sag_expected=self.sag_expected[poses],
-            sag=self.sag[poses],
-            sag_missed=self.sag_missed[poses],
-            all_deflections=self.all_deflections,
-            rows=self.rows[poses],
-            deflection_missed=self.deflection_missed[poses],
-            side=self.side[poses],
-            gravity=self.gravity,
-        )
+        of_poses = ("sag_expected", "sag", "sag_missed", "rows", "deflection_missed", "side")
+        return select_poses(self, poses, *of_poses)
 
     def joints_at(self, q: FloatArray) -> LoadBasis:
         """Return the effects of load on joints without a fixture, at other angles `q` (m, n), rad."""
@@ -138,21 +123,12 @@ class LoadBasis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Gravity:
-    """Each joint's twist as a function of gravity's torque, given as s shapes tau (m, n, s).
+    """Each joint's twist as a function of gravity's torque on the arm `part`, given as s shapes tau (m, n, s).
 
     The first shape of the torque is its mean; the other shapes have coefficients ~ N(0, 1). Over the poses of the
-    basis, the mean square of the twist is 1.
-
-    Attributes
-    ----------
-    part
-        The arm on which these torques act.
-    size
-        (n, s): root of the second moments of the twist's deviations from its expected value, for a unit of each shape.
-    turn
-        (n, s, c): columns of the deviations are ``tau_js turn_jsc``.
-    rate
-        (n,): expected twist is ``rate_j tau_j0``; 0 for a joint on which gravity has no lever.
+    basis, the mean square of the twist is 1. The expected twist is ``rate_j tau_j0``, `rate` (n,), 0 for a joint on
+    which gravity has no lever; the columns of the deviations are ``tau_js turn_jsc``, `turn` (n, s, c). `size` (n, s):
+    root of the second moments of these deviations, for a unit of each shape.
     """
 
     part: ArmPoses
@@ -276,10 +252,8 @@ def _wrenches(
         moments = by_moment(torque_rates(part.arm(poses), part.masses.down), part.masses)
     else:
         moments = torque[..., 1 : 1 + 4 * len(part.masses.mass_kg)]
-    every = np.arange(model.joint_count)
-    free = np.array(
-        [np.delete(every, driven) for driven in driven_sets(len(every), J.shape[-2] - own)]
-    )
+    sets = driven_sets(model.joint_count, J.shape[-2] - own)
+    free = np.array([[j for j in range(model.joint_count) if j not in driven] for driven in sets])
     # (m, sets, k, 4 n): the free joints of every set.
     held = wrench_of(np.moveaxis(J[..., free], -2, -3), E[:, None], moments[:, free])
     return np.moveaxis(held, 1, -1)
@@ -369,14 +343,18 @@ def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
     return [every[i] for i in chosen]
 
 
-def farthest(points: FloatArray, count: int) -> IntArray:
-    """Indices of `count` of `points` (m, d): the nearest to the mean, then always the farthest from those chosen."""
+def farthest(points: FloatArray, count: int, *, first: int | None = None) -> IntArray:
+    """Indices of `count` of `points` (m, d): `first`, then always the farthest from those chosen.
+
+    By default, the first is the point nearest to the mean.
+    """
     if len(points) <= count:
         return np.arange(len(points))
-    distance = ((points - points.mean(axis=0)) ** 2).sum(-1)
-    chosen: list[int] = []
-    for _ in range(count):
-        chosen.append(int(np.argmax(distance if chosen else -distance)))
-        near = ((points - points[chosen[-1]]) ** 2).sum(-1)
-        distance = near if len(chosen) == 1 else np.minimum(distance, near)
+    if first is None:
+        first = int(np.argmin(((points - points.mean(axis=0)) ** 2).sum(-1)))
+    chosen = [first]
+    distance = ((points - points[first]) ** 2).sum(-1)
+    while len(chosen) < count:
+        chosen.append(int(np.argmax(distance)))
+        distance = np.minimum(distance, ((points - points[chosen[-1]]) ** 2).sum(-1))
     return np.array(chosen)

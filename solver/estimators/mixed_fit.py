@@ -71,21 +71,11 @@ estimates by only a few per cent."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MixedFit:
-    """Result of the iteration, with the poses in the order given.
+    """Result of the iteration, with the poses in the order given; `fit`: the linear fit at the solution.
 
-    Attributes
-    ----------
-    x
-        Parameters (P,).
-    corrections, unsensed
-        Joint corrections e (m, n) and unsensed angles (m, U), rad.
-    shift
-        Part of the corrections that the effects predict (m, n), rad.
-    fit
-        The linear fit at the solution.
-    found
-        Derivatives of the likelihood at the solution, from the poses that determined the variances; None if the
-        variances were given.
+    `x`: parameters (P,). `corrections`, `unsensed`: joint corrections e (m, n) and unsensed angles (m, U), rad.
+    `shift`: part of the corrections that the effects predict (m, n), rad. `found`: derivatives of the likelihood at the
+    solution, from the poses that determined the variances; None if the variances were given.
     """
 
     x: FloatArray
@@ -126,19 +116,11 @@ def fit_mixed(
     near: FitStart | None = None,
     progress: Progress | None = None,
 ) -> MixedFit:
-    """Fit parameters, effects, joint corrections and variances to readings `q` (m, n), rad.
+    """Fit parameters, effects, joint corrections and variances to readings `q` (m, n), rad, from `x0` (P,).
 
-    Parameters
-    ----------
-    x0
-        Start (P,).
-    group
-        Placement of each pose (m,): deflections of the fixture in different placements are independent.
-    variances
-        Function that returns the variances (K,) for a layout; they and `errors.signed` stay fixed. None: variances
-        and `signed` are estimated.
-    near
-        Another fit to start from; only with fixed variances.
+    `group`: placement of each pose (m,); deflections of the fixture in different placements are independent.
+    `variances`: function that returns the variances (K,) for a layout; they and `errors.signed` stay fixed. None:
+    variances and `signed` are estimated. `near`: another fit to start from; only with fixed variances.
     """
     if variances is None and len(q) > 2 * POSES_FOR_VARIANCES:
         # Evenly over the poses in canonical order, so that the selection does not depend on their order.
@@ -276,7 +258,9 @@ def gravity_share(fit: LinearFit) -> float:
     expected sag itself would be the error.
     """
     design = fit.design
-    G = np.concatenate([fit.system.part(s).B @ design.expected[s, :, None] for s in design.parts()])
+    G = np.concatenate(
+        [fit.system.at_poses(s).B @ design.expected[s, :, None] for s in design.parts()]
+    )
     s, C = fit.score(G)
     return float(1.0 - s[0] / max(C[0, 0], 1e-300))
 
@@ -307,7 +291,7 @@ def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[St
     e, deflection = design.effects_at(fit.b, old.closed_q)
     u, closed_q, closed_u = old.closed_u.copy(), design.q.copy(), old.closed_u.copy()
     for part in fit.parts():
-        poses, system = part.poses, at.part(part.poses)
+        poses, system = part.poses, at.at_poses(part.poses)
         residual = (part.w + part.times(fit.coefficients))[..., None]
         multipliers = np.swapaxes(part.L_inverse, -1, -2) @ residual
         noise = part.noise * (np.swapaxes(system.noise_columns, -1, -2) @ multipliers)[..., 0]

@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray, IntArray, select_poses
 from solver.chain.parameters import nominal_vector, wrap_angle
 from solver.chain.poses import back_to_caller, canonical_order
 from solver.estimators.component_report import (
@@ -43,8 +43,8 @@ class VarianceComponents:
 
     Attributes
     ----------
-    components
-        Every component with its interval.
+    components, variances
+        Every component with its interval; every estimated variance component, by its name in the error model.
     compliance
         Test whether the fixture is more compliant than stated; None if it was not made.
     noise
@@ -57,10 +57,6 @@ class VarianceComponents:
         By source, contribution to the variance of every parameter (P,); the sum of all is the variance of the estimate.
     stated_chi2, stated_dof
         Misfit at the stated variances instead of fitted ones, and its expectation.
-    iterations, converged
-        Number of iterations, and whether they converged.
-    variances
-        Every estimated variance component, by its name in the error model.
     signed
         Whether joints are taken to sag in the direction of gravity; False if the readings contradict this.
     """
@@ -80,10 +76,9 @@ class VarianceComponents:
 
     def at_poses(self, poses: IntArray) -> VarianceComponents:
         """Return the results with the per-pose values of some poses only."""
-        variance = self.noise.joint_variance[poses]
         return replace(
             self,
-            noise=replace(self.noise, joint_variance=variance),
+            noise=select_poses(self.noise, poses, "joint_variance"),
             curves_rad={j: curve[poses] for j, curve in self.curves_rad.items()},
         )
 
@@ -96,14 +91,9 @@ class VarianceComponents:
 class Calibrated:
     """An estimate, its variance components, and the linear fit that further tests use.
 
-    Attributes
-    ----------
-    linear, order
-        The fit, with its poses in canonical order, and the caller's index (m,) of each of these poses.
-    found
-        Derivatives, at the solution, of the likelihood with respect to the variances.
-    unsensed
-        Unsensed angles (m, U), rad, in the caller's order.
+    `linear`, `order`: the fit, with its poses in canonical order, and the caller's index (m,) of each of these poses.
+    `found`: derivatives, at the solution, of the likelihood with respect to the variances. `unsensed`: unsensed angles
+    (m, U), rad, in the caller's order.
     """
 
     estimate: Estimate
@@ -123,11 +113,11 @@ class Calibrated:
         # Evenly in canonical order, so that the selection does not depend on the poses' order.
         subset = np.linspace(0, len(self.order) - 1, most).astype(np.int64)
         of_caller = np.sort(self.order[subset])
-        reduced = Calibrated(
+        reduced = replace(
+            self,
             estimate=self.estimate.at_poses(of_caller),
             components=self.components.at_poses(of_caller),
             linear=self.linear.at_poses(subset),
-            found=self.found,
             order=np.searchsorted(of_caller, self.order[subset]),
             unsensed=self.unsensed[of_caller],
         )
@@ -143,32 +133,18 @@ def estimate_with_errors(
     group: IntArray | None = None,
     progress: Progress | None = None,
 ) -> Calibrated:
-    """Fit parameters, joint corrections, effects and variances to joint angles `q` (m, n), rad.
+    """Fit parameters, joint corrections, effects and variances to joint angles `q` (m, n), rad, from `x0` (P,).
 
-    Parameters
-    ----------
-    x0
-        Start (P,). Default: toleranced parameters at their nominal values, the others from the estimator without
-        effects (`solver.estimators.implicit`).
-    group
-        Placement of each pose (m,).
-
-    Raises
-    ------
-    ValueError
-        The errors name a joint whose reading is not used, or a parameter that is not free.
-    TooFewPosesError
-        No degree of freedom would be left.
+    By default, the start is the estimate without effects (`solver.estimators.implicit`), with toleranced parameters at
+    their nominal values. `group`: placement of each pose (m,). Raises `ValueError` if the errors name a joint whose
+    reading is not used, or a parameter that is not free; `TooFewPosesError` if no degree of freedom would be left.
     """
     settled = settle(model, q, errors, x0=x0, group=group, progress=progress)
-    fitted = settled.fit
-    back = back_to_caller(settled.order)
-    fit = fitted.fit
-    estimate = estimate_of(settled, model, q)
+    fitted, back = settled.fit, back_to_caller(settled.order)
     return Calibrated(
-        estimate=estimate,
+        estimate=estimate_of(settled, model, q),
         components=_report(fitted, back),
-        linear=fit,
+        linear=fitted.fit,
         found=fitted.derivatives(),
         order=settled.order,
         unsensed=fitted.unsensed[back],
@@ -227,7 +203,7 @@ def settle(
     model, q, errors = model.at_poses(order), q[order], errors.at_poses(order)
     group = None if group is None else group[order]
     if near is not None:
-        near = replace(near, corrections=near.corrections[order], unsensed=near.unsensed[order])
+        near = select_poses(near, order, "corrections", "unsensed")
     dof = require_enough_poses(model, len(q), known=len(errors.tolerance))
     nominal = nominal_vector(model.parameters)
     if x0 is None:

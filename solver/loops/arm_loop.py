@@ -22,22 +22,16 @@ from solver.loops.closure import ClosureModel, LoopError
 class ArmLoop(ClosureModel):
     """A chain of D-H links with sensed and unsensed joints.
 
-    Attributes
-    ----------
-    table
-        Nominal D-H table of the links, the first of which is number `FIRST_LINK`.
-    entries
-        Unknown entries, in the order of the parameter vector.
-    unsensed_joints
-        Arm joints (1-based) whose readings are not used; their angles are unknowns of each pose.
-    own
-        Names of the endpoint's unknowns, which follow the entries in the parameter vector.
+    `table`: nominal D-H table of the links, the first of which is number `FIRST_LINK`. `entries`: unknown entries, in
+    the order of the parameter vector; the endpoint's unknowns `own` (names) follow them. `unsensed_joints`: arm joints
+    (1-based) whose readings are not used; their angles are unknowns of each pose.
     """
 
     FIRST_LINK: ClassVar[int] = 1
     OWN: ClassVar[tuple[str, ...]] = ()
     OWN_ANGLES: ClassVar[tuple[str, ...]] = ()
-    """Unknowns that an endpoint can have, and which of them are angles."""
+    GROUND_SIDE: ClassVar[tuple[str, ...]] = ()
+    """Unknowns that an endpoint can have, which of them are angles, and which place the fixture on the table."""
 
     table: DhTable
     entries: tuple[DhEntry, ...]
@@ -89,6 +83,16 @@ class ArmLoop(ClosureModel):
     def joint_count(self) -> int:
         """Number n of joints of the arm."""
         return self.table.links - 1 + self.FIRST_LINK
+
+    @property
+    def ground_side(self) -> tuple[str, ...]:
+        """Names of the endpoint's unknowns among `GROUND_SIDE`."""
+        return tuple(name for name in self.own if name in self.GROUND_SIDE)
+
+    @property
+    def hand_side(self) -> tuple[str, ...]:
+        """Names of the endpoint's other unknowns."""
+        return tuple(name for name in self.own if name not in self.GROUND_SIDE)
 
     def arm_rows(self) -> FloatArray:
         """Nominal rows 1..n (5, n): theta_off, s, a, alpha, beta."""

@@ -14,7 +14,7 @@ from typing import Self
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray, IntArray
+from solver.arrays import BoolArray, FloatArray, IntArray, select_poses
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, Parameter, wrap_angles
 from solver.loops.endpoint_geometry import Line
@@ -42,30 +42,17 @@ class LoopError:
 
     def of_poses(self, poses: IntArray | BoolArray) -> LoopError:
         """Return the error of a selection of poses."""
-        return LoopError(
-            residual=self.residual[poses],
-            jac_x=self.jac_x[poses],
-            jac_q=self.jac_q[poses],
-            jac_u=self.jac_u[poses],
-        )
+        return select_poses(self, poses, "residual", "jac_x", "jac_q", "jac_u")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReducedError:
     """Closure error with the unsensed angles eliminated, as the paper minimises it.
 
-    Attributes
-    ----------
-    residual
-        (..., m, r) in the fixture frame: for a hinge dx, dy (rad), then x, y, z (m) of eq. 13.
-    jac_x
-        Exact derivative of `residual` with respect to the parameters (..., m, r, P), the paper's C for these rows.
-    rotation_rows
-        Number of the r rows that are rotations; they come first.
-    unsensed
-        The eliminated angles (..., m, U), rad.
-    flipped
-        (..., m) bool: poses on the other branch of the elimination (tool upside down on the hinge).
+    `residual`: (..., m, r) in the fixture frame; for a hinge dx, dy (rad), then x, y, z (m) of eq. 13. The first
+    `rotation_rows` of the r rows are rotations. `jac_x`: its exact derivative with respect to the parameters (..., m,
+    r, P), the paper's C for these rows. `unsensed`: the eliminated angles (..., m, U), rad. `flipped`: (..., m) bool,
+    poses on the other branch of the elimination (tool upside down on the hinge).
     """
 
     residual: FloatArray

@@ -40,12 +40,9 @@ class DhLoop(ArmLoop):
 
     FIRST_LINK: ClassVar[int] = 0
 
-    hinge: bool
+    components: ClassVar[int] = 6
 
-    @property
-    def components(self) -> int:
-        """Number of closure components: 6, rotation and position."""
-        return 6
+    hinge: bool
 
     @property
     def unsensed_rows(self) -> tuple[int, ...]:

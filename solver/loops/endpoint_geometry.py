@@ -32,16 +32,12 @@ class Line:
 def constrained_axis_entries(ground: Line, hand: Line, n: int) -> dict[str, float]:
     """D-H entries of links 0, 1 and n, by name, with alpha_0 and alpha_n in [0, pi], for two lines that coincide.
 
-    If neighbouring axes are parallel (Hayati [9]), their common normal is not unique; the
-    normal through the tool's or the table's point is taken.
+    If neighbouring axes are parallel (Hayati [9]), their common normal is not unique; the normal through the tool's or
+    the table's point is taken.
 
-    Parameters
-    ----------
-    ground
-        The line fixed in the table, in the base frame turned and shifted so that theta_off_1 and s_1 are zero.
-    hand
-        The line fixed in the tool, in the frame that turns with joint n, with theta_off_n zero: ``R_1 .. R_{n-1}
-        Rz(theta_n)``, origin of frame n-1.
+    `ground`: the line fixed in the table, in the base frame turned and shifted so that theta_off_1 and s_1 are zero.
+    `hand`: the line fixed in the tool, in the frame that turns with joint n, with theta_off_n zero: ``R_1 .. R_{n-1}
+    Rz(theta_n)``, origin of frame n-1.
     """
     # Tool: direction = Rz(off_n) (0, -sin alpha_n, cos alpha_n).
     off_n = _bearing(hand.direction) + 0.5 * np.pi

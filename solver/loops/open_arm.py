@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray, frozen
+from solver.arrays import FloatArray, IntArray, frozen, select_poses
 from solver.chain.rotations import rotation_matrix, rotation_vector, rotation_vector_differential
 from solver.loops.arm_loop import ArmLoop
 from solver.loops.closure import LoopError
@@ -30,20 +30,14 @@ class MeasuredClosure(ArmLoop):
     stays small and its components are ordinary angles). `own` lists which of base_x .. tip_rz are unknown;
     position-only measurements do not determine tip_r*.
 
-    Attributes
-    ----------
-    base_m, base_rotation, tip_m, tip_rotation
-        Nominal placements: positions (3,) and rotations (3, 3).
-    full_pose
-        Whether orientations are measured too.
-    endpoint_m
-        Measured positions of the target in the instrument's frame (m, 3); None before binding.
-    endpoint_rotation
-        Measured orientations of the target (m, 3, 3); None for position only.
+    `base_m`, `base_rotation`, `tip_m`, `tip_rotation`: nominal placements, positions (3,) and rotations (3, 3).
+    `full_pose`: whether orientations are measured too. `endpoint_m`, `endpoint_rotation`: measured positions (m, 3)
+    and, of a full pose, orientations (m, 3, 3) of the target in the instrument's frame; None before binding.
     """
 
     OWN: ClassVar[tuple[str, ...]] = BASE + TIP_POINT + TIP_TURN
     OWN_ANGLES: ClassVar[tuple[str, ...]] = BASE[3:] + TIP_TURN
+    GROUND_SIDE: ClassVar[tuple[str, ...]] = BASE
 
     base_m: FloatArray
     base_rotation: FloatArray
@@ -143,22 +137,9 @@ class MeasuredClosure(ArmLoop):
                         candidates.append(z)
         return np.stack(candidates)
 
-    @property
-    def ground_side(self) -> tuple[str, ...]:
-        """Unknowns of the placement of base and instrument relative to each other: base_*."""
-        return tuple(name for name in self.own if name in BASE)
-
-    @property
-    def hand_side(self) -> tuple[str, ...]:
-        """Unknowns of the target's placement on the tool: tip_*."""
-        return tuple(name for name in self.own if name not in BASE)
-
     def at_poses(self, poses: IntArray) -> MeasuredClosure:
         """Return the model bound to the measurements of these poses only."""
-        if self.endpoint_m is None:
-            return self
-        rotation = None if self.endpoint_rotation is None else self.endpoint_rotation[poses]
-        return replace(self, endpoint_m=self.endpoint_m[poses], endpoint_rotation=rotation)
+        return select_poses(self, poses, "endpoint_m", "endpoint_rotation")
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Origins of frames 0..n and the target (n + 2, 3), m, and a zero axis, for joint angles `q` (n,)."""

@@ -13,7 +13,7 @@ including theta_off_n.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from math import prod
@@ -34,18 +34,10 @@ MAX_COMBINATIONS = 4096
 class Placements(ClosureModel):
     """A `ClosureModel` of all placements, bound to the placement of each pose.
 
-    Attributes
-    ----------
-    numbers
-        The operator's numbers of the placements, ascending.
-    models
-        Loop of each placement, with the same arm and the same kind of fixture.
-    placement
-        Number of the placement to which each pose belongs, (m,).
-    same_hand
-        Whether the fixture's half on the tool is the same in all placements.
-    parameters
-        Shared unknowns first, then each placement's own unknowns, with the placement's number in the name.
+    `numbers`: the operator's numbers of the placements, ascending; `models`: loop of each, with the same arm and the
+    same kind of fixture. `placement`: number of the placement to which each pose belongs, (m,). `same_hand`: whether
+    the fixture's half on the tool is the same in all placements. `parameters`: shared unknowns first, then each
+    placement's own unknowns, with the placement's number in the name.
     """
 
     numbers: tuple[int, ...]
@@ -124,51 +116,55 @@ class Placements(ClosureModel):
 
     def loop(self, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:
         """Closure error of every pose in its own placement."""
-        x = np.asarray(x, dtype=np.float64)
-        self._check(q)
         errors = [
-            model.loop(x[..., columns], q[..., poses, :], u[..., poses, :])
-            for model, columns, poses in self.parts()
+            model.loop(own_x, q[..., poses, :], u[..., poses, :])
+            for model, own_x, poses in self._each(x, q)
         ]
-        return LoopError(
-            residual=self._gathered([e.residual for e in errors], 1),
-            jac_x=self._gathered([e.jac_x for e in errors], 2, by_parameters=True),
-            jac_q=self._gathered([e.jac_q for e in errors], 2),
-            jac_u=self._gathered([e.jac_u for e in errors], 2),
-        )
+        return LoopError(**self._gathered(errors, residual=1, jac_x=2, jac_q=2, jac_u=2))
 
     def initial_unsensed(self, x: FloatArray, q: FloatArray) -> FloatArray:
         """Initial unsensed angles of every pose (..., m, U), rad."""
-        x = np.asarray(x, dtype=np.float64)
-        self._check(q)
         angles = [
-            model.initial_unsensed(x[..., columns], q[..., poses, :])
-            for model, columns, poses in self.parts()
+            model.initial_unsensed(own_x, q[..., poses, :])
+            for model, own_x, poses in self._each(x, q)
         ]
-        return self._gathered(angles, 1)
+        return self._gathered_array(angles, 1)
 
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
         """Reduced closure error of every pose in its own placement."""
-        x = np.asarray(x, dtype=np.float64)
-        self._check(q)
         return self.merged(
             [
-                model.reduced(x[..., columns], q[..., poses, :], rates=rates)
-                for model, columns, poses in self.parts()
+                model.reduced(own_x, q[..., poses, :], rates=rates)
+                for model, own_x, poses in self._each(x, q)
             ]
         )
 
     def merged(self, errors: Sequence[ReducedError]) -> ReducedError:
         """Combine the reduced errors of all `parts`."""
-        return ReducedError(
-            residual=self._gathered([e.residual for e in errors], 1),
-            jac_x=self._gathered([e.jac_x for e in errors], 2, by_parameters=True),
-            rotation_rows=errors[0].rotation_rows,
-            unsensed=self._gathered([e.unsensed for e in errors], 1),
-            flipped=self._gathered([e.flipped for e in errors], 0),
-        )
+        gathered = self._gathered(errors, residual=1, jac_x=2, unsensed=1, flipped=0)
+        return replace(errors[0], **gathered)
+
+    def _each(
+        self, x: FloatArray, q: FloatArray
+    ) -> Iterator[tuple[ClosureModel, FloatArray, IntArray]]:
+        """Yield model, own parameters (..., P_own) and pose indices of every placement that has poses."""
+        if q.shape[-2] != len(self.placement):
+            raise ValueError(f"{q.shape[-2]} poses for a model bound to {len(self.placement)}")
+        for model, columns, poses in self.parts():
+            yield model, np.asarray(x)[..., columns], poses
 
     def _gathered(
+        self, errors: Sequence[LoopError | ReducedError], **trailing: int
+    ) -> dict[str, Any]:
+        """Combine arrays of the placements' errors; `trailing`: number of axes after the poses, by field."""
+        return {
+            name: self._gathered_array(
+                [getattr(e, name) for e in errors], axes, by_parameters=name == "jac_x"
+            )
+            for name, axes in trailing.items()
+        }
+
+    def _gathered_array(
         self, parts: list[NDArray[Any]], trailing: int, *, by_parameters: bool = False
     ) -> NDArray[Any]:
         """Put values (..., m_k, <trailing>) of each placement at the indices of its poses.
@@ -183,11 +179,11 @@ class Placements(ClosureModel):
         if spread:
             shape[-1] = len(self.parameters)
         out = np.zeros(shape, dtype=first.dtype)
-        for k, (_, columns, poses) in enumerate(self.parts()):
-            gathered = parts[k]
+        for (_, columns, poses), part in zip(self.parts(), parts, strict=True):
+            gathered = part
             if spread:
-                gathered = np.zeros((*gathered.shape[:-1], shape[-1]), dtype=first.dtype)
-                gathered[..., columns] = parts[k]
+                gathered = np.zeros((*part.shape[:-1], shape[-1]), dtype=first.dtype)
+                gathered[..., columns] = part
             np.moveaxis(out, axis, 0)[poses] = np.moveaxis(gathered, axis, 0)
         return out
 
@@ -303,25 +299,15 @@ class Placements(ClosureModel):
         ]
         return tuple(dict.fromkeys(names))
 
-    def _check(self, q: FloatArray) -> None:
-        if q.shape[-2] != len(self.placement):
-            raise ValueError(f"{q.shape[-2]} poses for a model bound to {len(self.placement)}")
-
 
 def place(
     models: ClosureModel | Sequence[ClosureModel], placement: IntArray, *, same_hand: bool = False
 ) -> Placements:
-    """Bind a fixture's loop to the placements of a data set.
+    """Bind a fixture's loop to the `placement` number of each pose of a data set, (m,).
 
-    Parameters
-    ----------
-    models
-        One loop whose nominal values serve all placements, or one loop for each placement in ascending order. A single
-        `MeasuredClosure` must be bound to the measurements of all poses, in the order of `placement`.
-    placement
-        Number of the placement of each pose, (m,).
-    same_hand
-        Whether the tool kept its half of the fixture in all placements.
+    `models`: one loop whose nominal values serve all placements, or one loop for each placement in ascending order. A
+    single `MeasuredClosure` must be bound to the measurements of all poses, in the order of `placement`. `same_hand`:
+    whether the tool kept its half of the fixture in all placements.
     """
     numbers = tuple(int(k) for k in np.unique(placement))
     each = (

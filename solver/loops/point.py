@@ -24,10 +24,15 @@ GROUND = ("ground_x", "ground_y", "ground_z")
 class PointClosure(ArmLoop):
     """An arm of links 1..n with a ball on the tool, in a socket; `own` lists which of tip_x .. ground_z are unknown.
 
-    `tip_m`, `ground_m`: nominal centre of the ball in the flange frame, and of the socket in the base frame, (3,).
+    `tip_m`, `ground_m`: nominal centre of the ball in the flange frame, and of the socket in the base frame, (3,). The
+    arm's theta_off_1 and s_1 do not belong to a placement: they cannot be separated from a rotation or a lift of all
+    sockets, however many there are.
     """
 
     OWN: ClassVar[tuple[str, ...]] = TIP + GROUND
+    GROUND_SIDE: ClassVar[tuple[str, ...]] = GROUND
+    components: ClassVar[int] = 3
+    constrained_part: ClassVar[ConstrainedPart] = ConstrainedPart.POINT
 
     tip_m: FloatArray
     ground_m: FloatArray
@@ -43,11 +48,6 @@ class PointClosure(ArmLoop):
 
     def _own_nominal(self) -> FloatArray:
         return np.concatenate((self.tip_m, self.ground_m))
-
-    @property
-    def components(self) -> int:
-        """Number of closure components: 3, position only."""
-        return 3
 
     def loop(self, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:
         """Vector from the socket's centre to the ball's (m), in the base frame, and its exact derivatives."""
@@ -67,25 +67,6 @@ class PointClosure(ArmLoop):
         """Axes (m, 3, 3) of the socket, fixed in the base frame, and of the ball, which turns with the tool."""
         table, _ = ArmLoop.fixture_axes(self, x, q, u)
         return table, self.frames(x, q, u).R_end
-
-    @property
-    def ground_side(self) -> tuple[str, ...]:
-        """Names of the unknowns among ground_x, ground_y and ground_z.
-
-        The arm's theta_off_1 and s_1 are not included: they cannot be separated from a rotation or a lift of all
-        sockets, however many there are.
-        """
-        return tuple(name for name in self.own if name in GROUND)
-
-    @property
-    def hand_side(self) -> tuple[str, ...]:
-        """Names of the unknowns among tip_x, tip_y and tip_z."""
-        return tuple(name for name in self.own if name in TIP)
-
-    @property
-    def constrained_part(self) -> ConstrainedPart:
-        """The fixture constrains a point of the tool."""
-        return ConstrainedPart.POINT
 
     def constraint_entries(self, at: ToolConstraint) -> dict[str, float]:
         """Centres of ball and socket by name, m: the points in `at` moved by the nominal theta_off_1, s_1 and row n."""

@@ -40,18 +40,10 @@ arbitrary), have these shares of the weight; the number of each is `TIMES` the n
 class BestTable:
     """A table, the tool's point in its last frame, and their uncertainties.
 
-    Attributes
-    ----------
-    rows
-        Links 1..n (5, n): theta_off, s, a, alpha, beta; rad and m.
-    tip_m
-        The tool's point in frame n (3,).
-    entries, covariance
-        Entries and tip coordinates that the fit determines (k,), and their covariance (k, k), rad and m.
-    left_m
-        Root mean square, including uncertainty, of the part of the tool corrections that no table can represent.
-    sigma_m
-        Expected root mean square, over the arm's use, of the tool's distance from its true position.
+    `rows`: links 1..n (5, n), theta_off, s, a, alpha, beta; rad and m. `tip_m`: the tool's point in frame n (3,).
+    `entries`, `covariance`: entries and tip coordinates that the fit determines (k,), and their covariance (k, k), rad
+    and m. `left_m`: root mean square, including uncertainty, of the part of the tool corrections that no table can
+    represent. `sigma_m`: expected root mean square, over the arm's use, of the tool's distance from its true position.
     """
 
     rows: FloatArray
@@ -143,17 +135,11 @@ def best_table(
 ) -> BestTable:
     """Return the table near `table` that best replaces the corrections where the arm is used.
 
-    Parameters
-    ----------
-    readings, weight
-        Poses where the arm is used, and their weights (m,), of sum 1; see `where_used`.
-    known, covariance
-        Names of the fitted entries of `table` and coordinates of the tip (k,), and the covariance (k + c, k + c) of
-        these values and of the coefficients of the corrections.
-    fixed
-        Entries that do not change, because they describe the fixture's placement.
-    tip
-        Whether the tool's point may move in the last frame too, as needed for a ball, whose centre is no D-H entry.
+    `readings`, `weight`: poses where the arm is used, and their weights (m,), of sum 1; see `where_used`. `known`:
+    names of the fitted entries of `table` and coordinates of the tip (k,). `covariance`: of these values and of the
+    coefficients of the corrections (k + c, k + c). `fixed`: entries that do not change, because they describe the
+    fixture's placement. `tip`: whether the tool's point may move in the last frame too, as needed for a ball, whose
+    centre is no D-H entry.
     """
     m = len(weight)
     point = tool_point(table, tip_m, every_entry(table.links, hayati))
@@ -167,12 +153,14 @@ def best_table(
         3 * m, -1
     )
     base = (at.jac_q @ readings.expected[..., None]).reshape(-1)
-    A = np.concatenate((root[:, None] * J * size / CLOSE_M, np.eye(len(names))))
-    target = root[:, None] * np.column_stack((by_corrections, base)) / CLOSE_M
-    target = np.concatenate((target, np.zeros((len(names), target.shape[1]))))
-    G = np.linalg.lstsq(A, target, rcond=None)[0] * size[:, None]
+    corrected = np.column_stack((by_corrections, base))
+    A = (root / CLOSE_M)[:, None] * J * size
+    # With the unit matrix, the normal equations are well conditioned.
+    normal = A.T @ A + np.eye(len(names))
+    right = A.T @ ((root / CLOSE_M)[:, None] * corrected)
+    G = size[:, None] * np.linalg.solve(normal, right)
     b = np.append(corrections.coefficients, 1.0)
-    not_represented = np.column_stack((by_corrections, base)) - J @ G
+    not_represented = corrected - J @ G
     k = len(known)
     spread = ((not_represented[:, :-1] @ covariance[k:, k:]) * not_represented[:, :-1]).sum(-1)
     mean_square = float(root**2 @ ((not_represented @ b) ** 2 + np.maximum(spread, 0.0)))

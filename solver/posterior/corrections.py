@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray, IntArray, select_poses
 from solver.chain.kinematics import forward
 from solver.chain.parameters import DhKind
 from solver.chain.sensors import powers_of
@@ -37,21 +37,12 @@ TURN_LIMIT = 1.2
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReadingCorrection:
-    """One correction of one joint; the module's docstring describes each kind.
+    """One correction of one joint (1-based); the module's docstring describes each kind.
 
-    Attributes
-    ----------
-    source
-        Name of the source in an uncertainty budget.
-    joint
-        1-based.
-    coefficients
-        (c,), rad; for gravity (4 n,): mass (kg) and first moment (kg m) of each link, each multiplied by the joint's
-        compliance, rad/(N m).
-    middle_rad, half_scale_rad
-        For linearity: the sensor's electrical zero and half of its full scale.
-    down
-        For gravity: direction of gravity in the base frame (3,), or the direction's change by a tilt of the base.
+    `source`: name of the source in an uncertainty budget. `coefficients`: (c,), rad; for gravity (4 n,): mass (kg) and
+    first moment (kg m) of each link, each multiplied by the joint's compliance, rad/(N m). `middle_rad`,
+    `half_scale_rad`: for linearity, the sensor's electrical zero and half of its full scale. `down`: for gravity, its
+    direction in the base frame (3,), or the direction's change by a tilt of the base.
     """
 
     source: str
@@ -178,18 +169,10 @@ def _gravity(joint: int, shapes: FloatArray, masses: LinkMasses) -> Iterator[Rea
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CorrectionShapes:
-    """Parts of the corrections at m poses.
+    """Parts of the corrections at readings `q` (m, n), rad.
 
-    Attributes
-    ----------
-    q
-        Readings (m, n), rad.
-    shapes
-        (m, c), rad for a unit of each coefficient.
-    expected
-        Correction (m, n), rad, expected before the fit.
-    side
-        Expected side (m, n) of every joint's play, which `expected` includes.
+    `shapes`: (m, c), rad for a unit of each coefficient. `expected`: correction (m, n), rad, expected before the fit;
+    `side`: expected side (m, n) of every joint's play, which `expected` includes.
     """
 
     q: FloatArray
@@ -199,10 +182,7 @@ class CorrectionShapes:
 
     def first(self, count: int) -> CorrectionShapes:
         """Return the parts at the first `count` poses."""
-        return CorrectionShapes(
-            q=self.q[:count], shapes=self.shapes[:count], expected=self.expected[:count],
-            side=self.side[:count],
-        )  # fmt: skip
+        return select_poses(self, slice(count), "q", "shapes", "expected", "side")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -7,7 +7,9 @@ all poses. The result states how many starts led to each minimum, and whether a 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -53,16 +55,9 @@ CLOSED = 1e-9
 class LocalMinimum:
     """One solution of the search.
 
-    Attributes
-    ----------
-    x
-        Parameters (P,): of all equivalent vectors, the one nearest to the nominal values.
-    rms
-        Root mean square of the reduced closure error over all poses (1 m : 1 rad).
-    starts
-        Number of starts that ended here.
-    flipped
-        Poses (indices) that this solution puts on the flipped branch; a solution with such poses is invalid.
+    `x`: parameters (P,), of all equivalent vectors the one nearest to the nominal values. `rms`: root mean square of
+    the reduced closure error over all poses (1 m : 1 rad). `starts`: number of starts that ended here. `flipped`: poses
+    (indices) that this solution puts on the flipped branch; a solution with such poses is invalid.
     """
 
     x: FloatArray
@@ -73,17 +68,11 @@ class LocalMinimum:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GlobalStart:
-    """Result of the search.
+    """Result of the search, made from a number of `starts`.
 
-    Attributes
-    ----------
-    minima
-        Distinct solutions, the best first; solutions with poses on the flipped branch come last.
-    starts
-        Number of starts.
-    set_aside
-        Poses (indices) taken with the tool upside down on the hinge: no solution uses them. `LocalMinimum.flipped` does
-        not include them.
+    `minima`: distinct solutions, the best first; solutions with poses on the flipped branch come last. `set_aside`:
+    poses (indices) taken with the tool upside down on the hinge: no solution uses them, and `LocalMinimum.flipped` does
+    not include them.
     """
 
     minima: tuple[LocalMinimum, ...]
@@ -117,22 +106,10 @@ def global_start(
 ) -> GlobalStart:
     """Search for parameters of `model` that close the poses `q` (m, n), rad, without a first guess.
 
-    Parameters
-    ----------
-    starts
-        Number of starts (default: 500, or 1500 if only positions are constrained). The first starts from the nominal
-        values, the others at random.
-    seed
-        Seed of the random starts; the same seed gives the same result.
-    progress
-        Called after each iteration of the search; may raise to cancel.
-
-    Raises
-    ------
-    TooFewPosesError
-        The poses do not give more equations than unknowns.
-    ValueError
-        `starts` is less than 1.
+    `starts`: number of starts (default: 500, or 1500 if only positions are constrained). The first starts from the
+    nominal values, the others at random; the same `seed` gives the same result. `progress`: called after each iteration
+    of the search; may raise to cancel. Raises `TooFewPosesError` if the poses do not give more equations than unknowns,
+    `ValueError` if `starts` is less than 1.
     """
     if starts is not None and starts < 1:
         raise ValueError("at least one start is needed")
@@ -142,33 +119,26 @@ def global_start(
         directed = sensed.equations_per_pose > 3
         starts = STARTS if directed else STARTS_WITHOUT_DIRECTION
     rng = np.random.default_rng(seed)
-    start = _solve(model, sensed, q, starts, rng, progress)
+    search: Search = partial(best_minima, starts=starts, rng=rng, progress=progress)
+    start = GlobalStart(minima=_solve(model, sensed, q, search), starts=starts)
     if start.best.rms > BRANCHES_MIXED_RMS and sensed.equations_per_pose == HINGE_EQUATIONS:
-        upright = _main_branch(sensed, q, starts, rng, progress)
+        upright = _main_branch(sensed, q, search, rng)
         if not upright.all():
-            upright_poses = np.flatnonzero(upright)
-            alone = _solve(
-                model.at_poses(upright_poses),
-                sensed.at_poses(upright_poses),
-                q[upright_poses],
-                starts,
-                rng,
-                progress,
-            )
-            if alone.best.rms < start.best.rms:
-                aside = tuple(int(k) for k in np.flatnonzero(~upright))
-                return replace(alone, set_aside=aside)
+            kept = np.flatnonzero(upright)
+            minima = _solve(model.at_poses(kept), sensed.at_poses(kept), q[kept], search)
+            if minima[0].rms < start.best.rms:
+                aside = tuple(np.flatnonzero(~upright).tolist())
+                return GlobalStart(minima=minima, starts=starts, set_aside=aside)
     return start
 
 
+Search = Callable[[ClosureModel, FloatArray], list[tuple[FloatArray, int]]]
+"""`best_minima` with its starts: function from a model and its poses (m, n) to the best minima."""
+
+
 def _solve(
-    model: ClosureModel,
-    sensed: ClosureModel,
-    q: FloatArray,
-    starts: int,
-    rng: np.random.Generator,
-    progress: Progress | None,
-) -> GlobalStart:
+    model: ClosureModel, sensed: ClosureModel, q: FloatArray, search: Search
+) -> tuple[LocalMinimum, ...]:
     """Search, refine on all of `q`, and separate distinct solutions."""
     nominal = nominal_vector(sensed.parameters)
     names = [p.name for p in sensed.parameters]
@@ -177,11 +147,10 @@ def _solve(
 
     solutions: list[tuple[FloatArray, LocalMinimum]] = []
     best = np.inf
-    for x0, count in best_minima(sensed, q, starts, rng, progress):
+    for x0, count in search(sensed, q):
         fit = solve_damped(problem, x0, max_iterations=FIRST_POLISH)
-        if not fit.converged and fit.cost < REFINED_COST_RATIO * max(
-            best, 0.5 * q.size * CLOSED**2
-        ):
+        worth_refining = REFINED_COST_RATIO * max(best, 0.5 * q.size * CLOSED**2)
+        if not fit.converged and fit.cost < worth_refining:
             fit = solve_damped(problem, fit.x)
         best = min(best, fit.cost)
         x = nearest_equivalent(sensed, fit.x, nominal)
@@ -190,7 +159,7 @@ def _solve(
             x=x[columns],
             rms=float(np.sqrt(np.mean(error.residual**2))),
             starts=count,
-            flipped=tuple(int(k) for k in np.flatnonzero(error.flipped)),
+            flipped=tuple(np.flatnonzero(error.flipped).tolist()),
         )
         for k, (other, known) in enumerate(solutions):
             if _same_loop(sensed, x, other):
@@ -200,16 +169,11 @@ def _solve(
                 break
         else:
             solutions.append((x, minimum))
-    minima = sorted((b for _, b in solutions), key=lambda b: (bool(b.flipped), b.rms))
-    return GlobalStart(minima=tuple(minima), starts=starts)
+    return tuple(sorted((b for _, b in solutions), key=lambda b: (bool(b.flipped), b.rms)))
 
 
 def _main_branch(
-    model: ClosureModel,
-    q: FloatArray,
-    starts: int,
-    rng: np.random.Generator,
-    progress: Progress | None,
+    model: ClosureModel, q: FloatArray, search: Search, rng: np.random.Generator
 ) -> BoolArray:
     """Whether each pose is on the majority branch (m,), from fits to a few poses at a time.
 
@@ -220,7 +184,7 @@ def _main_branch(
     score = (0, -np.inf)
     for _ in range(SAMPLES):
         few = np.sort(rng.choice(len(q), min(SAMPLE_POSES, len(q)), replace=False))
-        (x, _), *_ = best_minima(model.at_poses(few), q[few], starts, rng, progress)
+        (x, _), *_ = search(model.at_poses(few), q[few])
         error = model.reduced(x, q)
         near = np.linalg.norm(error.residual[:, error.rotation_rows :], axis=-1) < NEAR_M
         swing = np.linalg.norm(error.residual[:, : error.rotation_rows], axis=-1)

@@ -23,6 +23,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable, Frames, forward
 from solver.chain.parameters import DhKind, wrap_angle
+from solver.estimators.load_effects import farthest
 from solver.loops.closure import ClosureModel, ConstrainedPart, ToolConstraint, Which
 from solver.loops.endpoint_geometry import Line
 
@@ -34,19 +35,10 @@ RIDGE = 1e-9
 class InnerProblem:
     """A `BatchProblem` over the offsets of some inner joints in one placement.
 
-    Attributes
-    ----------
-    model, columns
-        Loop of the placement, and the indices of its parameters in the whole vector.
-    table
-        D-H rows 1..n; the offsets of joints 1 and n, s_1, and the lengths and twists of row n are zero.
-        Offsets of joints that are not searched keep their values.
-    searched
-        Joints (1-based) whose offsets are sought; joints 1 and n are never among them.
-    q
-        Joint angles (m, n), rad.
-    per_m
-        Weight of positions relative to directions, 1/m.
+    `model`, `columns`: loop of the placement, and the indices of its parameters in the whole vector. `table`: D-H rows
+    1..n; the offsets of joints 1 and n, s_1, and the lengths and twists of row n are zero. `searched`: joints (1-based)
+    whose offsets are sought, never 1 or n; the offsets of the others keep their values. `q`: joint angles (m, n), rad.
+    `per_m`: weight of positions relative to directions, 1/m.
     """
 
     model: ClosureModel
@@ -154,16 +146,9 @@ def spread_poses(q: FloatArray, count: int) -> FloatArray:
 
     Farthest-point selection over the points (cos q, sin q); the first is the pose farthest from the mean.
     """
-    if len(q) <= count:
-        return q
     points = np.concatenate((np.cos(q), np.sin(q)), axis=-1)
-    points = points - points.mean(0)
-    chosen = [int(np.argmax((points**2).sum(-1)))]
-    distance = ((points - points[chosen[0]]) ** 2).sum(-1)
-    while len(chosen) < count:
-        chosen.append(int(np.argmax(distance)))
-        distance = np.minimum(distance, ((points - points[chosen[-1]]) ** 2).sum(-1))
-    return q[chosen]
+    points -= points.mean(0)
+    return q[farthest(points, count, first=int(np.argmax((points**2).sum(-1))))]
 
 
 def projectable_parts(model: ClosureModel, q: FloatArray) -> list[InnerProblem]:

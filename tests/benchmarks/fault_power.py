@@ -35,7 +35,7 @@ def sigmas(seed: int) -> tuple[np.ndarray, np.ndarray]:
     taken = session(seed)
     fit = fit_of(taken)
     stated, names = fit.linear.stated, [p.name for p in fit.estimate.parameters]
-    rates = stated.system.part(slice(0, len(taken))).A[:, :, [names.index(n) for n in LENGTHS]]
+    rates = stated.system.at_poses(slice(0, len(taken))).A[:, :, [names.index(n) for n in LENGTHS]]
     lengths = 1.0 / np.sqrt(np.diagonal(stated.score(rates)[1]))
     return lengths, step_sigma(taken, Sizes())[:, PLACES]
 

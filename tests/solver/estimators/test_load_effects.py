@@ -154,7 +154,7 @@ def test_compliance_sizes_reproduce_the_stated_deflection(stated_deflection):
 def test_columns_and_missed_variance_add_up_to_the_stated(model, q):
     few, many = basis(model, q, deflection_columns=5), basis(model, q, deflection_columns=60)
     for found in (few, many):
-        total = (found.deflection**2).sum(-1) + found.deflection_missed
+        total = (found.deflection_at() ** 2).sum(-1) + found.deflection_missed
         assert total[:, :3].mean() == pytest.approx(1.0, rel=1e-6)
         assert total[:, 3:].mean() == pytest.approx(1.0, rel=1e-6)
         twist = found.sag_expected**2 + (found.sag**2).sum(-1) + found.sag_missed
@@ -218,7 +218,7 @@ def test_gravity_along_an_axis_causes_no_torque(model, q):
 
 def test_nothing_stated_gives_no_effects(model, q):
     found = basis(model, q, stated_deflection=(0.0, 0.0))
-    assert not found.deflection.any()
+    assert not found.deflection_at().any()
     assert not found.deflection_missed.any()
 
 
@@ -226,13 +226,15 @@ def test_placements_deflect_independently(model, q):
     number = np.repeat([1, 2], POSES // 2)
     both = place(model, number)
     found = basis(both, q, deflection_columns=10)
-    assert found.deflection.shape == (POSES, 6, 20)
-    apart = np.einsum("aic,bjc->aibj", found.deflection[number == 1], found.deflection[number == 2])
+    assert found.deflection_at().shape == (POSES, 6, 20)
+    apart = np.einsum(
+        "aic,bjc->aibj", found.deflection_at()[number == 1], found.deflection_at()[number == 2]
+    )
     assert not apart.any()
     alone = basis(model, q[number == 2], deflection_columns=10)
-    np.testing.assert_allclose(found.deflection[number == 2][..., 10:], alone.deflection)
+    np.testing.assert_allclose(found.deflection_at()[number == 2][..., 10:], alone.deflection_at())
     picked = found.at_poses(np.flatnonzero(number == 2))
-    np.testing.assert_array_equal(picked.deflection, found.deflection[number == 2])
+    np.testing.assert_array_equal(picked.deflection_at(), found.deflection_at()[number == 2])
     np.testing.assert_array_equal(picked.side, found.side[number == 2])
 
 
@@ -244,8 +246,8 @@ def test_a_ball_deflects_along_three_components(q):
         ground_m=np.array([0.3, 0.1, 0.2]),
     )
     found = basis(ball, q, stated_deflection=(0.0, 2e-4))
-    assert found.deflection.shape[:2] == (POSES, 3)
-    total = (found.deflection**2).sum(-1) + found.deflection_missed
+    assert found.deflection_at().shape[:2] == (POSES, 3)
+    total = (found.deflection_at() ** 2).sum(-1) + found.deflection_missed
     assert total.mean() == pytest.approx(1.0, rel=1e-6)
 
 
@@ -255,7 +257,7 @@ def test_an_unsensed_wrist_changes_no_load(q):
     one, two = basis(whole, q), basis(blind, q)
     np.testing.assert_allclose(one.sag, two.sag, atol=1e-9)
     np.testing.assert_allclose(
-        np.einsum("aic,bjc->aibj", one.deflection, one.deflection),
-        np.einsum("aic,bjc->aibj", two.deflection, two.deflection),
+        np.einsum("aic,bjc->aibj", one.deflection_at(), one.deflection_at()),
+        np.einsum("aic,bjc->aibj", two.deflection_at(), two.deflection_at()),
         atol=1e-6,
     )

@@ -81,8 +81,8 @@ def test_expected_effects_are_subtracted_from_the_readings(model, q, errors):
     state = State(x=x, e=np.zeros_like(q), u=u, closed_q=q, closed_u=u)
     plain = LinearModel(model, q, replace(errors, loads=None, approach=None))
     assert not plain.expected.any()
-    here = Linearisation(design, state).part(slice(None))
-    there = Linearisation(plain, state).part(slice(None))
+    here = Linearisation(design, state).at_poses(slice(None))
+    there = Linearisation(plain, state).at_poses(slice(None))
     np.testing.assert_allclose(
         here.w - there.w, (here.B @ e[..., None])[..., 0], rtol=1e-9, atol=1e-15
     )

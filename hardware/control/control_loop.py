@@ -14,7 +14,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Any
 
 from hardware.buses.shared_bus import SharedBus
 from hardware.canopen import objects

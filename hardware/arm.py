@@ -59,25 +59,35 @@ class NodeIdentity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmIdentity:
-    """The arm as found on the bus."""
+    """The arm as found on the bus.
+
+    Attributes
+    ----------
+    serial_number
+        Serial number of the supervisor, e.g. ``SDA-0007``.
+    speaks
+        Protocol of the arm's nodes, as text for the operator.
+    by_hand
+        Whether a person, not drives, moves the arm. Then no hardware stop is required, and `ArmInterface.move` waits
+        until the person has moved the joints to their targets.
+    unwatching
+        Joints whose drives do not report that they monitor the operator's heartbeat.
+    configured, zeroed
+        Sentences on what was written into drives: `configured` has all; `zeroed` only those on torques and offsets set
+        to 0, whose former values a communication reset may not restore.
+    keeps_parameters
+        Whether a controller stores a parameter document; if not, nothing is uploaded.
+    """
 
     model: str
     serial_number: str
-    """Serial number of the supervisor, e.g. ``SDA-0007``."""
     nodes: tuple[NodeIdentity, ...]
     speaks: str = "CANopen"
-    """Protocol of the arm's nodes, as text for the operator."""
     by_hand: bool = False
-    """Whether a person, not drives, moves the arm. Then no hardware stop is required, and `ArmInterface.move` waits
-    until the person has moved the joints to their targets."""
     unwatching: tuple[int, ...] = ()
-    """Joints whose drives do not report that they monitor the operator's heartbeat."""
     configured: tuple[str, ...] = ()
     zeroed: tuple[str, ...] = ()
-    """Sentences on what was written into drives: `configured` has all; `zeroed` only those on torques and offsets set
-    to 0, whose former values a communication reset may not restore."""
     keeps_parameters: bool = True
-    """Whether a controller stores a parameter document; if not, nothing is uploaded."""
 
     @property
     def simulated(self) -> bool:
@@ -139,23 +149,32 @@ NO_LATENCY = HostLatency()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmSnapshot:
-    """State of the arm at one moment."""
+    """State of the arm at one moment.
+
+    Attributes
+    ----------
+    heartbeat_age_s
+        Time since each node's last heartbeat, by node number.
+    token
+        Number of the node in control; 0 if none.
+    stopped, stopped_for
+        Whether STOP is latched; the reason if it was not pressed by a person, otherwise empty.
+    late_s
+        Part of the oldest joint state's age that is host latency.
+    lateness
+        Host latencies since the connection began.
+    """
 
     sync_count: int
     joints: tuple[JointState, ...]
     heartbeat_age_s: Mapping[int, float]
-    """Time since each node's last heartbeat, by node number."""
     token: int
-    """Number of the node in control; 0 if none."""
     faults: tuple[Fault, ...]
     stopped: bool
     moving: bool
     late_s: float = 0.0
-    """Part of the oldest joint state's age that is host latency."""
     stopped_for: str = ""
-    """Why STOP is latched if it was not pressed by a person; otherwise empty."""
     lateness: HostLatency = NO_LATENCY
-    """Host latencies since the connection began."""
 
     @property
     def positions_rad(self) -> FloatArray:

@@ -69,17 +69,24 @@ class RvdtDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointDescription:
-    """One joint of the arm file."""
+    """One joint of the arm file.
+
+    Attributes
+    ----------
+    lower_rad, upper_rad
+        Range in sensor coordinates.
+    max_speed_rad_per_s, max_torque_nm
+        Limits of commands; above them a drive trips.
+    sensor
+        Sensor that 608Fh and 2100h should report.
+    """
 
     name: str
     lower_rad: float
     upper_rad: float
-    """End of the range in sensor coordinates, like `lower_rad`."""
     max_speed_rad_per_s: float
     max_torque_nm: float
-    """Limit of commands, like `max_speed_rad_per_s`; above it a drive trips."""
     sensor: EncoderDescription | RvdtDescription
-    """Sensor that 608Fh and 2100h should report."""
 
     @property
     def scale(self) -> JointScale:

@@ -27,30 +27,46 @@ GROUP = "sarcal.arm"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmOrder:
-    """Request for an arm."""
+    """Request for an arm.
+
+    Attributes
+    ----------
+    description
+        Joints of the arm file in order, with names, ranges (rad), speeds (rad/s) and sensors.
+    channel
+        Text of ``-c``, in a form that the package defines; empty if absent.
+    bitrate
+        Bit rate of ``-b``; None if absent.
+    record_to
+        File of ``--record``, to which the bus is recorded; None if absent.
+    """
 
     description: ArmDescription
-    """Joints of the arm file in order, with names, ranges (rad), speeds (rad/s) and sensors."""
     channel: str = ""
-    """Text of ``-c``, in a form that the package defines; empty if absent."""
     bitrate: int | None = None
-    """Bit rate of ``-b``; None if absent."""
     record_to: Path | None = None
-    """File of ``--record``, to which the bus is recorded; None if absent."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmOffer:
-    """Object to which an entry point of group ``sarcal.arm`` refers."""
+    """Object to which an entry point of group ``sarcal.arm`` refers.
+
+    Attributes
+    ----------
+    make
+        Function that makes the arm, not yet connected.
+    says
+        One-line description for people.
+    keeps_parameters
+        Whether a controller stores a parameter document; if not, nothing is uploaded.
+    records
+        Whether `ArmOrder.record_to` is used.
+    """
 
     make: Callable[[ArmOrder], ArmInterface]
-    """Function that makes the arm, not yet connected."""
     says: str
-    """One-line description for people."""
     keeps_parameters: bool = False
-    """Whether a controller stores a parameter document; if not, nothing is uploaded."""
     records: bool = False
-    """Whether `ArmOrder.record_to` is used."""
 
 
 def offered_names() -> tuple[str, ...]:

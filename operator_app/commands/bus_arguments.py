@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 
 from operator_app.commands.options import (
-    ARM,
     ARM_BUS,
     BUS,
     BUS_WITHOUT_PROFILE,
+    SESSION_OR_ARM,
     VIRTUAL_ARM,
     a_path,
     declaration,
@@ -47,7 +47,7 @@ app = declaration(
 )
 
 arm_check = declaration(
-    ARM,
+    SESSION_OR_ARM,
     option(
         "--through",
         "the last stage: look (nothing is enabled), hold (drives on, refusals, STOP), move (each "
@@ -200,7 +200,7 @@ probe = declaration(
     shared("--record FILE, --json"),
 )
 
-reset = declaration(ARM, shared("--record FILE, --json"), ARM_BUS)
+reset = declaration(SESSION_OR_ARM, shared("--record FILE, --json"), ARM_BUS)
 
 run = declaration(
     option("procedure?", "procedure file or built-in name (hinge)", default="hinge"),

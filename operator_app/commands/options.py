@@ -165,7 +165,7 @@ ARM_AND_FIXTURE = declaration(
     ),
 )
 """Arm and fixture of a command with a file of poses."""
-ARM = declaration(
+SESSION_OR_ARM = declaration(
     option(
         "session? SESSION",
         "a session on the arm: its arm file and its bus (folder, name or latest)",

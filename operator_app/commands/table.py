@@ -69,7 +69,7 @@ def parser_of(command: str) -> argparse.ArgumentParser:
     return made
 
 
-FILES: tuple[Kind, ...] = ("arm", "fixture", "procedure")
+FILE_ARGUMENTS: tuple[Kind, ...] = ("arm", "fixture", "procedure")
 COPIED = "packaged"
 SESSION_ARGUMENTS = ("session", "name", "a", "b", "resume")
 
@@ -95,7 +95,7 @@ def complete(parser: argparse.ArgumentParser, command: argparse.ArgumentParser |
     for action in () if command is None else command._actions:  # noqa: SLF001 - not listed elsewhere
         if action.dest == "topic":
             action.completer = _topics  # type: ignore[attr-defined]
-        elif action.dest in (*FILES, *SESSION_ARGUMENTS, COPIED):
+        elif action.dest in (*FILE_ARGUMENTS, *SESSION_ARGUMENTS, COPIED):
             action.completer = _names(action.dest)  # type: ignore[attr-defined]
     argcomplete.autocomplete(parser)
 
@@ -113,8 +113,10 @@ def _names(dest: str) -> Any:
         if dest == COPIED:
             # The kind, as in `new arm --from`, is not parsed yet: take it from the typed words.
             typed = words_to_complete() or []
-            return [name for kind in FILES if kind in typed for name in builtin_names(kind)]
-        if dest in FILES:
+            return [
+                name for kind in FILE_ARGUMENTS if kind in typed for name in builtin_names(kind)
+            ]
+        if dest in FILE_ARGUMENTS:
             # A path is valid too, and is completed only if the prefix begins like a path.
             return [*builtin_names(dest), *_paths(prefix)]
         root = getattr(parsed_args, "sessions", None) or Path("sessions")

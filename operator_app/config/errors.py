@@ -91,7 +91,7 @@ def only(
 
 
 MAPPING = "a mapping (`key: value` lines)"
-WANTED = {
+TYPES_IN_WORDS = {
     "float": "a number", "int": "a whole number", "bool": "true or false", "string": "text",
     "tuple": "a list", "list": "a list", "dict": MAPPING, "dataclass": MAPPING, "model": MAPPING,
 }  # fmt: skip
@@ -122,7 +122,7 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
         hint = f"did you mean {near[0]}? " if near else ""
         shown = context.get("tag", value_in_words(value))
         return f"{shown} is not a valid value", f"{hint}use one of: {', '.join(options)}"
-    expected = WANTED.get(kind.partition("_")[0])
+    expected = TYPES_IN_WORDS.get(kind.partition("_")[0])
     if expected and kind.endswith(("_type", "_from_float")):
         return f"must be {expected}, not {value_in_words(value)}", _number_hint(value, kind)
     if kind in LIMITS_IN_WORDS:

@@ -121,7 +121,7 @@ class FilesRead:
 
     def of(self, kind: AnyKind) -> tuple[FileRead, ...]:
         """Return the files of one kind."""
-        return tuple(looked for looked in self.files if looked.kind == kind)
+        return tuple(read for read in self.files if read.kind == kind)
 
 
 def read_any(path: str) -> Resource:
@@ -200,7 +200,7 @@ def read_files(
     """
     kinds = [(source, known.get(source.file) or kind_of(source)) for source in sources]
     # A file named by a procedure may also be an argument: its problems are reported once.
-    problems, joints, looked = dict.fromkeys(missing), set[int](), dict[int, FileRead]()
+    problems, joints, read = dict.fromkeys(missing), set[int](), dict[int, FileRead]()
     for k, (source, kind) in sorted(enumerate(kinds), key=lambda item: ORDER.index(item[1][1])):
         holds: Holds | None = None
         try:
@@ -211,5 +211,5 @@ def read_files(
             joints.add(holds.joint_count)
         elif isinstance(holds, Procedure):
             joints.add(holds.arm.joint_count)
-        looked[k] = FileRead(source=source, kind=kind, holds=holds)
-    return FilesRead(files=tuple(looked[k] for k in range(len(kinds))), problems=tuple(problems))
+        read[k] = FileRead(source=source, kind=kind, holds=holds)
+    return FilesRead(files=tuple(read[k] for k in range(len(kinds))), problems=tuple(problems))

@@ -14,19 +14,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Problem:
-    """One problem of a file.
+    """One problem of a file, called as the user typed it, or ``packaged:<name>``.
 
-    Attributes
-    ----------
-    file
-        Name of the file as typed by the user, or ``packaged:<name>``.
-    line
-        Line, from 1; None if the problem concerns the whole file (missing, empty).
-    column
-        YAML: character in the line, from 1. CSV: number of the field, from 1.
-    key
-        Place in the document, e.g. ``joints[joint 6].sensor.bits``, or the CSV column; "" for the file. Items of a list
-        are named by their own number if they have one; otherwise they are counted from 1.
+    `line` counts from 1 and is None if the problem concerns the whole file. `column`: character in the line (YAML) or
+    number of the field (CSV), from 1. `key`: place in the document, e.g. ``joints[joint 6].sensor.bits``, or the CSV
+    column; "" for the file. Items of a list are named by their own number if they have one, else counted from 1.
     """
 
     file: str
@@ -91,7 +83,7 @@ def only(
 
 
 MAPPING = "a mapping (`key: value` lines)"
-WANTED = {
+TYPES_IN_WORDS = {
     "float": "a number", "int": "a whole number", "bool": "true or false", "string": "text",
     "tuple": "a list", "list": "a list", "dict": MAPPING, "dataclass": MAPPING, "model": MAPPING,
 }  # fmt: skip
@@ -122,7 +114,7 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
         hint = f"did you mean {near[0]}? " if near else ""
         shown = context.get("tag", value_in_words(value))
         return f"{shown} is not a valid value", f"{hint}use one of: {', '.join(options)}"
-    expected = WANTED.get(kind.partition("_")[0])
+    expected = TYPES_IN_WORDS.get(kind.partition("_")[0])
     if expected and kind.endswith(("_type", "_from_float")):
         return f"must be {expected}, not {value_in_words(value)}", _number_hint(value, kind)
     if kind in LIMITS_IN_WORDS:

@@ -94,16 +94,9 @@ class BadLine(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EndpointLine:
-    """One measurement.
+    """One measurement: position (3,), m, or position and rotation vector (6,), m and rad; empty if the target is lost.
 
-    Attributes
-    ----------
-    pose
-        Name of the pose; empty if the instrument does not send it.
-    endpoint
-        Position (3,), m, or position and rotation vector (6,), m and rad; empty if the target is lost.
-    lost
-        Why there is no measurement of this pose; empty if there is one.
+    `pose`: name of the pose; empty if the instrument does not send it. `lost`: why there is no measurement.
     """
 
     pose: str

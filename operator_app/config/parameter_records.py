@@ -52,9 +52,16 @@ class WhichFixture(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointParameters(StrictRecord):
-    """Offset of one joint (theta' = theta + theta_off) and its standard deviation, None if it was not calibrated.
+    """Parameters of one joint.
 
-    `home_offset_counts`: the offset in counts of the joint's sensor (object 607Ch); None for a joint without a sensor.
+    Attributes
+    ----------
+    theta_off_deg
+        Joint-angle offset: theta' = theta + theta_off.
+    sigma_deg
+        Standard deviation of the offset; None if it was not calibrated.
+    home_offset_counts
+        The same offset in counts of the joint's sensor, for object 607Ch; None for a joint without a sensor.
     """
 
     joint: Count

@@ -178,8 +178,8 @@ class ParametersDocument(StrictRecord):
 
     Attributes
     ----------
-    utc
-        Time of writing (UTC, with time zone).
+    software_version, utc
+        Version of the program, and time of writing (UTC, with time zone).
     joints, dh, calibrated
         Offsets, the whole D-H table (rows 0..n), and its calibrated entries. Row 0 describes a hinge or a rigid
         fixture; for other fixtures it is zero.

@@ -120,7 +120,7 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
     except ValueError as error:
         remedy = "correct the endpoint's columns, or measure that pose again"
         raise only(file, str(error), remedy) from error
-    return LoadedPoses(poses=poses, warnings=(*_warnings(poses), *_times_suspected(poses, file)))
+    return LoadedPoses(poses=poses, warnings=tuple(_warnings(poses, file)))
 
 
 def format_poses(poses: PoseSet) -> bytes:
@@ -311,33 +311,33 @@ def _pose_set(columns: Mapping[str, Sequence[Any]]) -> PoseSet:
     )
 
 
-def _warnings(poses: PoseSet) -> tuple[FileWarning, ...]:
-    suspected = _euler_suspected(poses)
+def _warnings(poses: PoseSet, file: str) -> Iterator[FileWarning]:
+    if poses.endpoint is not None and poses.endpoint.shape[1] == 6:
+        longest_deg = float(np.rad2deg(np.linalg.norm(poses.endpoint[:, 3:], axis=1).max()))
+        if longest_deg > 180.0 + 1e-6:
+            text = (
+                f"rx_deg,ry_deg,rz_deg are a rotation vector, and one of {longest_deg:.0f} deg is longer than half a "
+                "turn: Euler angles have other names, such as euler_zyx_1_deg or roll_deg"
+            )
+            yield FileWarning(code="EULER_SUSPECTED", text=text)
     largest_deg = float(np.max(np.abs(np.rad2deg(poses.q_rad))))
-    if len(poses) < FEWEST_POSES_FOR_UNIT or largest_deg >= 2.0 * np.pi:
-        return suspected
-    text = f"no joint angle of {len(poses)} poses exceeds {largest_deg:.3g} deg: they may be in radians"
-    return (*suspected, FileWarning(code="RADIANS_SUSPECTED", text=text))
-
-
-def _times_suspected(poses: PoseSet, file: str) -> tuple[FileWarning, ...]:
-    """Return a warning if a pose lacks a valid time: then the joints' direction of approach is not known either."""
+    if len(poses) >= FEWEST_POSES_FOR_UNIT and largest_deg < 2.0 * np.pi:
+        text = f"no joint angle of {len(poses)} poses exceeds {largest_deg:.3g} deg: they may be in radians"
+        yield FileWarning(code="RADIANS_SUSPECTED", text=text)
     given = poses.utc or ()
-    if not any(given):
-        return ()
-    known = [_time(utc or "") for utc in given]
-    times = [t for t in known if t is not None]
-    zoned = 2 * sum(t.tzinfo is not None for t in times) >= len(times)
-    for k, t in enumerate(known):
-        if t is None or (t.tzinfo is not None) is not zoned:
+    times = [_time(utc) for utc in given] if any(given) else []
+    zones = [time.tzinfo is not None for time in times if time]
+    zoned = 2 * sum(zones) >= len(zones)
+    for k, time in enumerate(times):
+        if time is None or (time.tzinfo is not None) is not zoned:
             fault = "has no zone, others have one" if zoned else "has a zone, others have none"
             text = (
                 f"{file}: utc of pose {poses.label[k]} (placement {poses.placement[k]}) is {given[k]!r}, which "
-                f"{fault if t else 'is not a time'} (write 2026-01-31T12:00:00Z): the times of this file are not "
+                f"{fault if time else 'is not a time'} (write 2026-01-31T12:00:00Z): the times of this file are not "
                 "used, nor is the joints' direction of approach (their play)"
             )
-            return (FileWarning(code="UTC_UNREADABLE", text=text),)
-    return ()
+            yield FileWarning(code="UTC_UNREADABLE", text=text)
+            return
 
 
 def _time(utc: str) -> datetime | None:
@@ -345,17 +345,3 @@ def _time(utc: str) -> datetime | None:
         return datetime.fromisoformat(utc)
     except ValueError:
         return None
-
-
-def _euler_suspected(poses: PoseSet) -> tuple[FileWarning, ...]:
-    """Return a warning if three angles are no rotation vector because their norm exceeds half a turn."""
-    if poses.endpoint is None or poses.endpoint.shape[1] < 6:
-        return ()
-    longest_deg = float(np.rad2deg(np.linalg.norm(poses.endpoint[:, 3:], axis=1).max()))
-    if longest_deg <= 180.0 + 1e-6:
-        return ()
-    text = (
-        f"rx_deg,ry_deg,rz_deg are a rotation vector, and one of {longest_deg:.0f} deg is longer than half a "
-        "turn: Euler angles have other names, such as euler_zyx_1_deg or roll_deg"
-    )
-    return (FileWarning(code="EULER_SUSPECTED", text=text),)

@@ -152,12 +152,16 @@ class CapturePlan(StrictRecord):
     strategy
         Named ``plan`` in the file. ``explore``: visit waypoints in the box; ``planned``: explore a little, then plan
         with the estimate and take `poses` further poses.
+    poses
+        Number of poses.
     exploration
         Ranges of the drive joints' angles ("box"); empty if the modes are chosen automatically.
     speed_deg_per_s
         Command speed of the drive joints.
     samples_per_pose
         SYNC samples averaged into one pose.
+    seed
+        Seed of the sequence of poses.
     requested_sigma
         Combined standard uncertainties at which a planned capture may end early, by parameter name with unit.
     """

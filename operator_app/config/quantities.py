@@ -158,11 +158,11 @@ def degrees_for_file(angle_rad: FloatArray | float) -> FloatArray:
     return np.array(degrees, dtype=np.float64).reshape(target_rad.shape)
 
 
-def _degrees(wanted_rad: float) -> float:
-    near = float(np.rad2deg(wanted_rad))
+def _degrees(angle_rad: float) -> float:
+    near = float(np.rad2deg(angle_rad))
     for digits in (12, 15):
         short = float(f"{near:.{digits}g}")
-        if float(np.deg2rad(short)) == wanted_rad:
+        if float(np.deg2rad(short)) == angle_rad:
             return short
     steps = [near]
     for direction in (-np.inf, np.inf):
@@ -170,7 +170,7 @@ def _degrees(wanted_rad: float) -> float:
         for _ in range(4):
             step = float(np.nextafter(step, direction))
             steps.append(step)
-    return min(steps, key=lambda deg: abs(float(np.deg2rad(deg)) - wanted_rad))
+    return min(steps, key=lambda deg: abs(float(np.deg2rad(deg)) - angle_rad))
 
 
 def short_degrees(angle_rad: FloatArray) -> list[float]:

@@ -216,12 +216,8 @@ def _path(document: YamlDocument, error: ErrorDetails) -> Path:
     path: Path = ()
     loc = error["loc"]
     for depth, part in enumerate(loc):
-        value = document.at(path)
-        inside = (isinstance(value, dict) and part in value) or (
-            isinstance(value, list) and isinstance(part, int) and part < len(value)
-        )
         absent = error["type"] == "missing" and depth == len(loc) - 1
-        if inside or absent:
+        if absent or (*path, part) in document.marks:
             path = (*path, part)
     return path
 
@@ -260,16 +256,12 @@ def _keys(document: YamlDocument, model: type[M], path: Path) -> list[str]:
     schema = adapter(model).json_schema()
     nodes = [schema]
     for depth, part in enumerate(path, 1):
-        inside = "items" if isinstance(part, int) else part
-        nodes = [
-            choice
-            for node in nodes
-            for child in [
-                (node if isinstance(part, int) else node.get("properties", {})).get(inside)
-            ]
-            if child is not None
-            for choice in _choices(child, schema, document.at(path[:depth]))
+        value = document.at(path[:depth])
+        children = [
+            n.get("items") if isinstance(part, int) else n.get("properties", {}).get(part)
+            for n in nodes
         ]
+        nodes = [choice for child in children if child for choice in _choices(child, schema, value)]
     names = [name for node in nodes for name in node.get("properties", {})]
     return ["schema", *names] if not path else names
 

@@ -193,7 +193,7 @@ _TAG = re.compile(rb"""<[^\s>/]+(?:[^>"']|"[^"]*"|'[^']*')*>""")
 
 def _into_xml(data: bytes, origins: Mapping[str, FloatArray], comment: Sequence[str]) -> bytes:
     """Return the bytes of an XML file with these origins, by joint, and with the comment before <robot>."""
-    cuts, way, joint = list[tuple[int, int, bytes]](), list[str](), ""
+    cuts, open_tags, joint = list[tuple[int, int, bytes]](), list[str](), ""
     parser = expat.ParserCreate()
 
     def start(tag: str, attributes: dict[str, str]) -> None:
@@ -202,21 +202,21 @@ def _into_xml(data: bytes, origins: Mapping[str, FloatArray], comment: Sequence[
         match = _TAG.match(data, at)
         if match is None:
             raise ValueError(f"there is no tag at byte {at}")
-        if not way:
+        if not open_tags:
             cuts.append((at, at, xml_comment(comment)))
         if tag == "joint" and "type" in attributes and attributes.get("name") in origins:
             joint = attributes["name"]
             attribute = origin_words(origins[joint])
             added = f'<origin xyz="{attribute["xyz"]}" rpy="{attribute["rpy"]}"/>'.encode()
             cuts.append((match.end(), match.end(), added))
-        elif tag == "origin" and joint and way[-1] == "joint" and cuts[-1][0] == cuts[-1][1]:
+        elif tag == "origin" and joint and open_tags[-1] == "joint" and cuts[-1][0] == cuts[-1][1]:
             # The joint has an origin: change it instead of adding one.
             cuts[-1] = (at, match.end(), _changed_tag(match[0], origins[joint]))
-        way.append(tag)
+        open_tags.append(tag)
 
     def end(tag: str) -> None:
         nonlocal joint
-        way.pop()
+        open_tags.pop()
         joint = "" if tag == "joint" else joint
 
     parser.StartElementHandler, parser.EndElementHandler = start, end

@@ -142,17 +142,17 @@ class UrdfTree:
                 remedy = f"links for --{option}: {_first_names(sorted(links))}"
                 raise only(file, f"there is no link {name!r}", remedy)
         tip = tip or _only_end(elements, base, file)
-        way = _joints_to(tip, elements, file)
-        before = [_links(e)[0] for e in way]
+        path = _joints_to(tip, elements, file)
+        before = [_links(e)[0] for e in path]
         if base and base not in before:
             remedy = f"links on that path: {_first_names(before)}"
             raise only(file, f"link {base!r} is not on the path to {tip!r}", remedy)
         first = before.index(base) if base else 0
-        named = Counter(e.get("name", "") for e in way[first:])
+        named = Counter(e.get("name", "") for e in path[first:])
         if twice := [name for name, count in named.items() if count > 1]:
             text = f"has several joints named {twice[0]!r} on the path to {tip!r}"
             raise only(file, text, "give every joint a unique name")
-        steps = tuple(_step(e, file) for e in way[first:])
+        steps = tuple(_step(e, file) for e in path[first:])
         joints = tuple(step.joint for step in steps if step.joint)
         if not joints:
             raise only(file, NO_REVOLUTE, "choose another --tip")
@@ -212,13 +212,13 @@ def _links(element: ET.Element) -> tuple[str, str]:
 
 def _joints_to(link: str, elements: Mapping[str, ET.Element], file: str) -> list[ET.Element]:
     """Return the joints from the root to a link."""
-    way: list[ET.Element] = []
+    path: list[ET.Element] = []
     while link in elements:
-        if len(way) > len(elements):
+        if len(path) > len(elements):
             raise only(file, "its links form a cycle", "mend the parents")
-        way.insert(0, elements[link])
+        path.insert(0, elements[link])
         link = _links(elements[link])[0]
-    return way
+    return path
 
 
 def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
@@ -228,12 +228,12 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
     # A cycle has no end; `_joints_to` reports the cycle from any of its links.
     ends, turning = dict[str, int](), {"revolute", "continuous"}
     for leaf in leaves or list(elements):
-        way = _joints_to(leaf, elements, file)
-        start = next((k for k, e in enumerate(way) if _links(e)[0] == base), None if base else 0)
+        path = _joints_to(leaf, elements, file)
+        start = next((k for k, e in enumerate(path) if _links(e)[0] == base), None if base else 0)
         if start is None:
             continue
         count, end = 0, leaf
-        for e in way[start:]:
+        for e in path[start:]:
             if count and _moves_a_tool(e):
                 end = _links(e)[0]
                 break

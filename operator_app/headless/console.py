@@ -167,7 +167,7 @@ def _lateness_note(cut: CutShort) -> str:
     cause = cut.cause
     if not (isinstance(cause, DriveFault) and cause.code == EmergencyCode.HEARTBEAT_LOST):
         return ""
-    late = cut.session.connection_lateness
+    late = cut.session.reader.lateness.recorded
     if late.times == 0:
         return ""
     again = "" if late.times == 1 else f" ({late.times} times, by {late.longest_s:.2f} s at most)"

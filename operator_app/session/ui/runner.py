@@ -33,7 +33,7 @@ from operator_app.session.ui.snapshot import (
     StopReport,
     TaskKind,
 )
-from operator_app.session.ui.supervisor import MotionMonitor, Supervisor
+from operator_app.session.ui.supervisor import Supervisor
 from operator_app.session.workflow.session import Session
 
 WATCH_PERIOD_S = 0.05
@@ -81,8 +81,7 @@ class Runner:
         self._current: _Job | None = None
         self._closing = threading.Event()
         self._publishing = threading.Lock()
-        motion = MotionMonitor(session.model, session.procedure.capture)
-        self._supervisor = Supervisor(self, motion, recording_ended, monotonic)
+        self._supervisor = Supervisor(self, recording_ended, monotonic)
         self._data_at_s = self._polled_s = monotonic()
         self.defect: BaseException | None = None
         self._base = SessionSnapshot(
@@ -314,15 +313,6 @@ class Runner:
     def recording_problem(self) -> str:
         """Return why a recording of the bus ended early; "" if it did not, or if that was already reported."""
         return self._supervisor.recording_problem()
-
-    def record_why_stopped(self) -> None:
-        """Submit a task that records in the journal why the arm stopped; `cancel` does not cancel it."""
-        self.submit(
-            TaskKind.NOTE,
-            "recording why the arm was stopped",
-            self.session.record_stop_cause,
-            uncancellable=True,
-        )
 
     def send_quick_stop(self) -> bool:
         """Send a quick stop without informing the operator; return whether it was sent.

@@ -18,7 +18,14 @@ from operator_app.config.procedure import CapturePlan
 from operator_app.messages.errors import stopped_words
 from operator_app.session.safety.latency import LatenessReporter
 from operator_app.session.ui.message_log import ARM_RECOVERY
-from operator_app.session.ui.snapshot import LOST_S, DataState, Level, SessionSnapshot, StopReport
+from operator_app.session.ui.snapshot import (
+    LOST_S,
+    DataState,
+    Level,
+    SessionSnapshot,
+    StopReport,
+    TaskKind,
+)
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 
@@ -115,13 +122,11 @@ class Supervisor:
     """
 
     def __init__(
-        self,
-        runner: Runner,
-        motion: MotionMonitor,
-        recording_ended: Callable[[], str],
-        monotonic: Callable[[], float],
+        self, runner: Runner, recording_ended: Callable[[], str], monotonic: Callable[[], float]
     ) -> None:
-        self._runner, self._motion, self._monotonic = runner, motion, monotonic
+        self._runner, self._monotonic = runner, monotonic
+        session = runner.session
+        self._motion = MotionMonitor(session.model, session.procedure.capture)
         self._recording_ended, self._recording_reported = recording_ended, ""
         self._lateness = LatenessReporter()
         self._lost = False
@@ -172,7 +177,12 @@ class Supervisor:
         self.reported_stop = reason
         if reason and reason != before:
             self._runner.say(Level.ALARM, stopped_words(reason), ARM_RECOVERY)
-            self._runner.record_why_stopped()
+            self._runner.submit(
+                TaskKind.NOTE,
+                "recording why the arm was stopped",
+                self._runner.session.record_stop_cause,
+                uncancellable=True,
+            )
 
     def _update_motion(self, now: SessionSnapshot) -> None:
         if now.arm is not None and now.data is DataState.FRESH:

@@ -27,7 +27,6 @@ class Exported:
 
     folder: Path
     parameters: Path
-    poses: Path
     sha256: str
     receipt: UploadReceipt | None
 
@@ -73,7 +72,6 @@ def export(
     return Exported(
         folder=folder,
         parameters=folder / PARAMETERS_NAME,
-        poses=folder / POSES_NAME,
         sha256=record["sha256"],
         receipt=receipt,
     )
@@ -99,7 +97,6 @@ def recorded_export(session: Session, active_document: bytes) -> Exported | None
     return Exported(
         folder=folder,
         parameters=path,
-        poses=folder / POSES_NAME,
         sha256=exported["sha256"],
         receipt=receipt,
     )

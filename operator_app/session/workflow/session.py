@@ -19,7 +19,6 @@ from hardware.arm import (
     ArmIdentity,
     ArmInterface,
     ArmSnapshot,
-    HostLatency,
     JointMode,
     MoveResult,
     PowerReporting,
@@ -275,11 +274,6 @@ class Session(Logbook):
     def _keep(self, name: str, data: Mapping[str, Any]) -> None:
         self.check_modes(self.position_joints)
         self.reader.keep(name, data, self.cancelled)
-
-    @property
-    def connection_lateness(self) -> HostLatency:
-        """Recorded delays of this computer in the current or last connection."""
-        return self.reader.lateness.recorded
 
     # -- end -------------------------------------------------------------------------------------
 

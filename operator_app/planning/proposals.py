@@ -76,12 +76,10 @@ def closing_home(
     for q in _closed(arm, model, x):
         arm_there = replace(arm, home_rad=frozen(_whole_degrees(q)))
         prospect = assess_feasibility(arm_there, fixture)
+        identified = prospect.identifiability
         if prospect.refused or prospect.home_to_closed_rad is None:
             continue
-        if (
-            prospect.identifiability is None
-            or prospect.identifiability.scaled_condition_number <= CONDITION_LIMIT
-        ):
+        if identified is None or identified.scaled_condition_number <= CONDITION_LIMIT:
             return arm_there.home_rad, prospect
     return None
 
@@ -169,16 +167,16 @@ def hinge_between(arm: ArmModel, hand: Line, base: Line | None) -> Hinge:
     """
     if base is None:
         return Hinge.between(arm, hand.in_frame(*_hand_at_home(arm)), hand)
+
+    def largest_distance(hinge: Hinge) -> float:
+        distances = home_to_closed_rad(arm, hinge)
+        return np.inf if distances is None else float(np.abs(distances).max())
+
     ways = [
         Hinge.between(arm, Line(point_m=base.point_m, direction=sign * base.direction), hand)
         for sign in (1.0, -1.0)
     ]
-    return min(ways, key=lambda hinge: _distance(arm, hinge))
-
-
-def _distance(arm: ArmModel, fixture: EndpointConstraint) -> float:
-    distances = home_to_closed_rad(arm, fixture)
-    return np.inf if distances is None else float(np.abs(distances).max())
+    return min(ways, key=largest_distance)
 
 
 def _hand_at_home(arm: ArmModel) -> tuple[FloatArray, FloatArray]:

@@ -129,12 +129,12 @@ def _sensor(arm: ArmModel, joint: int, rng: np.random.Generator) -> JointSensor 
 
     None if the joint has no sensor.
     """
-    stated = arm.joints[joint]
-    if isinstance(stated.sensor, NoSensor):
+    stated, curve = arm.joints[joint], None
+    sensor = stated.sensor
+    if isinstance(sensor, NoSensor):
         return None
-    curve = None
-    if isinstance(stated.sensor, Rvdt) and stated.sensor.linearity > 0.0:
+    if isinstance(sensor, Rvdt) and sensor.linearity > 0.0:
         curve = LinearityDeviation.drawn(
-            rng, full_scale_rad=stated.sensor.full_scale_rad, peak=stated.sensor.linearity
+            rng, full_scale_rad=sensor.full_scale_rad, peak=sensor.linearity
         )
     return joint_sensor(stated, with_noise=True, curve=curve)

@@ -37,7 +37,7 @@ class Clicked(Message):
 class Lines(Widget, can_focus=True):
     """A widget with lines of spans.
 
-    Subclasses override `build`, which turns a snapshot into lines for the current size, and set `HELP`, the text that
+    Subclasses override `_build`, which turns a snapshot into lines for the current size, and set `HELP`, the text that
     `?` shows while the panel is focused.
     """
 
@@ -78,7 +78,7 @@ class Lines(Widget, can_focus=True):
             self._titled = new
             self.border_title = Content(new) if new else ""
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Return the lines for a snapshot."""
         return ()
 
@@ -87,7 +87,7 @@ class Lines(Widget, can_focus=True):
         if self._room is None or not self._room.area:
             self._room = self.content_size
         if self._room.area:
-            self.show_lines(self.build(s, self._room.width, self._room.height))
+            self.show_lines(self._build(s, self._room.width, self._room.height))
 
     def show_lines(self, lines: Sequence[Line]) -> None:
         """Show lines; only rows that have changed are painted."""

@@ -75,8 +75,7 @@ class StepRail(Lines, can_focus=False):
 
     current = Step.CONNECT
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return lines with glyph, number and title of each step, and its summary below."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         rows: list[Line] = []
         for step in Step:
             role = "dim" if missing_for(step, s) else "text"
@@ -102,8 +101,7 @@ class StepRow(StepRail, can_focus=False):
     place = (1, 1)
     _view_at: int | None = None
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return one row, in which only the current step is shown with its name."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         row: list[Span] = []
         for step in Step:
             is_current = step is self.current
@@ -145,8 +143,7 @@ class Hint(Lines, can_focus=False):
         """Return the number of rows that the sentence needs, at most `MOST_HINT_ROWS`."""
         return min(len(self._rows(s, width)), MOST_HINT_ROWS)
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return one sentence, wrapped."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         if self.app.screen is not self.screen:
             return []
         return cut(self._rows(s, width), width, height, " …")
@@ -161,12 +158,11 @@ class Hint(Lines, can_focus=False):
 
 
 class Footer(Lines, can_focus=False):
-    """The keys of the step, at most six."""
+    """The keys of the step, at most six: STOP first, then the next action."""
 
     step = Step.CONNECT
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return the keys: STOP first, then the next action."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         self._spots: list[tuple[int, int, str]] = []
         row: list[Span] = [(" ", "text")]
         at = 1

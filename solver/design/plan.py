@@ -231,7 +231,8 @@ def information_of(
     prior = np.zeros(information.root.shape[-1])
     for k, name in enumerate(information.parameters):
         prior[k] = task.prior.get(name, np.inf) ** -2.0
-    return information.of(range(c)) + np.diag(prior), information.at_poses(slice(c, None))
+    known = information.of(range(c)) + np.diag(prior)
+    return known, replace(information, root=information.root[c:])
 
 
 def _estimated_variances(
@@ -277,13 +278,11 @@ def _trusted(
         motion = manifold.motion
         every = combinations(range(1, motion.joint_count + 1), motion.degrees)
         sets = (max(every, key=lambda drives: float(np.median(motion.leverage(drives)))),)
-    sigma = np.min(
-        [
-            prediction_sigma(task.model, x, manifold.q, manifold.u, covariance, drives)
-            for drives in sets
-        ],
-        axis=0,
-    )
+    sigmas = [
+        prediction_sigma(task.model, x, manifold.q, manifold.u, covariance, drives)
+        for drives in sets
+    ]
+    sigma = np.min(sigmas, axis=0)
     room = task.ranges.within(task.margin_rad).clearance(manifold.q)
     return np.asarray((sigma <= MOST_UNCERTAIN_RAD) & (room >= 3.0 * sigma))
 

@@ -44,10 +44,6 @@ class PoseInformation:
         columns += range(len(self.parameters), self.root.shape[-1])
         return replace(self, parameters=tuple(parameters), root=self.root[..., columns])
 
-    def at_poses(self, poses: slice) -> PoseInformation:
-        """Return the information of a slice of the poses."""
-        return replace(self, root=self.root[poses])
-
 
 def about_parameters(information: FloatArray, parameters: int) -> FloatArray:
     """Information (P, P) about the first P = `parameters` of P + K unknowns; the others have prior N(0, 1)."""

@@ -42,6 +42,7 @@ class ConnectedArm:
     def __init__(self, arm: ArmInterface, procedure: Procedure, identity: ArmIdentity) -> None:
         self.arm, self.procedure, self.identity = arm, procedure, identity
         self.n = procedure.arm.joint_count
+        self.speed_rad_per_s = procedure.capture.speed_rad_per_s
 
     @property
     def drives(self) -> tuple[int, ...]:
@@ -66,11 +67,6 @@ class ConnectedArm:
         """Return position mode for `drives`, and free mode for the other joints."""
         numbers = range(1, self.n + 1)
         return [JointMode.POSITION if j in drives else JointMode.FREE for j in numbers]
-
-    @property
-    def speed_rad_per_s(self) -> float:
-        """Joint speed from the procedure."""
-        return self.procedure.capture.speed_rad_per_s
 
     def away(self, joint: int) -> float:
         """Return a target, rad, `STEP_RAD` from the joint's position, towards the farther end of its range."""

@@ -103,9 +103,9 @@ def joints(name: str, value: Any, joint_count: int) -> tuple[int, ...]:
             chosen.add(operator.index(joint))
         except TypeError:
             raise TypeError(f"{name} contains {joint!r}: {expected}") from None
-    for joint in sorted(chosen):
-        if not 1 <= joint <= joint_count:
-            raise ValueError(f"{name} contains {joint}: {expected}")
+    wrong = chosen.difference(range(1, joint_count + 1))
+    if wrong:
+        raise ValueError(f"{name} contains {min(wrong)}: {expected}")
     return tuple(sorted(chosen))
 
 

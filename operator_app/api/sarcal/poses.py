@@ -219,14 +219,12 @@ def load_poses(
         read = load_poses_file(fspath(source), joint_count=joint_count)
         return Poses(fspath(source), read.poses, read.warnings)
     columns = getattr(source, "columns", None)
-    if columns is None and not isinstance(source, Sequence | np.ndarray):
-        raise TypeError(
-            f"poses={shown(source)}: give a path, a data frame, or what sarcal.poses_of returned"
-        )
     if columns is None:
         raise TypeError(
             "a bare array does not state its unit: use sarcal.poses_of(q_rad=...) or "
             "sarcal.poses_of(q_deg=...)"
+            if isinstance(source, Sequence | np.ndarray)
+            else f"poses={shown(source)}: give a path, a data frame, or what sarcal.poses_of returned"
         )
     read = parse_poses(_csv_of(source, [str(c) for c in columns]), FRAME, joint_count=joint_count)
     return Poses(FRAME, read.poses, read.warnings)

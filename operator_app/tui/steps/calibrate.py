@@ -32,8 +32,7 @@ class SettingsPanel(Lines):
         "unsensed joints."
     )
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return lines with the settings, then the progress or the result."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         used, captured = len(s.state.used_poses), len(s.state.poses)
         joints = ", ".join(f"J{j}" for j in s.unsensed_joints) or "none"
         excluded = f", {captured - used} excluded" if captured > used else ""
@@ -74,8 +73,7 @@ class CalibratePlot(Lines):
         "measured joints, in millimetres. Check a pose that is far above the others."
     )
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return the plot of costs or of residuals."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         if (subject := subject_on(s)) is not None and s.solution is not None:
             self.set_title("Residual of each pose")
             picture = misses(subject, s.solution.identified)

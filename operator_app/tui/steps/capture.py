@@ -32,8 +32,7 @@ class StillPanel(Lines):
         "closest to its limit is shown. A pose is captured only at rest."
     )
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return a line on the target, and a line on the motion or standstill."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         return [clip(_target(s), width), clip(_still(s), width)]
 
 
@@ -113,8 +112,7 @@ class ProgressPanel(Lines, can_focus=False):
 
     TITLE = ""
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return the progress bar."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         used, total = len(s.state.used_poses), s.required_poses
         placement = f"Placement {s.state.placement}  " if s.state.placement > 1 else ""
         head = f" {placement}Poses {used:>2}/{total}  "
@@ -156,8 +154,7 @@ class QualityPanel(Lines):
         "range that the poses span. Best next: the planned pose that adds most information."
     )
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return lines on condition number, weakest parameters, best next pose, coverage of joint ranges."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         live, names = s.live, 3 if width > 40 else 2
         history = () if live is None else live.history
         weakest = " ".join(live.weakest[:names]) if live is not None else ""

@@ -24,8 +24,7 @@ class BusPanel(Lines):
         "-i interface, -c channel, -b bitrate. Without options it is a simulated arm in this program."
     )
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return interface and traffic."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         rate = f"{s.sync_rate_hz:.0f} SYNC/s" if s.connected else "not connected"
         session = str(s.folder)
         return [
@@ -45,8 +44,7 @@ class NodesPanel(Lines):
         "from objects 1008h and 1018h and compared with the arm file."
     )
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return one line per node."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         if s.identity is None:
             return [(), line(("  no arm is connected", "dim"))]
         wide = width >= 90
@@ -84,8 +82,7 @@ class CheckPanel(Lines):
         "neither: press it once, see every drive switch off, release it, and confirm with t."
     )
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return lines on the checks that were passed and the checks still to be made."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         rows: list[Line] = []
         arm = s.identity
         if arm is not None:

@@ -32,8 +32,7 @@ class FilePanel(Lines):
         "the controller and reads it back byte for byte."
     )
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return lines on the file, the controller and the checksums."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         serial = s.identity.serial_number if s.identity else s.state.serial_number or "—"
         if s.written is None:
             rows = [entry("File", "not written yet: Enter or w writes it")]
@@ -81,8 +80,7 @@ class RecordPanel(Lines):
         "N closes this session and starts another; o resumes an earlier one. The journal records every step."
     )
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return lines on the verification and the session's files."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         if s.verification is None:
             rows = [entry("Verify", "y captures new poses and verifies these parameters")]
         else:

@@ -44,8 +44,7 @@ class PlacementPanel(Lines):
         "tolerance. The calibration finds the true values, which must lie within the tolerance."
     )
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return lines with kind, lengths and angles."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         spec = s.procedure.fixture
         loop = spec.fixture.model(s.procedure.arm)
         rows = [entry("Fixture", (f"{spec.name}", "bold"), f"  kind {spec.kind}")]
@@ -74,8 +73,7 @@ class ChecksPanel(Lines):
         "range of each joint over the plan, and condition number."
     )
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return one or two lines for each check."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         rows: list[Line] = []
         for check in s.checks:
             glyph, role = CHECK_GLYPHS[check.severity]
@@ -132,12 +130,12 @@ class ChecklistPanel(ListPanel):
         text = f"{'▌' if is_marked else ' '}[{mark}] {s.procedure.fixture.checklist[k]}"
         return wrapped(text, width, "cursor text" if is_marked else "text", "     ")
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Return the lines of the list; after an item was ticked, the next unticked item is marked."""
         if s.ticked != self._ticked:
             self._ticked = s.ticked
             self.cursor = min(set(range(self.count(s))) - s.ticked, default=self.cursor)
-        return super().build(s, width, height)
+        return super()._build(s, width, height)
 
 
 class FixtureView(StepView):

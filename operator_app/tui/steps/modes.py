@@ -26,8 +26,7 @@ class PlanPanel(Lines):
         "each other through the fixture. f toggles the marked joint, p takes the best ranked pair."
     )
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return the pending change, the rule for the number of joints, and the ranking."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         marked = s.wanted_joints
         names = " ".join(f"J{k}" for k in marked) or "none"
         free = others_free(len(marked), s.procedure.arm.joint_count)

@@ -47,8 +47,7 @@ class VerdictPanel(Lines):
         "as printed is the paper's formula."
     )
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return verdict, headlines, reasons and warnings."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         facts = facts_on(s)
         if facts is None or s.solution is None:
             return wrapped(f" {no_facts(s)}", width, "dim", " ")
@@ -136,8 +135,7 @@ class ResultsPlot(Lines):
             tables = sum(facts.table(ident) is not None for ident in TABLES)
             self.count = self.words_from + 2 + tables
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return the current page."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         if self.framed:
             return self._page(s, width, height)
         rows = self._page(s, width, height - 1)

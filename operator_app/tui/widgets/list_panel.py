@@ -44,8 +44,7 @@ class ListPanel(Lines):
         """Move the marked row by `by` rows, or scroll by as many if the list has no mark."""
         self.cursor = max(0, min(self._last, self.cursor + by))
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return the header and the rows that fit."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         head, count = self.head(s, width), self.count(s)
         room = max(1, height - len(head))
         if self.MARKS:
@@ -69,11 +68,10 @@ class TablePanel(ListPanel):
         """Return the table to show; None if there is no table."""
         return None
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return the column titles and the rows that fit."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         table = self.table(s)
         self._head, self._rows = ([], []) if table is None else table_spans(table)
-        return super().build(s, width, height)
+        return super()._build(s, width, height)
 
     def count(self, s: SessionSnapshot) -> int:
         """Number of rows."""

@@ -146,7 +146,7 @@ class ArmView(Lines):
         self._drawn: Sequence[Line] = ()
         self._turn = False
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Return the drawing; it is made again only if a joint moved visibly or other contents changed."""
         if s.arm is None or s.data is DataState.LOST:
             self.set_title("Arm")

@@ -23,10 +23,9 @@ THIN: Span = ("│", "dim")
 
 
 class SafetyStrip(Lines, can_focus=False):
-    """The safety strip, which is one line."""
+    """The safety strip: in one row, everything a person must know before approaching the arm."""
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return, in one row, everything a person must know before approaching the arm."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         short = width < 110
         stop: list[Span] = [(" STOP ", "badge"), (" SPC/F8" if short else " SPACE/F8", "key")]
         parts = (_where, _bus, _heartbeat, _data, _modes, _drives)
@@ -50,8 +49,7 @@ def _joined(cells: Sequence[Sequence[Span]], *, short: bool) -> Line:
 class Banner(Lines, can_focus=False):
     """The line below the strip: whether the arm is real; then STOP, lost data, the running task or a hint."""
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return one line with the kind of arm and the most urgent message."""
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         kind: Span = (" SIMULATED " if s.simulated else " REAL ARM ", "badge")
         return [clip((kind, (" ", "text"), *_status(s)), width)]
 
@@ -170,7 +168,7 @@ class Log(Lines, can_focus=False):
         """Return the number of rows that the newest alarm needs, at least `LOG_ROWS`, at most `most`."""
         return min(max(len(_alarm_rows(s, width)), LOG_ROWS), most)
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+    def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Return at most `height` lines; a message that is cut off ends with the key that shows it in full."""
         standing = {alarm.number for alarm in s.alarms}
         rows = _alarm_rows(s, width)

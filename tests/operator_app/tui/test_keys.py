@@ -118,6 +118,7 @@ async def test_stale_data_are_marked_and_delay_a_capture(still):
 async def test_modes_are_applied_only_after_confirmation(still):
     async with still(story()["ticked"], step=Step.MODES) as d:
         await d.press("a", "enter")
+        await d.press("a", "left", "right", "enter")
         assert d.runner.asked == []
         await d.press("a", "tab", "enter")
         await d.settle()

@@ -24,7 +24,7 @@ from tests.oracles.story import busy, stale, story
 
 
 def lines_of(panel, picture, width: int, height: int) -> list[str]:
-    return ["".join(text for text, _ in row) for row in panel.build(picture, width, height)]
+    return ["".join(text for text, _ in row) for row in panel._build(picture, width, height)]
 
 
 @pytest.mark.parametrize("width", [98, 80])

@@ -16,7 +16,7 @@ def capturing():
 
 
 def line_of(panel, picture, width: int = 80) -> str:
-    (row,) = panel.build(picture, width, 1)
+    (row,) = panel._build(picture, width, 1)
     return "".join(text for text, _ in row)
 
 

@@ -49,18 +49,20 @@ class JointShapes:
         self.joint_of: IntArray = np.array(joints, dtype=np.int64)
         self._along = np.zeros((len(joints), layout.q.shape[1]))
         self._along[np.arange(len(joints)), self.joint_of] = 1.0
-        self._last: tuple[slice, FloatArray] | None = None
+        # Poses and angles of the last request, which a fit repeats, with their shapes.
+        self._constant: tuple[slice, FloatArray] | None = None
+        self._last: tuple[FloatArray, FloatArray] | None = None
 
     def at(self, angle: FloatArray, poses: slice) -> FloatArray:
         """Shapes (m, c) at the poses of a slice; `angle` (m, n): their corrected joint angles, rad."""
-        if self._last is None or self._last[0] != poses:
-            self._last = (poses, self._constant_shapes(poses))
-        shapes = self._last[1]
-        if self._curves:
-            shapes = shapes.copy()
-        for curve, where in self._curves:
-            shapes[:, where] = curve.basis(angle[:, curve.joint - 1])
-        return shapes
+        if self._constant is None or self._constant[0] != poses:
+            self._constant, self._last = (poses, self._constant_shapes(poses)), None
+        if self._last is None or not np.array_equal(self._last[0], angle):
+            shapes = self._constant[1].copy()
+            for curve, where in self._curves:
+                shapes[:, where] = curve.basis(angle[:, curve.joint - 1])
+            self._last = (angle, shapes)
+        return self._last[1]
 
     def shift(self, b: FloatArray, angle: FloatArray, poses: slice) -> FloatArray:
         """Joint corrections (m, n), rad, from coefficients b (c,)."""

@@ -202,17 +202,19 @@ def _iterate(
             sign_asked = in_doubt and not converged and iterations < FREE_ITERATIONS
             if surplus < 0.0 and not sign_asked:
                 # The expected sag is dropped from here on; likelihoods and steps before and after cannot be compared.
-                design, ascent, converged = (
-                    design.unsigned(),
-                    VarianceSearch(fast=ascent.fast),
-                    False,
-                )
+                design, converged = design.unsigned(), False
+                ascent = VarianceSearch(fast=ascent.fast)
                 linearisation = Linearisation(design, state)
                 continue
         if converged:
             break
     if variances is None and derivatives is not None:
-        fit, state = _at_mean_scales(design, fit, derivatives, state)
+        mean = expected_variances(fit, derivatives)
+        if not np.array_equal(mean, fit.v):
+            # Once more, linearised at the solution, with the means of the estimated scales.
+            linearisation = Linearisation(design, state)
+            fit = LinearFit(design, linearisation, mean)
+            state, _, _ = _advance(design, linearisation, fit)
     shift, _ = design.effects_at(fit.b, design.q + state.e)
     return MixedFit(
         x=state.x, corrections=state.e, unsensed=state.u, shift=shift, fit=fit, found=derivatives,
@@ -226,18 +228,6 @@ def _solved(design: LinearModel, linearisation: Linearisation, v: FloatArray) ->
         return LinearFit(design, linearisation, v)
     except np.linalg.LinAlgError as error:
         raise PosesDoNotFitError from error
-
-
-def _at_mean_scales(
-    design: LinearModel, fit: LinearFit, derivatives: Derivatives, state: State
-) -> tuple[LinearFit, State]:
-    """Solve once more, linearised at `state`, with mean variances; `fit` and `state` if no scale is estimated."""
-    v = expected_variances(fit, derivatives)
-    if np.array_equal(v, fit.v):
-        return fit, state
-    linearisation = Linearisation(design, state)
-    last = LinearFit(design, linearisation, v)
-    return last, _advance(design, linearisation, last)[0]
 
 
 def expected_variances(fit: LinearFit, derivatives: Derivatives) -> FloatArray:

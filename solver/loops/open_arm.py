@@ -19,6 +19,7 @@ from solver.loops.closure import LoopError
 BASE = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")
 TIP_POINT = ("tip_x", "tip_y", "tip_z")
 TIP_TURN = ("tip_rx", "tip_ry", "tip_rz")
+_ARRAYS = ("base_m", "base_rotation", "tip_m", "tip_rotation", "endpoint_m", "endpoint_rotation")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,14 +49,7 @@ class MeasuredClosure(ArmLoop):
     endpoint_rotation: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        for name in (
-            "base_m",
-            "base_rotation",
-            "tip_m",
-            "tip_rotation",
-            "endpoint_m",
-            "endpoint_rotation",
-        ):
+        for name in _ARRAYS:
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, frozen(value))

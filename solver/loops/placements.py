@@ -45,6 +45,10 @@ class Placements(ClosureModel):
     placement: IntArray
     same_hand: bool
     # Computed once, since estimators need them at every step.
+    joint_count: int = field(init=False, repr=False)
+    unsensed_joints: tuple[int, ...] = field(init=False, repr=False)
+    components: int = field(init=False, repr=False)
+    equations_per_pose: int = field(init=False, repr=False)
     parameters: tuple[Parameter, ...] = field(init=False, repr=False)
     _columns: tuple[IntArray, ...] = field(init=False, repr=False)
 
@@ -62,6 +66,8 @@ class Placements(ClosureModel):
         }
         if len(facts) != 1:
             raise ValueError("all placements must have the same arm and the same kind of fixture")
+        for name in ("joint_count", "unsensed_joints", "components", "equations_per_pose"):
+            object.__setattr__(self, name, getattr(self.models[0], name))
         object.__setattr__(self, "parameters", self._listed())
         names = [p.name for p in self.parameters]
         columns = tuple(
@@ -69,26 +75,6 @@ class Placements(ClosureModel):
             for number, model in zip(self.numbers, self.models, strict=True)
         )
         object.__setattr__(self, "_columns", columns)
-
-    @property
-    def joint_count(self) -> int:
-        """Joints of the arm."""
-        return self.models[0].joint_count
-
-    @property
-    def unsensed_joints(self) -> tuple[int, ...]:
-        """Arm joints (1-based) whose readings are not used."""
-        return self.models[0].unsensed_joints
-
-    @property
-    def components(self) -> int:
-        """Number of closure components, which all placements share."""
-        return self.models[0].components
-
-    @property
-    def equations_per_pose(self) -> int:
-        """Closure equations of each pose, the same number in all placements."""
-        return self.models[0].equations_per_pose
 
     def columns(self, number: int) -> IntArray:
         """Indices (P_own,) of one placement's parameters in the whole vector."""

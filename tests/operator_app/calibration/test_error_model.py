@@ -77,13 +77,13 @@ def test_approach_side_restarts_with_each_placement(poses):
 def test_loads_need_masses_and_compliance(poses):
     experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses)
     loaded = error_model(experiment)
-    assert loaded.loads.deflection.any()
+    assert loaded.loads.all_deflections.any()
     # Sag follows gravity; the load of the fixture is unknown.
     unstated = error_model(replace(experiment, arm=replace(ARM, masses=None))).loads
     assert unstated.sag.any()
-    assert not unstated.deflection.any()
+    assert not unstated.all_deflections.any()
     rigid = replace(HINGE, compliance=RIGID)
-    assert not error_model(replace(experiment, fixture=rigid)).loads.deflection.any()
+    assert not error_model(replace(experiment, fixture=rigid)).loads.all_deflections.any()
 
 
 def test_estimate_ignores_the_order_of_poses(poses):

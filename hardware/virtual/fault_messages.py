@@ -130,7 +130,6 @@ FAULTS: Mapping[str, FaultDescription] = {
             "jumped by",
             "refused",
             "are not set up as",
-            "no CiA 402",
             "tripped: ",
             "has restarted",
             "is not the one",

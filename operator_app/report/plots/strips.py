@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from operator_app.report.html.markup import Html, element, figure
+from operator_app.report.html.markup import Html, figure
 from operator_app.report.plots.calibration_plots import pose_axis
 from operator_app.report.plots.plot import Axis, Shape
 from operator_app.report.plots.svg import (
@@ -19,7 +19,9 @@ from operator_app.report.plots.svg import (
     label,
     mark,
     picture,
+    rectangle,
     segment,
+    ticks,
 )
 from operator_app.report.session_tables import CORRECTION_ODD, sensed_joints, stated_rad
 from operator_app.units import ANGLE, CLOSURE_ANGLE, SHARE, Figure, fixed, significant
@@ -56,61 +58,42 @@ class Strip:
 
 def strips(x: Axis, at: Sequence[float], rows: Sequence[Strip]) -> Html:
     """Draw corrections, mrad, over a common x axis; each row has its own scale, written at its right end."""
-    right = PLOT_WIDTH - RIGHT - SCALE_WIDTH
-    height = HEAD + ROW * len(rows) + FOOT
-    parts = [
-        label(
-            f"full scale [±{CLOSURE_ANGLE.unit}]",
-            PLOT_WIDTH - 2.0,
-            10.0,
-            class_="axis",
-            anchor="end",
-        )
-    ]
+    right, foot = RIGHT - SCALE_WIDTH, HEAD + ROW * len(rows)
+    head = f"full scale [±{CLOSURE_ANGLE.unit}]"
+    parts = [label(head, PLOT_WIDTH - 2.0, 10.0, class_="axis", anchor="end")]
     for k, row in enumerate(rows):
         top = HEAD + ROW * k
         middle, half = top + 0.5 * ROW, 0.5 * ROW - 3.0
         reach = max([abs(v) for v in row.values if math.isfinite(v)] + [row.band, 1e-12])
         band = half * row.band / reach
-        parts.append(
-            element(
-                "rect",
-                x=NAME_WIDTH,
-                y=middle - band,
-                width=right - NAME_WIDTH,
-                height=2.0 * band,
-                class_="band",
-            )
-        )
-        parts.append(segment(NAME_WIDTH, middle, right, middle, "zero"))
-        parts.append(segment(2.0, top + ROW, PLOT_WIDTH - 2.0, top + ROW, "grid"))
-        parts.append(label(row.name, 2.0, middle + 3.6, class_="legend"))
-        parts.append(label(significant(reach, 2), PLOT_WIDTH - 2.0, middle + 3.6, anchor="end"))
+        parts += [
+            rectangle(NAME_WIDTH, middle - band, right - NAME_WIDTH, 2.0 * band, "band"),
+            segment(NAME_WIDTH, middle, right, middle, "zero"),
+            segment(2.0, top + ROW, PLOT_WIDTH - 2.0, top + ROW, "grid"),
+            label(row.name, 2.0, middle + 3.6, class_="legend"),
+            label(significant(reach, 2), PLOT_WIDTH - 2.0, middle + 3.6, anchor="end"),
+        ]
         colour = "c" if row.highlighted else "a"
         for a, value in zip(at, row.values, strict=True):
             x_at = x.place(a, NAME_WIDTH, right)
             y = middle - half * value / reach
             parts.append(segment(x_at, middle, x_at, y, f"stem {colour}"))
             parts.append(mark("dot", x_at, y, 1.7, colour))
-    parts += _x_axis(x, right, HEAD + ROW * len(rows))
+    parts += _x_axis(x, right, foot)
     return picture(
         "corrections",
         "Corrections of the joint readings by pose, in mrad",
         "One row per joint, each on its own scale; shaded: one standard deviation of the joint's sensor. The table "
         "of joints has the same figures.",
-        height,
+        foot + FOOT,
         parts,
     )
 
 
 def _x_axis(x: Axis, right: float, foot: float) -> list[Html]:
     """Draw the ticks and title of the axis that all rows share."""
-    parts = []
-    for value, tick_text in zip(x.ticks, x.tick_texts, strict=True):
-        x_at = x.place(value, NAME_WIDTH, right)
-        parts.append(segment(x_at, foot, x_at, foot + 3.5, "frame"))
-        parts.append(label(tick_text, x_at, foot + 14.0, anchor="middle"))
-    return [*parts, label(x.title, right, foot + FOOT - 3.0, class_="axis", anchor="end")]
+    title = label(x.title, right, foot + FOOT - 3.0, class_="axis", anchor="end")
+    return [*ticks(x, NAME_WIDTH, right, foot), title]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,8 +116,7 @@ class Bars:
 
 def bars(of: Bars) -> Drawn:
     """Draw the rows below a legend with three labels per line."""
-    right, bars = PLOT_WIDTH - RIGHT, list(of.bars.items())
-    labels = [*of.bars, *of.marks]
+    bars, labels = list(of.bars.values()), [*of.bars, *of.marks]
     top = LEGEND * -(-len(labels) // 3) + 6.0
     foot = top + BAR_HEIGHT * len(of.names)
     # A single kind of bar is the uncertainty of the marks; several are distinguished by colour.
@@ -142,32 +124,28 @@ def bars(of: Bars) -> Drawn:
     shapes: list[tuple[Shape, str]] = [("dot", "a"), ("triangle", "c"), ("square", "d")]
     parts = []
     for k, legend in enumerate(labels):
-        x, y = 2.0 + (k % 3) * (right - 2.0) / 3.0, LEGEND * (k // 3 + 1)
+        x, y = 2.0 + (k % 3) * (RIGHT - 2.0) / 3.0, LEGEND * (k // 3 + 1)
         parts.append(
-            element("rect", x=x, y=y - 7.0, width=9.0, height=7.0, class_=fill.format(k))
+            rectangle(x, y - 7.0, 9.0, 7.0, fill.format(k))
             if k < len(bars)
             else mark(shapes[k - len(bars)][0], x + 4.0, y - 3.5, 2.4, shapes[k - len(bars)][1])
         )
         parts.append(label(legend, x + 12.0, y, class_="legend"))
     for value in of.x.ticks:
-        x_at = of.x.place(value, NAME_WIDTH, right)
+        x_at = of.x.place(value, NAME_WIDTH, RIGHT)
         parts.append(segment(x_at, top, x_at, foot, "zero" if value == 0.0 else "grid"))
     for k, name in enumerate(of.names):
         y = top + BAR_HEIGHT * k
         parts.append(label(name, 2.0, y + 8.6, class_="legend"))
-        for number, (_, pieces) in enumerate(bars):
-            start, end = (of.x.place(value, NAME_WIDTH, right) for value in pieces[k])
-            parts.append(
-                element(
-                    "rect", x=start, y=y + 2.0, width=max(0.0, end - start), height=BAR_HEIGHT - 4.0,
-                    class_=fill.format(number),
-                )
-            )  # fmt: skip
+        for number, pieces in enumerate(bars):
+            start, end = (of.x.place(value, NAME_WIDTH, RIGHT) for value in pieces[k])
+            width, class_ = max(0.0, end - start), fill.format(number)
+            parts.append(rectangle(start, y + 2.0, width, BAR_HEIGHT - 4.0, class_))
         for (shape, colour), values in zip(shapes, of.marks.values(), strict=False):
             if math.isfinite(values[k]):
-                x_at = of.x.place(values[k], NAME_WIDTH, right)
+                x_at = of.x.place(values[k], NAME_WIDTH, RIGHT)
                 parts.append(mark(shape, x_at, y + 0.5 * BAR_HEIGHT, 2.4, colour))
-    return Drawn(foot + FOOT, (*parts, *_x_axis(of.x, right, foot)))
+    return Drawn(foot + FOOT, (*parts, *_x_axis(of.x, RIGHT, foot)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -190,34 +168,21 @@ COVERAGE = "Joint ranges and the part that the poses cover"
 
 def ranges(rows: Sequence[Range]) -> Html:
     """Draw each range, deg, as a bar with a tick for each value; the ends of the range are written below the bar."""
-    right = PLOT_WIDTH - RIGHT - SCALE_WIDTH
-    height = HEAD + ROW * len(rows) + 4.0
+    right = RIGHT - SCALE_WIDTH
     parts = [
         label(f"end of range [{ANGLE.unit}]", NAME_WIDTH, 10.0, class_="axis"),
         label("covered [%]", PLOT_WIDTH - 2.0, 10.0, class_="axis", anchor="end"),
     ]
     for k, row in enumerate(rows):
-        top = HEAD + ROW * k + 4.0
-
-        scale = Axis(
-            label="",
-            unit=ANGLE.unit,
-            low=min(row.low, *row.values),
-            high=max(row.high, *row.values),
-            ticks=(),
-        )
-        low, high = (scale.place(v, NAME_WIDTH, right) for v in (row.low, row.high))
-        start, end = (scale.place(v, NAME_WIDTH, right) for v in (min(row.values), max(row.values)))
+        top, shown = HEAD + ROW * k + 4.0, (row.low, row.high, *row.values)
+        scale = Axis(label="", unit="", low=min(shown), high=max(shown), ticks=())
+        low, high, *marks = (scale.place(v, NAME_WIDTH, right) for v in shown)
+        width = max(0.8, max(marks) - min(marks))
         parts += [
             label(row.name, 2.0, top + 9.0, class_="legend"),
-            element(
-                "rect", x=start, y=top, width=max(0.8, end - start), height=11.0, class_="band"
-            ),
-            element("rect", x=low, y=top, width=high - low, height=11.0, class_="range"),
-        ]
-        marks = (scale.place(v, NAME_WIDTH, right) for v in row.values)
-        parts += [segment(x, top, x, top + 11.0, "rug") for x in marks]
-        parts += [
+            rectangle(min(marks), top, width, 11.0, "band"),
+            rectangle(low, top, high - low, 11.0, "range"),
+            *(segment(x, top, x, top + 11.0, "rug") for x in marks),
             label(fixed(row.low, 0), low, top + 22.0),
             label(fixed(row.high, 0), high, top + 22.0, anchor="end"),
             label(fixed(100.0 * row.covered, 0), PLOT_WIDTH - 2.0, top + 9.0, anchor="end"),
@@ -227,7 +192,7 @@ def ranges(rows: Sequence[Range]) -> Html:
         "One bar per joint from end to end of its range, one tick per pose. "
         f"{least.name.capitalize()} is covered least, {Figure(least.covered, SHARE, places=0).with_unit}."
     )
-    return picture("coverage", COVERAGE, description, height, parts)
+    return picture("coverage", COVERAGE, description, HEAD + ROW * len(rows) + 4.0, parts)
 
 
 def corrections_by_joint(subject: Subject, estimate: Estimate | None) -> Html | None:

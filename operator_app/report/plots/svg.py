@@ -7,8 +7,9 @@ page's style sheet, so that they follow its theme; marks differ in shape as well
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 from operator_app.report.html.markup import Html, element, figure, join
 from operator_app.report.plots.plot import (
@@ -24,7 +25,8 @@ from operator_app.report.plots.plot import (
 from operator_app.units import typeset
 
 PLOT_WIDTH, HEIGHT = 360.0, 196.0
-LEFT, RIGHT, TOP, BOTTOM = 46.0, 8.0, 22.0, 34.0
+LEFT, RIGHT, TOP, BELOW = 46.0, 352.0, 22.0, 34.0
+"""Edges of the frame of a plot, and the height below it."""
 LARGEST_MARK = 5.0
 """Radius of a mark whose relative area (`Marks.sizes`) is 1, in the units of the picture."""
 CHARACTER = 6.2
@@ -47,34 +49,73 @@ def plot(of: Picture) -> Html:
 
 def draw(of: Picture) -> Drawn:
     """Draw the layers of a picture in one frame, later ones on top."""
-    x, y, layers = of.x, of.y, of.layers
-    height = HEIGHT if of.aspect == 0.0 else (PLOT_WIDTH - LEFT - RIGHT) / of.aspect + TOP + BOTTOM
-    right, bottom = PLOT_WIDTH - RIGHT, height - BOTTOM
-    parts = [*_grid(x, y, right, bottom)]
-    marks = max((len(layer.x) for layer in layers if isinstance(layer, Marks)), default=0)
-    usual = 2.6 if marks <= 60 else 2.0 if marks <= 150 else 1.4
-    for layer in layers:
-        if isinstance(layer, Band):
-            parts.append(_band(layer, y, right, bottom))
-        elif isinstance(layer, Ribbon):
-            around = [*zip(layer.x, layer.high, strict=True)]
-            around += reversed([*zip(layer.x, layer.low, strict=True)])
-            points = _points(around, x, y, right, bottom)
-            parts.append(element("polygon", points=points, class_="ribbon"))
-        elif isinstance(layer, Polyline):
-            points = _points([*zip(layer.x, layer.y, strict=True)], x, y, right, bottom)
-            parts.append(element("polyline", points=points, class_=f"line {layer.class_}"))
-        else:
-            for k, (a, b) in enumerate(zip(layer.x, layer.y, strict=True)):
-                if math.isfinite(a) and math.isfinite(b):
-                    tip = layer.tips[k] if layer.tips else ""
-                    centre = x.place(a, LEFT, right), y.place(b, bottom, TOP)
-                    size = LARGEST_MARK * math.sqrt(layer.sizes[k]) if layer.sizes else usual
-                    parts.append(mark(layer.shape, *centre, size, layer.class_, tip))
-    parts.append(_legend(layers, right))
-    parts.append(label(y.title, 2.0, 12.0, class_="axis"))
-    parts.append(label(x.title, right, height - 3.0, class_="axis", anchor="end"))
+    height = HEIGHT if of.aspect == 0.0 else (RIGHT - LEFT) / of.aspect + TOP + BELOW
+    frame = _Frame(of.x, of.y, height - BELOW)
+    marks = max((len(layer.x) for layer in of.layers if isinstance(layer, Marks)), default=0)
+    radius = 2.6 if marks <= 60 else 2.0 if marks <= 150 else 1.4
+    parts = [
+        *frame.grid(),
+        *(part for layer in of.layers for part in frame.layer(layer, radius)),
+        _legend(of.layers),
+        label(of.y.title, 2.0, 12.0, class_="axis"),
+        label(of.x.title, RIGHT, height - 3.0, class_="axis", anchor="end"),
+    ]
     return Drawn(height, tuple(parts))
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """Frame of a plot, which places values on two axes."""
+
+    x: Axis
+    y: Axis
+    bottom: float
+
+    def across(self, value: float) -> float:
+        return self.x.place(value, LEFT, RIGHT)
+
+    def up(self, value: float) -> float:
+        return self.y.place(value, self.bottom, TOP)
+
+    def points(self, places: Iterable[tuple[float, float]]) -> str:
+        return " ".join(f"{self.across(a):.1f},{self.up(b):.1f}" for a, b in places)
+
+    def grid(self) -> Iterator[Html]:
+        for value, tick_text in zip(self.y.ticks, self.y.tick_texts, strict=True):
+            at = self.up(value)
+            yield segment(LEFT, at, RIGHT, at, "zero" if value == 0.0 else "grid")
+            yield label(tick_text, LEFT - 5.0, at + 3.6, anchor="end")
+        yield segment(LEFT, self.bottom, RIGHT, self.bottom, "frame")
+        yield from ticks(self.x, LEFT, RIGHT, self.bottom)
+
+    def layer(self, layer: Layer, radius: float) -> Iterator[Html]:
+        """Yield the elements of a layer; marks without a size of their own have this radius."""
+        match layer:
+            case Band():
+                top = self.up(min(layer.high, self.y.high))
+                height = max(0.0, self.up(max(layer.low, self.y.low)) - top)
+                yield rectangle(LEFT, top, RIGHT - LEFT, height, "band")
+            case Ribbon():
+                high = zip(layer.x, layer.high, strict=True)
+                low = reversed([*zip(layer.x, layer.low, strict=True)])
+                yield element("polygon", points=self.points(chain(high, low)), class_="ribbon")
+            case Polyline():
+                points = self.points(zip(layer.x, layer.y, strict=True))
+                yield element("polyline", points=points, class_=f"line {layer.class_}")
+            case Marks():
+                for k, (a, b) in enumerate(zip(layer.x, layer.y, strict=True)):
+                    if math.isfinite(a) and math.isfinite(b):
+                        tip = layer.tips[k] if layer.tips else ""
+                        size = LARGEST_MARK * math.sqrt(layer.sizes[k]) if layer.sizes else radius
+                        yield mark(layer.shape, self.across(a), self.up(b), size, layer.class_, tip)
+
+
+def ticks(x: Axis, left: float, right: float, foot: float) -> Iterator[Html]:
+    """Yield the ticks of a horizontal axis at the foot of a drawing, with their numbers."""
+    for value, tick_text in zip(x.ticks, x.tick_texts, strict=True):
+        at = x.place(value, left, right)
+        yield segment(at, foot, at, foot + 3.5, "frame")
+        yield label(tick_text, at, foot + 14.0, anchor="middle")
 
 
 def picture(ident: str, title: str, description: str, height: float, parts: Iterable[str]) -> Html:
@@ -100,13 +141,16 @@ def mark(shape: Shape, x: float, y: float, r: float, class_: str, tip: str = "")
             return element("circle", *inside, cx=x, cy=y, r=r, class_=name)
         case "square":
             s = 0.88 * r
-            return element(
-                "rect", *inside, x=x - s, y=y - s, width=2.0 * s, height=2.0 * s, class_=name
-            )
+            return rectangle(x - s, y - s, 2.0 * s, 2.0 * s, name, *inside)
         case "triangle":
             s = 1.25 * r
             path = f"M{x:.1f} {y - s:.1f}l{s:.1f} {1.8 * s:.1f}h{-2.0 * s:.1f}z"
             return element("path", *inside, d=path, class_=name)
+
+
+def rectangle(x: float, y: float, width: float, height: float, class_: str, *inside: Html) -> Html:
+    """Draw a rectangle from its upper left corner."""
+    return element("rect", *inside, x=x, y=y, width=width, height=height, class_=class_)
 
 
 def label(
@@ -121,38 +165,10 @@ def segment(x1: float, y1: float, x2: float, y2: float, class_: str) -> Html:
     return element("line", x1=x1, y1=y1, x2=x2, y2=y2, class_=class_)
 
 
-def _grid(x: Axis, y: Axis, right: float, bottom: float) -> Iterable[Html]:
-    for value, tick_text in zip(y.ticks, y.tick_texts, strict=True):
-        at = y.place(value, bottom, TOP)
-        yield segment(LEFT, at, right, at, "zero" if value == 0.0 else "grid")
-        yield label(tick_text, LEFT - 5.0, at + 3.6, anchor="end")
-    yield segment(LEFT, bottom, right, bottom, "frame")
-    for value, tick_text in zip(x.ticks, x.tick_texts, strict=True):
-        at = x.place(value, LEFT, right)
-        yield segment(at, bottom, at, bottom + 3.5, "frame")
-        yield label(tick_text, at, bottom + 14.0, anchor="middle")
-
-
-def _points(
-    places: Iterable[tuple[float, float]], x: Axis, y: Axis, right: float, bottom: float
-) -> str:
-    return " ".join(
-        f"{x.place(a, LEFT, right):.1f},{y.place(b, bottom, TOP):.1f}" for a, b in places
-    )
-
-
-def _band(layer: Band, y: Axis, right: float, bottom: float) -> Html:
-    top = y.place(min(layer.high, y.high), bottom, TOP)
-    base = y.place(max(layer.low, y.low), bottom, TOP)
-    return element(
-        "rect", x=LEFT, y=top, width=right - LEFT, height=max(0.0, base - top), class_="band"
-    )
-
-
-def _legend(layers: Sequence[Layer], right: float) -> Html:
+def _legend(layers: Sequence[Layer]) -> Html:
     """Return the legend, above the frame: a sign and a label for each layer, right-aligned."""
     parts: list[Html] = []
-    at = right
+    at = RIGHT
     for layer in reversed([layer for layer in layers if layer.label]):
         at -= CHARACTER * len(layer.label)
         parts.append(label(layer.label, at, 12.0, class_="legend"))
@@ -165,7 +181,7 @@ def _legend(layers: Sequence[Layer], right: float) -> Html:
         else:
             at -= 4.0
             class_ = "ribbon" if isinstance(layer, Ribbon) else "band"
-            parts.append(element("rect", x=at, y=4.5, width=10.0, height=8.0, class_=class_))
+            parts.append(rectangle(at, 4.5, 10.0, 8.0, class_))
         at -= 9.0
     return join(parts)
 

@@ -44,7 +44,7 @@ UNITS_NOTE = (
     "Angles are sensor readings; joint angle = reading + theta_off."
 )
 FORECAST_NOTE = (
-    "Whether these poses allow a calibration was not checked: name the arm and the fixture "
+    "! Whether these poses allow a calibration was not checked: name the arm and the fixture "
     "as well, or the procedure."
 )
 
@@ -68,7 +68,7 @@ def check_text(files: FilesRead, chains: Sequence[Chain]) -> str:
         f"No problems were found in the files.\n{listed}",
         *map(_arm, arms.values()),
         *map(_chain, chains),
-        *([warning(FORECAST_NOTE)] if files.of("poses") and not chains else []),
+        *([paragraph(FORECAST_NOTE)] if files.of("poses") and not chains else []),
         paragraph(UNITS_NOTE),
     ]
     return "\n\n".join(blocks)

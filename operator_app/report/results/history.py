@@ -8,7 +8,7 @@ import numpy as np
 
 from operator_app.calibration.comparison import Side
 from operator_app.calibration.history import ArmHistory, EntryHistory
-from operator_app.report.table import Cell, Column, FactTable, figures, words
+from operator_app.report.table import Cell, FactTable, figures, words
 from operator_app.report.text import WIDTH, paragraph, table_lines
 from operator_app.units import ANGLE, LENGTH, Figure, Quantity, places_to_show, plural
 from solver.chain.parameters import DhEntry
@@ -89,7 +89,7 @@ def sessions_table(part: EntryHistory) -> FactTable:
     return FactTable(
         ident="values",
         title="By session, in the units above",
-        columns=(*words("date"), *figures(*part.names), Column("session", words=True, detail=True)),
+        columns=(*words("date"), *figures(*part.names), *words("session", detail=True)),
         rows=tuple(rows),
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from operator_app.planning.reproduction import (
@@ -10,7 +11,7 @@ from operator_app.planning.reproduction import (
     SIGMA_POS_M,
     Published,
 )
-from operator_app.report.parameter_tables import dh_table
+from operator_app.report.parameter_tables import dh_table, values_of
 from operator_app.report.table import Cell, FactTable, figures, keyed, words
 from operator_app.report.text import paragraph, table_text
 from operator_app.units import ANGLE, CLOSURE_ANGLE, CLOSURE_LENGTH, Figure, quantity_of
@@ -51,20 +52,12 @@ def _tables(reproduction: Published) -> list[FactTable]:
 def _identified(reproduction: Published) -> FactTable:
     """Return Table 2: the published values, and the values that the paper's estimator finds for the simulated arm."""
     estimate, rows = reproduction.solution.estimate, []
-    for p, value, sd in zip(
-        estimate.parameters, estimate.x.tolist(), estimate.standard_deviation.tolist(), strict=True
-    ):
+    for p, value, sd in values_of(estimate):
         quantity, printed, key = quantity_of(p), reproduction.printed[p.name], ("table_2", p.name)
-        rows.append(
-            (
-                p.name,
-                quantity.unit,
-                Figure(printed, quantity, places=1, key=(*key, "paper")),
-                Figure(value, quantity, places=1, key=(*key, "specimen")),
-                Figure(value - printed, quantity, places=1, signed=True),
-                Figure(sd, quantity, digits=2),
-            )
-        )
+        figure = partial(Figure, quantity=quantity, places=1)
+        both = figure(printed, key=(*key, "paper")), figure(value, key=(*key, "specimen"))
+        difference, sigma = figure(value - printed, signed=True), Figure(sd, quantity, digits=2)
+        rows.append((p.name, quantity.unit, *both, difference, sigma))
     return FactTable(
         ident="table-2",
         title="Table 2: identified",

@@ -109,8 +109,13 @@ def facts_of(
         Number of captured poses, including unused ones; None if all were used.
     """
     estimate, beside = solution.identified, solution.beside
+    diverged = solution.adjudication.diverged
     left_out = 0 if captured is None else captured - solution.poses
     headlines = _headlines(solution, AcceptanceLimits() if limits is None else limits, left_out)
+    repeatability = None
+    if solution.components is not None:
+        within = solution.within.items()
+        repeatability = np.array([s for name, s in within if name not in solution.tolerated])
     return Facts(
         accepted=solution.accepted,
         verdict=solution.verdict.words,
@@ -124,11 +129,7 @@ def facts_of(
                 parameter_table(
                     estimate,
                     beside=beside,
-                    repeatability=None
-                    if solution.components is None
-                    else np.array(
-                        [s for name, s in solution.within.items() if name not in solution.tolerated]
-                    ),
+                    repeatability=repeatability,
                     sides={p.name: side_of(solution.model, p.name) for p in estimate.parameters},
                     note=side_note(solution),
                 ),
@@ -142,9 +143,9 @@ def facts_of(
                 determined_table(solution, headlines),
                 trend_table(solution),
                 closure_table(solution, beside, checks),
-                estimators_table(estimate, beside, diverged=solution.adjudication.diverged),
+                estimators_table(estimate, beside, diverged=diverged),
                 jackknife_table(estimate, None if checks is None else checks.jackknife_sd),
-                components_table(solution.components, diverged=solution.adjudication.diverged),
+                components_table(solution.components, diverged=diverged),
                 scale_table(solution),
                 remedy_table(solution),
                 budget_table(solution),
@@ -159,7 +160,7 @@ def facts_of(
         data={
             **calibration_data(solution),
             **posterior_data(solution),
-            **({} if checks is None else {"checks": checks_data(checks)}),
+            **checks_data(checks),
         },
     )
 
@@ -184,30 +185,18 @@ def merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _headlines(solution: Solution, limits: AcceptanceLimits, left_out: int) -> tuple[Headline, ...]:
-    estimate, before, identifiability = (
-        solution.identified,
-        solution.before,
-        solution.identifiability,
-    )
-    after = estimate.sigmas
+    estimate, identifiability = solution.identified, solution.identifiability
+    before, after = solution.before, estimate.sigmas
     headlines = [_sigma("sigma_pos", SIGMA_POS, before.position_m, after.position_m)]
     turned = before.orientation_rad, after.orientation_rad
     if estimate.rotation_rows and turned[0] is not None and turned[1] is not None:
         headlines.append(_sigma("sigma_ori", SIGMA_ORI, turned[0], turned[1]))
-    headlines += [
-        Headline(
-            name="scaled condition number",
-            figure=CONDITION(
-                identifiability.scaled_condition_number, key=("scaled_condition_number",)
-            ),
-            note=f"limit {limits.scaled_condition_number:g}, the paper had {CONDITION_PAPER}",
-        ),
-        Headline(
-            name="rank",
-            figure=Figure(identifiability.rank, places=0, key=("rank",)),
-            note=f"of {len(estimate.parameters)}",
-        ),
-    ]
+    name = "scaled condition number"
+    number = CONDITION(identifiability.scaled_condition_number, key=("scaled_condition_number",))
+    note = f"limit {limits.scaled_condition_number:g}, the paper had {CONDITION_PAPER}"
+    headlines.append(Headline(name=name, figure=number, note=note))
+    rank = Figure(identifiability.rank, places=0, key=("rank",))
+    headlines.append(Headline(name="rank", figure=rank, note=f"of {len(estimate.parameters)}"))
     if estimate.chi2_per_dof is not None:
         fitted = solution.components is not None and solution.components.components
         note = "noise fitted with it" if fitted else "1 expected"
@@ -233,13 +222,12 @@ def side_note(solution: Solution) -> str:
     names: dict[str, list[str]] = {"arm": [], "ground": [], "hand": []}
     for parameter in solution.identified.parameters:
         names[side_of(solution.model, parameter.name)].append(parameter.name)
-    sentences = [f"Arm: {', '.join(names['arm'])}." if names["arm"] else "Arm: none."]
-    sentences += [
-        f"{side.capitalize()}: {', '.join(names[side])}."
-        for side in ("ground", "hand")
-        if names[side]
-    ]
-    return " ".join([*sentences, "Parameters of the arm stay valid in another mounting."])
+    lists = (
+        f"{side.capitalize()}: {', '.join(listed) or 'none'}."
+        for side, listed in names.items()
+        if listed or side == "arm"
+    )
+    return " ".join([*lists, "Parameters of the arm stay valid in another mounting."])
 
 
 def remedy_table(solution: Solution) -> FactTable | None:
@@ -253,14 +241,8 @@ def remedy_table(solution: Solution) -> FactTable | None:
         )
         columns = (table.reading_rad, table.add_rad, table.sigma_rad)
         for reading, add, sigma in zip(*(c[::EVERY].tolist() for c in columns), strict=True):
-            rows.append(
-                (
-                    *head,
-                    Figure(reading, ANGLE, places=1),
-                    Figure(add, ANGLE, places=3, signed=True),
-                    Figure(sigma, ANGLE, places=3),
-                )
-            )
+            correction = Figure(add, ANGLE, 3, signed=True), Figure(sigma, ANGLE, 3)
+            rows.append((*head, Figure(reading, ANGLE, 1), *correction))
             head = ("", "", "")
     if not rows:
         return None

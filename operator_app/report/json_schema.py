@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from operator_app.calibration.experiment import Experiment
     from operator_app.calibration.result import Solution
     from operator_app.messages.finding import Finding
-    from solver.diagnostics.cross_validation import HoldOut
     from solver.diagnostics.rvdt import RvdtVerdict
     from solver.errors import UnidentifiableError
     from solver.estimators.estimate import Estimate
@@ -54,9 +53,8 @@ def calibration_data(solution: Solution) -> dict[str, Any]:
         },
         "stated_chi2_per_dof": solution.adjudication.stated_chi2_per_dof,
         "assumed": list(solution.assumed),
-        "global_start": None
-        if search is None
-        else {
+        "global_start": search
+        and {
             "starts": search.starts,
             "starts_in_best": search.best.starts,
             "distinct_solutions": 1 + len(search.alternatives),
@@ -98,22 +96,19 @@ def estimate_data(estimate: Estimate) -> dict[str, Any]:
     }
 
 
-def checks_data(checks: Checks) -> dict[str, Any]:
-    """Return the data of the checks: jackknife, hold-out, far block."""
-    return {
-        "jackknife_sigma": None,
-        "hold_out": _hold_out_data(checks.held_out),
-        "far_block": _hold_out_data(checks.far_block),
+def checks_data(checks: Checks | None) -> dict[str, Any]:
+    """Return the data of the checks (jackknife, hold-out, far block); empty if they were not computed."""
+    if checks is None:
+        return {}
+    hold_outs = {
+        key: held_out
+        and {
+            "parts": len(held_out.parts),
+            "chi2_per_dof": [part.per_dof for part in held_out.parts],
+        }
+        for key, held_out in (("hold_out", checks.held_out), ("far_block", checks.far_block))
     }
-
-
-def _hold_out_data(hold_out: HoldOut | None) -> dict[str, Any] | None:
-    if hold_out is None:
-        return None
-    return {
-        "parts": len(hold_out.parts),
-        "chi2_per_dof": [part.per_dof for part in hold_out.parts],
-    }
+    return {"checks": {"jackknife_sigma": None, **hold_outs}}
 
 
 def _components_data(components: VarianceComponents | None) -> dict[str, Any]:

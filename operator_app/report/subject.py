@@ -86,12 +86,10 @@ class Subject:
         K, findings = FindingKind, []
         if (blind := self.unidentifiable) is not None:
             if blind.note:
-                findings.append(
-                    Finding(kind=K.REPORTED, names=(blind.code,), reported=(blind.note,))
-                )
-            findings += [
-                Finding(kind=K.NOT_IDENTIFIABLE, reported=(str(d),)) for d in blind.directions
-            ]
+                names, note = (blind.code,), (blind.note,)
+                findings.append(Finding(kind=K.REPORTED, names=names, reported=note))
+            texts = map(str, blind.directions)
+            findings += [Finding(kind=K.NOT_IDENTIFIABLE, reported=(text,)) for text in texts]
         if self.torn:
             findings.append(Finding(kind=K.JOURNAL_TORN, reported=(self.torn,)))
         if self.recalculated_because and self.solution is not None:
@@ -167,17 +165,12 @@ def subject_of_session(
         last_utc=events[-1].utc,
         events=len(events),
         torn=torn,
-        simulated=_simulated(events),
-    )
-
-
-def _simulated(events: Sequence[JournalEvent]) -> bool:
-    """Whether the drives' device names on the bus mark them as virtual."""
-    return any(
-        "virtual" in str(node.get("device_name", ""))
-        for event in events
-        if event.name == "connected"
-        for node in event.data.get("nodes", ())
+        simulated=any(
+            "virtual" in str(node.get("device_name", ""))
+            for event in events
+            if event.name == "connected"
+            for node in event.data.get("nodes", ())
+        ),
     )
 
 
@@ -206,12 +199,10 @@ class _Same:
 
     def __init__(self, s: SessionSnapshot) -> None:
         self.s = s
-        self._parts = s.solution, s.cross_checks, s.state.poses, s.state.modes
+        self._parts = [*map(id, (s.solution, s.cross_checks, s.state.poses, s.state.modes))]
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and all(
-            one is another for one, another in zip(self._parts, other._parts, strict=True)
-        )
+        return isinstance(other, _Same) and self._parts == other._parts
 
     def __hash__(self) -> int:
         return id(self.s.solution)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Sequence
-from itertools import zip_longest
+from itertools import groupby, zip_longest
 from typing import TYPE_CHECKING
 
 from operator_app.report.spans import Line, line
-from operator_app.report.table import Column, FactTable, Headline, shown
+from operator_app.report.table import FactTable, Headline, shown
 from operator_app.safe_output import sanitized
 from operator_app.units import Figure, joints_named, names
 
@@ -74,19 +74,21 @@ def placed(table: FactTable, gap: str) -> tuple[list[list[str]], list[list[str]]
     """Return the header rows (groups above titles) and the body rows, as padded cells."""
     if not table.rows:
         return [], []
-    columns, groups = table.columns, _groups(table.columns)
+    columns = table.columns
     heads = [f"{c.title} [{c.unit}]" if c.unit else c.title for c in columns]
     body = [[sanitized(shown(cell)) for cell in row] for row in table.rows]
     widths = [max(map(len, column)) for column in zip(heads, *body, strict=True)]
-    for first, last in groups:
-        width_taken = sum(widths[first:last]) + len(gap) * (last - first - 1)
-        widths[first] += max(0, len(columns[first].group) - width_taken)
-    above, k = [], 0
-    for first, last in groups:
-        above += [" " * width for width in widths[k:first]]
-        width_taken = sum(widths[first:last]) + len(gap) * (last - first - 1)
-        above.append(columns[first].group.center(width_taken))
-        k = last
+    above: list[str] = []
+    grouped = 0
+    for group, members in groupby(range(len(columns)), key=lambda k: columns[k].group):
+        first, *others = members
+        if not group:
+            above += [" " * width for width in widths[first : first + 1 + len(others)]]
+            continue
+        span = sum(widths[k] + len(gap) for k in others) + widths[first]
+        widths[first] += max(0, len(group) - span)
+        above.append(group.center(max(span, len(group))))
+        grouped = len(above)
     titles, *rows = (
         [
             cell.ljust(width) if column.words else cell.rjust(width)
@@ -94,19 +96,7 @@ def placed(table: FactTable, gap: str) -> tuple[list[list[str]], list[list[str]]
         ]
         for cells in (heads, *body)
     )
-    return [above, titles] if groups else [titles], rows
-
-
-def _groups(columns: Sequence[Column]) -> list[tuple[int, int]]:
-    """Return, for every group, the index of its first column and of the column after its last column."""
-    starts = [
-        k
-        for k, column in enumerate(columns)
-        if column.group and (k == 0 or columns[k - 1].group != column.group)
-    ]
-    return [
-        (k, k + sum(column.group == columns[k].group for column in columns[k:])) for k in starts
-    ]
+    return [above[:grouped], titles] if grouped else [titles], rows
 
 
 ROLES = {"found": "bold"}
@@ -117,17 +107,13 @@ def table_spans(table: FactTable) -> tuple[list[Line], list[Line]]:
     """Return the header and body of a table as spans, without the columns that only the HTML page has."""
     table = table.brief
     heads, rows = placed(table, " ")
+    roles = [
+        [ROLES.get(c.role, c.role) if isinstance(c, Figure) else "text" for c in row]
+        for row in table.rows
+    ]
     body = [
-        line(
-            *(
-                (
-                    f" {cell_text}",
-                    ROLES.get(cell.role, cell.role) if isinstance(cell, Figure) else "text",
-                )
-                for cell_text, cell in zip(words_of, row, strict=True)
-            )
-        )
-        for words_of, row in zip(rows, table.rows, strict=True)
+        tuple((f" {text}", role) for text, role in zip(texts, of_row, strict=True))
+        for texts, of_row in zip(rows, roles, strict=True)
     ]
     return [line((" " + " ".join(cells), "header")) for cells in heads], body
 

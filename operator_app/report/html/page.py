@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from operator_app.calibration.history import ArmHistory, EntryHistory
 from operator_app.calibration.sensitivity import source_sensitivities
@@ -43,11 +44,12 @@ from operator_app.report.uncertainty_tables import source_words
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.stored_calibration import StoredCalibration, journal_calibration
 from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER
-from operator_app.units import CLOSURE_LENGTH, SHARE, Figure, quantity_of
+from operator_app.units import CLOSURE_LENGTH, SHARE, Figure, Kind, quantity_of
 
 if TYPE_CHECKING:
     from operator_app.report.facts import Facts
     from operator_app.report.subject import Subject
+    from operator_app.report.table import Headline
     from operator_app.session.workflow.session import Session
 
 
@@ -57,31 +59,35 @@ POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-a
 
 def report_html(subject: Subject) -> bytes:
     """Return the report page of a session, UTF-8; the same journal gives the same bytes."""
-    sections = sections_of(subject)
-    title = (
-        f"{subject.procedure.arm.name} {subject.state.serial_number}: "
-        f"{verdict_words(subject).lower()} ({subject.name})"
-    )
+    facts, sections = subject.facts, sections_of(subject)
+    arm, program = subject.procedure.arm.name, f"sarcal {subject.software_version}"
+    outcome = "not identifiable" if facts is None else facts.verdict
+    title = f"{arm} {subject.state.serial_number}: {outcome.lower()} ({subject.name})"
     links = [element("li", element("a", s.title, href=f"#{s.ident}")) for s in sections]
     contents = element("nav", element("ul", *links), aria_label="Contents")
+    verdict = element("div", _banner(subject), _verdict(subject, facts, outcome), *_widest(subject))
     body = element(
         "body",
         element("a", "Skip to the content", href="#content", class_="skip"),
-        element("header", summary(subject), tiles(subject.facts), contents),
+        element(
+            "header",
+            element("div", verdict, *_tool(subject), class_="summary"),
+            _tiles(() if facts is None else facts.headlines),
+            contents,
+        ),
         element("main", *(section.html for section in sections), id="content"),
         element(
             "footer",
-            f"Made from the journal of session {subject.name} by sarcal "
-            f"{subject.software_version}. ",
+            f"Made from the journal of session {subject.name} by {program}. ",
             element("code", "sarcal report"),
             " writes this page again. ",
             *_history(subject.state.serial_number),
         ),
     )
-    return document(title, body, generator=f"sarcal {subject.software_version}")
+    return _document(title, body, generator=program)
 
 
-def document(title: str, body: Html, *, generator: str = "") -> bytes:
+def _document(title: str, body: Html, *, generator: str = "") -> bytes:
     """Return a complete page, UTF-8, that loads no other resource."""
     made_by = [element("meta", name="generator", content=generator)] if generator else []
     head = element(
@@ -120,25 +126,8 @@ def write_report(session: Session) -> Path:
     subject = subject_of_session(
         folder.resolve().name, contents.events, session.procedure, calibration, torn=contents.torn
     )
-    target = folder / REPORT_NAME
-    write_atomically(target, report_html(subject))
-    return target
-
-
-def verdict_words(subject: Subject) -> str:
-    """Return the verdict in words, such as ``Accepted``."""
-    facts = subject.facts
-    return ("not identifiable" if facts is None else facts.verdict).capitalize()
-
-
-def summary(subject: Subject) -> Html:
-    """Return the top of the page: verdict, least certain parameter, and tool position error."""
-    return element(
-        "div",
-        element("div", banner(subject), verdict(subject), *_widest(subject)),
-        *_tool(subject),
-        class_="summary",
-    )
+    write_atomically(folder / REPORT_NAME, report_html(subject))
+    return folder / REPORT_NAME
 
 
 def _widest(subject: Subject) -> list[Html]:
@@ -147,16 +136,15 @@ def _widest(subject: Subject) -> list[Html]:
     if not sensitivities:
         return []
     worst = sensitivities[0]
-    sigma, then = (
-        Figure(v, quantity_of(worst.parameter), digits=2) for v in (worst.sigma, worst.then)
-    )
+    figure = Kind(quantity_of(worst.parameter), digits=2)
+    share = Figure(worst.share, SHARE, places=0)
     return [
         element("h2", "Widest sigma"),
         element(
             "p",
             element("span", worst.parameter.name, class_="mono"),
-            f": {sigma.with_unit}, {Figure(worst.share, SHARE, places=0).with_unit} of its variance from "
-            f"{source_words(worst.source)}. With half of that: {then.with_unit}.",
+            f": {figure(worst.sigma).with_unit}, {share.with_unit} of its variance from "
+            f"{source_words(worst.source)}. With half of that: {figure(worst.then).with_unit}.",
         ),
         element("p", "To halve it: ", prose(f"{worst.remedy}.")),
     ]
@@ -164,26 +152,21 @@ def _widest(subject: Subject) -> list[Html]:
 
 def _tool(subject: Subject) -> list[Html]:
     """Return the tool position error before and after calibration, as text and pictures; empty if not computed."""
-    solution, facts = subject.solution, subject.facts
-    if solution is None or facts is None or (accuracy := solution.accuracy) is None:
+    solution = subject.solution
+    if solution is None or (accuracy := solution.accuracy) is None:
         return []
-    pair = hand_pair(solution, subject.procedure.arm)
     before, after = (
         Figure(s.rms, CLOSURE_LENGTH).with_unit for s in (accuracy.before, accuracy.after)
     )
-    truth = truth_in_words(solution)
-    return [
-        element(
-            "div",
-            element("h2", f"Tool off by {before} rms before, {after} after (one sigma)"),
-            *([] if pair is None else [plots([drawn(pair.before), drawn(pair.after)])]),
-            *([] if pair is None else [remark(pair.note)]),
-            *([element("p", f"The truth: {truth}")] if truth else []),
-        )
-    ]
+    parts = [element("h2", f"Tool off by {before} rms before, {after} after (one sigma)")]
+    if pair := hand_pair(solution, subject.procedure.arm):
+        parts += [plots([drawn(pair.before), drawn(pair.after)]), remark(pair.note)]
+    if truth := truth_in_words(solution):
+        parts.append(element("p", f"The truth: {truth}"))
+    return [element("div", *parts)]
 
 
-def banner(subject: Subject) -> Html:
+def _banner(subject: Subject) -> Html:
     """Return the banner of a simulated arm; empty for a real arm."""
     if not subject.simulated:
         return Html("")
@@ -192,17 +175,17 @@ def banner(subject: Subject) -> Html:
     return element("p", f"{text}; scenario {scenario}" if scenario else text, class_="simulated")
 
 
-def verdict(subject: Subject) -> Html:
-    """Return the verdict, the arm, and the reasons."""
-    facts = subject.facts
+def _verdict(subject: Subject, facts: Facts | None, outcome: str) -> Html:
+    """Return the verdict, the arm, and the reasons why the calibration is not accepted or not possible."""
     good = facts is not None and facts.accepted
+    blind = subject.unidentifiable
+    reasons = facts.reasons if facts is not None else map(str, blind.directions if blind else ())
     when = subject.state.opened_utc[:16].replace("T", " ")
-    parts: list[str] = [
-        element(
-            "h1",
-            element("span", "✓ " if good else "✕ ", class_="glyph", aria_hidden="true"),
-            verdict_words(subject),
-        ),
+    glyph = element("span", "✓ " if good else "✕ ", class_="glyph", aria_hidden="true")
+    points = [sentence(reason) for reason in reasons]
+    return element(
+        "div",
+        element("h1", glyph, outcome.capitalize()),
         element(
             "p",
             f"Calibration of {subject.procedure.arm.name}, serial "
@@ -210,40 +193,21 @@ def verdict(subject: Subject) -> Html:
             f"{when} UTC.",
             " The limits of the procedure are met." if good else "",
         ),
-    ]
-    if reasons := _reasons(subject):
-        parts.append(bullets(sentence(reason) for reason in reasons))
-    return element("div", *parts, class_="verdict" if good else "verdict no")
-
-
-def tiles(facts: Facts | None) -> Html:
-    """Return the headline figures of a calibration."""
-    return element(
-        "dl",
-        *(
-            element(
-                "div",
-                element("dt", h.name),
-                element(
-                    "dd",
-                    h.figure.shown,
-                    " ",
-                    element("span", h.figure.quantity.unit, class_="unit"),
-                ),
-                element("dd", h.note, class_="was"),
-            )
-            for h in (() if facts is None else facts.headlines)
-        ),
-        class_="tiles",
+        *([bullets(points)] if points else []),
+        class_="verdict" if good else "verdict no",
     )
 
 
-def _reasons(subject: Subject) -> Sequence[str]:
-    """Return the reasons why the calibration is not accepted or not possible."""
-    if subject.facts is not None:
-        return subject.facts.reasons
-    blind = subject.unidentifiable
-    return [] if blind is None else [str(d) for d in blind.directions]
+def _tiles(headlines: Iterable[Headline]) -> Html:
+    """Return the headline figures of a calibration."""
+    tiles = []
+    for h in headlines:
+        unit = element("span", h.figure.quantity.unit, class_="unit")
+        value = element("dd", h.figure.shown, " ", unit)
+        tiles.append(
+            element("div", element("dt", h.name), value, element("dd", h.note, class_="was"))
+        )
+    return element("dl", *tiles, class_="tiles")
 
 
 def history_html(history: ArmHistory) -> bytes:
@@ -263,30 +227,26 @@ def history_html(history: ArmHistory) -> bytes:
         for k, part in enumerate(history.parts, 1)
     ]
     notes = [*checks_lines(history), *(f"{n} left out: {reason}" for n, reason in history.left_out)]
-    how = Section(
-        ident="how", title="Verifications and method", content=(bullets(notes), remark(HOW))
-    )
-    good = not history.shifted
+    method = (bullets(notes), remark(HOW))
+    sections.append(Section(ident="how", title="Verifications and method", content=method))
     verdict = element(
         "div",
         *(element("p", line.strip()) for line in verdict_text(history).split("\n- ")),
         element("p", due_text(history)),
-        class_="verdict" if good else "verdict no",
+        class_="verdict no" if history.shifted else "verdict",
     )
     body = element(
         "body",
         element("header", element("h1", title), verdict),
-        element("main", *(section.html for section in [*sections, how]), id="content"),
+        element("main", *(section.html for section in sections), id="content"),
     )
-    return document(title, body)
+    return _document(title, body)
 
 
 def _chart(part: EntryHistory, j: int) -> Html:
     """Draw entry `j` over the sessions, with Shewhart and EWMA limits if these are known."""
-    name, chart = part.names[j], part.chart
-    unit = quantity(name)
-    count = len(part.calibrations)
-    sessions = [float(k) for k in range(1, count + 1)]
+    name, chart, unit = part.names[j], part.chart, quantity(part.names[j])
+    sessions = [float(k) for k in range(1, len(part.calibrations) + 1)]
     values = (unit.per_si * part.values[:, j]).tolist()
     layers: list[Layer] = []
     heights = list(values)
@@ -295,12 +255,12 @@ def _chart(part: EntryHistory, j: int) -> Html:
         (chart.ewma_limit, "dashed", "EWMA limits"),
     ):
         for sign in (-1.0, 1.0):
-            limit = (unit.per_si * (chart.centre[:, j] + sign * half[:, j])).tolist()
-            known = [k for k in range(count) if math.isfinite(limit[k])]
-            heights += [limit[k] for k in known]
-            shown = label if sign > 0.0 else ""
-            x, y = [sessions[k] for k in known], [limit[k] for k in known]
-            if known:
+            limit = unit.per_si * (chart.centre[:, j] + sign * half[:, j])
+            known = np.isfinite(limit)
+            x, y = np.array(sessions)[known].tolist(), limit[known].tolist()
+            heights += y
+            if y:
+                shown = label if sign > 0.0 else ""
                 layers.append(Polyline(x=x, y=y, class_=style, label=shown))
     tips = [
         f"{c.session}: {v:.4f} {unit.unit}" for c, v in zip(part.calibrations, values, strict=True)

@@ -52,24 +52,16 @@ CLOSURE_WORDS = (
     "The implicit estimator does not minimise it: it puts the error where the "
     "sensors are poor, and better parameters may leave a larger error here."
 )
-METHOD_WORDS = (
-    (
-        "implicit: the joint readings are uncertain, each by its sensor's noise; every loop closes "
-        "exactly at the corrected joints, and the corrections are as small as the noise allows."
-    ),
-    (
-        "paper: unweighted least squares of the closure errors, 1 m counted as 1 rad, damped and with "
-        "scaled columns (eqs. 5, 6, 10-13)."
-    ),
-    (
-        "sigma_pos and sigma_ori (eqs. 14, 15) are computed at the measured joints, twice: rms divides by "
-        "the number of components inside the root, as printed divides outside it."
-    ),
-    (
-        "Condition number, rank and observability are those of the reduced Jacobian on the closed loops "
-        "next to the poses."
-    ),
-)
+METHOD_WORDS = """\
+implicit: the joint readings are uncertain, each by its sensor's noise; every loop closes exactly at the corrected \
+joints, and the corrections are as small as the noise allows.
+paper: unweighted least squares of the closure errors, 1 m counted as 1 rad, damped and with scaled columns (eqs. 5, \
+6, 10-13).
+sigma_pos and sigma_ori (eqs. 14, 15) are computed at the measured joints, twice: rms divides by the number of \
+components inside the root, as printed divides outside it.
+Condition number, rank and observability are those of the reduced Jacobian on the closed loops next to the poses.
+""".splitlines()
+"""Points on both estimators and their figures."""
 HEADINGS = {
     "parameters": ("Parameters", False),
     "truth": ("The truth", True),
@@ -103,16 +95,8 @@ def sections_of(subject: Subject) -> tuple[Section, ...]:
     if facts is not None and estimate is not None:
         for table in facts.tables:
             (detail if table.detail else brief).append(_of_table(subject, estimate, table))
-    sections = [
-        _warnings(subject),
-        _provenance(subject),
-        *brief,
-        _joints(subject),
-        _rvdt(subject),
-        *detail,
-        _poses(subject, estimate),
-        _method(subject),
-    ]
+    first = [_warnings(subject), _provenance(subject), *brief, _joints(subject), _rvdt(subject)]
+    sections = [*first, *detail, _poses(subject, estimate), _method(subject)]
     return tuple(section for section in sections if section is not None)
 
 
@@ -124,8 +108,8 @@ def _of_table(subject: Subject, estimate: Estimate, table: FactTable) -> Section
     match table.ident:
         case "parameters":
             content.append(remark(_about_sigmas(subject, estimate)))
-        case "accuracy":
-            content += _before_and_after(subject)
+        case "accuracy" if (pair := before_after.arm_pair(subject)) is not None:
+            content += [plots(map(drawn, (pair.before, pair.after))), remark(pair.note)]
         case "trend" if subject.solution is not None:
             limit = subject.procedure.acceptance.scaled_condition_number
             trend = calibration_plots.condition_trend(subject.solution.identifiability.trend, limit)
@@ -135,14 +119,6 @@ def _of_table(subject: Subject, estimate: Estimate, table: FactTable) -> Section
             content += [remark(CLOSURE_WORDS), plots(map(drawn, shown))]
     title, narrow = HEADINGS.get(table.ident, (table.title, False))
     return Section(ident=table.ident, title=title, content=tuple(content), narrow=narrow)
-
-
-def _before_and_after(subject: Subject) -> list[str]:
-    """Return pictures of the arm before and after calibration; empty if the arm cannot be drawn."""
-    pair = None if subject.solution is None else before_after.arm_pair(subject)
-    if pair is None:
-        return []
-    return [plots(map(drawn, (pair.before, pair.after))), remark(pair.note)]
 
 
 def _about_sigmas(subject: Subject, estimate: Estimate) -> str:
@@ -190,19 +166,16 @@ def _rvdt(subject: Subject) -> Section | None:
     if not joints:
         return None
     verdicts = () if subject.solution is None else subject.solution.rvdt
-    content: list[str] = [
-        bullets(map(_rvdt_verdict, verdicts))
-        if verdicts
-        else remark("These poses allow no verdict on the RVDTs.")
-    ]
+    content = [remark("These poses allow no verdict on the RVDTs.")]
+    if verdicts:
+        content = [bullets(map(_rvdt_verdict, verdicts))]
     if table := rvdt_table(subject):
         measured = [(v.joint, v.figures) for v in verdicts if v.figures is not None]
         shown = (calibration_plots.rvdt_deviations(subject, joint, f) for joint, f in measured)
         content += [table_html(table), plots(map(drawn, shown))]
     used = [j for j in joints if j not in subject.unsensed_joints]
-    if len(used) < len(joints):
-        unused = joints_named([j for j in joints if j not in used])
-        content.append(remark(f"The readings of {unused} were not used."))
+    if unused := [j for j in joints if j in subject.unsensed_joints]:
+        content.append(remark(f"The readings of {joints_named(unused)} were not used."))
     if used and estimate is not None and estimate.corrections is not None:
         content.append(remark(CURVE_WORDS.format(joints=joints_named(used))))
         shown = (calibration_plots.rvdt_corrections(subject, estimate, j) for j in used)
@@ -236,6 +209,7 @@ def _provenance(subject: Subject) -> Section:
     procedure = subject.procedure
     fixture = procedure.fixture
     position = [j for j, mode in enumerate(subject.state.modes, 1) if mode == "position"]
+    driven = names(position) + others_free(len(position), procedure.arm.joint_count)
     chosen = ", ".join(
         f"{key.replace('_', ' ')} {names(v) if isinstance(v, list | tuple) else v}"
         for key, v in subject.state.settings.items()
@@ -250,12 +224,7 @@ def _provenance(subject: Subject) -> Section:
         ("Fixture", f"{fixture.name} ({fixture.kind})"),
         ("Procedure", procedure.name),
         *([("Chosen beside it", chosen)] if chosen else []),
-        (
-            "Joints in position mode",
-            names(position) + others_free(len(position), procedure.arm.joint_count)
-            if position
-            else "not recorded",
-        ),
+        ("Joints in position mode", driven if position else "not recorded"),
         *([("Poses read from", subject.state.imported)] if subject.state.imported else []),
         ("Session", subject.name),
         ("First, last event (UTC)", f"{opened}, {last}"),
@@ -280,28 +249,20 @@ def _method(subject: Subject) -> Section:
     if subject.solution is not None:
         fixture = subject.procedure.fixture
         equations = plural(subject.solution.model.equations_per_pose, "equation")
-        tolerance = names(
-            Figure(value, quantity, digits=2).with_unit
-            for value, quantity in (
-                (fixture.tolerance_m, CLOSURE_LENGTH),
-                (fixture.tolerance_rad, CLOSURE_ANGLE),
-            )
-        )
-        loop = (
+        shift = Figure(fixture.tolerance_m, CLOSURE_LENGTH, digits=2).with_unit
+        turn = Figure(fixture.tolerance_rad, CLOSURE_ANGLE, digits=2).with_unit
+        points.append(
             f"The tool closes a loop through the fixture. Each pose gives {equations} after the angles without "
             "a sensor are eliminated."
         )
-        nearest = (
+        points += METHOD_WORDS
+        points.append(
             "Of the equivalent descriptions of a loop, the one nearest to the fixture's nominal placement is "
-            f"given; that was measured to {tolerance}."
+            f"given; that was measured to {shift} and {turn}."
         )
-        points += [loop, *METHOD_WORDS, nearest]
-    made = f"The page was made from the {plural(subject.events, 'event')} of the session's journal alone"
-    points.append(
-        f"{made}; the poses were solved again: {subject.recalculated_because}."
-        if subject.recalculated_because
-        else f"{made}; its solution was read, not made again."
-        if subject.solution is not None
-        else f"{made}."
-    )
+    how = "" if subject.solution is None else "; its solution was read, not made again"
+    if subject.recalculated_because:
+        how = f"; the poses were solved again: {subject.recalculated_because}"
+    events = plural(subject.events, "event")
+    points.append(f"The page was made from the {events} of the session's journal alone{how}.")
     return Section(ident="method", title="How the numbers were made", content=(bullets(points),))

@@ -39,21 +39,16 @@ class Pair:
     note: str
 
 
-# ---- the tool over the workspace -----------------------------------------------------------------
-
-
 def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
     """Return pictures of the tool position error over the joint ranges, before and after; None if not computed."""
     accuracy = solution.accuracy
     if accuracy is None:
         return None
     errors = hand_errors(calibrated_arm(solution, arm), arm)
-    scale = LENGTH.per_si
-    out = (scale * np.hypot(errors.tip_m[:, 0], errors.tip_m[:, 1])).tolist()
-    along = (scale * errors.tip_m[:, 2]).tolist()
-    x, y = map_axes(
-        ("from joint 1's axis", "along joint 1's axis"), out, along, unit=LENGTH.unit, aspect=ASPECT
-    )
+    tip = LENGTH.per_si * errors.tip_m
+    out, along = np.hypot(tip[:, 0], tip[:, 1]).tolist(), tip[:, 2].tolist()
+    labels = ("from joint 1's axis", "along joint 1's axis")
+    x, y = map_axes(labels, out, along, unit=LENGTH.unit, aspect=ASPECT)
     largest = max(accuracy.before.worst, accuracy.after.worst)
 
     def shown(when: str, what: str, errors_m: FloatArray, spread: Spread) -> Picture:
@@ -83,9 +78,6 @@ def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
         note="The area of a mark is the tool's position error there, on one scale in both pictures"
         f"{fixed_briefly(tuple(h.name for h in accuracy.holds_for))}.",
     )
-
-
-# ---- arm and fixture in one pose -----------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,7 +124,7 @@ def arm_pair(subject: Subject) -> Pair | None:
     if solution is None or solution.model.unsensed_joints:
         return None
     part, columns, poses = solution.model.parts()[0]
-    q = subject.readings_rad[poses]
+    q, numbers = subject.readings_rad[poses], np.array([p.number for p in subject.used])[poses]
     nominal = nominal_vector(solution.model.parameters)[columns]
     at_nominal = closure_at_readings(part, nominal, q)
     missed = np.linalg.norm(at_nominal.residual[:, at_nominal.rotation_rows :], axis=1)
@@ -156,10 +148,11 @@ def arm_pair(subject: Subject) -> Pair | None:
     x, y = map_axes(
         ("across", "up"), *np.concatenate(points, axis=1), unit=LENGTH.unit, aspect=ASPECT
     )
-    number = subject.used[int(np.arange(len(subject.used))[poses][worst])].number
 
     def picture(when: str, gap: float, layers: list[Layer]) -> Picture:
-        title = f"{when}: {caption.title.format(number, Figure(gap, CLOSURE_LENGTH).with_unit)}"
+        title = (
+            f"{when}: {caption.title.format(numbers[worst], Figure(gap, CLOSURE_LENGTH).with_unit)}"
+        )
         return Picture(
             ident=f"arm-{when.lower()}",
             title=title,
@@ -174,7 +167,7 @@ def arm_pair(subject: Subject) -> Pair | None:
     return Pair(
         before=picture("Before", sizes[0], [*drawn[0]]),
         after=picture("After", sizes[1], [*drawn[1]]),
-        note=f"The arm at the readings of pose {number}, {caption.worst} before; the gap{enlarged} is from the "
+        note=f"The arm at the readings of pose {numbers[worst]}, {caption.worst} before; the gap{enlarged} is from the "
         f"tool to {caption.where}.",
     )
 
@@ -200,31 +193,28 @@ def _layers(
 ) -> list[Polyline | Marks]:
     hand = seen.chain[-1]
     pin = hand + times * seen.gap
+    ends = AXIS_M * np.array([[-1.0], [1.0]])
 
     def flat(points: FloatArray) -> tuple[list[float], list[float]]:
         across, up = (LENGTH.per_si * points @ view.T).T.tolist()
         return across, up
 
-    def line(points: FloatArray, class_: str, label: str = "") -> Polyline:
+    def line(points: FloatArray, class_: str, label: str) -> Polyline:
         across, up = flat(points)
         return Polyline(x=across, y=up, class_=class_, label=label)
-
-    def axis(at: FloatArray, along: FloatArray) -> FloatArray:
-        return np.stack((at - AXIS_M * along, at + AXIS_M * along))
 
     joints, held = flat(seen.chain[:-1]), flat(pin[None, :])
     # A ball and a measured point have no axis: only a mark is drawn.
     turns, (label_there, own) = bool(np.any(seen.pin_axis)), labels
     axes = [
-        line(axis(pin, seen.pin_axis), "dashed", label_there),
-        line(axis(hand, seen.hand_axis), "b", own),
+        line(pin + ends * seen.pin_axis, "dashed", label_there),
+        line(hand + ends * seen.hand_axis, "b", own),
     ]
+    at_pin = "" if turns else label_there
     return [
         *(axes if turns else ()),
         line(seen.chain, "a", "arm"),
         Marks(x=joints[0], y=joints[1]),
         line(np.stack((hand, pin)), "gap", "gap"),
-        Marks(
-            x=held[0], y=held[1], shape="triangle", class_="d", label="" if turns else label_there
-        ),
+        Marks(x=held[0], y=held[1], shape="triangle", class_="d", label=at_pin),
     ]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from operator_app import units
 from operator_app.report.plots.plot import (
     Axis,
     Band,
@@ -20,18 +21,8 @@ from operator_app.report.plots.plot import (
     log_axis,
 )
 from operator_app.report.subject import Subject
-from operator_app.units import (
-    ANGLE,
-    CLOSURE_ANGLE,
-    CLOSURE_LENGTH,
-    CONDITION,
-    LSB,
-    Figure,
-    Quantity,
-    plural,
-    significant,
-)
-from solver.arrays import FloatArray
+from operator_app.units import CLOSURE_ANGLE, CLOSURE_LENGTH, Figure, Quantity, plural, significant
+from solver.arrays import BoolArray, FloatArray
 from solver.chain.sensors import Rvdt
 from solver.diagnostics.rvdt_response import RvdtFigures
 from solver.estimators.estimate import Estimate
@@ -68,18 +59,18 @@ def condition_trend(trend: Sequence[tuple[int, float]], limit: float) -> Picture
     """Return the plot of the scaled condition number over the number of poses, on a log scale, with the limit."""
     numbers, values = [float(n) for n, _ in trend], [value for _, value in trend]
     x = axis("poses", numbers, whole=True)
-    tips = [f"{n} poses: {CONDITION(value).shown}" for n, value in trend]
+    shown = [units.CONDITION(value).shown for value in values]
+    tips = [f"{n} poses: {text}" for (n, _), text in zip(trend, shown, strict=True)]
+    dashed = f"limit {limit:g}"
     return Picture(
         ident="condition-trend",
         title="Condition number by number of poses",
         description=f"Scaled condition number of the first {trend[0][0]} to {trend[-1][0]} poses, log scale: "
-        f"from {CONDITION(values[0]).shown} to {CONDITION(values[-1]).shown}; lower is better.",
+        f"from {shown[0]} to {shown[-1]}; lower is better.",
         x=x,
         y=log_axis("scaled condition number", [*values, limit]),
         layers=[
-            Polyline(
-                x=(x.low, x.high), y=(limit, limit), class_="dashed", label=f"limit {limit:g}"
-            ),
+            Polyline(x=(x.low, x.high), y=(limit, limit), class_="dashed", label=dashed),
             Polyline(x=numbers, y=values),
             Marks(x=numbers, y=values, tips=tips, label="first poses"),
         ],
@@ -98,6 +89,11 @@ def misses(subject: Subject, estimate: Estimate) -> Picture:
     highlighted, values = miss > FAR_OFF * rms, CLOSURE_LENGTH.per_si * miss
     numbers = np.array([p.number for p in subject.used])
     limit = CLOSURE_LENGTH.per_si * FAR_OFF * rms
+
+    def marks(of: BoolArray, shape: Shape, class_: str, label: str = "") -> Marks:
+        x, y = numbers[of].tolist(), values[of].tolist()
+        return Marks(x=x, y=y, shape=shape, class_=class_, label=label)
+
     return Picture(
         ident="misses",
         title="How far each pose's loop fails to close",
@@ -107,13 +103,8 @@ def misses(subject: Subject, estimate: Estimate) -> Picture:
         y=axis("distance", [0.0, limit, *values.tolist()], unit=CLOSURE_LENGTH.unit),
         layers=[
             Band(low=0.0, high=limit, label=f"{FAR_OFF:g} rms"),
-            Marks(x=numbers[~highlighted].tolist(), y=values[~highlighted].tolist(), label="pose"),
-            Marks(
-                x=numbers[highlighted].tolist(),
-                y=values[highlighted].tolist(),
-                shape="square",
-                class_="c",
-            ),
+            marks(~highlighted, "dot", "a", "pose"),
+            marks(highlighted, "square", "c"),
         ],
     )
 
@@ -154,12 +145,7 @@ def _closure(
         f"component (shaded); the largest is {Figure(float(norms[worst]), quantity).with_unit} "
         f"at pose {numbers[worst]}.",
         x=pose_axis(subject),
-        y=axis(
-            f"{kind} error",
-            [*values.ravel().tolist(), spread],
-            unit=quantity.unit,
-            symmetric=True,
-        ),
+        y=axis(f"{kind} error", [*values.flat, spread], unit=quantity.unit, symmetric=True),
         layers=layers,
     )
 
@@ -175,7 +161,7 @@ def rvdt_deviations(subject: Subject, joint: int, figures: RvdtFigures) -> Pictu
         ident=f"rvdt-{joint}",
         title=f"Joint {joint}: reading minus the angle measured by the loop",
         description=f"Curve from {low.shown} to {high.with_unit}; noise of a "
-        f"single reading {Figure(figures.noise.lsb, LSB, digits=2).with_unit}. The specification allows "
+        f"single reading {Figure(figures.noise.lsb, units.LSB, digits=2).with_unit}. The specification allows "
         f"±{Figure(allowed, CLOSURE_ANGLE).with_unit} about the best-fit line.",
         labels=(f"true angle of joint {joint}", "deviation"),
         at_rad=figures.angle_rad,
@@ -234,11 +220,11 @@ def _of_rvdt(
     `known_rad` (k, 3): readings, the corrections at these readings, and the standard deviations of the corrections.
     """
     x_label, y_label = labels
-    x, y = _scaled(at_rad, ANGLE), _scaled(values_rad, CLOSURE_ANGLE)
+    x, y = _scaled(at_rad, units.ANGLE), _scaled(values_rad, CLOSURE_ANGLE)
     allowed, name = CLOSURE_ANGLE.per_si * allowed_rad[0], allowed_rad[1]
     tips = [
         f"pose {p.number}: {y_label} {Figure(v, CLOSURE_ANGLE, places=2).with_unit} at "
-        f"{Figure(a, ANGLE, places=2).with_unit}"
+        f"{Figure(a, units.ANGLE, places=2).with_unit}"
         for p, a, v in zip(subject.used, at_rad.tolist(), values_rad.tolist(), strict=True)
     ]
     layers: list[Layer] = [
@@ -247,34 +233,26 @@ def _of_rvdt(
     ]
     if known_rad is not None:
         reading, add, sigma = known_rad.T
-        low, high = (-add - KNOWN_SIGMAS * sigma, -add + KNOWN_SIGMAS * sigma)
-        ribbon = Ribbon(
-            x=_scaled(reading + add, ANGLE),
-            low=_scaled(low, CLOSURE_ANGLE),
-            high=_scaled(high, CLOSURE_ANGLE),
-            label=f"±{KNOWN_SIGMAS:g} sigma",
+        low, high = (
+            _scaled(-add + sign * KNOWN_SIGMAS * sigma, CLOSURE_ANGLE) for sign in (-1.0, 1.0)
         )
+        label = f"±{KNOWN_SIGMAS:g} sigma"
+        ribbon = Ribbon(x=_scaled(reading + add, units.ANGLE), low=low, high=high, label=label)
         layers.insert(1, ribbon)
-        y = [*y, *ribbon.low, *ribbon.high]
+        y = [*y, *low, *high]
     if curve_rad is not None:
-        curve = Polyline(
-            x=_scaled(curve_rad[0], ANGLE),
-            y=_scaled(curve_rad[1], CLOSURE_ANGLE),
-            class_="b",
-            label="curve",
-        )
-        layers.append(curve)
-        y = [*y, *curve.y]
+        angles, heights = _scaled(curve_rad[0], units.ANGLE), _scaled(curve_rad[1], CLOSURE_ANGLE)
+        layers.append(Polyline(x=angles, y=heights, class_="b", label="curve"))
+        y = [*y, *heights]
     return Picture(
         ident=ident,
         title=title,
         description=description,
-        x=axis(x_label, x, unit=ANGLE.unit),
+        x=axis(x_label, x, unit=units.ANGLE.unit),
         y=axis(y_label, y, unit=CLOSURE_ANGLE.unit, symmetric=True),
         layers=layers,
     )
 
 
 def _scaled(values: FloatArray, quantity: Quantity) -> list[float]:
-    scaled: Sequence[float] = (quantity.per_si * values).tolist()
-    return list(scaled)
+    return [*(quantity.per_si * values).tolist()]

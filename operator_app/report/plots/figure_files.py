@@ -74,7 +74,11 @@ class PaperFigure:
 
 def figure(subject: Subject, name: str) -> PaperFigure:
     """Return the figure with this name; if there is none, raises KeyError with the names of the available figures."""
-    return PaperFigure(_document(drawing(subject, name)))
+    solution, make = subject.solution, FIGURES.get(name)
+    panels = None if solution is None or make is None else make(subject, solution)
+    if panels is None:
+        raise KeyError(f"no figure {name!r}; there are {', '.join(drawings(subject))}")
+    return PaperFigure(_document(panels))
 
 
 def save_figures(subject: Subject, folder: Path) -> tuple[Path, ...]:
@@ -111,6 +115,7 @@ def _document(of: Panels) -> str:
     """Return a complete SVG file with its own colours; several panels are in rows, each under a letter."""
     columns = min(of.columns, len(of.pictures))
     captions = of.words or ("",) * len(of.pictures)
+    title_height = TITLE if len(of.pictures) > 1 else 0.0
     parts: list[Html] = []
     top = 0.0
     for first in range(0, len(of.pictures), columns):
@@ -118,16 +123,15 @@ def _document(of: Panels) -> str:
         for k, shown in enumerate(of.pictures[first : first + columns]):
             drawn = bars(shown) if isinstance(shown, Bars) else draw(shown)
             title = f"({chr(ord('a') + first + k)}) {captions[first + k]}".rstrip()
-            headed = len(of.pictures) > 1
-            above = [label(title, 2.0, -4.0, class_="legend")] if headed else []
-            at = f"translate({PLOT_WIDTH * k:g} {top + (TITLE if headed else 0.0):g})"
+            above = [label(title, 2.0, -4.0, class_="legend")] if title_height else []
+            at = f"translate({PLOT_WIDTH * k:g} {top + title_height:g})"
             parts.append(element("g", *above, *drawn.parts, transform=at))
-            tallest = max(tallest, drawn.height + (TITLE if headed else 0.0))
+            tallest = max(tallest, drawn.height + title_height)
         top += tallest
     width_mm = ONE_COLUMN_MM if columns == 1 else TWO_COLUMNS_MM
     return element(
         "svg",
-        element("style", Html(_style(LIGHT_COLOURS))),
+        element("style", Html(_style())),
         *parts,
         xmlns="http://www.w3.org/2000/svg",
         viewBox=f"0 0 {PLOT_WIDTH * columns:g} {top:g}",
@@ -136,8 +140,8 @@ def _document(of: Panels) -> str:
     )
 
 
-def _style(colours: Mapping[str, str]) -> str:
-    rules = re.sub(r"var\(--(\w+)\)", lambda m: colours[m[1]], PLOT_RULES)
+def _style() -> str:
+    rules = re.sub(r"var\(--(\w+)\)", lambda m: LIGHT_COLOURS[m[1]], PLOT_RULES)
     fills = "".join(f".bar.b{k}{{fill:{colour}}}" for k, colour in enumerate(BARS))
     return f"text{{font-family:{FONT};font-size:9.6px}}{rules}{fills}"
 
@@ -177,28 +181,12 @@ class Panels:
     words: tuple[str, ...] = ()
 
 
-def drawing(subject: Subject, name: str) -> Panels:
-    """Return the panels of one of `FIGURES`.
-
-    Raises
-    ------
-    KeyError
-        The calibration has no such figure; the message lists the available figures.
-    """
-    panels = _made(subject, name) if name in FIGURES else None
-    if panels is None:
-        raise KeyError(f"no figure {name!r}; there are {', '.join(drawings(subject))}")
-    return panels
-
-
 def drawings(subject: Subject) -> Mapping[str, Panels]:
     """Return the panels of all figures of a calibration, by name of the figure."""
-    by_name = {name: _made(subject, name) for name in FIGURES}
-    return {name: shown for name, shown in by_name.items() if shown is not None}
-
-
-def _made(subject: Subject, name: str) -> Panels | None:
-    return None if subject.solution is None else FIGURES[name](subject, subject.solution)
+    if (solution := subject.solution) is None:
+        return {}
+    by_name = {name: make(subject, solution) for name, make in FIGURES.items()}
+    return {name: panels for name, panels in by_name.items() if panels is not None}
 
 
 def _residuals(subject: Subject, solution: Solution) -> Panels:
@@ -223,22 +211,15 @@ def _parameters(subject: Subject, solution: Solution) -> Panels:
             (c + scale * (limits[k].low - v), c + scale * (limits[k].high - v))
             for k, c, v in zip(rows, change, x, strict=True)
         ]
-        shown.append(
-            Bars(
-                x=axis("change from nominal", [*chain(*ends), 0.0], unit=quantity.unit),
-                names=names,
-                bars={"95 % interval": ends},
-                marks={"identified": change},
-            )
-        )
+        x_axis = axis("change from nominal", [*chain(*ends), 0.0], unit=quantity.unit)
+        interval, identified = {"95 % interval": ends}, {"identified": change}
+        shown.append(Bars(x=x_axis, names=names, bars=interval, marks=identified))
         sigmas = {"all sources": (scale * estimate.standard_deviation[rows]).tolist()}
         if solution.components is not None:
             sigmas["repeatability"] = [scale * solution.within[name] for name in names]
         sigmas["stated before"] = [scale * stated.get(name, math.nan) for name in names]
-        known = list(chain(*sigmas.values()))
-        shown.append(
-            Bars(x=log_axis("sigma", known, unit=quantity.unit), names=names, marks=sigmas)
-        )
+        x_axis = log_axis("sigma", chain(*sigmas.values()), unit=quantity.unit)
+        shown.append(Bars(x=x_axis, names=names, marks=sigmas))
     return Panels(pictures=tuple(shown), columns=2)
 
 
@@ -259,18 +240,12 @@ def _budget(_: Subject, solution: Solution) -> Panels | None:
     largest = {kind: percent[kind] for kind in order[:MOST_SOURCES]}
     largest["all others"] = sum((percent[kind] for kind in order[MOST_SOURCES:]), nothing)
     ends = np.cumsum([nothing, *largest.values()], axis=0).tolist()
-    return Panels(
-        pictures=(
-            Bars(
-                x=Axis(label="share of variance", unit="%", low=0.0, high=100.0, ticks=PERCENTS),
-                names=[listed[k].name for k in rows],
-                bars={
-                    kind: list(zip(*pair, strict=True))
-                    for kind, pair in zip(largest, pairwise(ends), strict=True)
-                },
-            ),
-        )
-    )
+    pieces = {
+        kind: list(zip(*pair, strict=True))
+        for kind, pair in zip(largest, pairwise(ends), strict=True)
+    }
+    x = Axis(label="share of variance", unit="%", low=0.0, high=100.0, ticks=PERCENTS)
+    return Panels(pictures=(Bars(x=x, names=[listed[k].name for k in rows], bars=pieces),))
 
 
 def _rvdt(subject: Subject, solution: Solution) -> Panels | None:

@@ -74,17 +74,14 @@ class PaperFigure:
 
 def figure(subject: Subject, name: str) -> PaperFigure:
     """Return the figure with this name; if there is none, raises KeyError with the names of the available figures."""
-    return PaperFigure(_document(drawing(subject, name)))
+    panels = _made(subject, name) if name in FIGURES else None
+    if panels is None:
+        raise KeyError(f"no figure {name!r}; there are {', '.join(drawings(subject))}")
+    return PaperFigure(_document(panels))
 
 
 def save_figures(subject: Subject, folder: Path) -> tuple[Path, ...]:
-    """Write all figures into a folder, as SVG and, if svglib is installed, PDF.
-
-    Raises
-    ------
-    WriteError
-        The folder cannot be written to.
-    """
+    """Write all figures into a folder, as SVG and, if svglib is installed, PDF; WriteError if that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -127,7 +124,7 @@ def _document(of: Panels) -> str:
     width_mm = ONE_COLUMN_MM if columns == 1 else TWO_COLUMNS_MM
     return element(
         "svg",
-        element("style", Html(_style(LIGHT_COLOURS))),
+        element("style", Html(_style())),
         *parts,
         xmlns="http://www.w3.org/2000/svg",
         viewBox=f"0 0 {PLOT_WIDTH * columns:g} {top:g}",
@@ -136,8 +133,8 @@ def _document(of: Panels) -> str:
     )
 
 
-def _style(colours: Mapping[str, str]) -> str:
-    rules = re.sub(r"var\(--(\w+)\)", lambda m: colours[m[1]], PLOT_RULES)
+def _style() -> str:
+    rules = re.sub(r"var\(--(\w+)\)", lambda m: LIGHT_COLOURS[m[1]], PLOT_RULES)
     fills = "".join(f".bar.b{k}{{fill:{colour}}}" for k, colour in enumerate(BARS))
     return f"text{{font-family:{FONT};font-size:9.6px}}{rules}{fills}"
 
@@ -177,20 +174,6 @@ class Panels:
     words: tuple[str, ...] = ()
 
 
-def drawing(subject: Subject, name: str) -> Panels:
-    """Return the panels of one of `FIGURES`.
-
-    Raises
-    ------
-    KeyError
-        The calibration has no such figure; the message lists the available figures.
-    """
-    panels = _made(subject, name) if name in FIGURES else None
-    if panels is None:
-        raise KeyError(f"no figure {name!r}; there are {', '.join(drawings(subject))}")
-    return panels
-
-
 def drawings(subject: Subject) -> Mapping[str, Panels]:
     """Return the panels of all figures of a calibration, by name of the figure."""
     by_name = {name: _made(subject, name) for name in FIGURES}
@@ -199,10 +182,6 @@ def drawings(subject: Subject) -> Mapping[str, Panels]:
 
 def _made(subject: Subject, name: str) -> Panels | None:
     return None if subject.solution is None else FIGURES[name](subject, subject.solution)
-
-
-def _residuals(subject: Subject, solution: Solution) -> Panels:
-    return Panels(pictures=calibration_plots.residuals(subject, solution.identified))
 
 
 def _parameters(subject: Subject, solution: Solution) -> Panels:
@@ -299,7 +278,9 @@ def _pair(pair: before_after.Pair | None) -> Panels | None:
 FIGURES: Mapping[str, Callable[[Subject, Solution], Panels | None]] = MappingProxyType(
     {
         "parameters": _parameters,
-        "residuals": _residuals,
+        "residuals": lambda subject, solution: Panels(
+            pictures=calibration_plots.residuals(subject, solution.identified)
+        ),
         "budget": _budget,
         "rvdt": _rvdt,
         "workspace": lambda subject, solution: _pair(

@@ -41,16 +41,9 @@ class Verdict(Enum):
 class Adjudication:
     """A verdict with its reasons.
 
-    Attributes
-    ----------
-    causes
-        Causes, the most probable first.
-    tests
-        Every test that was made.
-    stated_chi2_per_dof
-        chi2/dof with the variances that the files state; None if not computed.
-    diverged
-        Whether the solution has diverged far from the files' values, so that no advice can be based on it.
+    `causes`: causes, the most probable first.
+    `stated_chi2_per_dof`: chi2/dof with the variances that the files state; None if not computed.
+    `diverged`: whether the solution has diverged far from the files' values, so that no advice can be based on it.
     """
 
     causes: tuple[Finding, ...] = ()

@@ -64,20 +64,11 @@ UNEXPLAINED_KINDS = {
 class PriorInformation:
     """Results that the adjudication uses in addition to the tests of the fit.
 
-    Attributes
-    ----------
-    out_of_range, flipped
-        Readings outside the arm file's ranges; poses (indices) left out because the tool is, or seems, upside down.
-    checks
-        Set-up checks of the fixture's identified geometry.
-    search
-        The global start, if requested.
-    rvdt
-        Verdict on each RVDT.
-    returned
-        Repeated poses, each with the comparison of its two readings.
-    by_files
-        Parameters for which less than half of the information comes from the poses.
+    `out_of_range`, `flipped`: readings outside the arm file's ranges; poses (indices) left out because the tool is, or
+    seems, upside down.
+    `checks`: set-up checks of the fixture's identified geometry.
+    `returned`: repeated poses, each with the comparison of its two readings.
+    `by_files`: parameters for which less than half of the information comes from the poses.
     """
 
     out_of_range: tuple[RangeFinding, ...] = ()

@@ -99,25 +99,15 @@ def calibrate(
 ) -> Solution:
     """Calibrate `arm` in `fixture` from measured poses.
 
-    Parameters
-    ----------
-    search
-        Use a global start instead of starting from the nominal values.
-    length_tolerance_m
-        Standard deviation of the maker's link lengths, used instead of the arm file's.
-    drop
-        Fix unidentifiable parameters at their nominal values instead of raising an error.
-    rereads
-        Repeated poses, which are used in tests but not in the fit.
+    `search`: use a global start instead of starting from the nominal values.
+    `length_tolerance_m`: standard deviation of the maker's link lengths, used instead of the arm file's.
+    `drop`: fix unidentifiable parameters at their nominal values instead of raising an error.
+    `rereads`: repeated poses, which are used in tests but not in the fit.
 
-    Raises
-    ------
-    ReadingsOutOfRangeError
-        The readings are of another arm, or in another unit.
-    TooFewPosesError, UnidentifiableError, FixtureRefusedError, EndpointMissingError, PosesDoNotFitError
-        The data do not determine the parameters, or do not fit the loops; the text states the cause.
-    ValueError
-        `estimator` is unknown, or the paper's estimator is requested with unsensed joints.
+    Raises `ReadingsOutOfRangeError` if the readings are of another arm, or in another unit; `TooFewPosesError`,
+    `UnidentifiableError`, `FixtureRefusedError`, `EndpointMissingError` or `PosesDoNotFitError`, with the cause, if the
+    data do not determine the parameters or do not fit the loops; `ValueError` if `estimator` is unknown, or if the
+    paper's estimator is requested with unsensed joints.
     """
     if estimator not in ESTIMATORS:
         raise ValueError(f"estimator must be one of {', '.join(ESTIMATORS)}")
@@ -172,20 +162,12 @@ class Prepared:
 class Screened:
     """Model, data and error model of the fit.
 
-    Attributes
-    ----------
-    model
-        The loops with all free parameters.
-    tolerance
-        Tolerance (rad, m), by name, of each entry free within a tolerance.
-    errors
-        Error model of the distinct poses.
-    distinct, which
-        Indices of the distinct poses; for every pose on the branch, its position among them.
-    prior
-        Names of the arm's entries whose uncertainty the arm's file states.
-    identifiability
-        Identifiability at the paper's estimate; None if it was not evaluated.
+    `model`: the loops with all free parameters.
+    `tolerance`: tolerance (rad, m), by name, of each entry free within a tolerance.
+    `errors`: error model of the distinct poses.
+    `distinct`, `which`: indices of the distinct poses; for every pose on the branch, its position among them.
+    `prior`: names of the arm's entries whose uncertainty the arm's file states.
+    `identifiability`: identifiability at the paper's estimate; None if it was not evaluated.
     """
 
     before: Prepared

@@ -54,17 +54,12 @@ class Side(Enum):
 class ParameterChange:
     """One parameter in two calibrations, SI units.
 
-    Attributes
-    ----------
-    before, after
-        Values in the first and in the second calibration; of equivalent values, `after` is the one nearest to `before`.
-    change
-        after minus before; for angles the equivalent within half a turn.
-    sigma
-        Standard deviation of the change.
-    significant
-        Whether the change exceeds noise at the level of the comparison; always false for two estimates from the same
-        poses, whose noise is the same.
+    `before`, `after`: values in the first and in the second calibration; of equivalent values, `after` is the one
+    nearest to `before`.
+    `change`: after minus before; for angles the equivalent within half a turn.
+    `sigma`: standard deviation of the change.
+    `significant`: whether the change exceeds noise at the level of the comparison; always false for two estimates from
+    the same poses, whose noise is the same.
     """
 
     name: str
@@ -88,18 +83,12 @@ class ParameterChange:
 class CalibrationComparison:
     """Result of the comparison of two calibrations of one arm.
 
-    Attributes
-    ----------
-    drifts
-        One entry for each parameter that both calibrations identified and that can be compared.
-    level, threshold_sigmas
-        False-alarm probability over all free parameters, and the corresponding change in sigmas.
-    scale_before, scale_after
-        Factor applied to each document's standard deviations: sqrt(chi2/dof) if that is above 1.
-    left_out
-        Parameters that were not compared, with the reason.
-    notices
-        Other differences between the documents.
+    `drifts`: one entry for each parameter that both calibrations identified and that can be compared.
+    `level`, `threshold_sigmas`: false-alarm probability over all free parameters, and the corresponding change in
+    sigmas.
+    `scale_before`, `scale_after`: factor applied to each document's standard deviations: sqrt(chi2/dof) if that is
+    above 1.
+    `left_out`: parameters that were not compared, with the reason.
     """
 
     before: ParametersDocument

@@ -57,18 +57,11 @@ class ChartSignal:
 class ControlChart:
     """Limits of each session, arrays (sessions, quantities); NaN where nothing was tested.
 
-    Attributes
-    ----------
-    centre
-        Mean of the baseline.
-    between
-        Standard deviation between sessions.
-    shewhart, ewma_limit
-        Half widths of the limits: for a single value, and for the weighted mean of recent values.
-    ewma
-        Weighted mean of recent values.
-    changes
-        Shifts in the order in which they were detected; each shift of a quantity restarts its baseline.
+    `centre`: mean of the baseline.
+    `between`: standard deviation between sessions.
+    `shewhart`, `ewma_limit`: half widths of the limits: for a single value, and for the weighted mean of recent values.
+    `ewma`: weighted mean of recent values.
+    `changes`: shifts in the order in which they were detected; each shift of a quantity restarts its baseline.
     """
 
     centre: FloatArray

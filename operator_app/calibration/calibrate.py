@@ -6,7 +6,7 @@ Each stage takes one frozen record and returns the next. `sarcal solve`, the ses
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -49,7 +49,6 @@ from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import check_rvdts
 from operator_app.calibration.tool_accuracy import tip_sigma
 from operator_app.config.procedure import AcceptanceLimits
-from operator_app.messages.finding import Finding
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
@@ -218,11 +217,7 @@ def prepare(task: Task) -> Prepared:
     out_of_range = range_findings(experiment.arm, poses, unsensed_joints=unsensed)
     refuse_placement(experiment, model)
     loops = identifiable_loops(
-        experiment,
-        model,
-        search=task.search,
-        drop=task.drop,
-        progress=task.progress,
+        experiment, model, search=task.search, drop=task.drop, progress=task.progress
     )
     hard = loops.identifiable if task.by_paper else loops.model
     return Prepared(task=task, loops=loops, hard=hard, out_of_range=out_of_range)
@@ -274,29 +269,23 @@ def fit(screened: Screened) -> Fitted:
             progress=task.progress,
         )
     except PosesDoNotFitError as error:
-        raise poses_do_not_fit(_alternatives(screened)) from error
+        unknowns = len(loops.identifiable.parameters)
+        dof = len(distinct) * prepared.hard.equations_per_pose - unknowns
+        stated = task.experiment.at_poses(distinct)
+        raise poses_do_not_fit(find_alternatives(stated, scale=np.inf, dof=dof)) from error
     estimate, components = calibrated.estimate, calibrated.components
     if len(screened.which) != len(distinct):
         estimate = estimate.at_poses(screened.which)
         components = components.at_poses(screened.which)
-    fitted = Fitted(
+    paper = loops.paper if task.by_paper else None
+    return Fitted(
         before=screened,
         whole=calibrated,
-        model=screened.model,
-        tolerance=screened.tolerance,
-        estimate=estimate,
-        components=components,
-        implicit=None,
-    )
-    if not task.by_paper or loops.paper is None:
-        return fitted
-    return replace(
-        fitted,
-        model=prepared.hard,
-        tolerance={},
-        estimate=loops.paper,
-        components=None,
-        implicit=estimate.without(tuple(screened.tolerance)),
+        model=screened.model if paper is None else prepared.hard,
+        tolerance=screened.tolerance if paper is None else {},
+        estimate=estimate if paper is None else paper,
+        components=components if paper is None else None,
+        implicit=None if paper is None else estimate.without(tuple(screened.tolerance)),
     )
 
 
@@ -315,13 +304,7 @@ def diagnose(fitted: Fitted) -> Diagnosed:
         flipped=loops.flipped,
         checks=placement_checks(experiment, model, fitted.estimate.x),
         search=loops.search,
-        rvdt=check_rvdts(
-            experiment,
-            loops.kept,
-            used,
-            part,
-            fixed=prepared.dropped,
-        )
+        rvdt=check_rvdts(experiment, loops.kept, used, part, fixed=prepared.dropped)
         if fitted.closes
         else (),
         returned=repeats_of(
@@ -466,25 +449,12 @@ def _starts(screened: Screened) -> Iterator[FloatArray | None]:
         yield in_order(model, identifiable, best_about_nominal(identifiable.at_poses(few), q[few]))
 
 
-def _alternatives(screened: Screened) -> tuple[Finding, ...]:
-    """Return findings of alternative models that fit these poses, if the stated model does not fit them."""
-    prepared, distinct = screened.before, screened.distinct
-    unknowns = len(prepared.loops.identifiable.parameters)
-    stated = prepared.task.experiment.at_poses(distinct)
-    dof = len(distinct) * prepared.hard.equations_per_pose - unknowns
-    return find_alternatives(stated, scale=np.inf, dof=dof)
-
-
 def _outliers(calibrated: Calibrated, of_each: IntArray) -> tuple[int, ...]:
-    """Indices of poses whose readings the other poses do not predict, the worst first.
-
-    `of_each`: indices, into all poses, of the poses from which `calibrated` was made.
-    """
+    """Poses that the others do not predict, the worst first; `of_each`: indices of the poses of `calibrated`."""
     from scipy.special import chdtrc
 
     chi2, dof = calibrated.linear.left_out_chi2()
     chances = chdtrc(np.maximum(dof, 1), chi2)
-    named = [
-        k for k in np.argsort(chances) if chances[k] < OUTLIER_NOTICE_PROBABILITY / len(chances)
-    ]
+    limit = OUTLIER_NOTICE_PROBABILITY / len(chances)
+    named = (k for k in np.argsort(chances) if chances[k] < limit)
     return tuple(int(of_each[calibrated.order[k]]) for k in named)

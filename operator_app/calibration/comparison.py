@@ -104,7 +104,7 @@ class CalibrationComparison:
     @property
     def same_poses(self) -> bool:
         """Whether both are estimates from the same poses, which cannot show a change of the arm."""
-        return _same_poses(self.before, self.after)
+        return self.before.pose_set_sha256 == self.after.pose_set_sha256
 
     @property
     def drifted(self) -> tuple[ParameterChange, ...]:
@@ -150,7 +150,7 @@ def compare(
     ]
     threshold = sigmas_at(level, len(free))
     scales = _scale(before), _scale(after)
-    stacked, same = before.table.stacked(), _same_poses(before, after)
+    stacked, same = before.table.stacked(), before.pose_set_sha256 == after.pose_set_sha256
     drifts = []
     for item in compared:
         entry = DhEntry.parse(item.entry)
@@ -202,10 +202,6 @@ def _not_compared(
         reason = "another fixture" if other_fixture else "the fixture was remounted"
         listed += [(n, reason) for n in first if n in second and sides[n] is not Side.ARM]
     return listed
-
-
-def _same_poses(a: ParametersDocument, b: ParametersDocument) -> bool:
-    return a.pose_set_sha256 == b.pose_set_sha256
 
 
 def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, ...]:

@@ -160,10 +160,8 @@ def verify_poses(
     them, with all other parameters fixed. Raises `ValueError` if the parameters are not those of this loop (another
     fixture, or another number of placements).
     """
-    fixture, calibrated = (
-        with_calibrated_places(fixture, made.solution.model),
-        made.poses.placements,
-    )
+    fixture = with_calibrated_places(fixture, made.solution.model)
+    calibrated = made.poses.placements
     same = len(poses.placements) == 1 and not elsewhere
     fixed = fixed_calibration(made.solution, poses.placements[0] if same else None)
     new = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=fixed.unsensed_joints)
@@ -360,11 +358,8 @@ def verify_new_poses(
             f"the new poses have measured endpoints, which a {fixture.kind} fixture does not use: "
             "use them with sarcal verify --open-loop, or leave them out"
         )
-    known, new_placements, elsewhere = (
-        made_from.placements,
-        new.placements,
-        may_be_elsewhere(fixture),
-    )
+    known, new_placements = made_from.placements, new.placements
+    elsewhere = may_be_elsewhere(fixture)
     if len(new_placements) > 1 and new_placements != known and not elsewhere:
         raise NoTestError(
             "new poses must be of one placement that was calibrated, or of all of them"

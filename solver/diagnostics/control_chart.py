@@ -109,18 +109,12 @@ def control_chart(names: Sequence[str], values: FloatArray, within: FloatArray) 
             if max(single, weighted) <= 1.0:
                 continue
             chart = "shewhart" if single >= weighted else "ewma"
-            change = _change(values[first : t + 1, j], last - first, var)
-            begin[j] = first + change[0]
-            changes.append(
-                ChartSignal(
-                    name=names[j],
-                    at=int(begin[j]),
-                    detected_at=t,
-                    size=change[1],
-                    sigma=change[2],
-                    chart=chart,
-                )
+            start, shift, sigma = _change(values[first : t + 1, j], last - first, var)
+            begin[j] = at = first + start
+            signal = ChartSignal(
+                name=names[j], at=at, detected_at=t, size=shift, sigma=sigma, chart=chart
             )
+            changes.append(signal)
     return ControlChart(
         centre=centre,
         between=between,

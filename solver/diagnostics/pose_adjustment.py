@@ -49,10 +49,8 @@ def adjust_poses(
 
     `near`: corrections (m, n) and unsensed angles (m, U), rad, to start from, if known.
     """
-    variance, deflection_variance = (
-        np.broadcast_to(noise.joint_variance, q.shape),
-        noise.deflection_variance,
-    )
+    variance = np.broadcast_to(noise.joint_variance, q.shape)
+    deflection_variance = noise.deflection_variance
     if near is None:
         sd = np.sqrt(variance.mean(axis=0))
         near = np.zeros_like(q), close_loops(model, x, q, sigma_rad=sd, max_iterations=3).u

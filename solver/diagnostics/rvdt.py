@@ -125,11 +125,7 @@ def rvdt_verdicts(
             verdicts.append(undecided(joint, sensor, reason, noise.get(joint)))
             continue
         figures = measure(
-            reading,
-            angle,
-            sensor,
-            noise.get(joint),
-            samples=float(1.0 / np.mean(1.0 / samples)),
+            reading, angle, sensor, noise.get(joint), samples=float(1.0 / np.mean(1.0 / samples))
         )
         offsets_of_joints = offsets | {joint: figures.theta_off_rad}
         share = _share(model.with_all_joints_sensed(), known, q, joint, figures, offsets_of_joints)
@@ -206,12 +202,9 @@ def _judge(joint: int, sensor: Rvdt, figures: RvdtFigures, share: float) -> Rvdt
     harmful = (curved or too_noisy) and rms > limits.RVDT_HARMFUL_RATIO * max(
         sensor.sigma_rad, figures.loop_sd_rad
     )
+    verdict = Soundness.CURVED if curved else Soundness.SOUND
     if too_curved or too_noisy:
         verdict = Soundness.OUT_OF_SPECIFICATION
-    elif curved:
-        verdict = Soundness.CURVED
-    else:
-        verdict = Soundness.SOUND
     allowed, head = f"specification {100.0 * sensor.linearity:.2g} %", verdict.value
     if figures.linearity > sensor.linearity:
         allowed = f"sigma {100.0 * figures.linearity_sd:.2f} %, {allowed}"

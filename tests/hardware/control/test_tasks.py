@@ -1,8 +1,11 @@
 """Ctrl-C at any point of a wait in the caller's thread never blocks the thread that receives and controls."""
 
+import gc
 import sys
 import threading
 from collections.abc import Callable
+
+import pytest
 
 from hardware.canopen.sdo import ObjectAccess
 from hardware.control import motion_steps, tasks
@@ -10,6 +13,15 @@ from hardware.control.tasks import LoopTask, Steps
 from hardware.errors import HardwareError
 from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import make
+
+
+@pytest.fixture(autouse=True)
+def uncollected():
+    """Without garbage collection: an interrupt would hit the `__del__` of an object of an earlier test."""
+    gc.collect()
+    gc.disable()
+    yield
+    gc.enable()
 
 
 def interrupted_at(opcode: int, work: Callable[[], object]) -> bool:

@@ -10,16 +10,16 @@ from enum import Enum
 class HardwareError(Exception):
     """Base class of all errors of the arm, its bus and its instrument.
 
-    `remaining_writes`: sentences on what was written into drives before the error and remains there.
+    `kept_writes`: sentences on what was written into drives before the error and remains there.
     """
 
-    remaining_writes: tuple[str, ...] = ()
+    kept_writes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         text = super().__str__()
-        if not self.remaining_writes:
+        if not self.kept_writes:
             return text
-        writes = "; ".join(self.remaining_writes)
+        writes = "; ".join(self.kept_writes)
         return f"{text.removesuffix('.')}. Written before, and not undone: {writes}."
 
 
@@ -207,9 +207,9 @@ class ModeNotReached(HardwareError):
     """A drive did not report the requested mode or, if `not_following`, that it follows its target in that mode."""
 
     def __init__(
-        self, joint: int, requested: str, actual: str, *, not_following: bool = False
+        self, joint: int, wanted: str, actual: str, *, not_following: bool = False
     ) -> None:
-        self.joint, self.requested, self.actual = joint, requested, actual
+        self.joint, self.wanted, self.actual = joint, wanted, actual
         remedy = (
             "have the drive set that bit, with its maker's tool: without it a joint that does not follow its target "
             "is not detected"
@@ -217,7 +217,7 @@ class ModeNotReached(HardwareError):
             else "`sarcal arm-check --through look` lists the drive's modes"
         )
         super().__init__(
-            f"joint {joint} was asked for {requested} mode and reports {actual}; {remedy}"
+            f"joint {joint} was asked for {wanted} mode and reports {actual}; {remedy}"
         )
 
 

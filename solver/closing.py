@@ -50,7 +50,7 @@ class ClosedPoses:
     closed: BoolArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReducedEquations:
     """Loop equations of every pose after eliminating the unsensed angles: ``w + A dphi + B dq = 0``.
 

@@ -87,6 +87,7 @@ class ControlLoop:
         """Silence after which a node is lost; set before `begin_sync`."""
         self._answer_timeout_s = timing.answer_timeouts_s[pace]
         self._sampler = Sampler(frames, max_misses=timing.misses(pace), now_s=clock())
+        self._running = False
         self._thread = threading.Thread(target=self._run, name="sarcal-control", daemon=True)
         self._tasks: deque[LoopTask] = deque()  # the loop works on the first
         self._syncing = self._watching = self._beating = self._resampled = self._closing = False
@@ -103,6 +104,7 @@ class ControlLoop:
     def start(self) -> None:
         """Start receiving; sends nothing yet."""
         sys.setswitchinterval(min(sys.getswitchinterval(), SWITCH_INTERVAL_S))
+        self._running = True
         self._thread.start()
 
     def begin_heartbeat(self) -> None:
@@ -132,10 +134,11 @@ class ControlLoop:
         task = LoopTask(steps, despite)
         try:
             self._tasks.append(task)
-            answered = task.wait(self._thread)
+            answered = task.wait(lambda: self._running)
         except BaseException:
             task.abandoned = True
-            task.wait(self._thread)
+            # Ctrl-C may have come before the task was queued.
+            task.wait(lambda: self._running and task in tuple(self._tasks))
             raise
         if not answered:
             raise self._closed_error()
@@ -168,9 +171,9 @@ class ControlLoop:
         return first
 
     def _run(self) -> None:
-        raise_loop_priority()
-        self.latency.begin()
         try:
+            raise_loop_priority()
+            self.latency.begin()
             self._drain()  # old frames in the adapter: their sender may be gone
             self._watching = True
             while not self._closing:
@@ -178,6 +181,7 @@ class ControlLoop:
         except HardwareError as error:
             self.failure = error
         finally:
+            self._running = False
             while self._tasks:
                 self._tasks.popleft().finish(error=self._closed_error())
 

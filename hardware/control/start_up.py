@@ -207,7 +207,7 @@ class StartUp:
             with suppress(errors.BusError):
                 self._command_nodes(NmtCommand.RESET_COMMUNICATION)
         if isinstance(failure, errors.HardwareError):
-            failure.remaining_writes = tuple(self._zeroed)
+            failure.kept_writes = tuple(self._zeroed)
 
     def _check_drives(self, identity: ArmIdentity) -> tuple[int, ...]:
         """Compare the PDOs with the profile and the arm with its description; write the PDOs if the profile says so.

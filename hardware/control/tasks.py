@@ -1,16 +1,16 @@
 """Steps that the control loop runs for a caller in another thread, and their result.
 
 The loop takes no lock that Ctrl-C in the caller's thread could leave locked: Python's conditions and futures have such
-locks, `queue.SimpleQueue`, written in C, has not.
+locks, `queue.SimpleQueue`, written in C, has not. Nor is its thread asked whether it is alive: up to Python 3.12,
+Ctrl-C in `Thread.is_alive` can make it return false from then on.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from queue import Empty, SimpleQueue
-from threading import Thread
 from typing import Any, TypeVar
 
 from hardware.canopen.cyclic import Sample, Setpoints
@@ -21,10 +21,10 @@ Steps = Generator[Setpoints | None, Sample, Result]
 """Generator that yields commands for the next SYNC (None: unchanged), receives its sample, and returns a result."""
 
 _ALIVE_POLL_S = 0.2
-"""How often a waiting caller checks that the loop's thread is alive."""
+"""How often a waiting caller checks that the loop runs."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class LoopTask:
     """Steps to run; `despite`: alarms to ignore; `abandoned`: whether the caller was interrupted.
 
@@ -54,11 +54,11 @@ class LoopTask:
         self.finished = True
         self._wake.put(None)
 
-    def wait(self, loop: Thread) -> bool:
-        """Wait until `finish` was called; return false if the thread `loop` ended without calling it."""
+    def wait(self, may_finish: Callable[[], bool]) -> bool:
+        """Wait until `finish` was called; return false if it was not, and `may_finish` returns false."""
         while not self.finished:
             with suppress(Empty):
                 self._wake.get(timeout=_ALIVE_POLL_S)
-            if not loop.is_alive():
+            if not may_finish():
                 break
         return self.finished

@@ -17,7 +17,6 @@ from solver.diagnostics import limits
 from solver.diagnostics.diagnosis import PRIORS, Diagnosis, Explanation
 from solver.diagnostics.fault_candidate import Candidate, Cause
 from solver.diagnostics.hypothesis_tests import HypothesisTest
-from solver.diagnostics.limits import REFUSING_SHIFT_SIGMAS, REPEAT_REFUSAL_PROBABILITY
 from solver.diagnostics.model_selection import Evidence
 from solver.estimators.estimate import Estimate
 
@@ -41,16 +40,9 @@ class Verdict(Enum):
 class Adjudication:
     """A verdict with its reasons.
 
-    Attributes
-    ----------
-    causes
-        Causes, the most probable first.
-    tests
-        Every test that was made.
-    stated_chi2_per_dof
-        chi2/dof with the variances that the files state; None if not computed.
-    diverged
-        Whether the solution has diverged far from the files' values, so that no advice can be based on it.
+    `causes`: causes, the most probable first.
+    `stated_chi2_per_dof`: chi2/dof with the variances that the files state; None if not computed.
+    `diverged`: whether the solution has diverged far from the files' values, so that no advice can be based on it.
     """
 
     causes: tuple[Finding, ...] = ()
@@ -168,10 +160,7 @@ def _left(diagnosis: Diagnosis) -> float:
 
 
 def _impossible_compliance(diagnosis: Diagnosis) -> bool:
-    """Whether the best explanation is a fixture more compliant than any metal.
-
-    Such a model would fit any data.
-    """
+    """Whether the best explanation is a fixture more compliant than any metal: such a model would fit any data."""
     best = diagnosis.best
     if best is None or best.candidate.cause is not Cause.GIVES:
         return False
@@ -196,15 +185,9 @@ def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
 
 def too_few_poses(estimate: Estimate) -> tuple[Finding, ...]:
     """Return the finding that the poses are too few for a diagnosis; empty if they suffice."""
-    if estimate.dof >= limits.FEW_DOF:
-        return ()
-    return (
-        Finding(
-            kind=FindingKind.TOO_FEW_POSES,
-            size=estimate.dof,
-            blocking=estimate.dof < limits.REFUSED_DOF,
-        ),
-    )
+    dof, kind = estimate.dof, FindingKind.TOO_FEW_POSES
+    few = Finding(kind=kind, size=dof, blocking=dof < limits.REFUSED_DOF)
+    return (few,) if dof < limits.FEW_DOF else ()
 
 
 def little_motion(
@@ -227,57 +210,46 @@ def little_motion(
             continue
         size = NamedSize(name=p.name, size=float(sd), unit=p.unit)
         worthless = limits.USELESS_SIGMA_RAD if p.is_angle else limits.USELESS_SIGMA_M
+        over = sd / (limits.COARSE_SIGMA_RAD if p.is_angle else limits.COARSE_SIGMA_M)
         if not sd <= min(worthless, known.get(p.name, np.inf)):
             wide.append(size)
             refuses |= not sd <= worthless
-        elif sd > (limits.COARSE_SIGMA_RAD if p.is_angle else limits.COARSE_SIGMA_M):
+        elif over > 1.0:
             coarse.append(size)
         else:
             continue
-        over = sd / (limits.COARSE_SIGMA_RAD if p.is_angle else limits.COARSE_SIGMA_M)
         if not over <= farthest:
             worst, farthest = p.name, over
     if not wide and not coarse:
         return ()
     source = narrows(worst) if narrows is not None else ""
-    return (
-        Finding(
-            kind=FindingKind.SIGMAS_USELESS if wide else FindingKind.SIGMAS_WIDE,
-            sizes=(*wide, *coarse),
-            names=() if not source else (source,),
-            blocking=refuses,
-        ),
-    )
+    names = (source,) if source else ()
+    kind = FindingKind.SIGMAS_USELESS if wide else FindingKind.SIGMAS_WIDE
+    return (Finding(kind=kind, sizes=(*wide, *coarse), names=names, blocking=refuses),)
 
 
 def paper_test(paper: Estimate, implicit: Estimate) -> tuple[HypothesisTest, tuple[Finding, ...]]:
     """Test the paper's estimate against the implicit one, in sigmas; return the test and, if it fires, a finding."""
-    z = distance_in_sigmas(paper, implicit)
+    names = [p.name for p in implicit.parameters]
+    columns = [names.index(p.name) for p in paper.parameters]
+    apart = wrap_angles(paper.parameters, paper.x - implicit.x[columns])
+    sd = np.hypot(paper.standard_deviation, implicit.standard_deviation[columns])
+    z = np.abs(apart) / np.where(sd > 0.0, sd, 1e-300)
     worst = int(np.argmax(z))
     test = HypothesisTest.of_sigmas("PAPER_DISTANCE", z)
     if not test.fires:
         return test, ()
     p = paper.parameters[worst]
-    parameter_shift = abs(float(paper.x[worst]) - implicit.value(p.name))
     return test, (
         Finding(
             kind=FindingKind.PAPER_OFF,
             names=(p.name,),
-            size=parameter_shift,
+            size=abs(float(paper.x[worst]) - implicit.value(p.name)),
             unit=p.unit,
             figures={"sigmas": float(z[worst])},
             blocking=True,
         ),
     )
-
-
-def distance_in_sigmas(one: Estimate, two: Estimate) -> FloatArray:
-    """Distance of each parameter in `one` from its value in `two` (P,), in standard deviations of the difference."""
-    names = [p.name for p in two.parameters]
-    columns = [names.index(p.name) for p in one.parameters]
-    apart = wrap_angles(one.parameters, one.x - two.x[columns])
-    sd = np.hypot(one.standard_deviation, two.standard_deviation[columns])
-    return np.asarray(np.abs(apart) / np.where(sd > 0.0, sd, 1e-300))
 
 
 READING_KINDS = {
@@ -369,6 +341,6 @@ def _slipped_since(read: RepeatedReading, repeat: Repeat, estimate: Estimate) ->
         unit="rad",
         figures={"after": read.after},
         probability=share,
-        blocking=abs(repeat.size_rad) > REFUSING_SHIFT_SIGMAS * sd
-        or repeat.chi2 > float(chdtri(repeat.dof, REPEAT_REFUSAL_PROBABILITY)),
+        blocking=abs(repeat.size_rad) > limits.REFUSING_SHIFT_SIGMAS * sd
+        or repeat.chi2 > float(chdtri(repeat.dof, limits.REPEAT_REFUSAL_PROBABILITY)),
     )

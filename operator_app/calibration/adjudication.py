@@ -37,7 +37,7 @@ from operator_app.calibration.rvdt import measured_deviations, rvdt_causes
 from operator_app.calibration.sensitivity import exceeded_source
 from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import IntArray
-from solver.chain.parameters import Parameter, nominal_vector
+from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.diagnostics import limits
 from solver.diagnostics.diagnosis import Diagnosis, diagnose
@@ -64,20 +64,11 @@ UNEXPLAINED_KINDS = {
 class PriorInformation:
     """Results that the adjudication uses in addition to the tests of the fit.
 
-    Attributes
-    ----------
-    out_of_range, flipped
-        Readings outside the arm file's ranges; poses (indices) left out because the tool is, or seems, upside down.
-    checks
-        Set-up checks of the fixture's identified geometry.
-    search
-        The global start, if requested.
-    rvdt
-        Verdict on each RVDT.
-    returned
-        Repeated poses, each with the comparison of its two readings.
-    by_files
-        Parameters for which less than half of the information comes from the poses.
+    `out_of_range`, `flipped`: readings outside the arm file's ranges; poses (indices) left out because the tool is, or
+    seems, upside down.
+    `checks`: set-up checks of the fixture's identified geometry.
+    `returned`: repeated poses, each with the comparison of its two readings.
+    `by_files`: parameters for which less than half of the information comes from the poses.
     """
 
     out_of_range: tuple[RangeFinding, ...] = ()
@@ -189,11 +180,8 @@ def adjudicate(
     if not any(cause.blocking for cause in first):
         first, slipped = (*slipped, *first), ()
     # The paper's estimate does not use measured distances.
-    distances = (
-        contradicted(case.stated.fixture, case.stated.poses, calibrated.linear)
-        if paper is None
-        else ()
-    )
+    fixture, poses = case.stated.fixture, case.stated.poses
+    distances = () if paper is not None else contradicted(fixture, poses, calibrated.linear)
     return Adjudication(
         causes=(
             *first,
@@ -294,28 +282,21 @@ def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
     open_end = Finding(
         kind=FindingKind.NOT_CONVERGED, figures={"iterations": estimate.iterations}, blocking=True
     )
+    # The arm's free entries are to be identified: the fixture's file states nothing about them.
+    placed, arms = case.stated.fixture.tolerance, {entry.name for entry in case.stated.arm.free}
+    stated_by_fixture = {
+        p.name: placed.orientation_rad if p.is_angle else placed.position_m
+        for p in case.model.parameters
+        if p.name.split("[")[0] not in arms
+    }
     wide = little_motion(
         estimate.parameters,
         estimate.standard_deviation,
         case.judged,
-        stated_by_fixture(case.model.parameters, case.stated),
+        stated_by_fixture,
         partial(exceeded_source, case.found),
     )
     return (*(() if estimate.converged else (open_end,)), *(() if without_motion else wide))
-
-
-def stated_by_fixture(parameters: tuple[Parameter, ...], stated: Experiment) -> dict[str, float]:
-    """Standard uncertainty (rad, m) that the fixture's file states for each parameter of its placement, by name.
-
-    The arm's free entries are not included, since they are to be identified.
-    """
-    placed = stated.fixture.tolerance
-    arms = {entry.name for entry in stated.arm.free}
-    return {
-        p.name: placed.orientation_rad if p.is_angle else placed.position_m
-        for p in parameters
-        if p.name.split("[")[0] not in arms
-    }
 
 
 def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
@@ -348,10 +329,7 @@ def _labels(poses: PoseSet) -> tuple[str, ...]:
 
 
 def _single_cause(diagnosis: Diagnosis) -> bool:
-    """Whether one cause explains the misfit and is more likely than all others together.
-
-    Also true if there was nothing to diagnose.
-    """
+    """Whether one cause, more likely than all others together, explains the misfit; true if there is no misfit."""
     best = diagnosis.best
     if best is None:
         return not diagnosis.rankings

@@ -67,11 +67,8 @@ def start(alternative: Experiment) -> tuple[FloatArray, float]:
         fit = without_readings(alternative)
         return fit.x, float((fit.corrections**2).mean())
     model, q = alternative.loop(), alternative.poses.q_rad
-    fitted = solve_damped(
-        closure_problem(model, q),
-        nominal_vector(model.parameters),
-        max_iterations=MODEL_ITERATIONS,
-    )
+    nominal = nominal_vector(model.parameters)
+    fitted = solve_damped(closure_problem(model, q), nominal, max_iterations=MODEL_ITERATIONS)
     return fitted.x, 2.0 * fitted.cost / len(q)
 
 
@@ -92,11 +89,10 @@ def without_readings(
 
 def is_near(alternative: Experiment) -> bool:
     """Whether an alternative's loop closes near its nominal values."""
-
-    def near() -> bool:
-        return not far_from_nominal(alternative.loop().parameters, start(alternative)[0])
-
-    return tried(near, otherwise=False)
+    return tried(
+        lambda: not far_from_nominal(alternative.loop().parameters, start(alternative)[0]),
+        otherwise=False,
+    )
 
 
 def closes(alternative: Experiment, *, far: float) -> bool:

@@ -69,17 +69,11 @@ def find_alternatives(
 ) -> tuple[Finding, ...]:
     """Return the mistakes that explain a gross misfit of the stated model, the most probable first.
 
-    Parameters
-    ----------
-    scale, dof
-        chi2/dof of the stated model at stated variances (infinite if it could not be solved), and its dof.
-    near
-        Try only simple mistakes in the poses or arm file, and keep those whose correction brings the solution near the
-        nominal values. The stated model may fit well.
-    of_files
-        Try only simple mistakes in the poses or arm file.
-    sensors
-        With `near`, also try a sensor whose readings are useless in all poses.
+    `scale`, `dof`: chi2/dof of the stated model at stated variances (infinite if it could not be solved), and its dof.
+    `near`: try only simple mistakes in the poses or arm file, and keep those whose correction brings the solution near
+    the nominal values. The stated model may fit well.
+    `of_files`: try only simple mistakes in the poses or arm file.
+    `sensors`: with `near`, also try a sensor whose readings are useless in all poses.
     """
     deadline = thread_time() + LONGEST_S
     as_it_is = np.inf if near or stated.unsensed else cost_of(stated)

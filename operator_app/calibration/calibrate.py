@@ -6,7 +6,7 @@ Each stage takes one frozen record and returns the next. `sarcal solve`, the ses
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -49,7 +49,6 @@ from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import check_rvdts
 from operator_app.calibration.tool_accuracy import tip_sigma
 from operator_app.config.procedure import AcceptanceLimits
-from operator_app.messages.finding import Finding
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
@@ -99,25 +98,15 @@ def calibrate(
 ) -> Solution:
     """Calibrate `arm` in `fixture` from measured poses.
 
-    Parameters
-    ----------
-    search
-        Use a global start instead of starting from the nominal values.
-    length_tolerance_m
-        Standard deviation of the maker's link lengths, used instead of the arm file's.
-    drop
-        Fix unidentifiable parameters at their nominal values instead of raising an error.
-    rereads
-        Repeated poses, which are used in tests but not in the fit.
+    `search`: use a global start instead of starting from the nominal values.
+    `length_tolerance_m`: standard deviation of the maker's link lengths, used instead of the arm file's.
+    `drop`: fix unidentifiable parameters at their nominal values instead of raising an error.
+    `rereads`: repeated poses, which are used in tests but not in the fit.
 
-    Raises
-    ------
-    ReadingsOutOfRangeError
-        The readings are of another arm, or in another unit.
-    TooFewPosesError, UnidentifiableError, FixtureRefusedError, EndpointMissingError, PosesDoNotFitError
-        The data do not determine the parameters, or do not fit the loops; the text states the cause.
-    ValueError
-        `estimator` is unknown, or the paper's estimator is requested with unsensed joints.
+    Raises `ReadingsOutOfRangeError` if the readings are of another arm, or in another unit; `TooFewPosesError`,
+    `UnidentifiableError`, `FixtureRefusedError`, `EndpointMissingError` or `PosesDoNotFitError`, with the cause, if the
+    data do not determine the parameters or do not fit the loops; `ValueError` if `estimator` is unknown, or if the
+    paper's estimator is requested with unsensed joints.
     """
     if estimator not in ESTIMATORS:
         raise ValueError(f"estimator must be one of {', '.join(ESTIMATORS)}")
@@ -172,20 +161,12 @@ class Prepared:
 class Screened:
     """Model, data and error model of the fit.
 
-    Attributes
-    ----------
-    model
-        The loops with all free parameters.
-    tolerance
-        Tolerance (rad, m), by name, of each entry free within a tolerance.
-    errors
-        Error model of the distinct poses.
-    distinct, which
-        Indices of the distinct poses; for every pose on the branch, its position among them.
-    prior
-        Names of the arm's entries whose uncertainty the arm's file states.
-    identifiability
-        Identifiability at the paper's estimate; None if it was not evaluated.
+    `model`: the loops with all free parameters.
+    `tolerance`: tolerance (rad, m), by name, of each entry free within a tolerance.
+    `errors`: error model of the distinct poses.
+    `distinct`, `which`: indices of the distinct poses; for every pose on the branch, its position among them.
+    `prior`: names of the arm's entries whose uncertainty the arm's file states.
+    `identifiability`: identifiability at the paper's estimate; None if it was not evaluated.
     """
 
     before: Prepared
@@ -236,11 +217,7 @@ def prepare(task: Task) -> Prepared:
     out_of_range = range_findings(experiment.arm, poses, unsensed_joints=unsensed)
     refuse_placement(experiment, model)
     loops = identifiable_loops(
-        experiment,
-        model,
-        search=task.search,
-        drop=task.drop,
-        progress=task.progress,
+        experiment, model, search=task.search, drop=task.drop, progress=task.progress
     )
     hard = loops.identifiable if task.by_paper else loops.model
     return Prepared(task=task, loops=loops, hard=hard, out_of_range=out_of_range)
@@ -292,29 +269,23 @@ def fit(screened: Screened) -> Fitted:
             progress=task.progress,
         )
     except PosesDoNotFitError as error:
-        raise poses_do_not_fit(_alternatives(screened)) from error
+        unknowns = len(loops.identifiable.parameters)
+        dof = len(distinct) * prepared.hard.equations_per_pose - unknowns
+        stated = task.experiment.at_poses(distinct)
+        raise poses_do_not_fit(find_alternatives(stated, scale=np.inf, dof=dof)) from error
     estimate, components = calibrated.estimate, calibrated.components
     if len(screened.which) != len(distinct):
         estimate = estimate.at_poses(screened.which)
         components = components.at_poses(screened.which)
-    fitted = Fitted(
+    paper = loops.paper if task.by_paper else None
+    return Fitted(
         before=screened,
         whole=calibrated,
-        model=screened.model,
-        tolerance=screened.tolerance,
-        estimate=estimate,
-        components=components,
-        implicit=None,
-    )
-    if not task.by_paper or loops.paper is None:
-        return fitted
-    return replace(
-        fitted,
-        model=prepared.hard,
-        tolerance={},
-        estimate=loops.paper,
-        components=None,
-        implicit=estimate.without(tuple(screened.tolerance)),
+        model=screened.model if paper is None else prepared.hard,
+        tolerance=screened.tolerance if paper is None else {},
+        estimate=estimate if paper is None else paper,
+        components=components if paper is None else None,
+        implicit=None if paper is None else estimate.without(tuple(screened.tolerance)),
     )
 
 
@@ -333,13 +304,7 @@ def diagnose(fitted: Fitted) -> Diagnosed:
         flipped=loops.flipped,
         checks=placement_checks(experiment, model, fitted.estimate.x),
         search=loops.search,
-        rvdt=check_rvdts(
-            experiment,
-            loops.kept,
-            used,
-            part,
-            fixed=prepared.dropped,
-        )
+        rvdt=check_rvdts(experiment, loops.kept, used, part, fixed=prepared.dropped)
         if fitted.closes
         else (),
         returned=repeats_of(
@@ -484,25 +449,12 @@ def _starts(screened: Screened) -> Iterator[FloatArray | None]:
         yield in_order(model, identifiable, best_about_nominal(identifiable.at_poses(few), q[few]))
 
 
-def _alternatives(screened: Screened) -> tuple[Finding, ...]:
-    """Return findings of alternative models that fit these poses, if the stated model does not fit them."""
-    prepared, distinct = screened.before, screened.distinct
-    unknowns = len(prepared.loops.identifiable.parameters)
-    stated = prepared.task.experiment.at_poses(distinct)
-    dof = len(distinct) * prepared.hard.equations_per_pose - unknowns
-    return find_alternatives(stated, scale=np.inf, dof=dof)
-
-
 def _outliers(calibrated: Calibrated, of_each: IntArray) -> tuple[int, ...]:
-    """Indices of poses whose readings the other poses do not predict, the worst first.
-
-    `of_each`: indices, into all poses, of the poses from which `calibrated` was made.
-    """
+    """Poses that the others do not predict, the worst first; `of_each`: indices of the poses of `calibrated`."""
     from scipy.special import chdtrc
 
     chi2, dof = calibrated.linear.left_out_chi2()
     chances = chdtrc(np.maximum(dof, 1), chi2)
-    named = [
-        k for k in np.argsort(chances) if chances[k] < OUTLIER_NOTICE_PROBABILITY / len(chances)
-    ]
+    limit = OUTLIER_NOTICE_PROBABILITY / len(chances)
+    named = (k for k in np.argsort(chances) if chances[k] < limit)
     return tuple(int(of_each[calibrated.order[k]]) for k in named)

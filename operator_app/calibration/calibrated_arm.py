@@ -38,19 +38,13 @@ class CalibratedArm:
 
     The base frame is that of the arm's file: entries measured from the fixture keep the values that the file states.
 
-    Attributes
-    ----------
-    flange
-        Rows 1..n with the arm's own entries as calibrated, all others as in the arm's file.
-    hand
-        The same rows, but with the calibrated values of the entries that locate the fixture on the tool.
-    tip_m
-        The tip in the last frame of `hand`, (3,), m: the ball's centre, an instrument's target; zero for a hinge, whose
-        axis is the z axis of that frame, and for a rigid attachment.
-    identified
-        Entries of `flange` that were calibrated.
-    best, corrections
-        The D-H table that is best for uncorrected readings, and their corrections; None if not computed.
+    `flange`: rows 1..n with the arm's own entries as calibrated, all others as in the arm's file.
+    `hand`: the same rows, but with the calibrated values of the entries that locate the fixture on the tool.
+    `tip_m`: the tip in the last frame of `hand`, (3,), m: the ball's centre, an instrument's target; zero for a hinge,
+    whose axis is the z axis of that frame, and for a rigid attachment.
+    `identified`: entries of `flange` that were calibrated.
+    `best`, `corrections`: the D-H table that is best for uncorrected readings, and their corrections; None if not
+    computed.
     """
 
     flange: DhTable

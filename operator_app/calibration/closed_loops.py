@@ -24,18 +24,10 @@ from solver.search.global_start import GlobalStart, global_start
 class IdentifiableLoops(NamedTuple):
     """The loops to be fitted, and the parameters that the poses identify.
 
-    Attributes
-    ----------
-    model
-        The loops with all unknowns; equals `identifiable` if dropping unidentifiable unknowns was requested.
-    identifiable, unidentifiable
-        The loops with the unknowns that the poses identify, and the names of the others.
-    q, kept
-        Readings (k, n), rad, of the poses on the main branch, and a mask (m,) of these.
-    search
-        The global start, if requested.
-    paper
-        The paper's estimate of `identifiable`; None with unsensed joints.
+    `model`: the loops with all unknowns; equals `identifiable` if dropping unidentifiable unknowns was requested.
+    `identifiable`, `unidentifiable`: the loops with the unknowns that the poses identify, and the names of the others.
+    `q`, `kept`: readings (k, n), rad, of the poses on the main branch, and a mask (m,) of these.
+    `paper`: the paper's estimate of `identifiable`; None with unsensed joints.
     """
 
     model: ClosureModel
@@ -101,12 +93,8 @@ def on_main_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, Estim
     """Separate poses (m, n), rad, on the hinge's main branch, which has most poses, from those on the other branch.
 
     This uses the nominal placement, in which the tool of a flipped pose is upside down even if nominal values are
-    inaccurate; a fit through poses of both branches would lie between them.
-
-    Returns
-    -------
-    A mask (m,) of the poses on the main branch; and the paper's estimate from these poses as if all joints were
-    sensed, None if it was not computed.
+    inaccurate; a fit through poses of both branches would lie between them. Returns a mask (m,) of the poses on the
+    main branch, and the paper's estimate from these as if all joints were sensed; None if it was not computed.
     """
     everything = np.ones(len(q), dtype=np.bool_), None
     # Even the readings of unsensed joints are used: with errors of a degree they still distinguish the branches.

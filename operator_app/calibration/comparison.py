@@ -54,17 +54,12 @@ class Side(Enum):
 class ParameterChange:
     """One parameter in two calibrations, SI units.
 
-    Attributes
-    ----------
-    before, after
-        Values in the first and in the second calibration; of equivalent values, `after` is the one nearest to `before`.
-    change
-        after minus before; for angles the equivalent within half a turn.
-    sigma
-        Standard deviation of the change.
-    significant
-        Whether the change exceeds noise at the level of the comparison; always false for two estimates from the same
-        poses, whose noise is the same.
+    `before`, `after`: values in the first and in the second calibration; of equivalent values, `after` is the one
+    nearest to `before`.
+    `change`: after minus before; for angles the equivalent within half a turn.
+    `sigma`: standard deviation of the change.
+    `significant`: whether the change exceeds noise at the level of the comparison; always false for two estimates from
+    the same poses, whose noise is the same.
     """
 
     name: str
@@ -88,18 +83,12 @@ class ParameterChange:
 class CalibrationComparison:
     """Result of the comparison of two calibrations of one arm.
 
-    Attributes
-    ----------
-    drifts
-        One entry for each parameter that both calibrations identified and that can be compared.
-    level, threshold_sigmas
-        False-alarm probability over all free parameters, and the corresponding change in sigmas.
-    scale_before, scale_after
-        Factor applied to each document's standard deviations: sqrt(chi2/dof) if that is above 1.
-    left_out
-        Parameters that were not compared, with the reason.
-    notices
-        Other differences between the documents.
+    `drifts`: one entry for each parameter that both calibrations identified and that can be compared.
+    `level`, `threshold_sigmas`: false-alarm probability over all free parameters, and the corresponding change in
+    sigmas.
+    `scale_before`, `scale_after`: factor applied to each document's standard deviations: sqrt(chi2/dof) if that is
+    above 1.
+    `left_out`: parameters that were not compared, with the reason.
     """
 
     before: ParametersDocument
@@ -115,7 +104,7 @@ class CalibrationComparison:
     @property
     def same_poses(self) -> bool:
         """Whether both are estimates from the same poses, which cannot show a change of the arm."""
-        return _same_poses(self.before, self.after)
+        return self.before.pose_set_sha256 == self.after.pose_set_sha256
 
     @property
     def drifted(self) -> tuple[ParameterChange, ...]:
@@ -161,7 +150,7 @@ def compare(
     ]
     threshold = sigmas_at(level, len(free))
     scales = _scale(before), _scale(after)
-    stacked, same = before.table.stacked(), _same_poses(before, after)
+    stacked, same = before.table.stacked(), before.pose_set_sha256 == after.pose_set_sha256
     drifts = []
     for item in compared:
         entry = DhEntry.parse(item.entry)
@@ -213,10 +202,6 @@ def _not_compared(
         reason = "another fixture" if other_fixture else "the fixture was remounted"
         listed += [(n, reason) for n in first if n in second and sides[n] is not Side.ARM]
     return listed
-
-
-def _same_poses(a: ParametersDocument, b: ParametersDocument) -> bool:
-    return a.pose_set_sha256 == b.pose_set_sha256
 
 
 def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, ...]:

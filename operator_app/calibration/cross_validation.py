@@ -32,15 +32,10 @@ from solver.estimators.variance_components import SettledFit, estimate_of, settl
 class Checks:
     """Cross-validation of an implicit solution; a part that could not be computed is None.
 
-    Attributes
-    ----------
-    jackknife_sd
-        Standard deviation (rad, m) of every identified parameter, from leaving out each pose in turn; parameters only
-        corrected within tolerances are not included.
-    held_out
-        Parts of the poses, each tested with the estimate from all other poses.
-    far_block
-        Test of one block of poses far from the rest: extrapolation.
+    `jackknife_sd`: standard deviation (rad, m) of every identified parameter, from leaving out each pose in turn;
+    parameters only corrected within tolerances are not included.
+    `held_out`: parts of the poses, each tested with the estimate from all other poses.
+    `far_block`: test of one block of poses far from the rest: extrapolation.
     """
 
     jackknife_sd: FloatArray | None = None

@@ -194,13 +194,8 @@ def free_within_tolerance(
     """Free the arm's lengths and twists within their tolerances, since the maker's table is not exact.
 
     Offsets fixed because the poses do not determine them are freed too, if the arm's file states their uncertainty.
-
-    `fixed`: entries that stay fixed at their nominal values.
-
-    Returns
-    -------
-    The loop with these entries free as well, and the standard deviation (m, rad) of each by name.
-    Entries that are free already, and those that the fixture determines, are not included.
+    `fixed`: entries that stay fixed at their nominal values. Returns the loop, and the standard deviation (m, rad) of
+    each freed entry by name: not of those that are free already, or that the fixture determines.
     """
     part = model.parts()[0][0]
     n = arm.joint_count

@@ -55,17 +55,12 @@ class PastVerification:
 class EntryHistory:
     """Calibrations with one fixture and estimator, oldest first, and the entries that describe one part (`side`).
 
-    Attributes
-    ----------
-    side
-        Part that the entries describe: arm, table or tool.
-    values, sigma, within
-        (sessions, entries), rad and m: values (in the equivalent parameter vector nearest to the first session's),
-        their standard uncertainty, and the type A part of this uncertainty.
-    chart
-        Control limits of each session, and the shifts of entries in the order in which they were detected.
-    smallest
-        Shift of each entry that the next three sessions would detect in 90 % of cases; NaN if sessions are too few.
+    `side`: part that the entries describe: arm, table or tool.
+    `values`, `sigma`, `within`: (sessions, entries), rad and m: values (in the equivalent parameter vector nearest to
+    the first session's), their standard uncertainty, and the type A part of this uncertainty.
+    `chart`: control limits of each session, and the shifts of entries in the order in which they were detected.
+    `smallest`: shift of each entry that the next three sessions would detect in 90 % of cases; NaN if sessions are too
+    few.
     """
 
     side: Side

@@ -38,14 +38,9 @@ class ShiftOfReading:
 class Innovation:
     """Deviation of a reading from the prediction by earlier poses.
 
-    Attributes
-    ----------
-    chi2, dof
-        chi2 of the reading (infinite if the loop does not close there), and its degrees of freedom.
-    usual
-        Largest chi2 of an earlier pose as predicted from the others; also large if the files are wrong.
-    shifts
-        Shift of each used reading that would explain the deviation, by joint (1-based).
+    `chi2`, `dof`: chi2 of the reading (infinite if the loop does not close there), and its degrees of freedom.
+    `usual`: largest chi2 of an earlier pose as predicted from the others; also large if the files are wrong.
+    `shifts`: shift of each used reading that would explain the deviation, by joint (1-based).
     """
 
     chi2: float

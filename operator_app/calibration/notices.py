@@ -102,9 +102,8 @@ def _of_readings(
     from scipy.special import chdtrc
 
     fixture, poses = experiment.fixture, experiment.poses
-    left_out, out_of_range = left_out_poses(
-        known.flipped, known.out_of_range, experiment.arm, poses
-    )
+    arm = experiment.arm
+    left_out, out_of_range = left_out_poses(known.flipped, known.out_of_range, arm, poses)
     if stated.dof > 0 and float(chdtrc(stated.dof, stated.chi2)) < CHI2_NOTICE_PROBABILITY:
         yield Finding(kind=K.CHI2_EXCEEDS, size=stated.chi2 / stated.dof)
     for readings in out_of_range:
@@ -120,10 +119,7 @@ def _of_readings(
 def _of_parameters(
     solution: Solution, accuracy: HandAccuracy, arm: ArmModel, as_stated: tuple[str, ...]
 ) -> Iterator[Finding]:
-    """Notices about parameters that were dropped, were fixed by choice, or are known mainly from the files.
-
-    A further notice if several solutions fit.
-    """
+    """Notices about dropped, fixed and mainly stated parameters, and about further solutions."""
     rates = {h.name: h.rate_m_per_rad for h in accuracy.holds_for}
     if solution.held:
         yield Finding(kind=K.FIXED_UNSEEN, names=solution.held, figures=rates)
@@ -150,10 +146,7 @@ def _of_parameters(
 
 
 def _of_the_fit(solution: Solution, same: tuple[Finding, ...], *, sound: bool) -> Iterator[Finding]:
-    """Notices about compliance, placements and outliers.
-
-    If the fit diverged (not `sound`), the only notices are about placements.
-    """
+    """Notices about placements and, if the fit is `sound`, about compliance and outliers."""
     compliance = None if solution.components is None else solution.components.compliance
     if sound and compliance is not None and compliance.deflects and not solution.tolerated:
         # Errors of link lengths may appear as compliance.
@@ -185,13 +178,7 @@ def outliers_still_used(labels: tuple[str, ...]) -> tuple[Finding, ...]:
 
 def _ill_conditioned(identified: Identifiability, limits: AcceptanceLimits) -> tuple[Finding, ...]:
     """Return a warning if the condition number exceeds the procedure's limit; it does not affect acceptance."""
-    if identified.scaled_condition_number <= limits.scaled_condition_number:
-        return ()
-    return (
-        Finding(
-            kind=K.CONDITION,
-            names=identified.weakest.parameters,
-            size=identified.scaled_condition_number,
-            figures={"limit": limits.scaled_condition_number},
-        ),
-    )
+    number, limit = identified.scaled_condition_number, limits.scaled_condition_number
+    names, figures = identified.weakest.parameters, {"limit": limit}
+    condition = Finding(kind=K.CONDITION, names=names, size=number, figures=figures)
+    return () if number <= limit else (condition,)

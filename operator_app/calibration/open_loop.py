@@ -26,17 +26,11 @@ from solver.diagnostics.statistics import Chi2Test, chi2_test, sigmas_at
 class OpenLoopCheck:
     """Check of a closed-loop calibration on the open arm.
 
-    Attributes
-    ----------
-    solution
-        Calibration of the open arm.
-    differences
-        Differences of all parameters of the arm that both calibrations identified; `before` is the value from the
-        closed loop, `after` the value from the open arm.
-    chi2
-        chi2 of all differences together.
-    left_out
-        Offsets that one of the two calibrations cannot separate from its mounting.
+    `solution`: calibration of the open arm.
+    `differences`: differences of all parameters of the arm that both calibrations identified; `before` is the value
+    from the closed loop, `after` the value from the open arm.
+    `chi2`: chi2 of all differences together.
+    `left_out`: offsets that one of the two calibrations cannot separate from its mounting.
     """
 
     solution: Solution

@@ -81,11 +81,9 @@ def predict_new_poses(
     `start`: values (rad, m) from which to start for parameters that the calibration lacks, such as another socket's
     place, by their names in the loop of the new poses.
 
-    Returns
-    -------
-    Whitened residuals of the new poses, in their order, with at least the stated variances; the chi2 test with the
-    variances estimated in the calibration; and the derivatives (m, E, k) of the E closure equations of each pose with
-    respect to each possible shift, by joint number or `FIXTURE`. None if no model fits both sets of poses.
+    Returns the whitened residuals of the new poses, in their order, with at least the stated variances; the chi2 test
+    with the variances estimated in the calibration; and the derivatives (m, E, k) of the E closure equations of each
+    pose with respect to each possible shift, by joint number or `FIXTURE`. None if no model fits both sets of poses.
     """
     solution, old = made.solution, _used(made)
     if len(new.poses.placements) == 1:

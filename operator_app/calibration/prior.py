@@ -36,17 +36,10 @@ EXACT = 1e-6
 class KnownArm:
     """Information about the arm from poses in earlier placements of a fixture.
 
-    Attributes
-    ----------
-    names, values, covariance
-        Entries that are the same in every placement: (k,), (k, k), rad and m.
-    ends
-        Mean over the earlier placements of each offset that is measured from the fixture, rad, by name.
-    placements
-        Number of earlier placements.
-    placement_ratio
-        Deviation of the fixture from its nominal placement, rms over parameters and earlier placements, in units of the
-        standard deviation that its tolerance implies; at least 1.
+    `names`, `values`, `covariance`: entries that are the same in every placement: (k,), (k, k), rad and m.
+    `ends`: mean over the earlier placements of each offset that is measured from the fixture, rad, by name.
+    `placement_ratio`: deviation of the fixture from its nominal placement, rms over parameters and earlier placements,
+    in units of the standard deviation that its tolerance implies; at least 1.
     """
 
     names: tuple[str, ...]

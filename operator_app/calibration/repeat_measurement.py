@@ -46,24 +46,16 @@ class RepeatedReading:
 class Repeat:
     """Comparison of two readings of one pose.
 
-    Attributes
-    ----------
-    difference_rad
-        (n,) second reading minus the first, all joints.
-    chi2, dof
-        chi2 of the part of the difference that no motion of the chain explains, under stated noise, play and
-        compliance.
-    joint
-        Joint (1-based) whose slip would explain more of this chi2 than the slip of any other joint.
-    size_rad, sigma_rad
-        Most likely value of that slip, and its standard uncertainty.
-    chi2_left
-        chi2 that remains after subtracting that slip, with one degree of freedom less; large if the fixture slipped
-        instead of a joint.
-    joint_odds
-        Likelihood ratio between a slip of that joint and a slip of the fixture, each at its most likely magnitude.
-    turned_rad, shifted_m
-        Rotation and displacement of the fixture, if the fixture slipped.
+    `difference_rad`: (n,) second reading minus the first, all joints.
+    `chi2`, `dof`: chi2 of the part of the difference that no motion of the chain explains, under stated noise, play and
+    compliance.
+    `joint`: joint (1-based) whose slip would explain more of this chi2 than the slip of any other joint.
+    `size_rad`, `sigma_rad`: most likely value of that slip, and its standard uncertainty.
+    `chi2_left`: chi2 that remains after subtracting that slip, with one degree of freedom less; large if the fixture
+    slipped instead of a joint.
+    `joint_odds`: likelihood ratio between a slip of that joint and a slip of the fixture, each at its most likely
+    magnitude.
+    `turned_rad`, `shifted_m`: rotation and displacement of the fixture, if the fixture slipped.
     """
 
     difference_rad: FloatArray

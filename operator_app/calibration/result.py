@@ -29,64 +29,32 @@ from solver.search.global_start import GlobalStart
 class Solution:
     """A calibration with its verdict.
 
-    Attributes
-    ----------
-    model
-        The loop that was solved.
-    estimate
-        Estimate of the chosen estimator.
-    paper
-        Estimate of the paper's estimator from the same poses; None with unsensed joints.
-    identifiability
-        Identifiability: rank, condition number, weakest direction.
-    before
-        Closure sigmas at the nominal parameters, for comparison with `estimate.sigmas`.
-    dropped_flipped
-        Indices of poses that were left out because they are on the flipped branch.
-    held
-        Unknowns that were fixed at their nominal values on request.
-    tolerated
-        Lengths and twists corrected within their tolerance; they are parameters of `estimate` as well.
-    components
-        Further results: noise and linearity deviations of the RVDTs, compliance of the fixture, and the uncertainty
-        budget of every parameter.
-    search
-        The global start, if requested.
-    outliers
-        Labels of poses whose readings do not fit the others, the worst first. They are still used: the operator decides
-        on their exclusion.
-    rvdt
-        Verdict on each RVDT, from a fit in which its joint was taken as unsensed.
-    reasons
-        Reasons why the calibration is not accepted; empty if it is accepted.
-    adjudication
-        All tests, and the causes that they support.
-    assumed
-        Values of the error model that no file states, so that defaults were used.
-    hand
-        Tool position uncertainty at the poses of the calibration; None in records of earlier versions.
-    accuracy
-        Tool position error before and after calibration over the joints' ranges; None in records of earlier versions.
-    condition_at_readings
-        Scaled condition number at the readings, as in the paper; None with unsensed joints, and in records of earlier
-        versions.
-    implicit
-        Estimate of the implicit estimator, if the paper's estimator was chosen.
-    best
-        The best D-H table for use without corrections, and its uncertainty; None with the paper's estimator, and in
-        records of earlier versions.
-    corrections
-        Corrections that a controller may add to the readings; None in the same cases as `best`.
-    scales
-        Estimated standard deviation of each family of errors, relative to the stated one.
-    shares
-        Share of each parameter's information that comes from the poses, by name.
-    distances
-        Distances between the placements of a ball.
-    length_tolerance_m
-        Requested standard deviation of the link lengths, used instead of the arm file's; None if not requested.
-    truth
-        Errors relative to the true values; None if these are unknown, as for any real arm.
+    `paper`: estimate of the paper's estimator from the same poses; None with unsensed joints.
+    `before`: closure sigmas at the nominal parameters, for comparison with `estimate.sigmas`.
+    `dropped_flipped`: indices of poses that were left out because they are on the flipped branch.
+    `held`: unknowns that were fixed at their nominal values on request.
+    `tolerated`: lengths and twists corrected within their tolerance; they are parameters of `estimate` as well.
+    `components`: further results: noise and linearity deviations of the RVDTs, compliance of the fixture, and the
+    uncertainty budget of every parameter.
+    `outliers`: labels of poses whose readings do not fit the others, the worst first. They are still used: the operator
+    decides on their exclusion.
+    `rvdt`: verdict on each RVDT, from a fit in which its joint was taken as unsensed.
+    `reasons`: reasons why the calibration is not accepted; empty if it is accepted.
+    `adjudication`: all tests, and the causes that they support.
+    `assumed`: values of the error model that no file states, so that defaults were used.
+    `hand`: tool position uncertainty at the poses of the calibration; None in records of earlier versions.
+    `accuracy`: tool position error before and after calibration over the joints' ranges; None in records of earlier
+    versions.
+    `condition_at_readings`: scaled condition number at the readings, as in the paper; None with unsensed joints, and in
+    records of earlier versions.
+    `implicit`: estimate of the implicit estimator, if the paper's estimator was chosen.
+    `best`: the best D-H table for use without corrections, and its uncertainty; None with the paper's estimator, and in
+    records of earlier versions.
+    `corrections`: corrections that a controller may add to the readings; None in the same cases as `best`.
+    `shares`: share of each parameter's information that comes from the poses, by name.
+    `length_tolerance_m`: requested standard deviation of the link lengths, used instead of the arm file's; None if not
+    requested.
+    `truth`: errors relative to the true values; None if these are unknown, as for any real arm.
     """
 
     model: ClosureModel

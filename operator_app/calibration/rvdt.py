@@ -195,17 +195,11 @@ def _kind_of(verdict: RvdtVerdict, arm: ArmModel) -> FindingKind:
 class ReadingTable:
     """Corrections of the readings of one joint.
 
-    Attributes
-    ----------
-    joint
-        1-based.
-    theta_off_rad
-        Offset that belongs to corrected readings.
-    gain
-        Change of reading per change of angle, ideally 1; included in the corrections.
-    reading_rad, add_rad, sigma_rad
-        (k,): readings in rising order; corrections to add to them, to be interpolated linearly; and their standard
-        uncertainty.
+    `joint`: 1-based.
+    `theta_off_rad`: offset that belongs to corrected readings.
+    `gain`: change of reading per change of angle, ideally 1; included in the corrections.
+    `reading_rad`, `add_rad`, `sigma_rad`: (k,): readings in rising order; corrections to add to them, to be
+    interpolated linearly; and their standard uncertainty.
     """
 
     joint: int

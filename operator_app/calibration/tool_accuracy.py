@@ -48,20 +48,13 @@ class HeldOffset:
 class HandAccuracy:
     """Tool position error before and after a calibration, over the joints' ranges.
 
-    Attributes
-    ----------
-    before
-        Distance between the tool positions from the arm file and from the calibration, in the arm's base frame; the
-        fixture's placement does not matter.
-    after
-        Remaining error from the covariance of the parameters, one standard deviation.
-    poses
-        Number of poses, evenly spread over all joints' ranges.
-    holds_for
-        Fixed offsets whose uncertainty no file states: `after` is valid only if their fixed values are right.
-    stated, after_by_poses
-        Parameters known from the files rather than from the poses, and `after` without their uncertainty; () and None
-        if they contribute little.
+    `before`: distance between the tool positions from the arm file and from the calibration, in the arm's base frame;
+    the fixture's placement does not matter.
+    `after`: remaining error from the covariance of the parameters, one standard deviation.
+    `poses`: number of poses, evenly spread over all joints' ranges.
+    `holds_for`: fixed offsets whose uncertainty no file states: `after` is valid only if their fixed values are right.
+    `stated`, `after_by_poses`: parameters known from the files rather than from the poses, and `after` without their
+    uncertainty; () and None if they contribute little.
     """
 
     before: Spread

@@ -52,19 +52,12 @@ NEWTON_STEPS = 3
 class Fixed:
     """Parameters fixed before the poses were taken, with the other results of their calibration.
 
-    Attributes
-    ----------
-    values
-        Parameter values by name, rad and m.
-    covariance
-        Covariance (P, P) of `values`, in the same order.
-    rvdt_sd_rad
-        Estimated noise and linearity deviation of RVDTs together, standard deviation by joint.
-    fixture_variance
-        Estimated compliance variance of the fixture (6,), rad^2 and m^2; None if not estimated. This and
-        `rvdt_sd_rad` are used only if smaller than stated.
-    unsensed_joints
-        Joints whose readings the calibration did not use.
+    `values`: parameter values by name, rad and m.
+    `covariance`: covariance (P, P) of `values`, in the same order.
+    `rvdt_sd_rad`: estimated noise and linearity deviation of RVDTs together, standard deviation by joint.
+    `fixture_variance`: estimated compliance variance of the fixture (6,), rad^2 and m^2; None if not estimated. This
+    and `rvdt_sd_rad` are used only if smaller than stated.
+    `unsensed_joints`: joints whose readings the calibration did not use.
     """
 
     values: dict[str, float]
@@ -78,22 +71,11 @@ class Fixed:
 class VerificationResult:
     """Result of a verification with new poses.
 
-    Attributes
-    ----------
-    verification
-        The test and its results.
-    nominal
-        Closure sigmas of the same poses at the nominal parameters, for comparison.
-    odd_poses
-        Indices of poses that deviate too far for chance, the worst first; 1 in 1000 sound sets has such poses.
-    poses
-        Number of tested poses.
-    shift
-        Common shift of one joint or the fixture in all new poses; None if there is none.
-    stated
-        The test with at least the stated errors.
-    others_fit
-        Whether the poses outside `odd_poses` pass the test `stated`, and there is no common shift.
+    `nominal`: closure sigmas of the same poses at the nominal parameters, for comparison.
+    `odd_poses`: indices of poses that deviate too far for chance, the worst first; 1 in 1000 sound sets has such poses.
+    `shift`: common shift of one joint or the fixture in all new poses; None if there is none.
+    `stated`: the test with at least the stated errors.
+    `others_fit`: whether the poses outside `odd_poses` pass the test `stated`, and there is no common shift.
     """
 
     verification: HeldOutPoses
@@ -178,10 +160,8 @@ def verify_poses(
     them, with all other parameters fixed. Raises `ValueError` if the parameters are not those of this loop (another
     fixture, or another number of placements).
     """
-    fixture, calibrated = (
-        with_calibrated_places(fixture, made.solution.model),
-        made.poses.placements,
-    )
+    fixture = with_calibrated_places(fixture, made.solution.model)
+    calibrated = made.poses.placements
     same = len(poses.placements) == 1 and not elsewhere
     fixed = fixed_calibration(made.solution, poses.placements[0] if same else None)
     new = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=fixed.unsensed_joints)
@@ -378,11 +358,8 @@ def verify_new_poses(
             f"the new poses have measured endpoints, which a {fixture.kind} fixture does not use: "
             "use them with sarcal verify --open-loop, or leave them out"
         )
-    known, new_placements, elsewhere = (
-        made_from.placements,
-        new.placements,
-        may_be_elsewhere(fixture),
-    )
+    known, new_placements = made_from.placements, new.placements
+    elsewhere = may_be_elsewhere(fixture)
     if len(new_placements) > 1 and new_placements != known and not elsewhere:
         raise NoTestError(
             "new poses must be of one placement that was calibrated, or of all of them"

@@ -32,7 +32,7 @@ from operator_app.config.errors import (
     value_in_words,
     words_for,
 )
-from operator_app.config.quantities import UNIT, UNITS, length_doubt
+from operator_app.config.quantities import TO_SI, UNIT, UNITS, length_doubt
 from operator_app.config.strict_yaml import Complaint, Path, YamlDocument, load_strict
 
 VERSIONS: Mapping[str, tuple[int, ...]] = {"parameters": (1, 2, 3)}
@@ -107,12 +107,13 @@ def check_model(model: type[M], document: YamlDocument, *, kind: str) -> M:
     problems = [*document.problems, *_check_schema(document, kind)]
     body = {key: value for key, value in document.data.items() if key != "schema"}
     notes: list[Complaint] = []
+    errors: list[ErrorDetails] = []
     checked: M | None = None
     try:
         checked = adapter(model).validate_python(body, context=notes)
     except ValidationError as error:
-        problems += _problems(document, model, error.errors(include_url=False), noted=bool(notes))
-    problems += [document.problem(*note) for note in notes]
+        errors = error.errors(include_url=False)
+    problems += _problems(document, model, errors, notes)
     if problems or checked is None:
         raise ConfigError(problems)
     return checked
@@ -169,13 +170,18 @@ def _check_schema(document: YamlDocument, kind: str) -> Iterator[Problem]:
 
 
 def _problems(
-    document: YamlDocument, model: type[M], errors: Iterable[ErrorDetails], *, noted: bool
+    document: YamlDocument,
+    model: type[M],
+    errors: Iterable[ErrorDetails],
+    notes: Sequence[Complaint],
 ) -> Iterator[Problem]:
     placed = _without_alternatives(document, [(_path(document, error), error) for error in errors])
-    if noted:
+    if notes:
         # A validator has already reported the errors of a whole record, with their places.
         placed = [(path, error) for path, error in placed if error["type"] != "value_error"]
     missing = {path for path, error in placed if error["type"] == "missing"}
+    # A check of a default value also complains of a key that the file lacks.
+    missing |= {path for path, _, _ in notes if path not in document.marks}
     meant: set[Path] = set()
     for path, error in placed:
         if error["type"] not in UNKNOWN_KEY:
@@ -188,6 +194,7 @@ def _problems(
         follows = any(path[: len(bad)] == bad for bad in document.unreadable)
         if not (follows or error["type"] in UNKNOWN_KEY or path in meant):
             yield document.problem(path, *words_for(error))
+    yield from (document.problem(*note) for note in notes if note[0] not in meant)
 
 
 def _without_alternatives(
@@ -233,7 +240,8 @@ def _unknown_key(
     value = document.at(path)
     text = UNKNOWN
     match = UNIT.fullmatch(key)
-    for candidate in known:
+    # Of `tolerance_mm` and `tolerance_deg`, the latter is meant by `tolerance_rad`.
+    for candidate in sorted(known, key=lambda name: _si_unit(name) != _si_unit(key)):
         other = UNIT.fullmatch(candidate)
         if match is None or other is None or match[1] != other[1]:
             continue
@@ -249,6 +257,12 @@ def _unknown_key(
         path_meant = (*parent, near[0])
         return text, f"did you mean {near[0]}?", path_meant if path_meant in missing else None
     return text, f"{KNOWN_HERE}{', '.join(known)}" if known else "remove it", None
+
+
+def _si_unit(name: str) -> str:
+    """Return the SI unit of the quantity whose unit is in this name; "" if it has none."""
+    match = UNIT.fullmatch(name)
+    return "" if match is None else TO_SI.get(match[2], (match[2],))[0]
 
 
 def _keys(document: YamlDocument, model: type[M], path: Path) -> list[str]:

@@ -44,7 +44,9 @@ class Box:
     def beyond_rad(self, positions_rad: FloatArray) -> FloatArray:
         """Return the distance (d,) of each drive joint from the box at these positions (n,); 0 inside."""
         positions = positions_rad[[j - 1 for j in self.joints]]
-        return np.abs(positions - np.clip(positions, self.lower_rad, self.upper_rad))
+        # Where the joints start beyond the end of a range, a box may be empty: every position is outside it.
+        below, above = np.subtract(self.lower_rad, positions), positions - self.upper_rad
+        return np.maximum(np.maximum(below, above), 0.0)
 
 
 def box_of(

@@ -37,10 +37,10 @@ class LiveQuality:
     """Quality of a growing set of poses.
 
     `needed`: smallest number of poses from which parameters can be estimated. `x` (P,): latest estimate, rad or m;
-    nominal values before the first. `scaled_condition_number`, `weakest`: of the captured poses. `history`: (poses,
-    scaled condition number) after each estimate, oldest first. `coverage`: lowest and highest captured angle of each
-    joint, rad. `predicted_m`: by pose number, position closure error of that pose with the estimate from the poses
-    before it, m.
+    nominal values before the first. `scaled_condition_number`, `weakest`: of the captured poses; inf and () with too
+    few. `history`: (poses, scaled condition number) after each estimate, oldest first. `coverage`: lowest and highest
+    captured angle of each joint, rad; empty without poses. `predicted_m`: by pose number, position closure error of
+    that pose with the estimate from the poses before it, m.
     """
 
     needed: int

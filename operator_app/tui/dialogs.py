@@ -24,6 +24,8 @@ class Dialog(ModalScreen[str | None], Generic[Shown]):
     """A box with a title and a text; Esc, n and q close it with the answer None."""
 
     AUTO_FOCUS = ""
+    FOCUS: ClassVar[str]
+    """Selector of the widget that has the focus first, even while the terminal is in the background."""
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,n,q", "dismiss", show=False),
     ]
@@ -31,6 +33,10 @@ class Dialog(ModalScreen[str | None], Generic[Shown]):
     def __init__(self, question: Shown) -> None:
         super().__init__()
         self._question = question
+
+    def on_mount(self) -> None:
+        """Give the focus, which Textual's `AUTO_FOCUS` does only in a terminal in the foreground."""
+        self.query_one(self.FOCUS).focus()
 
     def on_resize(self, event: events.Resize) -> None:
         """Leave the safety strip and the list of steps uncovered in both layouts."""
@@ -57,7 +63,7 @@ class Dialog(ModalScreen[str | None], Generic[Shown]):
 class Confirm(Dialog[YesNo]):
     """A dialog with the buttons Yes and Cancel."""
 
-    AUTO_FOCUS = "#cancel"
+    FOCUS = "#cancel"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("y", "dismiss('yes')", show=False),
         Binding("left,right,tab,shift+tab", "app.focus_next", show=False),
@@ -77,7 +83,7 @@ class Confirm(Dialog[YesNo]):
 class Ask(Dialog[Typed]):
     """A dialog with an input line; if the question has an expected text, only that text is accepted."""
 
-    AUTO_FOCUS = "Input"
+    FOCUS = "Input"
 
     def body(self) -> ComposeResult:
         """Yield an input line and the line for instructions or a refusal."""
@@ -97,7 +103,7 @@ class Ask(Dialog[Typed]):
 class Choose(Dialog[OneOf]):
     """A dialog with a list of options."""
 
-    AUTO_FOCUS = "OptionList"
+    FOCUS = "OptionList"
 
     def body(self) -> ComposeResult:
         """Yield the list of options, Cancel first."""
@@ -117,7 +123,7 @@ class Choose(Dialog[OneOf]):
 class Read(Dialog[Titled]):
     """A dialog with a text to read; Esc, q, Enter and ? close it."""
 
-    AUTO_FOCUS = "#box"
+    FOCUS = "#box"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter,question_mark,f1", "dismiss", show=False)
     ]

@@ -45,18 +45,11 @@ class Suspect:
 class ChangePoint:
     """The most significant step of one suspect.
 
-    Attributes
-    ----------
-    suspect
-        Name of the suspect.
-    pose
-        Index in time order of the first pose after the step.
-    size
-        Size of the step (d,), in the units of the suspect's quantities.
-    chi2, dof
-        Reduction of chi2 when the step is fitted, and the number of components of the step.
-    threshold
-        Value that `chi2` exceeds, for any pose and suspect, in a share `FALSE_ALARM_PROBABILITY` of sound pose sets.
+    `pose`: index in time order of the first pose after the step.
+    `size`: size of the step (d,), in the units of the suspect's quantities.
+    `chi2`, `dof`: reduction of chi2 when the step is fitted, and the number of components of the step.
+    `threshold`: value that `chi2` exceeds, for any pose and suspect, in a share `FALSE_ALARM_PROBABILITY` of sound pose
+    sets.
     """
 
     suspect: str

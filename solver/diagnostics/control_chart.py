@@ -57,18 +57,11 @@ class ChartSignal:
 class ControlChart:
     """Limits of each session, arrays (sessions, quantities); NaN where nothing was tested.
 
-    Attributes
-    ----------
-    centre
-        Mean of the baseline.
-    between
-        Standard deviation between sessions.
-    shewhart, ewma_limit
-        Half widths of the limits: for a single value, and for the weighted mean of recent values.
-    ewma
-        Weighted mean of recent values.
-    changes
-        Shifts in the order in which they were detected; each shift of a quantity restarts its baseline.
+    `centre`: mean of the baseline.
+    `between`: standard deviation between sessions.
+    `shewhart`, `ewma_limit`: half widths of the limits: for a single value, and for the weighted mean of recent values.
+    `ewma`: weighted mean of recent values.
+    `changes`: shifts in the order in which they were detected; each shift of a quantity restarts its baseline.
     """
 
     centre: FloatArray
@@ -116,18 +109,12 @@ def control_chart(names: Sequence[str], values: FloatArray, within: FloatArray) 
             if max(single, weighted) <= 1.0:
                 continue
             chart = "shewhart" if single >= weighted else "ewma"
-            change = _change(values[first : t + 1, j], last - first, var)
-            begin[j] = first + change[0]
-            changes.append(
-                ChartSignal(
-                    name=names[j],
-                    at=int(begin[j]),
-                    detected_at=t,
-                    size=change[1],
-                    sigma=change[2],
-                    chart=chart,
-                )
+            start, shift, sigma = _change(values[first : t + 1, j], last - first, var)
+            begin[j] = at = first + start
+            signal = ChartSignal(
+                name=names[j], at=at, detected_at=t, size=shift, sigma=sigma, chart=chart
             )
+            changes.append(signal)
     return ControlChart(
         centre=centre,
         between=between,

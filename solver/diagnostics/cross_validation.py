@@ -31,16 +31,10 @@ Estimator = Callable[[IntArray], Estimate]
 class HeldOutPoses:
     """Poses tested with parameters that were fixed before the poses were taken.
 
-    Attributes
-    ----------
-    chi2
-        Test of all poses together, with the parameters' own uncertainty included.
-    pose_chi2, pose_probability
-        chi2 of each pose alone (m,), and the probability of a larger chi2.
-    sigmas
-        sigma_pos and sigma_ori at the measured joints.
-    closed
-        (m,) bool: whether the pose's loop can be closed at all under these parameters.
+    `chi2`: test of all poses together, with the parameters' own uncertainty included.
+    `pose_chi2`, `pose_probability`: chi2 of each pose alone (m,), and the probability of a larger chi2.
+    `sigmas`: sigma_pos and sigma_ori at the measured joints.
+    `closed`: (m,) bool: whether the pose's loop can be closed at all under these parameters.
     """
 
     chi2: Chi2Test
@@ -54,14 +48,10 @@ class HeldOutPoses:
 class HoldOut:
     """Results of a hold-out, in which each part of a pose set is predicted from the rest.
 
-    Attributes
-    ----------
-    parts
-        Test of each part with the estimate from the rest.
-    sigmas
-        sigma_pos and sigma_ori over all poses held out, each pose with the parameters estimated from the rest.
-    inside_sigmas
-        sigma_pos and sigma_ori of the fitted poses, as rms over the parts: these should be similar to `sigmas`.
+    `parts`: test of each part with the estimate from the rest.
+    `sigmas`: sigma_pos and sigma_ori over all poses held out, each pose with the parameters estimated from the rest.
+    `inside_sigmas`: sigma_pos and sigma_ori of the fitted poses, as rms over the parts: these should be similar to
+    `sigmas`.
     """
 
     parts: tuple[Chi2Test, ...]
@@ -193,14 +183,10 @@ class FixedParameters:
 class CommonShift:
     """A shift of one subject, common to all later poses.
 
-    Attributes
-    ----------
-    subject
-        Joint or half of the fixture that was tested.
-    size, sigma
-        Size of the shift and its standard deviation; None if the shift has several components.
-    chi2, threshold
-        Reduction of chi2, and the value that it exceeds with `FALSE_ALARM_PROBABILITY` if there is no shift.
+    `subject`: joint or half of the fixture that was tested.
+    `size`, `sigma`: size of the shift and its standard deviation; None if the shift has several components.
+    `chi2`, `threshold`: reduction of chi2, and the value that it exceeds with `FALSE_ALARM_PROBABILITY` if there is no
+    shift.
     """
 
     subject: str

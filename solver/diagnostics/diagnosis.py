@@ -95,22 +95,12 @@ class CauseRanking:
 class Diagnosis:
     """Results of the tests.
 
-    Attributes
-    ----------
-    tests
-        All tests that were made.
-    rankings
-        For each accepted cause, the explanations that were compared.
-    suspected_entries
-        Lengths and twists that may differ from the arm file although no test fires, the most probable first.
-    residuals
-        Whitened residuals at the smaller of estimated and stated noise, with poses in time order.
-    stated_chi2_per_dof
-        chi2/dof at the stated variances.
-    parameter_shift
-        Estimate at stated variances minus the tested estimate (P,), rad and m.
-    faults
-        Fault models of the system that was tested.
+    `rankings`: for each accepted cause, the explanations that were compared.
+    `suspected_entries`: lengths and twists that may differ from the arm file although no test fires, the most probable
+    first.
+    `residuals`: whitened residuals at the smaller of estimated and stated noise, with poses in time order.
+    `stated_chi2_per_dof`: chi2/dof at the stated variances.
+    `parameter_shift`: estimate at stated variances minus the tested estimate (P,), rad and m.
     """
 
     tests: tuple[HypothesisTest, ...]
@@ -141,15 +131,10 @@ def diagnose(
 ) -> Diagnosis:
     """Test a fit, and rank the faults that may explain a failed test.
 
-    Parameters
-    ----------
-    fit
-        The mixed model at its solution. It is tested at the *stated* variances, but single readings at the estimated
-        noise if that is less.
-    taken
-        (m,): position of each pose of the fit in time order.
-    measured
-        Linearity deviations of sensors as determined by the loops, by joint (1-based).
+    `fit`: the mixed model at its solution. It is tested at the *stated* variances, but single readings at the estimated
+    noise if that is less.
+    `taken` (m,): position of each pose of the fit in time order.
+    `measured`: linearity deviations of sensors as determined by the loops, by joint (1-based).
     """
     stated = fit.stated
     order = np.argsort(taken, kind="stable")

@@ -48,35 +48,22 @@ class PeakDeviation(NamedTuple):
 class Candidate:
     """One possible cause.
 
-    Attributes
-    ----------
-    cause, subject
-        Kind of cause, and the joint, entry or half of the fixture concerned.
-    columns, expected_size
-        Derivatives (m, r, c) of the misclosures with respect to each coefficient, and the coefficients' expected
-        magnitudes (c,).
-    own
-        None, or indices of poses (p,) that have coefficients of their own; in this case `columns` are (p, r, c), and
-        `expected_size` is (p * c,).
-    places
-        Number of alternatives (e.g. poses) among which this cause was found.
-    poses
-        Poses concerned, indices in time order; empty if all poses are concerned.
-    most
-        Largest magnitude of this cause, in units of the expected magnitude.
-    shapes, least
-        The deviation in every pose is ``shapes @ b`` (m,), or b itself if `shapes` is None. It counts as a cause if its
-        rms is at least `least`.
-    most_stated
-        Largest deviation that the files state, or 0. If not 0, only a deviation that exceeds it by `CERTAIN_SIGMAS`
-        standard deviations counts as a cause.
-    measured
-        The sensor's linearity deviation as determined by loops that do not use its readings, which is more accurate;
-        None if not determined.
-    lines
-        (m, 2), orthonormal: the constant and the straight line of a sensor's offset and gain.
-    entries
-        Names of the parameters whose values changed, one per column; empty if none changed.
+    `cause`, `subject`: kind of cause, and the joint, entry or half of the fixture concerned.
+    `columns`, `expected_size`: derivatives (m, r, c) of the misclosures with respect to each coefficient, and the
+    coefficients' expected magnitudes (c,).
+    `own`: None, or indices of poses (p,) that have coefficients of their own; in this case `columns` are (p, r, c), and
+    `expected_size` is (p * c,).
+    `places`: number of alternatives (e.g. poses) among which this cause was found.
+    `poses`: poses concerned, indices in time order; empty if all poses are concerned.
+    `most`: largest magnitude of this cause, in units of the expected magnitude.
+    `shapes`, `least`: the deviation in every pose is ``shapes @ b`` (m,), or b itself if `shapes` is None. It counts as
+    a cause if its rms is at least `least`.
+    `most_stated`: largest deviation that the files state, or 0. If not 0, only a deviation that exceeds it by
+    `CERTAIN_SIGMAS` standard deviations counts as a cause.
+    `measured`: the sensor's linearity deviation as determined by loops that do not use its readings, which is more
+    accurate; None if not determined.
+    `lines`: (m, 2), orthonormal: the constant and the straight line of a sensor's offset and gain.
+    `entries`: names of the parameters whose values changed, one per column; empty if none changed.
     """
 
     cause: Cause

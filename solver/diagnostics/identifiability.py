@@ -42,24 +42,15 @@ TREND_FLOOR = 1e-12
 class Identifiability:
     """Identifiability indices of one Jacobian.
 
-    Attributes
-    ----------
-    rank
-        Number of parameters, or combinations of them, that the poses determine: all but the `directions`.
-    scaled_condition_number
-        Ratio of largest to smallest singular value with unit columns (paper: below 100 is acceptable); inf if
-        rank-deficient.
-    condition_number
-        Ratio of largest to smallest singular value without column scaling (1 m : 1 rad).
-    observability
-        Observability indices O1..O5 of the literature, for the scaled Jacobian of m poses.
-    directions
-        The unidentifiable directions, by name. Empty when the rank is full.
-    weakest
-        The weakest direction that is still determined, by name.
-    trend
-        Pairs of a number k and the scaled condition number of the first k poses, at the same parameters; without the k
-        for which the rank is not full.
+    `rank`: number of parameters, or combinations of them, that the poses determine: all but the `directions`.
+    `scaled_condition_number`: ratio of largest to smallest singular value with unit columns (paper: below 100 is
+    acceptable); inf if rank-deficient.
+    `condition_number`: ratio of largest to smallest singular value without column scaling (1 m : 1 rad).
+    `observability`: observability indices O1..O5 of the literature, for the scaled Jacobian of m poses.
+    `directions`: the unidentifiable directions, by name. Empty when the rank is full.
+    `weakest`: the weakest direction that is still determined, by name.
+    `trend`: pairs of a number k and the scaled condition number of the first k poses, at the same parameters; without
+    the k for which the rank is not full.
     """
 
     rank: int

@@ -36,18 +36,12 @@ STRIDE = 4
 class Evidence:
     """Model evidence of one explanation.
 
-    Attributes
-    ----------
-    log_likelihood
-        Log-likelihood, up to a constant that is the same for all explanations of one pose set.
-    chi2, dof
-        Remaining chi2 and its degrees of freedom, at stated variances.
-    size
-        Standard deviation of the coefficients, in units of their expected magnitudes.
-    b, covariance
-        Coefficients (c,) and their covariance (c, c); for columns of single poses only the variances (c,).
-    moved
-        Change of the parameters (P,) when the explanation is fitted (rad, m).
+    `log_likelihood`: log-likelihood, up to a constant that is the same for all explanations of one pose set.
+    `chi2`, `dof`: remaining chi2 and its degrees of freedom, at stated variances.
+    `size`: standard deviation of the coefficients, in units of their expected magnitudes.
+    `b`, `covariance`: coefficients (c,) and their covariance (c, c); for columns of single poses only the variances
+    (c,).
+    `moved`: change of the parameters (P,) when the explanation is fitted (rad, m).
     """
 
     log_likelihood: float
@@ -168,23 +162,14 @@ def drop_unidentifiable(
 ) -> tuple[ClosureModel, tuple[str, ...]]:
     """Fix the parameters that the poses do not determine.
 
-    Parameters
-    ----------
-    model
-        The loop with all unknowns.
-    x
-        Parameters (P,) that nearly close the loops; with other values no direction looks unidentifiable. None: offsets
-        and fixture are fitted, with the arm's lengths and twists at their nominal values (if all of these were unknown,
-        a fit might shrink the arm to zero).
-    q
-        Joint angles (m, n), rad.
-    sigma_rad
-        Standard deviation of each joint's reading (n,), for closing the loops.
+    `x`: parameters (P,) that nearly close the loops; with other values no direction looks unidentifiable. None: offsets
+    and fixture are fitted, with the arm's lengths and twists at their nominal values (if all of these were unknown, a
+    fit might shrink the arm to zero).
+    `q`: joint angles (m, n), rad.
+    `sigma_rad`: standard deviation of each joint's reading (n,), for closing the loops.
 
-    Returns
-    -------
-    The loop with fewer unknowns, and the names of the parameters now fixed at their nominal values. The remaining
-    parameters have to be estimated again, because `x` belongs to other values of the fixed parameters.
+    Returns the loop with fewer unknowns, and the names of the parameters now fixed at their nominal values. The
+    remaining parameters have to be estimated again, because `x` belongs to other values of the fixed parameters.
     """
     x = nearly_closing_parameters(model, q) if x is None else x
     J = jacobian_at_closed(model, x, q, sigma_rad)

@@ -23,16 +23,11 @@ MAX_ITERATIONS = 40
 class AdjustedPoses:
     """Poses adjusted to fixed parameters.
 
-    Attributes
-    ----------
-    error, system
-        The loops' errors and the reduced linear system of all poses, at the start of the last, negligibly small step.
-    corrections
-        Joint corrections (m, n), rad: adjusted minus measured.
-    unsensed
-        Unsensed angles (m, U), rad.
-    converged
-        Whether each pose's loop was closed (m,).
+    `error`, `system`: the loops' errors and the reduced linear system of all poses, at the start of the last,
+    negligibly small step.
+    `corrections`: joint corrections (m, n), rad: adjusted minus measured.
+    `unsensed`: unsensed angles (m, U), rad.
+    `converged`: whether each pose's loop was closed (m,).
     """
 
     error: LoopError
@@ -54,10 +49,8 @@ def adjust_poses(
 
     `near`: corrections (m, n) and unsensed angles (m, U), rad, to start from, if known.
     """
-    variance, deflection_variance = (
-        np.broadcast_to(noise.joint_variance, q.shape),
-        noise.deflection_variance,
-    )
+    variance = np.broadcast_to(noise.joint_variance, q.shape)
+    deflection_variance = noise.deflection_variance
     if near is None:
         sd = np.sqrt(variance.mean(axis=0))
         near = np.zeros_like(q), close_loops(model, x, q, sigma_rad=sd, max_iterations=3).u
@@ -92,14 +85,10 @@ def adjust_poses(
 class LoopAngle:
     """True angle of one unsensed joint at every pose.
 
-    Attributes
-    ----------
-    joint
-        1-based.
-    angle_rad
-        theta' (m,), continuous, near the reading plus the nominal offset.
-    scatter
-        Covariance of the angles, rad^2: `own` due to each pose's readings, `common` due to errors of the parameters.
+    `joint`: 1-based.
+    `angle_rad`: theta' (m,), continuous, near the reading plus the nominal offset.
+    `scatter`: covariance of the angles, rad^2: `own` due to each pose's readings, `common` due to errors of the
+    parameters.
     """
 
     joint: int

@@ -29,16 +29,10 @@ class ReadingFault(Enum):
 class RangeFinding:
     """Readings of one joint that are impossible for its sensor or its stops.
 
-    Attributes
-    ----------
-    joint
-        1-based.
-    poses
-        Indices of the poses, the farthest outside first.
-    reading_rad
-        The reading farthest outside.
-    lower_rad, upper_rad
-        The joint's range in the arm file.
+    `joint`: 1-based.
+    `poses`: indices of the poses, the farthest outside first.
+    `reading_rad`: the reading farthest outside.
+    `lower_rad`, `upper_rad`: the joint's range in the arm file.
     """
 
     joint: int

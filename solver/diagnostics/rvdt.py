@@ -42,22 +42,14 @@ class Soundness(Enum):
 class RvdtVerdict:
     """Verdict on one joint's RVDT.
 
-    Attributes
-    ----------
-    joint
-        1-based.
-    verdict, text
-        The verdict, and a text with verdict and figures.
-    treat_as_unsensed
-        Whether the calibration is better without the joint's reading.
-    share
-        Share of the squared closure error at the readings that is removed by a correction of this joint's readings
-        (0..1, negative if the error grows); 0 if the poses cannot decide.
-    figures
-        Measured figures; None if the poses cannot decide.
-    noise
-        Noise of a single reading, known even if the poses do not determine the linearity deviation; None for an unused
-        joint without recorded spread.
+    `joint`: 1-based.
+    `verdict`, `text`: the verdict, and a text with verdict and figures.
+    `treat_as_unsensed`: whether the calibration is better without the joint's reading.
+    `share`: share of the squared closure error at the readings that is removed by a correction of this joint's readings
+    (0..1, negative if the error grows); 0 if the poses cannot decide.
+    `figures`: measured figures; None if the poses cannot decide.
+    `noise`: noise of a single reading, known even if the poses do not determine the linearity deviation; None for an
+    unused joint without recorded spread.
     """
 
     joint: int
@@ -89,21 +81,13 @@ def rvdt_verdicts(
     Raises `TooFewPosesError` if no degree of freedom would be left, `ValueError` if no unsensed joint of `model` has an
     RVDT.
 
-    Parameters
-    ----------
-    model
-        One placement's loop with the RVDT joints unsensed, so that their readings are not used.
-    errors
-        Stated errors of all other sources, which would otherwise look like noise of the RVDT.
-    noise
-        Noise of single readings by joint (1-based), if known.
-    samples
-        Number of readings averaged at each pose (m,).
-    variances
-        Variances of the other sources by component, from a fit with the readings. A variance below its start value is
-        replaced by the start value, because part of this source may have been attributed to the sensor.
-    x0, near
-        Start: parameters (P,) and the other unknowns of a fit with the readings.
+    `model`: one placement's loop with the RVDT joints unsensed, so that their readings are not used.
+    `errors`: stated errors of all other sources, which would otherwise look like noise of the RVDT.
+    `noise`: noise of single readings by joint (1-based), if known.
+    `samples`: number of readings averaged at each pose (m,).
+    `variances`: variances of the other sources by component, from a fit with the readings. A variance below its start
+    value is replaced by the start value, because part of this source may have been attributed to the sensor.
+    `x0`, `near`: start: parameters (P,) and the other unknowns of a fit with the readings.
     """
     unsensed = {j: arm.joints[j - 1].sensor for j in model.unsensed_joints}
     sensors = {j: sensor for j, sensor in unsensed.items() if isinstance(sensor, Rvdt)}
@@ -141,11 +125,7 @@ def rvdt_verdicts(
             verdicts.append(undecided(joint, sensor, reason, noise.get(joint)))
             continue
         figures = measure(
-            reading,
-            angle,
-            sensor,
-            noise.get(joint),
-            samples=float(1.0 / np.mean(1.0 / samples)),
+            reading, angle, sensor, noise.get(joint), samples=float(1.0 / np.mean(1.0 / samples))
         )
         offsets_of_joints = offsets | {joint: figures.theta_off_rad}
         share = _share(model.with_all_joints_sensed(), known, q, joint, figures, offsets_of_joints)
@@ -222,12 +202,9 @@ def _judge(joint: int, sensor: Rvdt, figures: RvdtFigures, share: float) -> Rvdt
     harmful = (curved or too_noisy) and rms > limits.RVDT_HARMFUL_RATIO * max(
         sensor.sigma_rad, figures.loop_sd_rad
     )
+    verdict = Soundness.CURVED if curved else Soundness.SOUND
     if too_curved or too_noisy:
         verdict = Soundness.OUT_OF_SPECIFICATION
-    elif curved:
-        verdict = Soundness.CURVED
-    else:
-        verdict = Soundness.SOUND
     allowed, head = f"specification {100.0 * sensor.linearity:.2g} %", verdict.value
     if figures.linearity > sensor.linearity:
         allowed = f"sigma {100.0 * figures.linearity_sd:.2f} %, {allowed}"

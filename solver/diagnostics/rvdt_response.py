@@ -24,32 +24,19 @@ LEAST_BEND = 3
 class RvdtFigures:
     """Measured properties of one RVDT, over the range that the poses cover.
 
-    Attributes
-    ----------
-    covered
-        Fraction of full scale that the poses cover.
-    theta_off_rad
-        Offset that makes the deviations average to zero over the covered range.
-    gain
-        Slope of the best-fit line, reading per true angle; 1 means no error.
-    linearity, linearity_sd
-        Largest deviation from the best-fit line over the covered range, as a fraction of full scale, and its standard
-        deviation. Over the full scale it may be larger or, occasionally, smaller.
-    half_range
-        Half the peak-to-peak deviation from unit gain, as a fraction of full scale.
-    noise
-        Noise of a single reading.
-    loop_sd_rad
-        Standard deviation (rms over the poses) of an angle that the loop measures.
-    line_probability
-        Probability of so much curvature if the sensor is linear.
-    angle_rad, deviation_rad
-        (m,) true sensor angle of each pose, and reading minus true angle.
-    curve
-        Deviation as a function of the true sensor angle.
-    table_rad
-        (k, 3): reading, correction to be added to the reading, standard deviation of the correction. Corrected readings
-        have to be used with `theta_off_rad`.
+    `covered`: fraction of full scale that the poses cover.
+    `theta_off_rad`: offset that makes the deviations average to zero over the covered range.
+    `gain`: slope of the best-fit line, reading per true angle; 1 means no error.
+    `linearity`, `linearity_sd`: largest deviation from the best-fit line over the covered range, as a fraction of full
+    scale, and its standard deviation. Over the full scale it may be larger or, occasionally, smaller.
+    `half_range`: half the peak-to-peak deviation from unit gain, as a fraction of full scale.
+    `noise`: noise of a single reading.
+    `loop_sd_rad`: standard deviation (rms over the poses) of an angle that the loop measures.
+    `line_probability`: probability of so much curvature if the sensor is linear.
+    `angle_rad`, `deviation_rad`: (m,) true sensor angle of each pose, and reading minus true angle.
+    `curve`: deviation as a function of the true sensor angle.
+    `table_rad`: (k, 3): reading, correction to be added to the reading, standard deviation of the correction. Corrected
+    readings have to be used with `theta_off_rad`.
     """
 
     covered: float
@@ -189,14 +176,10 @@ def single_noise(
 ) -> SingleNoise | None:
     """Return the noise of a single reading; None if neither spread nor component is known.
 
-    Parameters
-    ----------
-    component
-        Variance component of single readings from the closed loops; None for a joint whose readings are not used.
-    sd_rad
-        Standard deviation of the single readings at each pose (m,), rad; None if not recorded.
-    samples
-        Number of readings averaged at each pose (m,).
+    `component`: variance component of single readings from the closed loops; None for a joint whose readings are not
+    used.
+    `sd_rad`: standard deviation of the single readings at each pose (m,), rad; None if not recorded.
+    `samples`: number of readings averaged at each pose (m,).
     """
     if sd_rad is not None and np.any(sd_rad[samples > 1]):
         return _of_spread(sd_rad / sensor.resolution_rad, samples)

@@ -42,21 +42,13 @@ class Scatter:
 class SmoothCurve:
     """Legendre series over the covered range, fitted by least squares.
 
-    Attributes
-    ----------
-    low, high
-        Covered range of the abscissa.
-    coefficients
-        (degree + 1,).
-    smoother
-        (degree + 1, m): maps the points to the coefficients.
-    residual
-        (m,): points minus curve.
-    dof
-        Number of points minus number of coefficients.
-    line_probability
-        Probability of so much improvement over a straight line if the points lie on a straight line (F test, times the
-        number of degrees from which this one was chosen); 1 if the curve is a straight line.
+    `low`, `high`: covered range of the abscissa.
+    `coefficients`: (degree + 1,).
+    `smoother`: (degree + 1, m): maps the points to the coefficients.
+    `residual`: (m,): points minus curve.
+    `dof`: number of points minus number of coefficients.
+    `line_probability`: probability of so much improvement over a straight line if the points lie on a straight line (F
+    test, times the number of degrees from which this one was chosen); 1 if the curve is a straight line.
     """
 
     low: float

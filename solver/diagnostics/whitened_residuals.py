@@ -29,18 +29,11 @@ FREE = 1e-9
 class WhitenedResiduals:
     """A linear system of m poses with r equations each, and K fitted columns, including those of P parameters.
 
-    Attributes
-    ----------
-    whitener
-        (m, r, r): inverse of a root of V.
-    U
-        (m, r, K): whitened fitted columns; together with the rows of the prior they are orthonormal.
-    white
-        (m, r): ``L^-1 w`` minus its fitted part.
-    to_x
-        (P, K): maps coefficients of `U` to changes of the parameters (rad, m).
-    dof
-        Number of equations minus number of parameters without a prior.
+    `whitener`: (m, r, r): inverse of a root of V.
+    `U`: (m, r, K): whitened fitted columns; together with the rows of the prior they are orthonormal.
+    `white`: (m, r): ``L^-1 w`` minus its fitted part.
+    `to_x`: (P, K): maps coefficients of `U` to changes of the parameters (rad, m).
+    `dof`: number of equations minus number of parameters without a prior.
     """
 
     whitener: FloatArray
@@ -141,16 +134,11 @@ ROUNDING = 1e-13
 class OwnColumns:
     """Whitened columns of some poses, rotated to be orthogonal within each pose.
 
-    Attributes
-    ----------
-    poses
-        (p,) indices.
-    white, turn
-        (p, r, c): columns before rotation; (p, c, c): maps coefficients of the rotated columns to those of `white`.
-    own, score
-        (p * c,): squares and scores of the rotated columns.
-    inside
-        (p * c, K): projection of the rotated columns on the fit's columns.
+    `poses`: (p,) indices.
+    `white`, `turn`: (p, r, c): columns before rotation; (p, c, c): maps coefficients of the rotated columns to those of
+    `white`.
+    `own`, `score`: (p * c,): squares and scores of the rotated columns.
+    `inside`: (p * c, K): projection of the rotated columns on the fit's columns.
     """
 
     poses: IntArray

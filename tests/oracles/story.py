@@ -117,7 +117,6 @@ def _reproducible(s: SessionSnapshot) -> SessionSnapshot:
             written,
             folder=FOLDER,
             parameters=FOLDER / "parameters.yaml",
-            poses=FOLDER / "poses.csv",
             sha256="9f3c" * 16,
         )
     messages = tuple(

@@ -82,13 +82,7 @@ def figure(subject: Subject, name: str) -> PaperFigure:
 
 
 def save_figures(subject: Subject, folder: Path) -> tuple[Path, ...]:
-    """Write all figures into a folder, as SVG and, if svglib is installed, PDF.
-
-    Raises
-    ------
-    WriteError
-        The folder cannot be written to.
-    """
+    """Write all figures into a folder, as SVG and, if svglib is installed, PDF; WriteError if that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -189,10 +183,6 @@ def drawings(subject: Subject) -> Mapping[str, Panels]:
     return {name: panels for name, panels in by_name.items() if panels is not None}
 
 
-def _residuals(subject: Subject, solution: Solution) -> Panels:
-    return Panels(pictures=calibration_plots.residuals(subject, solution.identified))
-
-
 def _parameters(subject: Subject, solution: Solution) -> Panels:
     """Return, per unit, a panel of the changes with their intervals and, beside it, a panel of the sigmas."""
     estimate, limits = solution.identified, intervals(solution.identified)
@@ -274,7 +264,9 @@ def _pair(pair: before_after.Pair | None) -> Panels | None:
 FIGURES: Mapping[str, Callable[[Subject, Solution], Panels | None]] = MappingProxyType(
     {
         "parameters": _parameters,
-        "residuals": _residuals,
+        "residuals": lambda subject, solution: Panels(
+            pictures=calibration_plots.residuals(subject, solution.identified)
+        ),
         "budget": _budget,
         "rvdt": _rvdt,
         "workspace": lambda subject, solution: _pair(

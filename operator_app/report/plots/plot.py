@@ -69,10 +69,14 @@ def axis(
         low, high = low - margin, high + margin
     room = 0.5 if whole else 0.06 * (high - low)
     low, high = low - room, high + room
-    step = _round_step((high - low) / 5, whole=whole)
+    ticks = _ticks(low, high, _round_step((high - low) / 5, whole=whole))
+    return Axis(label=label, unit=unit, low=low, high=high, ticks=ticks)
+
+
+def _ticks(low: float, high: float, step: float) -> tuple[float, ...]:
+    """Return the multiples of `step` from `low` to `high`."""
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    marks = tuple(k * step + 0.0 for k in range(first, last + 1))
-    return Axis(label=label, unit=unit, low=low, high=high, ticks=marks)
+    return tuple(k * step + 0.0 for k in range(first, last + 1))
 
 
 def map_axes(
@@ -88,19 +92,14 @@ def map_axes(
     width, height = across.high - across.low, up.high - up.low
     size = max(width, aspect * height)
     step = _round_step(size / 6.0, whole=False)
-    return (
-        _about(across, size, step),
-        _about(up, size / aspect, step),
-    )
+    return _about(across, size, step), _about(up, size / aspect, step)
 
 
 def _about(axis: Axis, size: float, step: float) -> Axis:
     """Return an axis of length `size` with the same middle as `axis`, and a tick at every `step`."""
     middle = 0.5 * (axis.low + axis.high)
     low, high = middle - 0.5 * size, middle + 0.5 * size
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    marks = tuple(k * step + 0.0 for k in range(first, last + 1))
-    return replace(axis, low=low, high=high, ticks=marks)
+    return replace(axis, low=low, high=high, ticks=_ticks(low, high, step))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -38,56 +38,49 @@ HEAD, FOOT = 16.0, 32.0
 BAR_HEIGHT, LEGEND = 13.0, 12.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Strip:
-    """One row of values about zero; `highlighted`: drawn in the warning colour.
+def corrections_by_joint(subject: Subject, estimate: Estimate | None) -> Html | None:
+    """Draw the corrections to each joint's readings that close the loops; None if the estimate has no corrections.
 
-    Attributes
-    ----------
-    values
-        One value for each position on the shared x axis.
-    band
-        Half-width of the shaded band about zero.
+    One row per joint over the pose numbers; each has its own scale, mrad, written at its right end.
     """
-
-    name: str
-    values: Sequence[float]
-    band: float
-    highlighted: bool = False
-
-
-def strips(x: Axis, at: Sequence[float], rows: Sequence[Strip]) -> Html:
-    """Draw corrections, mrad, over a common x axis; each row has its own scale, written at its right end."""
-    right, foot = RIGHT - SCALE_WIDTH, HEAD + ROW * len(rows)
-    head = f"full scale [±{CLOSURE_ANGLE.unit}]"
-    parts = [label(head, PLOT_WIDTH - 2.0, 10.0, class_="axis", anchor="end")]
-    for k, row in enumerate(rows):
+    if estimate is None or estimate.corrections is None:
+        return None
+    arm, joints, x = subject.procedure.arm, sensed_joints(subject), pose_axis(subject)
+    corrections = CLOSURE_ANGLE.per_si * estimate.corrections
+    noise, stated = CLOSURE_ANGLE.per_si * np.array([arm.sigma_rad(), stated_rad(arm)])
+    rms = np.sqrt(np.mean(corrections**2, axis=0))
+    right = RIGHT - SCALE_WIDTH
+    full_scale = f"full scale [±{CLOSURE_ANGLE.unit}]"
+    parts = [label(full_scale, PLOT_WIDTH - 2.0, 10.0, class_="axis", anchor="end")]
+    for k, j in enumerate(joints):
+        values, sd = corrections[:, j - 1].tolist(), float(noise[j - 1])
         top = HEAD + ROW * k
         middle, half = top + 0.5 * ROW, 0.5 * ROW - 3.0
-        reach = max([abs(v) for v in row.values if math.isfinite(v)] + [row.band, 1e-12])
-        band = half * row.band / reach
+        reach = max([abs(v) for v in values if math.isfinite(v)] + [sd, 1e-12])
+        band = half * sd / reach
         parts += [
             rectangle(NAME_WIDTH, middle - band, right - NAME_WIDTH, 2.0 * band, "band"),
             segment(NAME_WIDTH, middle, right, middle, "zero"),
             segment(2.0, top + ROW, PLOT_WIDTH - 2.0, top + ROW, "grid"),
-            label(row.name, 2.0, middle + 3.6, class_="legend"),
+            label(f"joint {j}", 2.0, middle + 3.6, class_="legend"),
             label(significant(reach, 2), PLOT_WIDTH - 2.0, middle + 3.6, anchor="end"),
         ]
-        colour = "c" if row.highlighted else "a"
-        for a, value in zip(at, row.values, strict=True):
-            x_at = x.place(a, NAME_WIDTH, right)
+        colour = "c" if 0.0 < CORRECTION_ODD * stated[j - 1] < rms[j - 1] else "a"
+        for pose, value in zip(subject.used, values, strict=True):
+            x_at = x.place(float(pose.number), NAME_WIDTH, right)
             y = middle - half * value / reach
             parts.append(segment(x_at, middle, x_at, y, f"stem {colour}"))
             parts.append(mark("dot", x_at, y, 1.7, colour))
-    parts += _x_axis(x, right, foot)
-    return picture(
+    foot = HEAD + ROW * len(joints)
+    drawn = picture(
         "corrections",
         "Corrections of the joint readings by pose, in mrad",
         "One row per joint, each on its own scale; shaded: one standard deviation of the joint's sensor. The table "
         "of joints has the same figures.",
         foot + FOOT,
-        parts,
+        [*parts, *_x_axis(x, right, foot)],
     )
+    return figure("Corrections that close the loops, joint by joint", drawn)
 
 
 def _x_axis(x: Axis, right: float, foot: float) -> list[Html]:
@@ -148,89 +141,43 @@ def bars(of: Bars) -> Drawn:
     return Drawn(foot + FOOT, (*parts, *_x_axis(of.x, RIGHT, foot)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Range:
-    """One row of a range chart: a range from `low` to `high`, and the `values` in it."""
-
-    name: str
-    low: float
-    high: float
-    values: Sequence[float]
-
-    @property
-    def covered(self) -> float:
-        """Distance between the outermost values, as a share of the range."""
-        return (max(self.values) - min(self.values)) / (self.high - self.low)
-
-
 COVERAGE = "Joint ranges and the part that the poses cover"
 
 
-def ranges(rows: Sequence[Range]) -> Html:
-    """Draw each range, deg, as a bar with a tick for each value; the ends of the range are written below the bar."""
+def coverage(subject: Subject) -> Html:
+    """Draw the range of each joint, deg, as a bar with a tick for each pose; the ends are written below the bar."""
+    joints, readings = subject.procedure.arm.joints, ANGLE.per_si * subject.readings_rad
     right = RIGHT - SCALE_WIDTH
     parts = [
         label(f"end of range [{ANGLE.unit}]", NAME_WIDTH, 10.0, class_="axis"),
         label("covered [%]", PLOT_WIDTH - 2.0, 10.0, class_="axis", anchor="end"),
     ]
-    for k, row in enumerate(rows):
-        top, shown = HEAD + ROW * k + 4.0, (row.low, row.high, *row.values)
-        scale = Axis(label="", unit="", low=min(shown), high=max(shown), ticks=())
-        low, high, *marks = (scale.place(v, NAME_WIDTH, right) for v in shown)
-        width = max(0.8, max(marks) - min(marks))
+    covered: list[float] = []
+    for k, joint in enumerate(joints):
+        lower, upper = ANGLE.per_si * joint.lower_rad, ANGLE.per_si * joint.upper_rad
+        values = readings[:, k].tolist()
+        least, most = min(values), max(values)
+        covered.append((most - least) / (upper - lower))
+        scale = Axis(
+            label="", unit=ANGLE.unit, low=min(lower, least), high=max(upper, most), ticks=()
+        )
+        low, high, start, end, *marks = (
+            scale.place(v, NAME_WIDTH, right) for v in (lower, upper, least, most, *values)
+        )
+        top = HEAD + ROW * k + 4.0
         parts += [
-            label(row.name, 2.0, top + 9.0, class_="legend"),
-            rectangle(min(marks), top, width, 11.0, "band"),
+            label(f"joint {k + 1}", 2.0, top + 9.0, class_="legend"),
+            rectangle(start, top, max(0.8, end - start), 11.0, "band"),
             rectangle(low, top, high - low, 11.0, "range"),
             *(segment(x, top, x, top + 11.0, "rug") for x in marks),
-            label(fixed(row.low, 0), low, top + 22.0),
-            label(fixed(row.high, 0), high, top + 22.0, anchor="end"),
-            label(fixed(100.0 * row.covered, 0), PLOT_WIDTH - 2.0, top + 9.0, anchor="end"),
+            label(fixed(lower, 0), low, top + 22.0),
+            label(fixed(upper, 0), high, top + 22.0, anchor="end"),
+            label(fixed(100.0 * covered[-1], 0), PLOT_WIDTH - 2.0, top + 9.0, anchor="end"),
         ]
-    least = min(rows, key=lambda row: row.covered)
     description = (
         "One bar per joint from end to end of its range, one tick per pose. "
-        f"{least.name.capitalize()} is covered least, {Figure(least.covered, SHARE, places=0).with_unit}."
+        f"Joint {covered.index(min(covered)) + 1} is covered least, "
+        f"{Figure(min(covered), SHARE, places=0).with_unit}."
     )
-    return picture("coverage", COVERAGE, description, HEAD + ROW * len(rows) + 4.0, parts)
-
-
-def corrections_by_joint(subject: Subject, estimate: Estimate | None) -> Html | None:
-    """Draw the corrections to each joint's readings that close the loops; None if the estimate has no corrections."""
-    if estimate is None or estimate.corrections is None:
-        return None
-    values = CLOSURE_ANGLE.per_si * estimate.corrections
-    arm = subject.procedure.arm
-    noise, stated = CLOSURE_ANGLE.per_si * np.array([arm.sigma_rad(), stated_rad(arm)])
-    rms = np.sqrt(np.mean(values**2, axis=0))
-    return figure(
-        "Corrections that close the loops, joint by joint",
-        strips(
-            pose_axis(subject),
-            [float(p.number) for p in subject.used],
-            [
-                Strip(
-                    name=f"joint {j}",
-                    values=values[:, j - 1].tolist(),
-                    band=float(noise[j - 1]),
-                    highlighted=bool(0.0 < CORRECTION_ODD * stated[j - 1] < rms[j - 1]),
-                )
-                for j in sensed_joints(subject)
-            ],
-        ),
-    )
-
-
-def coverage(subject: Subject) -> Html:
-    """Draw the range of each joint and the part of it that the poses cover."""
-    scale, readings = ANGLE.per_si, ANGLE.per_si * subject.readings_rad
-    rows = [
-        Range(
-            name=f"joint {j}",
-            low=scale * joint.lower_rad,
-            high=scale * joint.upper_rad,
-            values=readings[:, j - 1].tolist(),
-        )
-        for j, joint in enumerate(subject.procedure.arm.joints, 1)
-    ]
-    return figure(COVERAGE, ranges(rows))
+    height = HEAD + ROW * len(joints) + 4.0
+    return figure(COVERAGE, picture("coverage", COVERAGE, description, height, parts))

@@ -9,6 +9,7 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -137,12 +138,11 @@ class ImportedSession:
         lines = format_lines((replace(opened, data={**opened.data, "order": order}), *others))
         path = folder / JOURNAL_NAME
         remedy = "choose a folder with free space and write permission"
-        with os_errors_as_journal_errors(f"cannot write {path}", remedy):
-            try:
-                folder.mkdir(parents=True, exist_ok=True)
-                write_new_file(path, b"".join(lines))
-            except FileExistsError:
-                replace_session(folder, lines, self._events, overwrite=overwrite, stale=stale)
+        with os_errors_as_journal_errors(f"cannot write {path}", remedy), suppress(FileExistsError):
+            folder.mkdir(parents=True, exist_ok=True)
+            write_new_file(path, b"".join(lines))
+            return folder
+        replace_session(folder, lines, self._events, overwrite=overwrite, stale=stale)
         return folder
 
     def _record(self, name: str, data: Mapping[str, Any]) -> None:

@@ -1,13 +1,27 @@
 """Ctrl-C at any point of a wait in the caller's thread never blocks the thread that receives and controls."""
 
+import gc
 import sys
 import threading
 from collections.abc import Callable
 
+import pytest
+
 from hardware.canopen.sdo import ObjectAccess
-from hardware.control import tasks
-from hardware.control.tasks import LoopTask
+from hardware.control import motion_steps, tasks
+from hardware.control.tasks import LoopTask, Steps
 from hardware.errors import HardwareError
+from tests.hardware.fake_arm import FakeArmBus
+from tests.hardware.on_fake_bus import make
+
+
+@pytest.fixture(autouse=True)
+def uncollected():
+    """Without garbage collection: an interrupt would hit the `__del__` of an object of an earlier test."""
+    gc.collect()
+    gc.disable()
+    yield
+    gc.enable()
 
 
 def interrupted_at(opcode: int, work: Callable[[], object]) -> bool:
@@ -42,18 +56,41 @@ def ends(work: Callable[[], object]) -> bool:
     return not thread.is_alive()
 
 
+def ended() -> bool:
+    return False
+
+
 def test_interrupted_wait_for_a_task_does_not_block_its_end(monkeypatch):
     monkeypatch.setattr(tasks, "_ALIVE_POLL_S", 1e-3)
-    ended = threading.Thread()  # the wait ends after one poll
     opcode = 1
     while True:
         task = LoopTask(_ for _ in ())
-        if not interrupted_at(opcode, lambda task=task: task.wait(ended)):
+        if not interrupted_at(opcode, lambda task=task: task.wait(ended)):  # after one poll
             break
         assert ends(lambda task=task: task.finish(result=1)), opcode
         assert task.wait(ended)
         opcode += 1
     assert opcode > 20
+
+
+def test_interrupted_command_ends_at_rest_and_the_connection_stays(monkeypatch):
+    monkeypatch.setattr(tasks, "_ALIVE_POLL_S", 1e-4)
+    bus = FakeArmBus()
+    arm = make(bus)
+    arm.connect()
+    loop = arm._link.loop
+
+    def steps() -> Steps[None]:
+        while loop.alarm() is None:
+            yield None
+
+    try:
+        for opcode in range(1, 200):
+            assert interrupted_at(opcode, lambda: loop.run(steps()))
+            assert not loop._tasks, opcode
+        assert loop.run(motion_steps.capture(arm._link, 1)).samples == 1
+    finally:
+        arm.close()
 
 
 def test_interrupted_sdo_access_does_not_block_the_next_answer():

@@ -162,6 +162,16 @@ def test_saving_again_replaces_only_our_files_of_the_same_data(result, tmp_path,
     assert parameters == other.to_json()["parameters"]
 
 
+def test_outdated_file_that_cannot_be_removed_is_named(result, tmp_path):
+    folder = result.save(tmp_path / "mine")
+    before = (folder / "journal.jsonl").read_bytes()
+    (folder / "poses.csv").unlink()
+    (folder / "poses.csv").mkdir()
+    with pytest.raises(OSError, match=r"poses\.csv"):
+        result.save(folder)
+    assert (folder / "journal.jsonl").read_bytes() == before
+
+
 def test_captured_or_edited_sessions_are_not_overwritten(result, tmp_path, monkeypatch):
     """A session of an arm, one with notes, one in use, and a damaged one."""
     monkeypatch.chdir(tmp_path)

@@ -5,9 +5,12 @@ import re
 from dataclasses import replace
 
 import pytest
+from textual import events
+from textual.widgets import Button, Input, OptionList
 
 from operator_app.session.ui.snapshot import TaskKind
 from operator_app.session.ui.steps import Step
+from operator_app.session.ui.user_interface import OneOf, Typed, YesNo
 from operator_app.tui.dialogs import Ask, Choose, Confirm
 from tests.oracles.still_runner import entry
 from tests.oracles.story import busy, real, stale, story
@@ -343,3 +346,23 @@ async def test_remounting_instructions_fit_the_screen(still, size):
         for words in ("placement 2", "drives are still on", "1. Secure the arm", "2. Take", "hinge off the table",
                     "3. Mount", "4. Move the arm to its home", "5. Only then", "Release the arm"):  # fmt: skip
             assert words in shown
+
+
+@pytest.mark.parametrize(
+    ("question", "widget"),
+    [
+        (YesNo(title="Question", text="Go on?", yes="Yes"), Button),
+        (Typed(title="Question", text="Which reason?"), Input),
+        (OneOf(title="Question", text="Which one?", options=(("a", "A"),)), OptionList),
+    ],
+    ids=("confirm", "ask", "choose"),
+)
+async def test_dialog_opened_in_a_terminal_in_the_background_has_the_focus(still, question, widget):
+    async with still(story()["start"]) as d:
+        d.app._driver.process_message(events.AppBlur())
+        await d.settle()
+        d.app.interface.ask(question, print)
+        await d.settle()
+        d.app._driver.process_message(events.AppFocus())
+        await d.settle()
+        assert isinstance(d.app.screen.focused, widget)

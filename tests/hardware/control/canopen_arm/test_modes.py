@@ -74,7 +74,7 @@ def test_unreached_mode_raises_mode_not_reached(arm, bus):
     bus.drives[3].follows_mode = False
     with pytest.raises(ModeNotReached) as error:
         arm.set_modes(TWO_DRIVEN)
-    assert (error.value.joint, error.value.requested, error.value.actual) == (3, "free", "position")
+    assert (error.value.joint, error.value.wanted, error.value.actual) == (3, "free", "position")
 
 
 def test_set_modes_requires_enabled_drives(arm):

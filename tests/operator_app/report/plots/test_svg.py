@@ -2,13 +2,15 @@
 
 import math
 import xml.etree.ElementTree as ET
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from operator_app.report.plots.plot import Band, Marks, Picture, Polyline, axis
-from operator_app.report.plots.strips import Range, Strip, ranges, strips
+from operator_app.report.plots.strips import corrections_by_joint, coverage
 from operator_app.report.plots.svg import plot
 
 NUMBERS = st.floats(-1e9, 1e9, allow_nan=False).filter(lambda v: v == 0.0 or abs(v) > 1e-9)
@@ -94,17 +96,24 @@ def test_band_is_clipped_to_the_frame():
     assert top + height == pytest.approx(float(frame.get("y1", "nan")), abs=0.02)
 
 
-def test_strips_scale_each_row_by_its_maximum():
-    svg = parse(
-        strips(
-            axis("pose", [1.0, 2.0], whole=True),
-            [1.0, 2.0],
-            [
-                Strip(name="joint 1", values=[0.0, 0.0], band=0.5),
-                Strip(name="joint 2", values=[-8.0, 4.0], band=0.5, highlighted=True),
-            ],
-        )
+def test_corrections_scale_each_row_by_its_maximum():
+    nothing = np.zeros(2)
+    arm = SimpleNamespace(
+        joints=[SimpleNamespace(sensor=None)] * 2,
+        sigma_rad=lambda: np.full(2, 0.5e-3),
+        linearity_rad=lambda: nothing,
+        gain_rad=lambda: nothing,
+        accuracy_rad=nothing,
+        backlash_rad=nothing,
+        sag_rad=nothing,
     )
+    subject = SimpleNamespace(
+        procedure=SimpleNamespace(arm=arm),
+        used=[SimpleNamespace(number=1), SimpleNamespace(number=2)],
+        unsensed_joints=(),
+    )
+    estimate = SimpleNamespace(corrections=np.array([[0.0, -8e-3], [0.0, 4e-3]]))
+    svg = parse(corrections_by_joint(subject, estimate))  # type: ignore[arg-type]
     words = [e.text for e in svg.iter("text")]
     assert "0.50" in words
     assert "8.0" in words
@@ -115,19 +124,27 @@ def test_strips_scale_each_row_by_its_maximum():
     # -8 lies below zero twice as far as 4 lies above it.
     assert dots[2][0] - middle == pytest.approx(2.0 * (middle - dots[3][0]), abs=0.05)
     assert dots[2][0] > middle
+    assert {class_ for _, class_ in dots[:2]} == {"mark a"}
     assert {class_ for _, class_ in dots[2:]} == {"mark c"}
 
 
-def test_ranges_show_covered_share_and_values_beyond():
-    row = Range(name="joint 1", low=-10.0, high=30.0, values=[0.0, 10.0])
-    assert row.covered == 0.25
-    svg = parse(ranges([row]))
+def coverage_plot(low_deg: float, high_deg: float, readings_deg: list[float]) -> ET.Element:
+    joint = SimpleNamespace(lower_rad=math.radians(low_deg), upper_rad=math.radians(high_deg))
+    subject = SimpleNamespace(
+        procedure=SimpleNamespace(arm=SimpleNamespace(joints=[joint])),
+        readings_rad=np.radians(readings_deg)[:, np.newaxis],
+    )
+    return parse(coverage(subject))  # type: ignore[arg-type]
+
+
+def test_coverage_shows_covered_share_and_values_beyond_the_range():
+    svg = coverage_plot(-10.0, 30.0, [0.0, 10.0])
     words = [e.text for e in svg.iter("text")]
     assert words[:2] == ["end of range [deg]", "covered [%]"]
     assert {"\u221210", "25"} <= set(words)
     covered, full = (float(b.get("width", "nan")) for b in svg.iter("rect"))
     assert covered == pytest.approx(0.25 * full, abs=0.02)
-    svg = parse(ranges([Range(name="joint 2", low=-10.0, high=10.0, values=[-30.0, 5.0])]))
+    svg = coverage_plot(-10.0, 10.0, [-30.0, 5.0])
     covered, frame = list(svg.iter("rect"))
     start, width = float(covered.get("x", "nan")), float(covered.get("width", "nan"))
     assert start == 74.0

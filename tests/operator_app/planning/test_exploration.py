@@ -1,0 +1,21 @@
+"""The box of the drive joints."""
+
+import numpy as np
+import pytest
+
+from operator_app.planning.exploration import Box
+
+
+def box(lower_rad: tuple[float, ...], upper_rad: tuple[float, ...]) -> Box:
+    return Box(joints=(1, 3), centre_rad=(0.0, 0.0), lower_rad=lower_rad, upper_rad=upper_rad)
+
+
+def test_distance_from_the_box_is_zero_inside():
+    beyond = box((-0.5, -1.2), (0.8, 0.0)).beyond_rad(np.array([1.0, 9.0, -0.3]))
+    assert beyond == pytest.approx([0.2, 0.0])
+
+
+def test_every_position_is_outside_an_empty_box():
+    # As for joints that start 0.9 rad beyond the end of their range.
+    empty = box((1.7, 1.7), (0.9, 0.9))
+    assert empty.beyond_rad(np.array([0.9, 9.0, 1.3])) == pytest.approx([0.8, 0.4])

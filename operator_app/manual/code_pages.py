@@ -57,18 +57,16 @@ def file_page(kind: FileKind) -> str:
         ),
     ]
     if kind in EXAMPLES:
-        blocks += list(_example(kind))
-    for name in [*tops, *(name for name in models if name not in tops)]:
-        blocks += list(_model(name, models[name], models))
+        blocks += _example(kind)
+    for name in dict.fromkeys((*tops, *models)):
+        blocks += _model(name, models[name], models)
     return "\n\n".join(blocks) + "\n"
 
 
-def _example(kind: str) -> Iterator[str]:
-    known: Any = kind
-    names = ", ".join(f"`{name}`" for name in builtin_names(known))
-    yield f"Built-in: {names}."
+def _example(kind: Any) -> Iterator[str]:
+    yield f"Built-in: {', '.join(f'`{name}`' for name in builtin_names(kind))}."
     yield f"## The built-in {EXAMPLES[kind]}"
-    yield f"```yaml\n{resolve(known, EXAMPLES[kind]).data.decode().rstrip()}\n```"
+    yield f"```yaml\n{resolve(kind, EXAMPLES[kind]).data.decode().rstrip()}\n```"
 
 
 def _model(name: str, model: Mapping[str, Any], models: Mapping[str, Any]) -> Iterator[str]:
@@ -139,10 +137,10 @@ def _type(spec: Mapping[str, Any], models: Mapping[str, Any]) -> str:
 def _number(spec: Mapping[str, Any], word: str) -> str:
     low, high = spec.get("minimum"), spec.get("maximum")
     above = spec.get("exclusiveMinimum")
-    if low is not None and high is not None:
-        return f"{word}, {low:g} to {high:.10g}"
+    limit = "" if high is None else f" to {high:.10g}"
+    if low is not None and limit:
+        return f"{word}, {low:g}{limit}"
     if above is not None and (low is None or low <= above):
-        limit = f" to {high:.10g}" if high is not None else ""
         return f"{word} above {above:g}{limit}"
     return f"{word}, at least {low:g}" if low is not None else word
 
@@ -213,21 +211,15 @@ def faults_page() -> str:
                 "the start; the others begin after 1000 SYNCs. `--fault-sync N` changes that; 0 is from the start. "
                 "An upload that meets a fault either completes, or the parameters that were active stay active."
             ),
-            table(head, _faults(FAULTS)),
+            table(head, ((f"`{name}`", *_fault(fault)) for name, fault in FAULTS.items())),
             "## Where the operator sits",
-            table(head, _faults(OPERATOR_SIDE, code=False)) + "\n",
+            table(head, ((name, *_fault(fault)) for name, fault in OPERATOR_SIDE.items())) + "\n",
         )
     )
 
 
-def _faults(faults: Mapping[str, FaultDescription], *, code: bool = True) -> list[tuple[str, ...]]:
-    return [
-        (
-            f"`{name}`" if code else name,
-            *(fault.broken, fault.symptom(), fault.does(), fault.kept, fault.remedy),
-        )
-        for name, fault in faults.items()
-    ]
+def _fault(fault: FaultDescription) -> tuple[str, ...]:
+    return fault.broken, fault.symptom(), fault.does(), fault.kept, fault.remedy
 
 
 def objects_page() -> str:
@@ -252,13 +244,10 @@ def _objects(product: int) -> Iterator[tuple[str, ...]]:
     entries = variables(product_dictionary(product, 0))
     for (index, sub), entry in sorted(entries.items()):
         place = f"{index:04X}h sub {sub}" if sub else f"{index:04X}h"
+        parent = getattr(entry.parent, "name", "")
+        name = f"{parent}: {entry.name}" if parent else entry.name
         kind = TYPES.get(int(entry.data_type or 0), "").replace("_", " ").lower()
-        yield f"`{place}`", _name(entry), kind, entry.access_type, _default(entry)
-
-
-def _name(entry: ODVariable) -> str:
-    parent = getattr(entry.parent, "name", "")
-    return f"{parent}: {entry.name}" if parent else entry.name
+        yield f"`{place}`", name, kind, entry.access_type, _default(entry)
 
 
 def _default(entry: ODVariable) -> str:

@@ -132,13 +132,7 @@ class Manual:
         return next(section[topic] for section in SECTIONS.values() if topic in section)
 
     def page(self, topic: str) -> Page:
-        """Return a page.
-
-        Raises
-        ------
-        NoSuchTopicError
-            There is no page with this name.
-        """
+        """Return a page; NoSuchTopicError if there is none with this name."""
         name = topic.strip().lower().removesuffix(".md")
         if name not in self.topics:
             raise NoSuchTopicError(topic, self.topics)
@@ -152,12 +146,11 @@ def _written(topic: str) -> str:
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a Markdown table; line breaks in a cell become spaces."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(map(_cell, line))} |" for line in lines)
-
-
-def _cell(text: str) -> str:
-    return " ".join(text.split()).replace("|", "\\|")
+    lines = (
+        [" ".join(cell.split()).replace("|", "\\|") for cell in line]
+        for line in (head, ["---"] * len(head), *rows)
+    )
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
 
 
 GENERATED = (

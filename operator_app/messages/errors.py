@@ -36,7 +36,7 @@ from hardware.errors import (
 from operator_app.config.errors import ConfigError, WriteError
 from operator_app.config.procedure import Procedure
 from operator_app.errors import COMMAND_WORDS, SessionError
-from operator_app.units import REACH
+from operator_app.units import REACH, plural
 from solver.errors import SolverError, TooFewPosesError, UnidentifiableError
 
 EXPECTED = (SessionError, HardwareError, SolverError, FixtureError, ConfigError, WriteError)
@@ -150,10 +150,9 @@ def summary(procedure: Procedure) -> str:
     drives = "drive joints by rank"
     if joints is not None:
         drives = f"J{' J'.join(map(str, joints))} drive{'s' if len(joints) == 1 else ''}"
-    poses = f"{capture.poses} explored poses"
-    if capture.strategy == "planned":
-        poses = f"{capture.poses} planned poses after a short exploration"
-    return f"{procedure.name}: {procedure.fixture.name}, {drives}, {poses}"
+    planned = capture.strategy == "planned"
+    poses = "planned poses after a short exploration" if planned else "explored poses"
+    return f"{procedure.name}: {procedure.fixture.name}, {drives}, {capture.poses} {poses}"
 
 
 def _capital(text: str) -> str:
@@ -181,25 +180,19 @@ def configured_words(identity: ArmIdentity) -> str:
     """Return the sentence on drive objects that were changed as the bus profile requires; "" if none were."""
     zeroed = identity.zeroed
     pdos = tuple(text for text in identity.configured if text not in zeroed)
+    until = "configured as the bus profile requires (until the next connection or power cycle)"
     parts = [
-        f"{len(changed)} {what}{'s' if len(changed) > 1 else ''} {'were' if len(changed) > 1 else 'was'} {how}: "
-        f"{changed[0]}"
-        f"{f'; and {len(changed) - 1} more' if len(changed) > 1 else ''}. "
+        f"{plural(len(changed), what)} {'were' if len(changed) > 1 else 'was'} {how}: {changed[0]}"
+        f"{f'; and {len(changed) - 1} more' if len(changed) > 1 else ''}."
         for changed, what, how in (
-            (
-                pdos,
-                "PDO",
-                "configured as the bus profile requires (until the next connection or power cycle)",
-            ),
+            (pdos, "PDO", until),
             (zeroed, "torque or offset", "set to 0 and will not be restored"),
         )
         if changed
     ]
-    return (
-        f"Changed in the drives: {''.join(parts)}The session's journal lists all changes"
-        if parts
-        else ""
-    )
+    if not parts:
+        return ""
+    return f"Changed in the drives: {' '.join(parts)} The session's journal lists all changes"
 
 
 def by_hand_words(targets_rad: Mapping[int, float]) -> str:

@@ -40,13 +40,7 @@ CSV_HEADER = ("parameter", "side", "unit", "nominal", "value", "sigma")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """Content of an export.
-
-    Attributes
-    ----------
-    forced
-        Reason for using a calibration that was not accepted; empty if the calibration was accepted.
-    """
+    """Content of an export; `forced`: reason for using a calibration that was not accepted, empty if it was."""
 
     solution: Solution
     checks: Checks | None
@@ -122,10 +116,7 @@ def _csv(calibration: Calibration) -> bytes:
 def into_description(calibration: Calibration, data: bytes, file: str) -> bytes:
     """Return the user's own URDF, xacro or UR kinematics file with the calibration in its joint origins.
 
-    Raises
-    ------
-    ConfigError
-        The file cannot be read, or describes another arm.
+    Raises ConfigError if the file cannot be read, or describes another arm.
     """
     own = set(calibration.by_itself.identified)
     figures = [

@@ -63,14 +63,8 @@ CONDITION_PAPER = 28
 class Facts:
     """The facts of a calibration, most important first.
 
-    Attributes
-    ----------
-    verdict, reasons
-        The verdict in words, and the reasons why the calibration is not accepted.
-    causes
-        Possible faults, the most probable first.
-    data
-        Content of the JSON object without the tables' figures.
+    `verdict`, `reasons`: the verdict in words, and why the calibration is not accepted. `causes`: possible faults, the
+    most probable first. `data`: content of the JSON object without the tables' figures.
     """
 
     accepted: bool
@@ -101,12 +95,8 @@ def facts_of(
 ) -> Facts:
     """Return the facts of a calibration.
 
-    Parameters
-    ----------
-    checks
-        Cross-validation and jackknife; None if they were not computed.
-    captured
-        Number of captured poses, including unused ones; None if all were used.
+    `checks`: cross-validation and jackknife, None if they were not computed. `captured`: number of captured poses,
+    including unused ones, None if all were used.
     """
     estimate, beside = solution.identified, solution.beside
     diverged = solution.adjudication.diverged

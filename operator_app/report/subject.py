@@ -31,18 +31,10 @@ if TYPE_CHECKING:
 class Subject:
     """The content of a report, before it is rendered.
 
-    Attributes
-    ----------
-    solution
-        The calibration; None if the poses do not determine every parameter, see `unidentifiable`.
-    checks
-        Cross-validation and jackknife of the solution; None if they were not computed.
-    recalculated_because
-        Reason why the poses were solved again; empty if the solution is from the journal.
-    last_utc, events, torn
-        Time of the journal's last event, number of events, and text about an incomplete line dropped from its end.
-    simulated
-        Whether the drives report that they are virtual.
+    `solution`: the calibration; None if the poses do not determine every parameter, see `unidentifiable`. `checks`:
+    cross-validation and jackknife, None if not computed. `recalculated_because`: why the poses were solved again; empty
+    if the solution is from the journal. `last_utc`, `events`, `torn`: time of the journal's last event, number of
+    events, and text about an incomplete line dropped from its end. `simulated`: the drives are virtual, as they report.
     """
 
     name: str
@@ -138,30 +130,23 @@ def subject_of_session(
     name: str,
     events: Sequence[JournalEvent],
     procedure: Procedure,
-    found: StoredCalibration | None,
+    calibration: StoredCalibration | None,
     *,
     torn: str = "",
     unidentifiable: UnidentifiableError | None = None,
 ) -> Subject:
-    """Return the subject of a session, from the events of its journal.
+    """Return the subject of a session, from the events of its journal and its procedure with the connected arm.
 
-    Parameters
-    ----------
-    procedure
-        Procedure of the session, with the connected arm.
-    found
-        Calibration of the session; None if the poses do not determine every parameter.
-    unidentifiable
-        Error with the undetermined parameters; None if all are determined.
+    `calibration` is None if the poses do not determine every parameter; `unidentifiable` is then the error.
     """
     return Subject(
         name=name,
         procedure=procedure,
         state=replay(events),
-        solution=None if found is None else found.solution,
-        checks=None if found is None else found.checks,
+        solution=None if calibration is None else calibration.solution,
+        checks=None if calibration is None else calibration.checks,
         unidentifiable=unidentifiable,
-        recalculated_because="" if found is None else found.recalculated_because,
+        recalculated_because="" if calibration is None else calibration.recalculated_because,
         last_utc=events[-1].utc,
         events=len(events),
         torn=torn,

@@ -18,20 +18,10 @@ def shown(cell: Cell) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column of a table.
+    """One column of a table, with a title, and a unit in brackets.
 
-    Attributes
-    ----------
-    title, unit
-        Header, with the unit in brackets.
-    words
-        Whether the cells are text, aligned to the left.
-    group
-        Header above neighbouring columns that belong together.
-    detail
-        Whether only the HTML page shows the column.
-    summary
-        Whether the column replaces detail columns where there is no room for them.
+    `words`: the cells are text, aligned to the left. `group`: header above neighbouring columns that belong together.
+    `detail`: only the HTML page shows the column. `summary`: the column replaces detail columns where there is no room.
     """
 
     title: str
@@ -56,16 +46,9 @@ def figures(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FactTable:
-    """Rows of facts.
+    """Rows of facts; `ident` is used in links, `title` is the caption.
 
-    Attributes
-    ----------
-    ident, title
-        Name used in links, and caption.
-    detail
-        Whether only the HTML page shows the table.
-    out
-        Indices of rows that are not used, shown dimmed.
+    `detail`: only the HTML page shows the table. `out`: indices of rows that are not used, shown dimmed.
     """
 
     ident: str

@@ -28,12 +28,7 @@ _ASCII_MARK = {"text": "*", "dim": ".", "accent": "o", "warn": "!", "alarm": "!"
 class Canvas:
     """Dots and letters on a grid of cells; the origin is at the top left, y goes down.
 
-    Parameters
-    ----------
-    columns, rows
-        Width and height in cells.
-    ascii_only
-        Use one ASCII mark per cell instead of braille dots.
+    `ascii_only`: one ASCII mark per cell instead of braille dots.
     """
 
     def __init__(self, columns: int, rows: int, *, ascii_only: bool) -> None:
@@ -76,9 +71,8 @@ class Canvas:
 
     def blob(self, x: float, y: float, role: str = "text") -> None:
         """Set a square of 2 x 2 dots."""
-        for dx in (0, 1):
-            for dy in (0, 1):
-                self.dot(x + dx, y + dy, role)
+        for dx, dy in product((0, 1), repeat=2):
+            self.dot(x + dx, y + dy, role)
 
     def letter(self, x: float, y: float, text: str, role: str = "text") -> None:
         """Write text into cells, starting at the cell that contains the dot (x, y)."""
@@ -102,8 +96,7 @@ class Canvas:
         return out
 
     def _cell(self, row: int, column: int) -> tuple[str, str]:
-        letter = self._letters.get((row, column))
-        if letter is not None:
+        if letter := self._letters.get((row, column)):
             return letter
         bits, role = self._bits[row][column], self._roles[row][column]
         if not bits:
@@ -135,15 +128,8 @@ def region_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
         plane.way(pose)
     plane.mark(shown.plan.manifold.q[0], "S")
     omitted = [n for n, pose in enumerate(shown.poses, 1) if not plane.mark(pose.q_rad, str(n))]
-    return [*plane.lines(), *_omitted_lines(omitted)]
-
-
-def _omitted_lines(omitted: Sequence[int]) -> list[str]:
-    """Return lines that list the poses whose number is not in the drawing; empty if there are none."""
-    if not omitted:
-        return []
-    text = f"Poses not numbered, for lack of room: {names(omitted)}."
-    return wrap(text, COLUMNS, initial_indent="  ", subsequent_indent="  ")
+    text = f"Poses not numbered, for lack of room: {names(omitted)}." if omitted else ""
+    return [*plane.lines(), *wrap(text, COLUMNS, initial_indent="  ", subsequent_indent="  ")]
 
 
 def coverage_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
@@ -168,13 +154,7 @@ def coverage_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
 
 
 class Plane:
-    """The plane of two joints' angles on a canvas.
-
-    Parameters
-    ----------
-    across, up
-        Joints (from 0) along the two axes.
-    """
+    """The plane of two joints' angles on a canvas; `across`, `up`: joints (from 0) along the two axes."""
 
     def __init__(self, shown: Preview, across: int, up: int, *, ascii_only: bool) -> None:
         self._canvas = Canvas(COLUMNS, BAR_ROWS, ascii_only=ascii_only)
@@ -194,12 +174,9 @@ class Plane:
 
     def way(self, pose: PlannedPose) -> None:
         """Draw the path to a pose."""
-        if pose.route is None:
-            return
-        for leg in pose.route:
-            points = [self._at(q) for q in leg.trace_rad]
-            for (x0, y0), (x1, y1) in pairwise(points):
-                self._canvas.segment(x0, y0, x1, y1)
+        for leg in pose.route or ():
+            for start, end in pairwise(map(self._at, leg.trace_rad)):
+                self._canvas.segment(*start, *end)
 
     def mark(self, q_rad: FloatArray, text: str) -> bool:
         """Write a label at a pose, or beside it if there is already a label; false if there is no room for it."""

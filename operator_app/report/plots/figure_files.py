@@ -55,16 +55,9 @@ class PaperFigure:
         return self.svg
 
     def savefig(self, path: str | PathLike[str]) -> None:
-        """Write the figure to a file whose name ends in ``.svg`` or ``.pdf``.
+        """Write the figure to a file whose name ends in ``.svg`` or ``.pdf`` (ValueError: it has another ending).
 
-        Raises
-        ------
-        ValueError
-            The name has another ending.
-        SessionError
-            A PDF is requested and svglib is not installed.
-        WriteError
-            The file cannot be written.
+        Raises SessionError if a PDF is requested and svglib is not installed, WriteError if the file cannot be written.
         """
         ending = Path(path).suffix.removeprefix(".").lower()
         if ending not in ENDINGS:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from math import radians
+from typing import NamedTuple
 
 from operator_app import units
 from operator_app.messages.finding import Finding, NamedSize
@@ -16,15 +17,9 @@ LISTED = 4
 """How many parameters a message lists."""
 
 
-def words(finding: Finding) -> tuple[str, str]:
-    """Return the text and the remedy of a finding."""
-    fields = _Fields(finding)
-    return finding.kind.text.format_map(fields), finding.kind.remedy.format_map(fields)
-
-
-def brief(finding: Finding) -> str:
-    """Return the text of a finding for a small panel; for an RVDT, the verdict without figures."""
-    return finding.kind.brief.format_map(_Fields(finding)) or finding.sentence
+def filled(template: str, finding: Finding) -> str:
+    """Return a template of a finding's kind with the values of the finding."""
+    return template.format_map(_Fields(finding))
 
 
 def poses_named(labels: tuple[str, ...]) -> str:
@@ -61,12 +56,6 @@ SOURCE_REMEDIES = {
 }
 """Remedies by source of error without the joint's number; the remedy of "" is for all other sources."""
 
-_HOLDS_ONLY = (
-    ". No file states how well {fixed} is known: the stated tool accuracy holds only if the fixed value is right; "
-    "otherwise the tool is also off by {rates}"
-)
-
-
 OWN_FORMATS = {
     "ANGLE": units.Kind(units.ANGLE, digits=2),
     "LENGTH": units.Kind(units.LENGTH, digits=2),
@@ -76,27 +65,21 @@ OWN_FORMATS = {
 }
 
 
-class _Amount(float):
+class _Amount(NamedTuple):
     """A value (SI units) for a template; its format specification is the name of a `Kind`.
 
     ``A|B``: A for angles, B for lengths.
     """
 
+    value: float
     angle: bool
-
-    @classmethod
-    def of(cls, value: float, unit: str) -> _Amount:
-        """Return a finding's value; `unit` "rad" marks it as an angle."""
-        amount = cls(value)
-        amount.angle = unit == "rad"
-        return amount
 
     def __format__(self, spec: str) -> str:
         if spec == "d":
-            return str(int(self))
+            return str(int(self.value))
         name = spec.split("|")[0 if self.angle else -1]
         kind = OWN_FORMATS.get(name) or getattr(units, name)
-        return str(kind.not_zero(float(self)).with_unit)
+        return str(kind.not_zero(self.value).with_unit)
 
 
 class _Choice(int):
@@ -111,13 +94,12 @@ class _Fields(dict[str, object]):
 
     def __init__(self, finding: Finding) -> None:
         figures = {"size": finding.size, "sigma": finding.sigma, **finding.figures}
-        super().__init__(
-            {k: _Amount.of(v, finding.unit) for k, v in figures.items() if v is not None}
-        )
-        self._found = finding
+        angle = finding.unit == "rad"
+        super().__init__({k: _Amount(v, angle) for k, v in figures.items() if v is not None})
+        self._finding = finding
 
     def __missing__(self, name: str) -> object:
-        return FIELDS[name](self._found)
+        return FIELDS[name](self._finding)
 
 
 def fixed_briefly(offsets: tuple[str, ...]) -> str:
@@ -133,11 +115,14 @@ def _holds(f: Finding) -> str:
     """Return the sentence on errors of fixed offsets; `f.figures`: tool error per offset error, m/rad, by offset."""
     if not f.figures:
         return ""
-    rates = (
+    rates = ", ".join(
         f"{Figure(rate * radians(1.0), CLOSURE_LENGTH).with_unit} rms for each degree of error in {name}"
         for name, rate in f.figures.items()
     )
-    return _HOLDS_ONLY.format(fixed=", ".join(f.figures), rates=", ".join(rates))
+    return (
+        f". No file states how well {', '.join(f.figures)} is known: the stated tool accuracy holds only if the "
+        f"fixed value is right; otherwise the tool is also off by {rates}"
+    )
 
 
 def _releasing(f: Finding) -> str:

@@ -102,25 +102,24 @@ class Finding:
     @property
     def text(self) -> str:
         """The text of the finding."""
-        from operator_app.messages.calibration import words
-
-        return words(self)[0]
+        return self._filled(self.kind.text)
 
     @property
     def remedy(self) -> str:
         """The remedy; empty if the text is sufficient."""
-        from operator_app.messages.calibration import words
-
-        return words(self)[1]
+        return self._filled(self.kind.remedy)
 
     @property
     def brief(self) -> str:
         """The sentence or, if it is long, a short form for a small panel."""
-        from operator_app.messages.calibration import brief
-
-        return brief(self)
+        return self._filled(self.kind.brief) or self.sentence
 
     @property
     def sentence(self) -> str:
         """Text and remedy together."""
         return ": ".join(part for part in (self.text, self.remedy) if part)
+
+    def _filled(self, template: str) -> str:
+        from operator_app.messages.calibration import filled
+
+        return filled(template, self)

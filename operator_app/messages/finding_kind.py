@@ -10,11 +10,10 @@ drift}`` is the first text if the finding is certain, ``{several:do|does}`` if i
 from __future__ import annotations
 
 from enum import Enum
-from typing import Self
+from typing import NamedTuple, Self
 
 _FIX_BOLTS = "tighten its bolts and check for play; otherwise state its compliance (key give) in the fixture file"
 _UNSENSED = "calibrate with --unsensed {joint}"
-_NEARER = "take more poses that differ more from each other, or state nominal values closer to the true ones"
 _REPEAT_JOINT = (
     "check the coupling and cable of joint {joint}'s sensor (count loss, a slipped coupling), home the joint and "
     "take all poses again"
@@ -55,6 +54,15 @@ _NOT_REPEATED = (
 )
 
 
+class _Message(NamedTuple):
+    """Code and templates of one kind."""
+
+    code: str
+    text: str
+    remedy: str = ""
+    brief: str = ""
+
+
 class FindingKind(Enum):
     """Kind of a finding.
 
@@ -81,526 +89,484 @@ class FindingKind(Enum):
         return member
 
     # Faults of fixture, arm and sensors.
-    FIXTURE_SLIPPED = (
+    FIXTURE_SLIPPED = _Message(
         "SLIP_FIXTURE",
-        "the fixture {certain:slipped|may have slipped} on the {name} by about {displacement} {between}",
-        (
-            "tighten it on the {name} and take all poses again; or use either the poses up to pose {first} or those "
-            "from pose {last} on"
-        ),
+        text="the fixture {certain:slipped|may have slipped} on the {name} by about {displacement} {between}",
+        remedy="tighten it on the {name} and take all poses again; or use either the poses up to pose {first} or "
+        "those from pose {last} on",
     )
-    FIXTURE_DEFLECTS_MORE = (
+    FIXTURE_DEFLECTS_MORE = _Message(
         "FIXTURE_GIVES",
-        "the fixture {certain:deflects|may deflect} by about {displacement}, more than its file states",
-        _FIX_BOLTS,
+        text="the fixture {certain:deflects|may deflect} by about {displacement}, more than its file states",
+        remedy=_FIX_BOLTS,
     )
-    FIXTURE_DEFLECTS_OTHERWISE = (
+    FIXTURE_DEFLECTS_OTHERWISE = _Message(
         "FIXTURE_GIVES",
-        "the fixture {certain:moves|may move} by about {displacement}, without a consistent relation to load or pose",
-        _FIX_BOLTS,
+        text="the fixture {certain:moves|may move} by about {displacement}, without a consistent relation to load "
+        "or pose",
+        remedy=_FIX_BOLTS,
     )
-    FIXTURE_TURNS_RANDOMLY = (
+    FIXTURE_TURNS_RANDOMLY = _Message(
         "FIXTURE_GIVES",
-        (
-            "the fixture turns by about {size:DEFLECTION_ANGLE} at random from pose to pose, "
-            "{times:TIMES} times what its file states"
-        ),
-        _FIX_BOLTS,
+        text="the fixture turns by about {size:DEFLECTION_ANGLE} at random from pose to pose, {times:TIMES} times "
+        "what its file states",
+        remedy=_FIX_BOLTS,
     )
-    FIXTURE_SHIFTS_RANDOMLY = (
+    FIXTURE_SHIFTS_RANDOMLY = _Message(
         "FIXTURE_GIVES",
-        (
-            "the fixture shifts by about {size:DEFLECTION_LENGTH} at random from pose to pose, "
-            "{times:TIMES} times what its file states"
-        ),
-        _FIX_BOLTS,
+        text="the fixture shifts by about {size:DEFLECTION_LENGTH} at random from pose to pose, {times:TIMES} "
+        "times what its file states",
+        remedy=_FIX_BOLTS,
     )
-    WRONG_FIXTURE_HINGE = (
+    WRONG_FIXTURE_HINGE = _Message(
         "WRONG_FIXTURE",
-        "the loops close like those of a hinge, not of a {name} fixture",
-        "calibrate with the fixture file of that hinge; this command writes that file from these poses: {last_name}",
+        text="the loops close like those of a hinge, not of a {name} fixture",
+        remedy="calibrate with the fixture file of that hinge; this command writes that file from these poses: "
+        "{last_name}",
     )
-    WRONG_FIXTURE_BALL = (
+    WRONG_FIXTURE_BALL = _Message(
         "WRONG_FIXTURE",
-        "the loops close like those of a ball that turns freely, not of a {name} fixture",
-        (
-            "find why the fixture can tilt; or, if it is a ball, calibrate with a fixture file of that ball and "
-            "--drop-unidentifiable (a ball does not separate the first joint's offset from the socket's place); "
-            "this command writes that file from these poses: {last_name}"
-        ),
+        text="the loops close like those of a ball that turns freely, not of a {name} fixture",
+        remedy="find why the fixture can tilt; or, if it is a ball, calibrate with a fixture file of that ball and "
+        "--drop-unidentifiable (a ball does not separate the first joint's offset from the socket's place); this "
+        "command writes that file from these poses: {last_name}",
     )
-    READING_STEP = (
+    READING_STEP = _Message(
         "STEP_JOINT_{joint}",
-        "the reading of joint {joint} {certain:shifted|may have shifted} by {size:STEP}{in_counts} {between}",
-        _REPEAT_JOINT,
+        text="the reading of joint {joint} {certain:shifted|may have shifted} by {size:STEP}{in_counts} {between}",
+        remedy=_REPEAT_JOINT,
     )
-    READING_JUMP = (
+    READING_JUMP = _Message(
         "STEP_JOINT_{joint}",
-        (
-            "the reading of joint {joint} {certain:jumped|may have jumped} by {size:TARGET}{in_counts} {between}: its "
-            "node restarted or its sensor came off"
-        ),
-        "home joint {joint} and take all poses again",
+        text="the reading of joint {joint} {certain:jumped|may have jumped} by {size:TARGET}{in_counts} {between}: "
+        "its node restarted or its sensor came off",
+        remedy="home joint {joint} and take all poses again",
     )
-    READING_DRIFT = (
+    READING_DRIFT = _Message(
         "DRIFT_JOINT_{joint}",
-        "the reading of joint {joint} {certain:drifts|may drift} by about {size:STEP} from the first pose to the last",
-        "let arm and electronics warm up, check the coupling of joint {joint}'s sensor, then take all poses again",
+        text="the reading of joint {joint} {certain:drifts|may drift} by about {size:STEP} from the first pose to "
+        "the last",
+        remedy="let arm and electronics warm up, check the coupling of joint {joint}'s sensor, then take all poses "
+        "again",
     )
-    READING_NOISE = (
+    READING_NOISE = _Message(
         "{sensor}_{joint}",
-        "the reading of joint {joint} {certain:scatters|may scatter} by {size:SCATTER}{specified}",
-        "check the sensor and cable of joint {joint}, or " + _UNSENSED,
+        text="the reading of joint {joint} {certain:scatters|may scatter} by {size:SCATTER}{specified}",
+        remedy="check the sensor and cable of joint {joint}, or " + _UNSENSED,
     )
-    READING_UNRELATED = (
+    READING_UNRELATED = _Message(
         "{sensor}_{joint}",
-        "the reading of joint {joint} {certain:does|may} not follow the joint's angle as computed from the closed loop",
-        "check the sensor, cable and channel of joint {joint}; until then " + _UNSENSED,
+        text="the reading of joint {joint} {certain:does|may} not follow the joint's angle as computed from the "
+        "closed loop",
+        remedy="check the sensor, cable and channel of joint {joint}; until then " + _UNSENSED,
     )
-    READING_FROZEN = (
+    READING_FROZEN = _Message(
         "FROZEN_JOINT_{joint}",
-        (
-            "the sensor of joint {joint} {certain:reads|may read} the same from pose {first} to pose {last}, while the "
-            "loop shows that the joint moved"
-        ),
-        "check the sensor and cable of joint {joint}, then take these poses again; or " + _UNSENSED,
+        text="the sensor of joint {joint} {certain:reads|may read} the same from pose {first} to pose {last}, "
+        "while the loop shows that the joint moved",
+        remedy="check the sensor and cable of joint {joint}, then take these poses again; or "
+        + _UNSENSED,
     )
-    MOTION_DURING_SAMPLING = (
+    MOTION_DURING_SAMPLING = _Message(
         "UNSTEADY_{joint}",
-        (
-            "the readings of joint {joint} spread by up to {size:SCATTER} within {poses}, more than the noise of its "
-            "{sensor_name}: the joint moved or vibrated during sampling"
-        ),
-        "wait until the arm has settled, check for vibration, and take these poses again",
+        text="the readings of joint {joint} spread by up to {size:SCATTER} within {poses}, more than the noise of "
+        "its {sensor_name}: the joint moved or vibrated during sampling",
+        remedy="wait until the arm has settled, check for vibration, and take these poses again",
     )
-    ALL_READINGS_NOISE = (
+    ALL_READINGS_NOISE = _Message(
         "SCATTER",
-        (
-            "the readings of all joints {certain:scatter|may scatter} by about {size:SCATTER} from pose to pose, more "
-            "than the noise of their sensors: vibration, play, or an arm that had not settled"
-        ),
-        (
-            "wait longer before each pose and average more samples, check for vibration and loose couplings, then take "
-            "all poses again"
-        ),
+        text="the readings of all joints {certain:scatter|may scatter} by about {size:SCATTER} from pose to pose, "
+        "more than the noise of their sensors: vibration, play, or an arm that had not settled",
+        remedy="wait longer before each pose and average more samples, check for vibration and loose couplings, "
+        "then take all poses again",
     )
-    ENCODER_SCALE = (
+    ENCODER_SCALE = _Message(
         "SCALE_{joint}",
-        "the scale of joint {joint}'s encoder {certain:is|may be} off by about {size:OFF_SCALE}",
-        "check counts_per_rev and the gear ratio of joint {joint} in arm file and drive, then take all poses again",
+        text="the scale of joint {joint}'s encoder {certain:is|may be} off by about {size:OFF_SCALE}",
+        remedy="check counts_per_rev and the gear ratio of joint {joint} in arm file and drive, then take all "
+        "poses again",
     )
-    ENCODER_CYCLIC_ERROR = (
+    ENCODER_CYCLIC_ERROR = _Message(
         "{sensor}_{joint}",
-        (
-            "the encoder of joint {joint} {certain:has|may have} a cyclic error of {size:SCATTER} rms with one or two "
-            "periods per turn, more than its accuracy_deg allows"
-        ),
-        "check the centring of joint {joint}'s encoder, or state a larger accuracy_deg",
+        text="the encoder of joint {joint} {certain:has|may have} a cyclic error of {size:SCATTER} rms with one or "
+        "two periods per turn, more than its accuracy_deg allows",
+        remedy="check the centring of joint {joint}'s encoder, or state a larger accuracy_deg",
     )
-    ENCODERS_EXCEED = (
+    ENCODERS_EXCEED = _Message(
         "ENCODERS",
-        "the errors of the encoders are about {times:TIMES} times their accuracy_deg",
-        "check the centring of the encoders, or state a larger accuracy_deg",
+        text="the errors of the encoders are about {times:TIMES} times their accuracy_deg",
+        remedy="check the centring of the encoders, or state a larger accuracy_deg",
     )
-    RVDT_NONLINEAR = (
+    RVDT_NONLINEAR = _Message(
         "{sensor}_{joint}",
-        (
-            "the RVDT of joint {joint} {certain:deviates|may deviate} from its {reference} by up to "
-            "{size:DEVIATION}{share}"
-        ),
-        "replace or linearise the RVDT of joint {joint}, or " + _UNSENSED,
+        text="the RVDT of joint {joint} {certain:deviates|may deviate} from its {reference} by up to "
+        "{size:DEVIATION}{share}",
+        remedy="replace or linearise the RVDT of joint {joint}, or " + _UNSENSED,
     )
-    RVDT_NOISE_EXCEEDS = (
+    RVDT_NOISE_EXCEEDS = _Message(
         "{sensor}_{joint}",
-        "the readings of joint {joint}'s RVDT scatter about {times:TIMES} times as much as specified",
-        "check the plug, screen and excitation of this RVDT, or " + _UNSENSED,
+        text="the readings of joint {joint}'s RVDT scatter about {times:TIMES} times as much as specified",
+        remedy="check the plug, screen and excitation of this RVDT, or " + _UNSENSED,
     )
-    RVDT_LINEARITY_EXCEEDS = (
+    RVDT_LINEARITY_EXCEEDS = _Message(
         "{sensor}_{joint}",
-        "the linearity deviation of joint {joint}'s RVDT is about {times:TIMES} times as large as specified",
-        "replace or linearise this RVDT, or " + _UNSENSED,
+        text="the linearity deviation of joint {joint}'s RVDT is about {times:TIMES} times as large as specified",
+        remedy="replace or linearise this RVDT, or " + _UNSENSED,
     )
-    RVDT_GAIN_EXCEEDS = (
+    RVDT_GAIN_EXCEEDS = _Message(
         "{sensor}_{joint}",
-        "the gain of joint {joint}'s RVDT deviates from nominal by about {times:TIMES} times the specified tolerance",
-        "have its scale factor adjusted, state a larger tolerance of its gain, or " + _UNSENSED,
+        text="the gain of joint {joint}'s RVDT deviates from nominal by about {times:TIMES} times the specified "
+        "tolerance",
+        remedy="have its scale factor adjusted, state a larger tolerance of its gain, or "
+        + _UNSENSED,
     )
-    RVDT_VERDICT = ("{sensor}_{joint}", "{reported}", "", "RVDT of joint {joint}: {name}")
-    RVDT_HARMFUL = (
+    RVDT_VERDICT = _Message(
+        "{sensor}_{joint}", text="{reported}", brief="RVDT of joint {joint}: {name}"
+    )
+    RVDT_HARMFUL = _Message(
         "{sensor}_{joint}",
-        "{reported}",
-        "",
-        "RVDT of joint {joint}: {name}; treat joint {joint} as unsensed, or correct its readings",
+        text="{reported}",
+        brief="RVDT of joint {joint}: {name}; treat joint {joint} as unsensed, or correct its readings",
     )
-    RVDT_OUT_LINEARITY = (
+    RVDT_OUT_LINEARITY = _Message(
+        "{sensor}_{joint}", text="{reported}", remedy="replace or linearise it, or " + _UNSENSED
+    )
+    RVDT_OUT_SPREAD = _Message(
         "{sensor}_{joint}",
-        "{reported}",
-        "replace or linearise it, or " + _UNSENSED,
+        text="{reported}",
+        remedy="check whether the spread of its readings is as recorded (sd{joint}_deg), or "
+        + _UNSENSED,
     )
-    RVDT_OUT_SPREAD = (
-        "{sensor}_{joint}",
-        "{reported}",
-        "check whether the spread of its readings is as recorded (sd{joint}_deg), or " + _UNSENSED,
+    RVDT_OUT_NOISE = _Message(
+        "{sensor}_{joint}", text="{reported}", remedy="find what disturbs it, or " + _UNSENSED
     )
-    RVDT_OUT_NOISE = ("{sensor}_{joint}", "{reported}", "find what disturbs it, or " + _UNSENSED)
-    JOINT_SAG = (
+    JOINT_SAG = _Message(
         "SAG_JOINT_{joint}",
-        (
-            "joint {joint} {certain:sags|may sag} by {size:SCATTER} rms, depending on the pose, more than its sag_deg "
-            "allows"
-        ),
-        "check joint {joint} for play or a compliant link, or state a larger sag_deg",
+        text="joint {joint} {certain:sags|may sag} by {size:SCATTER} rms, depending on the pose, more than its "
+        "sag_deg allows",
+        remedy="check joint {joint} for play or a compliant link, or state a larger sag_deg",
     )
-    PLAY_EXCEEDS = (
+    PLAY_EXCEEDS = _Message(
         "PLAY",
-        "the joints' play is about {times:TIMES} times their backlash_deg",
-        "check bearings and couplings for wear, or state a larger backlash_deg",
+        text="the joints' play is about {times:TIMES} times their backlash_deg",
+        remedy="check bearings and couplings for wear, or state a larger backlash_deg",
     )
-    SAG_EXCEEDS = (
+    SAG_EXCEEDS = _Message(
         "SAG",
-        "the joints' sag under load is about {times:TIMES} times their sag_deg",
-        "check bearings and couplings for wear, or state a larger sag_deg",
+        text="the joints' sag under load is about {times:TIMES} times their sag_deg",
+        remedy="check bearings and couplings for wear, or state a larger sag_deg",
     )
-    LENGTH_STEP = (
+    LENGTH_STEP = _Message(
         "STEP_LENGTH_{name}",
-        "{name} {certain:changed|may have changed} by {size:GREW} {between}",
-        "check for a loose joint or link at {name}, then take all poses again",
+        text="{name} {certain:changed|may have changed} by {size:GREW} {between}",
+        remedy="check for a loose joint or link at {name}, then take all poses again",
     )
-    LENGTH_OFF = (
+    LENGTH_OFF = _Message(
         "LENGTH_{name}",
-        (
-            "{name} {certain:differs|may differ} from the arm file by about {size:OFF_LENGTH} (tolerance "
-            "{limit:LENGTH_TOLERANCE})"
-        ),
-        "measure {name} and correct the arm file, or state a larger tolerance for its row",
+        text="{name} {certain:differs|may differ} from the arm file by about {size:OFF_LENGTH} (tolerance "
+        "{limit:LENGTH_TOLERANCE})",
+        remedy="measure {name} and correct the arm file, or state a larger tolerance for its row",
     )
-    TWIST_OFF = (
+    TWIST_OFF = _Message(
         "TWIST_{name}",
-        (
-            "{name} {certain:differs|may differ} from the arm file by about {size:TARGET} (tolerance "
-            "{limit:ANGLE_TOLERANCE})"
-        ),
-        "measure {name} and correct the arm file, or state a larger tolerance for its row",
+        text="{name} {certain:differs|may differ} from the arm file by about {size:TARGET} (tolerance "
+        "{limit:ANGLE_TOLERANCE})",
+        remedy="measure {name} and correct the arm file, or state a larger tolerance for its row",
     )
-    LENGTHS_EXCEED = (
+    LENGTHS_EXCEED = _Message(
         "LENGTHS",
-        "the arm's lengths differ from its file by about {times:TIMES} times the stated tolerance",
-        "measure the arm and correct the file, or state a larger tolerance for its lengths",
+        text="the arm's lengths differ from its file by about {times:TIMES} times the stated tolerance",
+        remedy="measure the arm and correct the file, or state a larger tolerance for its lengths",
     )
-    TWISTS_EXCEED = (
+    TWISTS_EXCEED = _Message(
         "TWISTS",
-        "the arm's twists differ from its file by about {times:TIMES} times the stated tolerance",
-        "measure the arm and correct the file, or state a larger tolerance for its twists",
+        text="the arm's twists differ from its file by about {times:TIMES} times the stated tolerance",
+        remedy="measure the arm and correct the file, or state a larger tolerance for its twists",
     )
-    REPEAT_FIXTURE_MOVED = (
+    REPEAT_FIXTURE_MOVED = _Message(
         "RETURN_FIXTURE",
-        (
-            "the fixture moved by about {displacement}, more than its file states, between pose {first} and its repeat "
-            "measurement after {after:d} poses"
-        ),
-        (
-            "tighten its bolts and check for play, then take all poses again; otherwise state its compliance (key "
-            "give) in the fixture file"
-        ),
+        text="the fixture moved by about {displacement}, more than its file states, between pose {first} and its "
+        "repeat measurement after {after:d} poses",
+        remedy="tighten its bolts and check for play, then take all poses again; otherwise state its compliance "
+        "(key give) in the fixture file",
     )
-    REPEAT_READING_STEP = (
+    REPEAT_READING_STEP = _Message(
         "RETURN_JOINT_{joint}",
-        (
-            "the reading of joint {joint} shifted by {size:POSITION} (sigma {sigma:SLIP_SIGMA}) between pose {first} "
-            "and its repeat measurement after {after:d} poses"
-        ),
-        _REPEAT_JOINT,
+        text="the reading of joint {joint} shifted by {size:POSITION} (sigma {sigma:SLIP_SIGMA}) between pose "
+        "{first} and its repeat measurement after {after:d} poses",
+        remedy=_REPEAT_JOINT,
     )
-    UNEXPLAINED_SCATTER = (
+    UNEXPLAINED_SCATTER = _Message(
         "UNNAMED",
-        "the readings scatter {times:TIMES} times as much as the files state and no single fault explains it",
-        _TOGETHER,
+        text="the readings scatter {times:TIMES} times as much as the files state and no single fault explains it",
+        remedy=_TOGETHER,
     )
-    UNEXPLAINED_PATTERN = (
+    UNEXPLAINED_PATTERN = _Message(
         "UNNAMED",
-        (
-            "the readings scatter no more than the files state, but their pattern is not due to chance (significant "
-            "tests: {tests}), and no single fault explains it"
-        ),
-        _TOGETHER,
+        text="the readings scatter no more than the files state, but their pattern is not due to chance "
+        "(significant tests: {tests}), and no single fault explains it",
+        remedy=_TOGETHER,
     )
-    POSES_DO_NOT_FIT = (
+    POSES_DO_NOT_FIT = _Message(
         "UNNAMED",
-        (
-            "these poses do not fit this arm and fixture: the readings scatter {times:TIMES} times as much as the "
-            "files state, and no fault of a joint, a length or a pose explains it"
-        ),
-        (
-            "check whether the poses belong to another arm or fixture, or were taken before a change of this arm; "
-            "find out what was changed between the poses; try --global-start"
-        ),
+        text="these poses do not fit this arm and fixture: the readings scatter {times:TIMES} times as much as the "
+        "files state, and no fault of a joint, a length or a pose explains it",
+        remedy="check whether the poses belong to another arm or fixture, or were taken before a change of this "
+        "arm; find out what was changed between the poses; try --global-start",
     )
 
     # Mistakes in files.
-    READING_MISTAKE = ("{name}", "{reported}, and the loops close", "{reported_remedy}")
-    OFFSETS_IN_RADIANS = (
+    READING_MISTAKE = _Message(
+        "{name}", text="{reported}, and the loops close", remedy="{reported_remedy}"
+    )
+    OFFSETS_IN_RADIANS = _Message(
         "RADIANS_OFFSETS",
-        "the loops close if theta_off_deg of the arm file is taken as radians",
-        "the unit of an arm file is deg: multiply its theta_off_deg by 57.29578",
+        text="the loops close if theta_off_deg of the arm file is taken as radians",
+        remedy="the unit of an arm file is deg: multiply its theta_off_deg by 57.29578",
     )
-    ENTRIES_EXCHANGED = (
+    ENTRIES_EXCHANGED = _Message(
         "EXCHANGED_{names}",
-        "the loops close if {name} and {last_name} of the arm file are exchanged",
-        "measure {name} and {last_name} and correct the arm file",
+        text="the loops close if {name} and {last_name} of the arm file are exchanged",
+        remedy="measure {name} and {last_name} and correct the arm file",
     )
-    OUT_OF_RANGE = ("RANGE_{joint}", *_RANGE)
-    OUT_OF_RANGE_NOTICE = ("RANGE", *_RANGE)
-    WHOLE_TURN_OFF = ("RANGE_{joint}", *_WHOLE_TURN)
-    WHOLE_TURN_OFF_NOTICE = ("RANGE", *_WHOLE_TURN)
-    SATURATED = ("SATURATED_{joint}", *_SATURATED)
-    SATURATED_NOTICE = ("RANGE", *_SATURATED)
-    POSES_IN_RADIANS = (
+    OUT_OF_RANGE = _Message("RANGE_{joint}", *_RANGE)
+    OUT_OF_RANGE_NOTICE = _Message("RANGE", *_RANGE)
+    WHOLE_TURN_OFF = _Message("RANGE_{joint}", *_WHOLE_TURN)
+    WHOLE_TURN_OFF_NOTICE = _Message("RANGE", *_WHOLE_TURN)
+    SATURATED = _Message("SATURATED_{joint}", *_SATURATED)
+    SATURATED_NOTICE = _Message("RANGE", *_SATURATED)
+    POSES_IN_RADIANS = _Message(
         "RANGE_RADIANS",
-        (
-            "{poses} {several:are|is} outside the arm's ranges if read as degrees but inside if read as radians, and "
-            "{several:were|was} left out"
-        ),
-        "multiply the angles of {several:these rows|this row} by 57.29578",
+        text="{poses} {several:are|is} outside the arm's ranges if read as degrees but inside if read as radians, "
+        "and {several:were|was} left out",
+        remedy="multiply the angles of {several:these rows|this row} by 57.29578",
     )
-    POSE_OUT_OF_RANGE = (
+    POSE_OUT_OF_RANGE = _Message(
         "RANGE_POSE",
-        "{poses} was left out: its readings of {joints} are outside the joint ranges",
-        "correct that row, take the pose again or remove it",
+        text="{poses} was left out: its readings of {joints} are outside the joint ranges",
+        remedy="correct that row, take the pose again or remove it",
     )
 
     # Poses.
-    POSES_FLIPPED = (
+    POSES_FLIPPED = _Message(
         "FLIPPED_BRANCH",
-        (
-            "{poses} ({count:d} of {of:d} poses) {several:close|closes} only with the tool upside down on the hinge "
-            "and {several:were|was} left out"
-        ),
-        "take {several:them|it} again with the tool the right way up, or remove {several:them|it}",
+        text="{poses} ({count:d} of {of:d} poses) {several:close|closes} only with the tool upside down on the "
+        "hinge and {several:were|was} left out",
+        remedy="take {several:them|it} again with the tool the right way up, or remove {several:them|it}",
     )
-    OUTLIERS = (
+    OUTLIERS = _Message(
         "OUTLIERS",
-        "{poses} {outlying} not fit the others",
-        "find what disturbed {several:them|it}, exclude {several:them|it} and calibrate again",
+        text="{poses} {outlying} not fit the others",
+        remedy="find what disturbed {several:them|it}, exclude {several:them|it} and calibrate again",
     )
-    OUTLIERS_COUNT = (
+    OUTLIERS_COUNT = _Message(
         "OUTLIER",
-        "{poses} {several:do|does} not fit the others and {several:are|is} still used",
-        "find what disturbed {several:them|it}, then decide whether to exclude {several:them|it}",
+        text="{poses} {several:do|does} not fit the others and {several:are|is} still used",
+        remedy="find what disturbed {several:them|it}, then decide whether to exclude {several:them|it}",
     )
-    TOO_FEW_POSES = (
+    TOO_FEW_POSES = _Message(
         "TOO_FEW_POSES",
-        "the fit has only {degrees} of freedom, too few to tell whether anything is wrong",
-        "take at least 20 poses",
+        text="the fit has only {degrees} of freedom, too few to tell whether anything is wrong",
+        remedy="take at least 20 poses",
     )
-    SIGMAS_USELESS = (
+    SIGMAS_USELESS = _Message(
         "LITTLE_MOTION",
-        "these poses hardly determine {sizes}; standard uncertainties are in brackets",
-        "{narrowing}",
+        text="these poses hardly determine {sizes}; standard uncertainties are in brackets",
+        remedy="{narrowing}",
     )
-    SIGMAS_WIDE = (
+    SIGMAS_WIDE = _Message(
         "LITTLE_MOTION",
-        "these standard uncertainties are large: {sizes}",
-        "{narrowing}",
+        text="these standard uncertainties are large: {sizes}",
+        remedy="{narrowing}",
     )
-    CONDITION = (
+    CONDITION = _Message(
         "CONDITION",
-        "scaled condition number {size:CONDITION} is above {limit:CONDITION} (weakest direction: {listed})",
-        "poses that differ more from each other would give smaller sigmas",
+        text="scaled condition number {size:CONDITION} is above {limit:CONDITION} (weakest direction: {listed})",
+        remedy="poses that differ more from each other would give smaller sigmas",
     )
-    KNOWN_BY_FILES = (
-        "AS_STATED",
-        "the files determine these parameters more than the poses do: {shares}",
+    KNOWN_BY_FILES = _Message(
+        "AS_STATED", text="the files determine these parameters more than the poses do: {shares}"
     )
-    SAME_PLACEMENT = (
+    SAME_PLACEMENT = _Message(
         "SAME_PLACEMENT",
-        (
-            "placements {numbers} of the fixture do not differ significantly (largest difference: {name}, "
-            "{size:ANGLE|LENGTH}, {sigmas:SIGMAS} sigma): the fixture was not remounted between them, or was remounted "
-            "in the same place; together they give no more information than one placement"
-        ),
-        "mount the fixture elsewhere within its tolerance and take another placement",
+        text="placements {numbers} of the fixture do not differ significantly (largest difference: {name}, "
+        "{size:ANGLE|LENGTH}, {sigmas:SIGMAS} sigma): the fixture was not remounted between them, or was remounted "
+        "in the same place; together they give no more information than one placement",
+        remedy="mount the fixture elsewhere within its tolerance and take another placement",
     )
-    DISTANCE_ABOVE = (
+    DISTANCE_ABOVE = _Message(
         "DISTANCE",
-        "the fixture file's distance between sockets {numbers} is {sigmas:TIMES} sigma above the poses' estimate",
-        _DISTANCE,
+        text="the fixture file's distance between sockets {numbers} is {sigmas:TIMES} sigma above the poses' "
+        "estimate",
+        remedy=_DISTANCE,
     )
-    DISTANCE_BELOW = (
+    DISTANCE_BELOW = _Message(
         "DISTANCE",
-        "the fixture file's distance between sockets {numbers} is {sigmas:TIMES} sigma below the poses' estimate",
-        _DISTANCE,
+        text="the fixture file's distance between sockets {numbers} is {sigmas:TIMES} sigma below the poses' "
+        "estimate",
+        remedy=_DISTANCE,
     )
-    ENDPOINTS_UNUSED = (
+    ENDPOINTS_UNUSED = _Message(
         "ENDPOINTS_UNUSED",
-        "the poses have measured endpoints (x_m,y_m,z_m), which a {name} fixture does not use",
-        "calibrate with a measured fixture, or use them in a comparison: sarcal verify --open-loop",
+        text="the poses have measured endpoints (x_m,y_m,z_m), which a {name} fixture does not use",
+        remedy="calibrate with a measured fixture, or use them in a comparison: sarcal verify --open-loop",
     )
-    NOT_IDENTIFIABLE = (
+    NOT_IDENTIFIABLE = _Message(
         "UNSEEN",
-        "{reported}",
-        "take poses that differ more from each other, or fix one of these parameters at its nominal value",
+        text="{reported}",
+        remedy="take poses that differ more from each other, or fix one of these parameters at its nominal value",
     )
-    NOT_REPEATED = (
+    NOT_REPEATED = _Message(
         "NO_RETURN",
-        _NOT_REPEATED,
-        (
-            "let the capture run to its end, where it measures that pose again (sarcal run --resume with this "
-            "session), and calibrate again"
-        ),
+        text=_NOT_REPEATED,
+        remedy="let the capture run to its end, where it measures that pose again (sarcal run --resume with this "
+        "session), and calibrate again",
     )
-    NEVER_REPEATED = (
+    NEVER_REPEATED = _Message(
         "NO_RETURN",
-        _NOT_REPEATED,
-        "verify the calibration with new poses (sarcal verify with this session)",
+        text=_NOT_REPEATED,
+        remedy="verify the calibration with new poses (sarcal verify with this session)",
     )
 
     # The solution.
-    NOT_CONVERGED = (
+    NOT_CONVERGED = _Message(
         "NOT_CONVERGED",
-        "the iteration did not converge in {iterations:d} iterations",
-        "see the warnings about the readings, or try --global-start",
+        text="the iteration did not converge in {iterations:d} iterations",
+        remedy="see the warnings about the readings, or try --global-start",
     )
-    OTHER_SOLUTION = (
+    OTHER_SOLUTION = _Message(
         "OTHER_SOLUTION",
-        (
-            "this is a local minimum ({name} {size:FAR_ANGLE|FAR_LENGTH} from nominal): another solution has a "
-            "closure error {times:MANY_TIMES} times smaller"
-        ),
-        "calibrate with --global-start",
+        text="this is a local minimum ({name} {size:FAR_ANGLE|FAR_LENGTH} from nominal): another solution has a "
+        "closure error {times:MANY_TIMES} times smaller",
+        remedy="calibrate with --global-start",
     )
-    FAR_FROM_NOMINAL = (
+    FAR_FROM_NOMINAL = _Message(
         "FAR_FROM_NOMINAL",
-        "{name} is {size:FAR_ANGLE|FAR_LENGTH} from its nominal value",
-        "check how the fixture is mounted and what the arm file states, or search everywhere with --global-start",
+        text="{name} is {size:FAR_ANGLE|FAR_LENGTH} from its nominal value",
+        remedy="check how the fixture is mounted and what the arm file states, or search everywhere with "
+        "--global-start",
     )
-    SOCKET_ELSEWHERE = (
+    SOCKET_ELSEWHERE = _Message(
         "SOCKET_ELSEWHERE",
-        "the ball's socket is not where the fixture's file states: {name} differs by {size:FAR_ANGLE|FAR_LENGTH}",
-        (
-            "the calibration uses the position found from the poses; if the socket stays there, correct ground_mm in "
-            "the fixture's file"
-        ),
+        text="the ball's socket is not where the fixture's file states: {name} differs by "
+        "{size:FAR_ANGLE|FAR_LENGTH}",
+        remedy="the calibration uses the position found from the poses; if the socket stays there, correct "
+        "ground_mm in the fixture's file",
     )
-    FIXTURE_ELSEWHERE = (
+    FIXTURE_ELSEWHERE = _Message(
         "FIXTURE_ELSEWHERE",
-        "the fixture's {name} differs from its file by {size:FAR_ANGLE|FAR_LENGTH}",
-        "the calibration uses the value found from the poses; if the fixture stays there, correct its file",
+        text="the fixture's {name} differs from its file by {size:FAR_ANGLE|FAR_LENGTH}",
+        remedy="the calibration uses the value found from the poses; if the fixture stays there, correct its file",
     )
-    SECOND_SOLUTION = (
+    SECOND_SOLUTION = _Message(
         "SECOND_SOLUTION",
-        "{solutions:d} distinct solutions fit these poses equally well",
-        _NEARER,
+        text="{solutions:d} distinct solutions fit these poses equally well",
+        remedy="take more poses that differ more from each other, or state nominal values closer to the true ones",
     )
-    PAPER_OFF = (
+    PAPER_OFF = _Message(
         "PAPER_OFF",
-        (
-            "{name} from the paper's estimator differs by {size:ANGLE_TOLERANCE|LENGTH_TOLERANCE} "
-            "({sigmas:MANY_TIMES} sigmas) from the estimate that weights every reading by its noise"
-        ),
-        "use --estimator implicit",
+        text="{name} from the paper's estimator differs by {size:ANGLE_TOLERANCE|LENGTH_TOLERANCE} "
+        "({sigmas:MANY_TIMES} sigmas) from the estimate that weights every reading by its noise",
+        remedy="use --estimator implicit",
     )
-    PARALLEL_AXES = ("PARALLEL_AXES", "{reported}", "{reported_remedy}")
-    DIVERGED = (
+    PARALLEL_AXES = _Message("PARALLEL_AXES", text="{reported}", remedy="{reported_remedy}")
+    DIVERGED = _Message(
         "ASTRAY",
-        (
-            "the solution diverged: it is far from what the files state, or its sigmas are useless. None of its "
-            "figures describes the arm or the fixture"
-        ),
-        "remove the first cause listed and calibrate again",
+        text="the solution diverged: it is far from what the files state, or its sigmas are useless. None of its "
+        "figures describes the arm or the fixture",
+        remedy="remove the first cause listed and calibrate again",
     )
-    CHI2_EXCEEDS = (
+    CHI2_EXCEEDS = _Message(
         "CHI2",
-        (
-            "chi2/dof at stated noise is {size:CHI2}, where at most 1 is expected: some error exceeds its "
-            "specification. The sigmas include the estimated size of that error; the causes and the sources of error "
-            "show which error it may be"
-        ),
+        text="chi2/dof at stated noise is {size:CHI2}, where at most 1 is expected: some error exceeds its "
+        "specification. The sigmas include the estimated size of that error; the causes and the sources of error "
+        "show which error it may be",
     )
-    FIXED_UNSEEN = (
+    FIXED_UNSEEN = _Message(
         "HELD",
-        "{listed_all} cannot be identified from these poses and {one_name:was|were} fixed at nominal values{holds}",
-        "{releasing}",
+        text="{listed_all} cannot be identified from these poses and {one_name:was|were} fixed at nominal "
+        "values{holds}",
+        remedy="{releasing}",
     )
-    FIXED_BY_CHOICE = (
+    FIXED_BY_CHOICE = _Message(
         "HELD",
-        "this calibration does not estimate the parameters that the arm's file fixes: {fixed_at}{tolerance}{holds}",
-        "{releasing}",
+        text="this calibration does not estimate the parameters that the arm's file fixes: "
+        "{fixed_at}{tolerance}{holds}",
+        remedy="{releasing}",
     )
-    LENGTHS_EXACT = (
+    LENGTHS_EXACT = _Message(
         "LENGTHS_EXACT",
-        (
-            "the loops close only with a fixture that deflects, and link lengths were taken as exact; if they "
-            "differ from the arm file, the sigmas are too small"
-        ),
-        "calibrate again with --length-tolerance 1.5 (mm) and compare",
+        text="the loops close only with a fixture that deflects, and link lengths were taken as exact; if they "
+        "differ from the arm file, the sigmas are too small",
+        remedy="calibrate again with --length-tolerance 1.5 (mm) and compare",
     )
-    SETUP_CHECK = ("{name}", "{reported}", "{reported_remedy}")
-    LIMIT_SIGMA_POS = (
+    SETUP_CHECK = _Message("{name}", text="{reported}", remedy="{reported_remedy}")
+    LIMIT_SIGMA_POS = _Message(
         "SIGMA_POS_LIMIT",
-        "sigma_pos {size:POS_LIMIT} is above {limit:POS_LIMIT}",
-        _DISTURBED,
+        text="sigma_pos {size:POS_LIMIT} is above {limit:POS_LIMIT}",
+        remedy=_DISTURBED,
     )
-    LIMIT_SIGMA_ORI = (
+    LIMIT_SIGMA_ORI = _Message(
         "SIGMA_ORI_LIMIT",
-        "sigma_ori {size:ORI_LIMIT} is above {limit:ORI_LIMIT}",
-        _DISTURBED,
+        text="sigma_ori {size:ORI_LIMIT} is above {limit:ORI_LIMIT}",
+        remedy=_DISTURBED,
     )
-    LIMIT_CHI2 = (
+    LIMIT_CHI2 = _Message(
         "CHI2_LIMIT",
-        (
-            "chi2/dof {size:CHI2} is above {limit:CHI2}: these readings exceed the specifications of the sensors and "
-            "the fixture"
-        ),
-        _DISTURBED,
+        text="chi2/dof {size:CHI2} is above {limit:CHI2}: these readings exceed the specifications of the sensors "
+        "and the fixture",
+        remedy=_DISTURBED,
     )
 
     # Sessions, reports and files.
-    REPORTED = ("{name}", "{reported}", "{reported_remedy}")
-    JOURNAL_TORN = ("TORN", "{reported}; it contained no accepted pose")
-    SOLVED_AGAIN = ("SOLVED_AGAIN", "the poses were solved again for this report: {reported}")
-    NOT_CROSS_VALIDATED = (
-        "UNCHECKED",
-        (
-            "the hold-out test, which predicts parts of the poses from the rest, was not computed when this session "
-            "was solved"
-        ),
-        "sarcal run --resume {name} computes it",
+    REPORTED = _Message("{name}", text="{reported}", remedy="{reported_remedy}")
+    JOURNAL_TORN = _Message("TORN", text="{reported}; it contained no accepted pose")
+    SOLVED_AGAIN = _Message(
+        "SOLVED_AGAIN", text="the poses were solved again for this report: {reported}"
     )
-    CIRCULAR_TABLE = (
+    NOT_CROSS_VALIDATED = _Message(
+        "UNCHECKED",
+        text="the hold-out test, which predicts parts of the poses from the rest, was not computed when this "
+        "session was solved",
+        remedy="sarcal run --resume {name} computes it",
+    )
+    CIRCULAR_TABLE = _Message(
         "CIRCULAR_TABLE",
-        "the RVDT table was made from these same poses: their closure error says nothing about the sensor",
-        "take new poses and correct their readings with this table",
+        text="the RVDT table was made from these same poses: their closure error says nothing about the sensor",
+        remedy="take new poses and correct their readings with this table",
     )
 
     # Comparisons of two calibrations.
-    COMPARED_BACKWARDS = (
-        "ORDER",
-        "B is older than A: changes go backwards in time",
-        "exchange A and B",
+    COMPARED_BACKWARDS = _Message(
+        "ORDER", text="B is older than A: changes go backwards in time", remedy="exchange A and B"
     )
-    COMPARED_SAME_POSES = (
+    COMPARED_SAME_POSES = _Message(
         "SAME_POSES",
-        "A and B are from the same poses: any difference comes from the estimator, its options or the program",
+        text="A and B are from the same poses: any difference comes from the estimator, its options or the program",
     )
-    COMPARED_FIXTURE_KINDS = ("FIXTURE_KIND", "A used a {name} fixture, B a {last_name} fixture")
-    COMPARED_FIXTURES = ("FIXTURE", "A used the fixture '{name}', B the fixture '{last_name}'")
-    COMPARED_ESTIMATORS = (
+    COMPARED_FIXTURE_KINDS = _Message(
+        "FIXTURE_KIND", text="A used a {name} fixture, B a {last_name} fixture"
+    )
+    COMPARED_FIXTURES = _Message(
+        "FIXTURE", text="A used the fixture '{name}', B the fixture '{last_name}'"
+    )
+    COMPARED_ESTIMATORS = _Message(
         "ESTIMATOR",
-        "A was estimated with '{name}', B with '{last_name}': systematic sensor errors affect the two differently",
+        text="A was estimated with '{name}', B with '{last_name}': systematic sensor errors affect the two "
+        "differently",
     )
-    COMPARED_ENTRIES = (
+    COMPARED_ENTRIES = _Message(
         "ENTRIES",
-        "A and B did not identify the same entries: an entry fixed in only one of them changes the other entries",
+        text="A and B did not identify the same entries: an entry fixed in only one of them changes the other "
+        "entries",
     )
-    COMPARED_CONSTANT = (
+    COMPARED_CONSTANT = _Message(
         "TABLE",
-        (
-            "{name} was taken as {a:ANGLE_4|LENGTH_4} in A and {b:ANGLE_4|LENGTH_4} in B: the other parameters "
-            "compensate for the difference"
-        ),
+        text="{name} was taken as {a:ANGLE_4|LENGTH_4} in A and {b:ANGLE_4|LENGTH_4} in B: the other parameters "
+        "compensate for the difference",
     )
-    COMPARED_REFUSED = ("{name}", "{last_name} was {reported}")
-    COMPARED_SCALED = (
+    COMPARED_REFUSED = _Message("{name}", text="{last_name} was {reported}")
+    COMPARED_SCALED = _Message(
         "CHI2",
-        "chi2/dof of {name} is {ratio:CHI2}: its standard deviations were multiplied by {size:CHI2}",
+        text="chi2/dof of {name} is {ratio:CHI2}: its standard deviations were multiplied by {size:CHI2}",
     )

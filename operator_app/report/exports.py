@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
@@ -22,6 +21,7 @@ from operator_app.config.csv_table import write_records
 from operator_app.config.urdf_editing import format_urdf, with_calibration
 from operator_app.config.urdf_rows import link_transform
 from operator_app.report.facts import facts_of
+from operator_app.report.parameter_tables import values_of
 from operator_app.units import quantity_of
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhKind
@@ -68,11 +68,10 @@ def in_format(calibration: Calibration, kind: str) -> bytes:
 
 def _json(calibration: Calibration) -> bytes:
     """Return the object of `sarcal solve --json`, with the arm's name, serial number and D-H rows, as JSON."""
-    content: Mapping[str, Any] = facts_of(calibration.solution, checks=calibration.checks).json
     document = {
         "schema": "sarcal/result/1",
         "arm": {"model": calibration.arm.name, "serial": calibration.serial_number},
-        **content,
+        **facts_of(calibration.solution, checks=calibration.checks).json,
         "dh_arm": _rows(calibration),
         "forced": calibration.forced,
         "pose_set_sha256": calibration.poses.sha256(),
@@ -106,15 +105,13 @@ def _csv(calibration: Calibration) -> bytes:
 
     For a calibration that was not accepted, a last column has the operator's reason for exporting it anyway.
     """
-    estimate = calibration.solution.identified
+    solution = calibration.solution
     rows = [
-        (p.name, side_of(calibration.solution.model, p.name), quantity_of(p).unit,
+        (p.name, side_of(solution.model, p.name), quantity_of(p).unit,
          *(repr(quantity_of(p).per_si * float(v)) for v in (p.nominal, value, sigma)))
-        for p, value, sigma in zip(
-            estimate.parameters, estimate.x, estimate.standard_deviation, strict=True
-        )
+        for p, value, sigma in values_of(solution.identified)
     ]  # fmt: skip
-    if calibration.solution.accepted:
+    if solution.accepted:
         return write_records([CSV_HEADER, *rows])
     reason = " ".join(calibration.forced.split())
     return write_records(
@@ -130,16 +127,11 @@ def into_description(calibration: Calibration, data: bytes, file: str) -> bytes:
     ConfigError
         The file cannot be read, or describes another arm.
     """
-    estimate, own = calibration.solution.identified, set(calibration.by_itself.identified)
+    own = set(calibration.by_itself.identified)
     figures = [
         f"{p.name}: {quantity_of(p).per_si * value:.6f}, sigma {quantity_of(p).per_si * sigma:.6f} "
         f"{quantity_of(p).unit}"
-        for p, value, sigma in zip(
-            estimate.parameters,
-            estimate.x.tolist(),
-            estimate.standard_deviation.tolist(),
-            strict=True,
-        )
+        for p, value, sigma in values_of(calibration.solution.identified)
         if p.name in own
     ]
     comments = ["Only joint origins are changed.", *_provenance(calibration), *figures]
@@ -161,11 +153,8 @@ def _provenance(calibration: Calibration) -> list[str]:
     """Return comment lines that state arm, poses, calibrated entries, and the reason for a forced export."""
     arm = calibration.by_itself
     model = calibration.solution.model.parts()[0][0]
-    mounting = [
-        name
-        for name in (p.name for p in model.parameters)
-        if name in {*model.ground_side, *model.hand_side}
-    ]
+    sides = {*model.ground_side, *model.hand_side}
+    mounting = [p.name for p in model.parameters if p.name in sides]
     comments = [
         f"{calibration.arm.name}, serial {calibration.serial_number}, calibrated by sarcal {version('sarcal')}",
         f"from {calibration.solution.poses} poses (SHA-256 {calibration.poses.sha256()}).",
@@ -186,10 +175,9 @@ def _mat(calibration: Calibration) -> bytes:
     """Return a MATLAB file of variables in SI units, with units in their names."""
     from scipy.io import savemat
 
-    estimate = calibration.solution.identified
-    arm = calibration.by_itself
-    names = np.array([p.name for p in estimate.parameters], dtype=object)
-    buffer = io.BytesIO()
+    estimate, arm, buffer = calibration.solution.identified, calibration.by_itself, io.BytesIO()
+    names = [p.name for p in estimate.parameters]
+    sides = [side_of(calibration.solution.model, name) for name in names]
     savemat(
         buffer,  # type: ignore[arg-type] # the stubs accept only paths
         {
@@ -197,11 +185,8 @@ def _mat(calibration: Calibration) -> bytes:
             "arm_serial": calibration.serial_number,
             "verdict": calibration.solution.verdict.value,
             "forced": calibration.forced,
-            "names": names,
-            "side": np.array(
-                [side_of(calibration.solution.model, p.name) for p in estimate.parameters],
-                dtype=object,
-            ),
+            "names": np.array(names, dtype=object),
+            "side": np.array(sides, dtype=object),
             "is_angle": np.array([p.is_angle for p in estimate.parameters]),
             "value_rad_or_m": estimate.x,
             "nominal_rad_or_m": np.array([p.nominal for p in estimate.parameters]),

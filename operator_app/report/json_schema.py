@@ -158,15 +158,17 @@ def _rvdt_data(verdict: RvdtVerdict) -> dict[str, Any]:
 
 RESULTS_AS_OBJECTS = (
     "nominal", "repeatability", "side", "halved", "tolerated_parameters", "observability",
-    "hand_accuracy_holds_for", "variance_components_interval",
+    "hand_accuracy_holds_for", "variance_components", "variance_components_interval", "parameters", "sigma",
+    "interval_95", "budget", "shares", "scales", "best_table",
 )  # fmt: skip
 RESULTS_AS_LISTS = (
-    "correlations", "corrections_dh", "condition_trend", "held", "outlier_poses", "rvdt", "tolerated",
-    "weakest_direction",
+    "correlations", "corrections", "corrections_dh", "condition_trend", "held", "outlier_poses", "rvdt",
+    "tolerated", "weakest_direction", "assumed", "distances", "tests", "warnings",
 )  # fmt: skip
 RESULTS_AS_FIGURES = (
     "before", "chi2_band_99", "condition_number", "flexure_p_value", "global_start", "hand_accuracy_mm",
-    "scaled_condition_number_at_readings", "stated_chi2_per_dof", "tip_sigma_mm",
+    "scaled_condition_number", "scaled_condition_number_at_readings", "sigma_pos_mm", "sigma_ori_mrad",
+    "chi2_per_dof", "stated_chi2_per_dof", "tip_sigma_mm", "best_table_tool_sigma_mm",
 )  # fmt: skip
 """Keys whose value is null if the poses leave parameters undetermined."""
 
@@ -194,35 +196,17 @@ def unidentifiable_data(
         "estimator": estimator,
         "dof": poses * model.equations_per_pose - parameters,
         "converged": False,
-        "parameters": {},
-        "sigma": {},
-        "interval_95": {},
+        "iterations": 0,
+        "poses": poses,
         "rank": parameters - len(directions),
         "unidentifiable": [d.parameters[0] for d in directions],
         "unidentifiable_directions": [
             {"parameters": list(d.parameters), "reason": d.reason, "text": str(d)}
             for d in directions
         ],
-        "scaled_condition_number": None,
-        "sigma_pos_mm": None,
-        "sigma_ori_mrad": None,
-        "chi2_per_dof": None,
-        "variance_components": {},
-        "poses": poses,
-        "iterations": 0,
-        "budget": {},
-        "assumed": [],
-        "shares": {},
-        "scales": {},
-        "distances": [],
-        "best_table": {},
-        "best_table_tool_sigma_mm": None,
-        "corrections": [],
         "verdict": Verdict.NOT_ACCEPTED.value,
         "verdict_reasons": [str(d) for d in directions],
         "causes": causes if error.note else [],
-        "tests": [],
-        "warnings": [],
     }
 
 

@@ -32,10 +32,15 @@ SEVERAL_SIGMAS = 3.0
 """The note on both estimators mentions the largest difference if it is at least this many sigmas."""
 
 
+def values_of(estimate: Estimate) -> list[tuple[Parameter, float, float]]:
+    """Return each parameter with its value and standard deviation, rad or m."""
+    columns = estimate.x.tolist(), estimate.standard_deviation.tolist()
+    return list(zip(estimate.parameters, *columns, strict=True))
+
+
 def precision(estimate: Estimate) -> Callable[[Quantity], int]:
     """Return a function from quantity (angle, length) to decimal places: two digits of the smallest sigma."""
-    sigmas = estimate.standard_deviation.tolist()
-    return precision_of(zip(estimate.parameters, sigmas, strict=True), most=MOST_PLACES)
+    return precision_of(((p, sd) for p, _, sd in values_of(estimate)), most=MOST_PLACES)
 
 
 def precision_of(
@@ -84,11 +89,11 @@ def parameter_table(
     if beside is not None:
         columns += figures("identified", group=beside.estimator)
     places, round_places = precision(estimate), nominal_places(estimate.parameters)
+    theirs = {} if beside is None else {p.name: value for p, value, _ in values_of(beside)}
     bounds, rows = intervals(estimate), []
-    for k, p in enumerate(estimate.parameters):
+    for k, (p, value, sd) in enumerate(values_of(estimate)):
         quantity, name = quantity_of(p), p.name
-        n, value = places(quantity), float(estimate.x[k])
-        figure = partial(Figure, quantity=quantity, places=n)
+        figure = partial(Figure, quantity=quantity, places=places(quantity))
         nominal_name: Key = ("nominal", name) if nominal_key else ()
         row: list[Cell] = [
             name,
@@ -96,7 +101,7 @@ def parameter_table(
             Figure(p.nominal, quantity, places=round_places(quantity), key=nominal_name),
             figure(value, role="found", key=("parameters", name)),
             figure(change_of(p, value, p.nominal), signed=True),
-            figure(float(estimate.standard_deviation[k]), key=("sigma", name)),
+            figure(sd, key=("sigma", name)),
         ]
         if repeatability is not None:
             row.append(figure(float(repeatability[k]), key=("repeatability", name)))
@@ -107,30 +112,23 @@ def parameter_table(
         if sides is not None:
             row.append(sides[name])
         if beside is not None:
-            row.append(_beside(p, n, beside))
+            row.append(figure(theirs[name]) if name in theirs else "")
         rows.append(tuple(row))
+    notes = [
+        "Joint angle = reading + theta_off; change = identified - nominal, angles the short way round."
+    ]
+    if repeatability is not None:
+        notes.append(
+            "Sigma is the combined standard uncertainty of all stated sources; type A is the scatter of the same "
+            "poses, if taken again."
+        )
     return FactTable(
         ident="parameters",
         title="Identified parameters",
         columns=tuple(columns),
         rows=tuple(rows),
-        note="Joint angle = reading + theta_off; change = identified - nominal, "
-        "angles the short way round."
-        + (
-            ""
-            if repeatability is None
-            else " Sigma is the combined standard uncertainty of all stated sources; type A is the scatter of "
-            "the same poses, if taken again."
-        )
-        + (f" {note}" if note else ""),
+        note=" ".join([*notes, *([note] if note else [])]),
     )
-
-
-def _beside(p: Parameter, places: int, other: Estimate) -> Cell:
-    known = [q.name for q in other.parameters]
-    if p.name not in known:
-        return ""
-    return Figure(float(other.x[known.index(p.name)]), quantity_of(p), places=places)
 
 
 def estimators_table(
@@ -143,28 +141,22 @@ def estimators_table(
     if beside is None:
         return None
     paper, implicit = sorted((estimate, beside), key=lambda e: e.estimator == "implicit")
-    theirs = {p.name: k for k, p in enumerate(paper.parameters)}
+    by_paper = {p.name: (value, sd) for p, value, sd in values_of(paper)}
     places = precision(estimate)
     rows, most = [], 0.0
-    for k, p in enumerate(implicit.parameters):
-        if p.name not in theirs:
+    for p, value, sigma in values_of(implicit):
+        if p.name not in by_paper:
             continue
-        quantity, at = quantity_of(p), theirs[p.name]
-        value, sigma = float(implicit.x[k]), float(implicit.standard_deviation[k])
-        other, its_sigma = float(paper.x[at]), float(paper.standard_deviation[at])
+        quantity, (other, its_sigma) = quantity_of(p), by_paper[p.name]
+        figure = partial(Figure, quantity=quantity, places=places(quantity))
         difference = change_of(p, other, value)
         most = max(most, abs(difference) / its_sigma) if its_sigma > 0.0 else most
-        rows.append(
-            (
-                p.name,
-                quantity.unit,
-                Figure(value, quantity, places=places(quantity)),
-                Figure(sigma, quantity, places=places(quantity)),
-                Figure(other, quantity, places=places(quantity)),
-                Figure(its_sigma, quantity, digits=2),
-                Figure(difference, quantity, places=places(quantity), signed=True),
-            )
-        )
+        own = figure(value), figure(sigma)
+        theirs = figure(other), Figure(its_sigma, quantity, digits=2)
+        rows.append((p.name, quantity.unit, *own, *theirs, figure(difference, signed=True)))
+    apart = (
+        f", and it is as much as {most:.0f} of them from implicit" if most >= SEVERAL_SIGMAS else ""
+    )
     return FactTable(
         ident="estimators",
         title="Both estimators, from the same poses",
@@ -179,13 +171,7 @@ def estimators_table(
         if diverged
         else "Use implicit: it weights every reading by its noise and includes errors of lengths, twists and "
         "curves. The paper's counts 1 m as 1 rad and takes every joint as read, so its sigma is only the "
-        "scatter of its residuals"
-        + (
-            f", and it is as much as {most:.0f} of them from implicit."
-            if most >= SEVERAL_SIGMAS
-            else "."
-        )
-        + " Both are from the same poses: their difference says nothing about the arm.",
+        f"scatter of its residuals{apart}. Both are from the same poses: their difference says nothing about the arm.",
     )
 
 
@@ -204,9 +190,8 @@ def dh_table(solution: Solution) -> FactTable | None:
         return None
     nominal, identified = before.stacked(), after.stacked()
     free = set(model.entries)
-    kinds = shown_kinds(
-        with_beta=any(e.kind is DhKind.BETA for e in free) or bool(before.beta_rad.any())
-    )
+    with_beta = any(e.kind is DhKind.BETA for e in free) or bool(before.beta_rad.any())
+    kinds = shown_kinds(with_beta=with_beta)
     every = [
         Parameter(name="", is_angle=kind.is_angle, nominal=float(value))
         for kind in kinds
@@ -224,12 +209,10 @@ def dh_table(solution: Solution) -> FactTable | None:
             if kind is DhKind.THETA_OFF and (row == 0 or row in model.unsensed_joints):
                 cells += [NOT_AVAILABLE, ""]
                 continue
-            value = float(identified[kind, row])
+            value = Figure(float(identified[kind, row]), quantity, places(quantity), role="found")
             cells += [
                 Figure(float(nominal[kind, row]), quantity, places=round_places(quantity)),
-                Figure(value, quantity, places=places(quantity), role="found")
-                if DhEntry(kind, row) in free
-                else "",
+                value if DhEntry(kind, row) in free else "",
             ]
         rows.append(tuple(cells))
     return FactTable(
@@ -252,11 +235,10 @@ def jackknife_table(estimate: Estimate, spread: FloatArray | None) -> FactTable 
     if spread is None:
         return None
     places, rows = precision(estimate), []
-    for p, sd, other in zip(estimate.parameters, estimate.standard_deviation, spread, strict=True):
-        quantity, n = quantity_of(p), places(quantity_of(p))
-        key = ("checks", "jackknife_sigma", p.name)
-        pair = Figure(float(sd), quantity, places=n), Figure(float(other), quantity, n, key=key)
-        rows.append((p.name, quantity.unit, *pair))
+    for (p, _, sd), other in zip(values_of(estimate), spread.tolist(), strict=True):
+        quantity, key = quantity_of(p), ("checks", "jackknife_sigma", p.name)
+        figure = partial(Figure, quantity=quantity, places=places(quantity))
+        rows.append((p.name, quantity.unit, figure(sd), figure(other, key=key)))
     return FactTable(
         ident="jackknife",
         title="Sigma by leaving out each pose in turn",
@@ -272,26 +254,19 @@ def tolerated_table(solution: Solution) -> FactTable | None:
     estimate = solution.estimate
     places, round_places = precision(estimate), nominal_places(estimate.parameters)
     rows = []
-    for p, x, sd in zip(
-        estimate.parameters, estimate.x.tolist(), estimate.standard_deviation.tolist(), strict=True
-    ):
+    for p, x, sd in values_of(estimate):
         if p.name in solution.tolerated:
             quantity, key = quantity_of(p), ("tolerated_parameters", p.name)
             n = places(quantity)
-            rows.append(
-                (
-                    p.name,
-                    quantity.unit,
-                    Figure(p.nominal, quantity, round_places(quantity), key=(*key, "nominal")),
-                    Figure(x, quantity, n, role="found", key=(*key, "value")),
-                    Figure(sd, quantity, n, key=(*key, "sigma")),
-                )
-            )
+            nominal = Figure(p.nominal, quantity, round_places(quantity), key=(*key, "nominal"))
+            value = Figure(x, quantity, n, role="found", key=(*key, "value"))
+            sigma = Figure(sd, quantity, n, key=(*key, "sigma"))
+            rows.append((p.name, quantity.unit, nominal, value, sigma))
     offsets = any(name.startswith("theta_off_") for name in solution.tolerated)
+    what = "Lengths, twists and offsets" if offsets else "Lengths and twists"
     return None if not rows else FactTable(
         ident="tolerated",
-        title=f"Lengths{', twists and offsets' if offsets else ' and twists'} corrected within their "
-        "tolerances",
+        title=f"{what} corrected within their tolerances",
         columns=(*words("entry", "unit"), *figures("nominal", "found", "sigma")),
         rows=tuple(rows),
         detail=True,
@@ -310,10 +285,13 @@ def correlation_table(estimate: Estimate) -> FactTable:
         return Figure(value, places=2, role=role) if j <= k else ""
 
     pairs = sorted(
-        ((a, b, float(matrix[k, j])) for k, a in enumerate(listed)
-         for j, b in enumerate(listed[:k])),
+        (
+            (a, b, float(matrix[k, j]))
+            for k, a in enumerate(listed)
+            for j, b in enumerate(listed[:k])
+        ),
         key=lambda pair: -abs(pair[2]),
-    )  # fmt: skip
+    )
     largest = "; ".join(
         f"{a} and {b} {Figure(r, places=3, signed=True).shown}" for a, b, r in pairs[:3]
     )

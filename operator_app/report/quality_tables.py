@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from operator_app.calibration.cross_validation import Checks
 from operator_app.calibration.result import Solution
+from operator_app.calibration.tool_accuracy import Spread
 from operator_app.messages.calibration import fixed_briefly
 from operator_app.report.table import Cell, Column, FactTable, Headline, figures, words
 from operator_app.units import (
@@ -39,12 +40,9 @@ OBSERVABILITY = (
 def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactTable:
     """Return the table of condition number, rank, chi2 and degrees of freedom, with the weakest direction as a note."""
     estimate, identifiability = solution.identified, solution.identifiability
-    weights = ", ".join(
-        f"{name} {significant(weight, 2)}"
-        for name, weight in zip(
-            identifiability.weakest.parameters[:4], identifiability.weakest.weights, strict=False
-        )
-    )
+    weakest = identifiability.weakest
+    named = zip(weakest.parameters[:4], weakest.weights, strict=False)
+    weights = ", ".join(f"{name} {significant(weight, 2)}" for name, weight in named)
     freedom = f"{plural(solution.model.equations_per_pose, 'equation')} per pose, minus parameters"
     convergence = "converged" if estimate.converged else "did not converge"
     if solution.adjudication.diverged and estimate.converged:
@@ -52,10 +50,10 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
 
     rows: list[tuple[Cell, ...]] = [(h.name, h.figure, h.note) for h in headlines if not h.closure]
     plain = CONDITION(identifiability.condition_number, key=("condition_number",))
-    rows[1:1] = [("condition number, 1 m : 1 rad", plain, "")]
+    rows.insert(1, ("condition number, 1 m : 1 rad", plain, ""))
     if (read := solution.condition_at_readings) is not None:
         figure = CONDITION(read, key=("scaled_condition_number_at_readings",))
-        rows[1:1] = [("scaled, at the joints as read", figure, "as the paper took it")]
+        rows.insert(1, ("scaled, at the joints as read", figure, "as the paper took it"))
     if (stated := solution.adjudication.stated_chi2_per_dof) is not None:
         ratio = CHI2(stated, key=("stated_chi2_per_dof",))
         rows.append(("chi2/dof at stated noise", ratio, "1 or less if errors are as stated"))
@@ -80,13 +78,9 @@ def trend_table(solution: Solution) -> FactTable | None:
     rows: list[tuple[Cell, ...]] = []
     for k, (poses, value) in enumerate(trend):
         decades = min(max(math.log10(value), 0.0), BAR_DECADES)
-        rows.append(
-            (
-                Figure(poses, places=0, key=("condition_trend", k, 0)),
-                CONDITION(value, key=("condition_trend", k, 1)),
-                "#" * round(decades * BAR_PER_DECADE),
-            )
-        )
+        count = Figure(poses, places=0, key=("condition_trend", k, 0))
+        condition = CONDITION(value, key=("condition_trend", k, 1))
+        rows.append((count, condition, "#" * round(decades * BAR_PER_DECADE)))
     return FactTable(
         ident="trend",
         title="Condition number by number of poses (no unit)",
@@ -107,9 +101,9 @@ def hand_table(solution: Solution) -> FactTable | None:
         ident="hand",
         title="Tool position uncertainty (one sigma)",
         columns=(*words("at the poses of this calibration"), *figures("sigma [mm]")),
-        rows=tuple(
-            (name, Figure(value, CLOSURE_LENGTH, key=("tip_sigma_mm", key)))
-            for name, key, value in (("rms", "rms", hand.rms), ("worst pose", "worst", hand.worst))
+        rows=(
+            ("rms", Figure(hand.rms, CLOSURE_LENGTH, key=("tip_sigma_mm", "rms"))),
+            ("worst pose", Figure(hand.worst, CLOSURE_LENGTH, key=("tip_sigma_mm", "worst"))),
         ),
         note="From the covariance of the parameters, in the arm's base frame; errors of the readings add "
         "to it.",
@@ -121,7 +115,7 @@ def accuracy_table(solution: Solution) -> FactTable | None:
     accuracy = solution.accuracy
     if accuracy is None:
         return None
-    columns = [("before", accuracy.before), ("after", accuracy.after)]
+    spreads = {"before": accuracy.before, "after": accuracy.after}
     note = (
         f"At {accuracy.poses} poses evenly over the ranges, obstacles ignored. Before: the "
         "tool by the arm file against the tool by the calibrated entries, in the arm's base frame, "
@@ -134,33 +128,29 @@ def accuracy_table(solution: Solution) -> FactTable | None:
             "file's entries are wrong."
         )
     if accuracy.after_by_poses is not None:
-        columns.append(("after_by_poses", accuracy.after_by_poses))
+        spreads["after_by_poses"] = accuracy.after_by_poses
         note += (
             f" If as stated: without the uncertainty of {names(accuracy.stated)}, which the files state and these "
             "poses hardly determine."
         )
+    titles = ("before", "after, one sigma", "if as stated")[: len(spreads)]
+
+    def row(title: str, key: str, value_of: Callable[[Spread], float]) -> tuple[Cell, ...]:
+        values = {when: value_of(spread) for when, spread in spreads.items()}
+        cells = (
+            Figure(value, CLOSURE_LENGTH, key=("hand_accuracy_mm", when, key))
+            for when, value in values.items()
+        )
+        return (title, *cells)
+
     return FactTable(
         ident="accuracy",
         title="Tool position error before and after calibration [mm]",
-        columns=(
-            *words("over the ranges of all joints"),
-            *figures(*("before", "after, one sigma", "if as stated")[: len(columns)]),
-        ),
-        rows=tuple(
-            (
-                name,
-                *(
-                    Figure(
-                        getattr(spread, field), CLOSURE_LENGTH, key=("hand_accuracy_mm", when, key)
-                    )
-                    for when, spread in columns
-                ),
-            )
-            for name, key, field in (
-                ("rms", "rms", "rms"),
-                ("95 % stay below", "p95", "most"),
-                ("worst pose", "worst", "worst"),
-            )
+        columns=(*words("over the ranges of all joints"), *figures(*titles)),
+        rows=(
+            row("rms", "rms", lambda spread: spread.rms),
+            row("95 % stay below", "p95", lambda spread: spread.most),
+            row("worst pose", "worst", lambda spread: spread.worst),
         ),
         note=note,
     )
@@ -200,10 +190,8 @@ def truth_in_words(solution: Solution) -> str:
     truth = solution.truth
     if truth is None:
         return ""
-    tool, predicted = (
-        Figure(size_m, CLOSURE_LENGTH, digits=2)
-        for size_m in (truth.tool_rms_m, truth.predicted_rms_m)
-    )
+    tool = Figure(truth.tool_rms_m, CLOSURE_LENGTH, digits=2)
+    predicted = Figure(truth.predicted_rms_m, CLOSURE_LENGTH, digits=2)
     return (
         f"{truth.inside_95} of {truth.of} entries within their 95 % intervals; tool off by {tool.with_unit} rms "
         f"(predicted {predicted.shown}), over the ranges of all joints."
@@ -242,23 +230,15 @@ def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | 
     ]
     if beside is not None:
         rows.append(closure_row(f"{beside.estimator}, for comparison", beside.sigmas))
-    held = (
-        ()
-        if checks is None
-        else (
-            (f"{FOLDS} folds", "hold_out", checks.held_out),
-            ("far block", "far_block", checks.far_block),
-        )
-    )
-    for name, key, closure in held:
+    kinds = ((f"{FOLDS} folds", "hold_out"), ("far block", "far_block"))
+    held = () if checks is None else (checks.held_out, checks.far_block)
+    for (name, key), closure in zip(kinds, held, strict=False):
         if closure is not None:
-            for part, which, sigmas in (
-                ("took part", "inside", closure.inside_sigmas),
-                ("held out", "held_out", closure.sigmas),
-            ):
-                place = ("checks", key)
-                title = f"{name}, {part}"
-                rows.append(closure_row(title, sigmas, key=place, reading=which))
+            place, inside, held_out = ("checks", key), closure.inside_sigmas, closure.sigmas
+            rows += [
+                closure_row(f"{name}, took part", inside, key=place, reading="inside"),
+                closure_row(f"{name}, held out", held_out, key=place, reading="held_out"),
+            ]
     return FactTable(
         ident="closure",
         title="Closure at the measured joints (eqs. 14 and 15)",
@@ -268,11 +248,7 @@ def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | 
 
 
 def closure_row(
-    name: str,
-    sigmas: ClosureSigmas,
-    *,
-    key: Key | None = None,
-    reading: str = "",
+    name: str, sigmas: ClosureSigmas, *, key: Key | None = None, reading: str = ""
 ) -> tuple[Cell, ...]:
     """Return one row of closure sigmas.
 
@@ -314,8 +290,7 @@ def causes_table(solution: Solution) -> FactTable | None:
             *words("cause"),
             *figures("probability", unit=SHARE.unit),
             *words(""),
-            Column("what", words=True, detail=True),
-            Column("what to do", words=True, detail=True),
+            *words("what", "what to do", detail=True),
         ),
         rows=rows,
     )  # fmt: skip

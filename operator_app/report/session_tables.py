@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from operator_app.report.subject import Subject
-from operator_app.report.table import Cell, Column, FactTable, figures, words
+from operator_app.report.table import Cell, FactTable, figures, words
 from operator_app.units import (
     ANGLE,
     CLOSURE_ANGLE,
@@ -40,11 +40,8 @@ def sensed_joints(subject: Subject) -> tuple[int, ...]:
 
 def rvdt_joints(subject: Subject) -> tuple[int, ...]:
     """Return the joints (from 1) with an RVDT."""
-    return tuple(
-        j
-        for j, joint in enumerate(subject.procedure.arm.joints, 1)
-        if isinstance(joint.sensor, Rvdt)
-    )
+    joints = enumerate(subject.procedure.arm.joints, 1)
+    return tuple(j for j, joint in joints if isinstance(joint.sensor, Rvdt))
 
 
 def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
@@ -78,7 +75,7 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
         title="Joints: sensors, corrections that close the loops, coverage",
         columns=(
             *words("joint"),
-            *(Column(title, words=True, detail=True) for title in ("sensor", "mode")),
+            *words("sensor", "mode", detail=True),
             *figures("noise", unit="mrad", detail=True),
             *figures("stated", unit="mrad"),
             *figures("rms", unit="mrad", group="correction"),
@@ -118,26 +115,23 @@ def rvdt_table(subject: Subject) -> FactTable | None:
     """Return the table of each RVDT's gain, linearity and noise, from the loops; None if not known."""
     rows: list[tuple[Cell, ...]] = []
     for verdict in () if subject.solution is None else subject.solution.rvdt:
-        sensor = subject.procedure.arm.joints[verdict.joint - 1].sensor
-        figures_of_rvdt = verdict.figures
-        if figures_of_rvdt is None or not isinstance(sensor, Rvdt):
+        sensor, result = subject.procedure.arm.joints[verdict.joint - 1].sensor, verdict.figures
+        if result is None or not isinstance(sensor, Rvdt):
             continue
+        noise = (result.noise.lsb, result.noise.low, result.noise.high, sensor.noise_lsb)
         rows.append(
             (
                 f"joint {verdict.joint}",
-                Figure(figures_of_rvdt.covered, SHARE, places=0),
-                Figure(figures_of_rvdt.gain, places=4),
-                Figure(figures_of_rvdt.linearity, SHARE, places=2),
-                Figure(figures_of_rvdt.linearity_sd, SHARE, places=2),
+                Figure(result.covered, SHARE, places=0),
+                Figure(result.gain, places=4),
+                Figure(result.linearity, SHARE, places=2),
+                Figure(result.linearity_sd, SHARE, places=2),
                 Figure(sensor.linearity, SHARE, digits=2),
-                Figure(figures_of_rvdt.noise.lsb, LSB, digits=2),
-                Figure(figures_of_rvdt.noise.low, LSB, digits=2),
-                Figure(figures_of_rvdt.noise.high, LSB, digits=2),
-                Figure(sensor.noise_lsb, LSB, digits=2),
+                *(Figure(value, LSB, digits=2) for value in noise),
                 Figure(verdict.share, SHARE, places=0),
             )
         )
-    linear, noise = "linearity, of full scale", "noise of a single reading"
+    single = "noise of a single reading"
     return None if not rows else FactTable(
         ident="rvdt-table",
         title="RVDT joints: readings against the angle that the loop measures",
@@ -145,8 +139,8 @@ def rvdt_table(subject: Subject) -> FactTable | None:
             *words("joint"),
             *figures("covered", unit="% of full scale"),
             *figures("gain, reading per angle"),
-            *figures("found", "sigma", "allowed", unit="%", group=linear),
-            *figures("found", "95 % from", "to", "allowed", unit="LSB", group=noise),
+            *figures("found", "sigma", "allowed", unit="%", group="linearity, of full scale"),
+            *figures("found", "95 % from", "to", "allowed", unit="LSB", group=single),
             *figures("share of squared closure error", unit="%"),
         ),
         rows=tuple(rows),

@@ -42,9 +42,9 @@ class Column:
     summary: bool = False
 
 
-def words(*titles: str) -> tuple[Column, ...]:
+def words(*titles: str, detail: bool = False) -> tuple[Column, ...]:
     """Return columns of text."""
-    return tuple(Column(title, words=True) for title in titles)
+    return tuple(Column(title, words=True, detail=detail) for title in titles)
 
 
 def figures(

@@ -145,7 +145,12 @@ def headline_spans(headlines: Sequence[Headline], width: int) -> Line:
 
 def warnings_text(notices: Iterable[Finding]) -> str:
     """Return warnings, one paragraph each."""
-    return "\n".join(paragraph(f"! {n.sentence}", indent=2) for n in notices)
+    return "\n".join(warning(n.sentence) for n in notices)
+
+
+def warning(text: str) -> str:
+    """Return a warning as a paragraph with a mark."""
+    return paragraph(f"! {text}", indent=2)
 
 
 MANY_JOINTS = 2
@@ -172,12 +177,15 @@ def unidentifiable_text(error: UnidentifiableError) -> str:
             "--drop-unidentifiable of solve and import chooses them, or leave them out of the free "
             "entries of the arm file."
         )
-    lines = ["Not identifiable: these poses cannot determine every parameter."]
-    if error.note:
-        # The cause is known: a stuck sensor, or too few poses.
-        lines.append(paragraph(f"! {error.note}", indent=2))
-    lines += [paragraph(f"! {direction}", indent=2) for direction in directions]
-    return "\n".join([*lines, paragraph(f"What to do: {remedy}")])
+    # The note states the cause if it is known: a stuck sensor, or too few poses.
+    causes = [*([error.note] if error.note else []), *map(str, directions)]
+    return "\n".join(
+        [
+            "Not identifiable: these poses cannot determine every parameter.",
+            *map(warning, causes),
+            paragraph(f"What to do: {remedy}"),
+        ]
+    )
 
 
 def aligned(rows: Sequence[Sequence[str]], *, left: bool = False) -> str:

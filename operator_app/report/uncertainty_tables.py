@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from operator_app.calibration.placements import Distance
 from operator_app.calibration.result import Solution
 from operator_app.calibration.sensitivity import source_sensitivities
 from operator_app.report.parameter_tables import shown_kinds
@@ -16,9 +15,10 @@ from operator_app.units import (
     CLOSURE_ANGLE,
     CLOSURE_LENGTH,
     LENGTH,
-    NUMBER,
     SHARE,
     Figure,
+    Kind,
+    names,
     quantity_of,
     significant,
 )
@@ -44,18 +44,15 @@ def components_table(
     rows: list[tuple[Cell, ...]] = []
     for c in components.components:
         quantity = CLOSURE_LENGTH if c.unit == "m" else CLOSURE_ANGLE
-        fixture = c.name.startswith("fixture")
-        key = f"fixture_{quantity.unit}" if fixture else f"{c.name}_{quantity.unit}"
-        rows.append(
-            (
-                component_words(c.name),
-                quantity.unit,
-                Figure(c.stated, quantity),
-                Figure(c.sd, quantity, role="found", key=("variance_components", key)),
-                Figure(c.low, quantity, key=("variance_components_interval", key, 0)),
-                Figure(c.high, quantity, key=("variance_components_interval", key, 1)),
-            )
+        name = "fixture" if c.name.startswith("fixture") else c.name
+        key = f"{name}_{quantity.unit}"
+        sd = Figure(c.sd, quantity, role="found", key=("variance_components", key))
+        low, high = (
+            Figure(end, quantity, key=("variance_components_interval", key, k))
+            for k, end in enumerate((c.low, c.high))
         )
+        stated = Figure(c.stated, quantity)
+        rows.append((component_words(c.name), quantity.unit, stated, sd, low, high))
     note = ""
     if components.compliance is not None and not diverged:
         p = components.compliance.p_value
@@ -90,19 +87,20 @@ def budget_table(solution: Solution) -> FactTable | None:
     if solution.components is None:
         return None
     estimate, budget = solution.estimate, solution.components.budget
-    total = np.diagonal(estimate.covariance)
-
-    def share(source: str, k: int, name: str) -> Figure:
-        value = float(budget[source][k] / total[k]) if total[k] > 0.0 else 0.0
-        return Figure(value, SHARE, places=0, key=("budget", name, source))
-
     rows: list[tuple[Cell, ...]] = []
-    for k, p in enumerate(estimate.parameters):
+    for k, (p, total) in enumerate(
+        zip(estimate.parameters, np.diagonal(estimate.covariance).tolist(), strict=True)
+    ):
         if p.name not in solution.tolerated:
-            shares = {source: share(source, k, p.name) for source in budget}
-            largest = sorted(shares, key=lambda source: -(shares[source].value or 0.0))[:LARGEST]
-            listed = ", ".join(f"{source_words(s)} {shares[s].with_unit}" for s in largest)
-            rows.append((p.name, listed, *shares.values()))
+            shares = {s: float(v[k] / total) if total > 0.0 else 0.0 for s, v in budget.items()}
+            cells = {
+                source: Figure(share, SHARE, places=0, key=("budget", p.name, source))
+                for source, share in shares.items()
+            }
+            largest = sorted(shares, key=lambda source: -shares[source])[:LARGEST]
+            listed = ", ".join(f"{source_words(s)} {cells[s].with_unit}" for s in largest)
+            rows.append((p.name, listed, *cells.values()))
+    assumed = ", ".join(solution.assumed)
     return FactTable(
         ident="budget",
         title="Uncertainty budget: share of each variance by source [%]",
@@ -112,9 +110,7 @@ def budget_table(solution: Solution) -> FactTable | None:
             *figures(*map(source_words, budget), detail=True),
         ),
         rows=tuple(rows),
-        note=f"Assumed, since no file states them: {', '.join(solution.assumed)}."
-        if solution.assumed
-        else "",
+        note=f"Assumed, since no file states them: {assumed}." if assumed else "",
     )
 
 
@@ -123,16 +119,11 @@ def sensitivity_table(solution: Solution) -> FactTable | None:
     sensitivities = source_sensitivities(solution)
     rows: list[tuple[Cell, ...]] = []
     for h in sensitivities:
-        quantity = quantity_of(h.parameter)
-        rows.append(
-            (
-                h.parameter.name,
-                quantity.unit,
-                Figure(h.sigma, quantity, digits=2),
-                f"{source_words(h.source)} {Figure(h.share, SHARE, places=0).with_unit}",
-                Figure(h.then, quantity, digits=2, key=("halved", h.parameter.name, "sigma")),
-            )
-        )
+        name, quantity = h.parameter.name, quantity_of(h.parameter)
+        sigma = Figure(h.sigma, quantity, digits=2)
+        source = f"{source_words(h.source)} {Figure(h.share, SHARE, places=0).with_unit}"
+        then = Figure(h.then, quantity, digits=2, key=("halved", name, "sigma"))
+        rows.append((name, quantity.unit, sigma, source, then))
     done = dict.fromkeys(f"{source_words(h.source)}: {h.remedy}" for h in sensitivities)
     return None if not rows else FactTable(
         ident="halving",
@@ -160,9 +151,9 @@ def scale_table(solution: Solution) -> FactTable | None:
     rows: list[tuple[Cell, ...]] = [
         (
             s.family.replace("_", " "),
-            Figure(s.value, NUMBER, places=2, role="found", key=("scales", s.family, "value")),
-            Figure(s.low, NUMBER, places=2, key=("scales", s.family, "interval_95", 0)),
-            Figure(s.high, NUMBER, places=2, key=("scales", s.family, "interval_95", 1)),
+            Figure(s.value, places=2, role="found", key=("scales", s.family, "value")),
+            Figure(s.low, places=2, key=("scales", s.family, "interval_95", 0)),
+            Figure(s.high, places=2, key=("scales", s.family, "interval_95", 1)),
         )
         for s in solution.scales
     ]
@@ -180,32 +171,20 @@ def distance_table(solution: Solution) -> FactTable | None:
     """Return the table of the distances between the sockets of a ball; None if there are none."""
     if not solution.distances:
         return None
-    known = any(d.measured for d in solution.distances)
+    titles, length = ["distance", "sigma"], Kind(LENGTH, places=3)
+    if any(d.measured for d in solution.distances):
+        titles += ["measured", "its sigma"]
+    rows: list[tuple[Cell, ...]] = []
+    for d in solution.distances:
+        row: list[Cell] = [names(d.between), length(d.value_m, role="found"), length(d.sigma_m)]
+        row += ["", ""] if (m := d.measured) is None else [length(m.value_m), length(m.sigma_m)]
+        rows.append(tuple(row[: 1 + len(titles)]))
     return FactTable(
         ident="distances",
         title="Distances between placements [mm]",
-        columns=(
-            *words("between"),
-            *figures("distance", "sigma", *(("measured", "its sigma") if known else ())),
-        ),
-        rows=tuple(
-            (
-                f"{d.between[0]} and {d.between[1]}",
-                Figure(d.value_m, LENGTH, places=3, role="found"),
-                Figure(d.sigma_m, LENGTH, places=3),
-                *(_measured(d) if known else ()),
-            )
-            for d in solution.distances
-        ),
+        columns=(*words("between"), *figures(*titles)),
+        rows=tuple(rows),
     )
-
-
-def _measured(distance: Distance) -> tuple[Cell, ...]:
-    """Return the cells of the measured distance and its sigma; both are empty if the distance was not measured."""
-    if distance.measured is None:
-        return ("", "")
-    stated = distance.measured
-    return tuple(Figure(v, LENGTH, places=3) for v in (stated.value_m, stated.sigma_m))
 
 
 def best_table_table(solution: Solution) -> FactTable | None:
@@ -221,10 +200,7 @@ def best_table_table(solution: Solution) -> FactTable | None:
     return FactTable(
         ident="best_table",
         title="Best D-H table without corrections",
-        columns=(
-            *words("link"),
-            *figures(*(f"{k.symbol} [{quantity_of(k).unit}]" for k in kinds)),
-        ),
+        columns=(*words("link"), *figures(*(f"{k.symbol} [{quantity_of(k).unit}]" for k in kinds))),
         rows=tuple(
             (str(link), *map(cell, kinds, entries))
             for link, entries in enumerate(best.rows[list(kinds)].T.tolist(), 1)
@@ -247,12 +223,11 @@ def posterior_data(solution: Solution) -> dict[str, Any]:
                 "mm": 1e3 * d.value_m,
                 "sigma_mm": 1e3 * d.sigma_m,
                 "interval_95": [
-                    1e3 * (d.value_m - NORMAL_95 * d.sigma_m),
-                    1e3 * (d.value_m + NORMAL_95 * d.sigma_m),
+                    1e3 * (d.value_m + sign * NORMAL_95 * d.sigma_m) for sign in (-1.0, 1.0)
                 ],
-                "measured_mm": None if d.measured is None else 1e3 * d.measured.value_m,
-                "measured_sigma_mm": None if d.measured is None else 1e3 * d.measured.sigma_m,
-                "deviation_sigmas": None if d.measured is None else d.deviation,
+                "measured_mm": d.measured and 1e3 * d.measured.value_m,
+                "measured_sigma_mm": d.measured and 1e3 * d.measured.sigma_m,
+                "deviation_sigmas": d.measured and d.deviation,
             }
             for d in solution.distances
         ],
@@ -289,10 +264,8 @@ def _correction_data(c: ReadingCorrection) -> dict[str, Any]:
         "unit": "deg" if c.kind != "gravity" else "deg/(N m) kg, deg/(N m) kg m",
     }
     if c.kind == "linearity":
-        data |= {
-            "middle_deg": math.degrees(c.middle_rad),
-            "half_scale_deg": math.degrees(c.half_scale_rad),
-        }
+        data["middle_deg"] = math.degrees(c.middle_rad)
+        data["half_scale_deg"] = math.degrees(c.half_scale_rad)
     if c.kind == "gravity":
         data["down"] = list(c.down)
     return data

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 VOID = frozenset({"meta", "br", "col", "link", "hr"})
 
+
 WHITE_SPACE = "\t\n\r"
 
 
@@ -221,40 +222,27 @@ def _class(column: Column, cell: Cell = "", *, starts: bool) -> str | None:
     return " ".join(classes) or None
 
 
-LIGHT_COLOURS = {
-    "page": "#ffffff",
-    "panel": "#f4f6f8",
-    "text": "#1c2126",
-    "muted": "#56606b",
-    "rule": "#d5dae0",
-    "accent": "#0b5c9e",
-    "second": "#a34700",
-    "third": "#5b5f66",
-    "good": "#1f6b3a",
-    "bad": "#a8202a",
-    "warn": "#7f5200",
-    "band": "#dfe8f1",
-    "shade": "rgb(28 33 38/.22)",
-    "plus": "11 92 158",
-    "minus": "176 84 0",
+COLOURS = {
+    "page": ("#ffffff", "#14171b"),
+    "panel": ("#f4f6f8", "#1d2126"),
+    "text": ("#1c2126", "#e2e6ea"),
+    "muted": ("#56606b", "#9ca6b1"),
+    "rule": ("#d5dae0", "#343a42"),
+    "accent": ("#0b5c9e", "#6fb3ee"),
+    "second": ("#a34700", "#f0a35e"),
+    "third": ("#5b5f66", "#b4bac2"),
+    "good": ("#1f6b3a", "#7ccb95"),
+    "bad": ("#a8202a", "#ff8d8a"),
+    "warn": ("#7f5200", "#e3b04b"),
+    "band": ("#dfe8f1", "#263442"),
+    "shade": ("rgb(28 33 38/.22)", "rgb(0 0 0/.75)"),
+    "plus": ("11 92 158", "111 179 238"),
+    "minus": ("176 84 0", "240 163 94"),
 }
-DARK_COLOURS = {
-    "page": "#14171b",
-    "panel": "#1d2126",
-    "text": "#e2e6ea",
-    "muted": "#9ca6b1",
-    "rule": "#343a42",
-    "accent": "#6fb3ee",
-    "second": "#f0a35e",
-    "third": "#b4bac2",
-    "good": "#7ccb95",
-    "bad": "#ff8d8a",
-    "warn": "#e3b04b",
-    "band": "#263442",
-    "shade": "rgb(0 0 0/.75)",
-    "plus": "111 179 238",
-    "minus": "240 163 94",
-}
+"""Colours of the light and of the dark theme, by name."""
+LIGHT_COLOURS, DARK_COLOURS = (
+    {name: both[theme] for name, both in COLOURS.items()} for theme in (0, 1)
+)
 HEAT_ALPHA = 0.09
 """Opacity of a cell in the table of correlations, per step of magnitude."""
 

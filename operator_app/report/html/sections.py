@@ -71,43 +71,27 @@ METHOD_WORDS = (
     ),
 )
 HEADINGS = {
-    "parameters": "Parameters",
-    "truth": "The truth",
-    "causes": "What may be wrong",
-    "dh": "D-H table",
-    "hand": "Tool position uncertainty",
-    "accuracy": "Before and after",
-    "trend": "Condition number, pose by pose",
-    "determined": "How well the poses determine them",
-    "closure": "Residuals by pose",
-    "estimators": "Both estimators",
-    "jackknife": "Jackknife",
-    "noise": "Noise estimated with the parameters",
-    "rvdt-remedy": "Corrections of RVDT readings",
-    "budget": "Uncertainty budget",
-    "halving": "What narrows the widest sigmas",
-    "tolerated": "Corrected lengths and twists",
-    "tests": "Tests",
-    "observability": "Observability",
-    "correlations": "Correlations",
+    "parameters": ("Parameters", False),
+    "truth": ("The truth", True),
+    "causes": ("What may be wrong", False),
+    "dh": ("D-H table", False),
+    "hand": ("Tool position uncertainty", True),
+    "accuracy": ("Before and after", False),
+    "trend": ("Condition number, pose by pose", False),
+    "determined": ("How well the poses determine them", True),
+    "closure": ("Residuals by pose", False),
+    "estimators": ("Both estimators", True),
+    "jackknife": ("Jackknife", True),
+    "noise": ("Noise estimated with the parameters", True),
+    "rvdt-remedy": ("Corrections of RVDT readings", False),
+    "budget": ("Uncertainty budget", False),
+    "halving": ("What narrows the widest sigmas", True),
+    "tolerated": ("Corrected lengths and twists", False),
+    "tests": ("Tests", True),
+    "observability": ("Observability", True),
+    "correlations": ("Correlations", False),
 }
-"""Headings of sections whose table has a long title, or that contain more than the table."""
-
-
-NARROW = frozenset(
-    {
-        "truth",
-        "hand",
-        "determined",
-        "estimators",
-        "jackknife",
-        "noise",
-        "halving",
-        "tests",
-        "observability",
-    }
-)
-"""Tables that take half of the page's width."""
+"""Headings of sections that need another title than their table, and whether these take half of the page's width."""
 
 
 def sections_of(subject: Subject) -> tuple[Section, ...]:
@@ -149,12 +133,8 @@ def _of_table(subject: Subject, estimate: Estimate, table: FactTable) -> Section
         case "closure":
             shown = calibration_plots.residuals(subject, estimate)
             content += [remark(CLOSURE_WORDS), plots(map(drawn, shown))]
-    return Section(
-        ident=table.ident,
-        title=HEADINGS.get(table.ident, table.title),
-        content=tuple(content),
-        narrow=table.ident in NARROW,
-    )
+    title, narrow = HEADINGS.get(table.ident, (table.title, False))
+    return Section(ident=table.ident, title=title, content=tuple(content), narrow=narrow)
 
 
 def _before_and_after(subject: Subject) -> list[str]:

@@ -12,7 +12,7 @@ from operator_app.config.parameters import ParametersDocument
 from operator_app.config.poses_file import LoadedPoses
 from operator_app.config.procedure import Procedure
 from operator_app.config.quantities import short_degrees
-from operator_app.report.text import aligned, paragraph
+from operator_app.report.text import aligned, paragraph, warning
 from operator_app.units import (
     ANGLE_TOLERANCE,
     CONDITION,
@@ -62,14 +62,12 @@ def problems_text(problems: Sequence[Problem]) -> str:
 def check_text(files: FilesRead, chains: Sequence[Chain]) -> str:
     """Return text on each file and each arm, and predicted results of calibrating each arm in its fixture."""
     arms = {chain.arm.name: chain.arm for chain in chains}
-    for looked in files.of("arm"):
-        if isinstance(looked.holds, ArmModel):
-            arms[looked.holds.name] = looked.holds
+    arms |= {f.holds.name: f.holds for f in files.of("arm") if isinstance(f.holds, ArmModel)}
+    listed = aligned([[looked.source.file, in_words(looked)] for looked in files.files], left=True)
     blocks = [
-        "No problems were found in the files.\n"
-        + aligned([[looked.source.file, in_words(looked)] for looked in files.files], left=True),
-        *(_arm(arm) for arm in arms.values()),
-        *(_chain(chain) for chain in chains),
+        f"No problems were found in the files.\n{listed}",
+        *map(_arm, arms.values()),
+        *map(_chain, chains),
         *([paragraph(FORECAST_NOTE)] if files.of("poses") and not chains else []),
         paragraph(UNITS_NOTE),
     ]
@@ -83,10 +81,11 @@ def in_words(looked: FileRead) -> str:
             return f"arm {arm.name}: {plural(arm.joint_count, 'joint')}"
         case FixtureSpec() as spec:
             return f"fixture {spec.name}: {spec.kind}"
-        case Procedure() as procedure:
+        case Procedure(capture=capture) as procedure:
+            how = "planned" if capture.strategy == "planned" else "explored"
             return (
                 f"procedure {procedure.name}: {procedure.arm.name} in {procedure.fixture.name}, "
-                f"{_captured(procedure)}"
+                f"{plural(capture.poses, f'{how} pose')} of {capture.samples_per_pose} samples"
             )
         case ParametersDocument() as document:
             return f"parameters of {document.arm.model}, serial {document.arm.serial}"
@@ -103,44 +102,37 @@ def in_words(looked: FileRead) -> str:
             return f"bus profile {profile.name}"
 
 
-def _captured(procedure: Procedure) -> str:
-    capture = procedure.capture
-    how = "planned" if capture.strategy == "planned" else "explored"
-    return f"{plural(capture.poses, f'{how} pose')} of {capture.samples_per_pose} samples"
-
-
 def _arm(arm: ArmModel) -> str:
     free = {entry.name for entry in arm.free}
     rows = [["joint", "name", "range [deg]", "sensor", "reads to [deg]", "offset"]]
     for j, joint in enumerate(arm.joints, 1):
-        low, high = SPAN(joint.lower_rad).shown, SPAN(joint.upper_rad).shown
+        sensor = joint.sensor
         rows.append(
             [
                 str(j),
                 joint.name,
-                f"{low} to {high}",
+                f"{SPAN(joint.lower_rad).shown} to {SPAN(joint.upper_rad).shown}",
                 _sensor(joint),
-                "" if isinstance(joint.sensor, NoSensor) else READING_SD(joint.sensor.sigma_rad).shown,
+                "" if isinstance(sensor, NoSensor) else READING_SD(sensor.sigma_rad).shown,
                 "found" if f"theta_off_{j}" in free else "as the file has it",
             ]
-        )  # fmt: skip
-    lines = [f"Arm {arm.name}", aligned(rows, left=True)]
-    others = [e.name for e in arm.free if e.kind is not DhKind.THETA_OFF]
-    if others:
-        lines.append(paragraph(f"Free in addition to the offsets: {', '.join(others)}."))
-    lines.append(
+        )
+    others = ", ".join(e.name for e in arm.free if e.kind is not DhKind.THETA_OFF)
+    parallel = ", ".join(map(str, arm.hayati_rows))
+    lines = [
+        f"Arm {arm.name}",
+        aligned(rows, left=True),
+        *([paragraph(f"Free in addition to the offsets: {others}.")] if others else []),
         paragraph(
             f"Lengths are taken as known to {LENGTH_TOLERANCE(max(arm.length_tolerance_m)).with_unit}, "
             f"twists to {ANGLE_TOLERANCE(max(arm.twist_tolerance_rad)).with_unit} (the least known row)."
-        )
-    )
-    if arm.hayati_rows:
-        listed = ", ".join(map(str, arm.hayati_rows))
-        lines.append(f"Parallel axes in D-H row {listed}: beta (Hayati) is used in place of s.")
+        ),
+    ]
+    if parallel:
+        lines.append(f"Parallel axes in D-H row {parallel}: beta (Hayati) is used in place of s.")
     if arm.assumed:
-        lines.append(
-            paragraph(f"Assumed, as the file does not state it: {', '.join(arm.assumed)}.")
-        )
+        assumed = f"Assumed, as the file does not state it: {', '.join(arm.assumed)}."
+        lines.append(paragraph(assumed))
     return "\n".join(lines)
 
 
@@ -158,54 +150,46 @@ def _chain(chain: Chain) -> str:
     """Return the calibration forecast of one arm in one fixture, as text."""
     arm, spec, feasibility = chain.arm, chain.fixture, chain.feasibility
     give = spec.fixture.compliance
-    yields = [
-        *([DEFLECTION_LENGTH(give.position_m).with_unit] if give.position_m else []),
+    yields = [DEFLECTION_LENGTH(give.position_m).with_unit] if give.position_m else []
+    if give.orientation_rad and spec.kind != "ball":
+        yields.append(DEFLECTION_ANGLE(give.orientation_rad).with_unit)
+    deflection = f"; under load it deflects by {' and '.join(yields)}" if yields else ""
+    immobile = {c.joint for c in feasibility.checks if c.kind is CheckKind.IMMOBILE}
+    warnings = [
+        *([] if feasibility.refusal is None else [str(feasibility.refusal)]),
         *(
-            [DEFLECTION_ANGLE(give.orientation_rad).with_unit]
-            if give.orientation_rad and spec.kind != "ball"
-            else []
+            f"{c.severity.value}: {c.text}: {c.remedy}"
+            for c in feasibility.checks
+            if c.severity is not Severity.OK
+        ),
+        *(
+            f"not identifiable: {d}"
+            for d in feasibility.unidentifiable
+            if immobile.isdisjoint(d.immobile_joints)
         ),
     ]
     lines = [
         f"{arm.name} in {spec.name}",
         paragraph(
             f"The {spec.kind}'s placement is taken as known to {LENGTH_TOLERANCE(spec.tolerance_m).with_unit} "
-            f"and {ANGLE_TOLERANCE(spec.tolerance_rad).with_unit}"
-            + (f"; under load it deflects by {' and '.join(yields)}." if yields else ".")
+            f"and {ANGLE_TOLERANCE(spec.tolerance_rad).with_unit}{deflection}."
         ),
-        *(paragraph(text) for text in _freedom(chain)),
+        *map(paragraph, _freedom(chain)),
         paragraph(
             f"{plural(len(feasibility.parameters), 'parameter')} would be identified: "
             f"{', '.join(p.name for p in feasibility.parameters)}."
         ),
+        *map(warning, warnings),
+        *_other_home(chain),
+        *(paragraph(f"{name} is fixed: {reason}.") for name, reason in chain.held.items()),
     ]
-    if feasibility.refusal is not None:
-        lines.append(paragraph(f"! {feasibility.refusal}", indent=2))
-    lines += [
-        paragraph(f"! {c.severity.value}: {c.text}: {c.remedy}", indent=2)
-        for c in feasibility.checks
-        if c.severity is not Severity.OK
-    ]
-    immobile = {c.joint for c in feasibility.checks if c.kind is CheckKind.IMMOBILE}
-    lines += [
-        paragraph(f"! not identifiable: {d}", indent=2)
-        for d in feasibility.unidentifiable
-        if immobile.isdisjoint(d.immobile_joints)
-    ]
-    lines += _other_home(chain)
-    lines += [paragraph(f"{name} is fixed: {reason}.") for name, reason in chain.held.items()]
-    if feasibility.identifiability is not None and not feasibility.refused:
-        lines.append(
-            _identifiability_text(
-                "Poses over the whole reachable region", feasibility.identifiability
-            )
-        )
+    region = feasibility.identifiability
+    if region is not None and not feasibility.refused:
+        lines.append(_identifiability_text("Poses over the whole reachable region", region))
     for file, identifiability in chain.poses:
         lines.append(_identifiability_text(f"The poses of {file}", identifiability))
-        lines += [
-            paragraph(f"! not identifiable: {d}", indent=2) for d in identifiability.directions
-        ]
-    lines += [paragraph(f"! {file}: {reason}", indent=2) for file, reason in chain.unfit]
+        lines += [warning(f"not identifiable: {d}") for d in identifiability.directions]
+    lines += [warning(f"{file}: {reason}") for file, reason in chain.unfit]
     return "\n".join(lines)
 
 
@@ -214,12 +198,12 @@ def _freedom(chain: Chain) -> list[str]:
     feasibility, n = chain.feasibility, chain.arm.joint_count
     if feasibility.mobility is None:
         return []
-    if chain.fixture.fixture.holds_hand:
-        drives = plural(feasibility.mobility, "joint") + " in position mode"
-        others = others_free(feasibility.mobility, n)
-        lines = [f"Mobility {feasibility.mobility}: exactly {drives}{others}."]
-    else:
-        lines = [f"The tool is free: all {n} joints in position mode."]
+    mobility = feasibility.mobility
+    lines = [
+        f"Mobility {mobility}: exactly {plural(mobility, 'joint')} in position mode{others_free(mobility, n)}."
+        if chain.fixture.fixture.holds_hand
+        else f"The tool is free: all {n} joints in position mode."
+    ]
     if feasibility.choice is not None:
         chosen = f"{joints_named(feasibility.choice.drives).capitalize()} would drive"
         lines.append(f"{chosen} ({'; '.join(feasibility.choice.reasons)}).")
@@ -238,14 +222,12 @@ def _other_home(chain: Chain) -> list[str]:
     if chain.home is None:
         return []
     home, feasibility = chain.home
-    degrees = ", ".join(f"{a:g}" for a in short_degrees(home))
     lines = [
-        paragraph(
-            f"! This home pose is usable, and closes with the {chain.fixture.kind}: write it into the file of "
-            f"{chain.arm.name}, bring the arm there, and check again:",
-            indent=2,
+        warning(
+            f"This home pose is usable, and closes with the {chain.fixture.kind}: write it into the file of "
+            f"{chain.arm.name}, bring the arm there, and check again:"
         ),
-        f"  home_deg: [{degrees}]",
+        f"  home_deg: [{', '.join(f'{a:g}' for a in short_degrees(home))}]",
     ]
     if feasibility.identifiability is not None:
         region = "Poses over the whole region reachable from there"
@@ -300,22 +282,23 @@ def _chain_data(chain: Chain) -> dict[str, Any]:
         "checks": [c.data for c in feasibility.checks],
         "parameters": [p.name for p in feasibility.parameters],
         "held": dict(chain.held),
-        "seen": None
-        if feasibility.identifiability is None
-        else _identifiability_data(feasibility.identifiability),
-        "poses": {
-            file: _identifiability_data(identifiability) for file, identifiability in chain.poses
-        },
+        "seen": _identifiability_data(feasibility.identifiability),
+        "poses": {file: _identifiability_data(of_poses) for file, of_poses in chain.poses},
         "unfit": dict(chain.unfit),
         "assumed": list(arm.assumed),
     }
 
 
-def _identifiability_data(identifiability: Identifiability) -> dict[str, Any]:
-    return {
-        "rank": identifiability.rank,
-        "scaled_condition_number": Figure(identifiability.scaled_condition_number).in_json,
-        "not_identifiable": [
-            {"parameters": list(d.parameters), "text": str(d)} for d in identifiability.directions
-        ],
-    }
+def _identifiability_data(identifiability: Identifiability | None) -> dict[str, Any] | None:
+    return (
+        None
+        if identifiability is None
+        else {
+            "rank": identifiability.rank,
+            "scaled_condition_number": Figure(identifiability.scaled_condition_number).in_json,
+            "not_identifiable": [
+                {"parameters": list(d.parameters), "text": str(d)}
+                for d in identifiability.directions
+            ],
+        }
+    )

@@ -29,9 +29,7 @@ def comparison_text(comparison: CalibrationComparison) -> str:
     table = _table(comparison)
     blocks = [
         _verdict(comparison, table),
-        "\n".join(
-            _whose(name, d) for name, d in (("A", comparison.before), ("B", comparison.after))
-        ),
+        f"{_whose('A', comparison.before)}\n{_whose('B', comparison.after)}",
         "\n".join(table_lines(table)),
         paragraph(_reading(comparison)),
         _left_out(comparison),
@@ -90,8 +88,8 @@ def _verdict(comparison: CalibrationComparison, table: FactTable) -> str:
     lines = []
     for d in comparison.drifted:
         _, unit, _, _, change, _, sigmas, _ = cells[d.name]
-        line = f"- {d.name} by {change} {unit} ({sigmas} sigmas; {d.side.value})"
-        lines.append(paragraph(line, indent=2))
+        text = f"- {d.name} by {change} {unit} ({sigmas} sigmas; {d.side.value})"
+        lines.append(paragraph(text, indent=2))
     if Side.ARM not in {d.side for d in comparison.drifted}:
         advice = (
             "Only parameters of the fixture's mounting changed, none of the arm itself. If the fixture "
@@ -148,14 +146,13 @@ def _table(comparison: CalibrationComparison) -> FactTable:
 
 def change_data(change: ParameterChange, before: str, after: str) -> dict[str, Any]:
     """Return one parameter's change as JSON, in deg or m; `before` and `after` are the keys of the two values."""
-    numbers = {
-        before: change.before,
-        after: change.after,
-        "change": change.change,
-        "sigma": change.sigma,
+    return {
+        "unit": "deg" if change.is_angle else "m",
+        before: in_json(change, change.before),
+        after: in_json(change, change.after),
+        "change": in_json(change, change.change),
+        "sigma": in_json(change, change.sigma),
     }
-    data = {key: in_json(change, value) for key, value in numbers.items()}
-    return {"unit": "deg" if change.is_angle else "m", **data}
 
 
 def _left_out(comparison: CalibrationComparison) -> str:

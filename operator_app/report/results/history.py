@@ -8,7 +8,7 @@ import numpy as np
 
 from operator_app.calibration.comparison import Side
 from operator_app.calibration.history import ArmHistory, EntryHistory
-from operator_app.report.table import Cell, Column, FactTable, figures, words
+from operator_app.report.table import Cell, FactTable, figures, words
 from operator_app.report.text import WIDTH, paragraph, table_lines
 from operator_app.units import ANGLE, LENGTH, Figure, Quantity, places_to_show, plural
 from solver.chain.parameters import DhEntry
@@ -40,10 +40,10 @@ def title_of(part: EntryHistory) -> str:
         Side.ARM: "Offsets of the arm",
         Side.GROUND: "Fixture on the table",
         Side.HAND: "Fixture on the tool",
-    }
+    }[part.side]
     since = "" if part.side is Side.ARM else f", mounted {first.utc:%Y-%m-%d}"
     return (
-        f"{what[part.side]}: fixture {last.fixture.name}, {last.estimator}{since}, "
+        f"{what}: fixture {last.fixture.name}, {last.estimator}{since}, "
         f"{plural(len(part.calibrations), 'session')}"
     )
 
@@ -89,23 +89,16 @@ def sessions_table(part: EntryHistory) -> FactTable:
     return FactTable(
         ident="values",
         title="By session, in the units above",
-        columns=(
-            *words("date"),
-            *figures(*part.names),
-            Column("session", words=True, detail=True),
-        ),
+        columns=(*words("date"), *figures(*part.names), *words("session", detail=True)),
         rows=tuple(rows),
     )
 
 
 def verdict_text(history: ArmHistory, width: int = WIDTH) -> str:
     """Return the verdict: the shifted entries, that none has shifted, or that there are too few sessions."""
-    lines = [
-        paragraph(f"- {_shift_text(part, shift)}", indent=2, width=width)
-        for part in history.parts
-        for shift in part.chart.changes
-    ]
-    if lines:
+    shifts = [_shift_text(part, shift) for part in history.parts for shift in part.chart.changes]
+    if shifts:
+        lines = (paragraph(f"- {text}", indent=2, width=width) for text in shifts)
         return "\n".join(["SHIFTED:", *lines])
     if (most := _most_sessions(history)) <= BASELINE:
         return paragraph(
@@ -159,16 +152,15 @@ def history_text(history: ArmHistory, *, brief: bool = False) -> str:
 
 def history_json(history: ArmHistory) -> dict[str, Any]:
     """Return the object of `sarcal history --json`; angles in deg, lengths in m."""
-    last = history.calibrations[-1].document
-    early = _most_sessions(history) <= BASELINE
+    last, verdict = history.calibrations[-1].document, "in control"
+    if history.shifted:
+        verdict = "shifted"
+    elif _most_sessions(history) <= BASELINE:
+        verdict = "too early to judge"
     return {
         "arm_model": last.arm.model,
         "arm_serial": last.arm.serial,
-        "verdict": "shifted"
-        if history.shifted
-        else "too early to judge"
-        if early
-        else "in control",
+        "verdict": verdict,
         "due": _utc(history.due),
         "due_why": history.due_why,
         "level": CONTROL_CHART_FALSE_ALARM_PROBABILITY,
@@ -190,10 +182,16 @@ def history_json(history: ArmHistory) -> dict[str, Any]:
 
 def _part_json(part: EntryHistory) -> dict[str, Any]:
     chart = part.chart
-
-    def listed(table: Any, j: int, name: str) -> list[float | None]:
-        return [Figure(float(v), quantity(name)).in_json for v in table[:, j]]
-
+    by_session = {
+        "value": part.values,
+        "sigma": part.sigma,
+        "type_a": part.within,
+        "between": chart.between,
+        "centre": chart.centre,
+        "shewhart_half_width": chart.shewhart,
+        "ewma": chart.ewma,
+        "ewma_half_width": chart.ewma_limit,
+    }
     return {
         "side": part.side.name.lower(),
         "fixture": part.calibrations[-1].document.fixture.name,
@@ -205,14 +203,10 @@ def _part_json(part: EntryHistory) -> dict[str, Any]:
         "entries": {
             name: {
                 "unit": "deg" if quantity(name) is ANGLE else "m",
-                "value": listed(part.values, j, name),
-                "sigma": listed(part.sigma, j, name),
-                "type_a": listed(part.within, j, name),
-                "between": listed(chart.between, j, name),
-                "centre": listed(chart.centre, j, name),
-                "shewhart_half_width": listed(chart.shewhart, j, name),
-                "ewma": listed(chart.ewma, j, name),
-                "ewma_half_width": listed(chart.ewma_limit, j, name),
+                **{
+                    key: [Figure(float(v), quantity(name)).in_json for v in table[:, j]]
+                    for key, table in by_session.items()
+                },
                 "smallest_shift": Figure(float(part.smallest[j]), quantity(name)).in_json,
             }
             for j, name in enumerate(part.names)

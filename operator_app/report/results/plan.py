@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Mapping
 from dataclasses import asdict
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from fixtures.base import CheckKind, Severity
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.report.facts import CONDITION_PAPER
 from operator_app.report.plots.braille import coverage_lines, region_lines
-from operator_app.report.text import WIDTH, aligned, paragraph
+from operator_app.report.text import aligned, paragraph, warning
 from operator_app.units import (
     ANGLE,
     CONDITION,
@@ -49,7 +49,7 @@ def plan_text(shown: Preview, *, title: str, ascii_only: bool) -> str:
     """Return a plan as text for the operator."""
     blocks = [
         paragraph(title),
-        *_checks(shown),
+        *([checks] if (checks := _checks(shown)) else []),
         _drives(shown),
         _poses(shown),
         _sigmas(shown),
@@ -62,33 +62,28 @@ def plan_text(shown: Preview, *, title: str, ascii_only: bool) -> str:
     return "\n\n".join(blocks)
 
 
-def _checks(shown: Preview) -> list[str]:
-    """Return one block of text on fixed entries and fixture warnings; empty if there are none."""
-    lines = [
-        paragraph(
-            f"! {c.severity.value}: {c.text}: {c.remedy}"
-            if c.severity is not Severity.OK
-            else f"  {c.text}",
-            indent=2,
-        )
+def _checks(shown: Preview) -> str:
+    """Return text on fixed entries and fixture warnings; empty if there are none."""
+    return "\n".join(
+        paragraph(f"  {c.text}", indent=2)
+        if c.severity is Severity.OK
+        else warning(f"{c.severity.value}: {c.text}: {c.remedy}")
         for c in shown.checks
         if c.severity is not Severity.OK or c.kind is CheckKind.FIXED
-    ]
-    return ["\n".join(lines)] if lines else []
+    )
 
 
 def _drives(shown: Preview) -> str:
     """Return text on the drive sets, ranked over the reachable region, with their leverage at the start pose."""
-    at_start = {r.drives: r for r in shown.choice.prediction.here}
-    listed = list(shown.choice.prediction.region[:SHOWN_SETS])
-    if all(r.drives != shown.choice.drives for r in listed):
-        listed += [r for r in shown.choice.prediction.region if r.drives == shown.choice.drives]
+    drives, prediction = shown.choice.drives, shown.choice.prediction
+    at_start = {r.drives: r for r in prediction.here}
+    listed = [r for k, r in enumerate(prediction.region) if k < SHOWN_SETS or r.drives == drives]
     rows = [["joints", "score", "reach", "leverage", "at start", "passive", ""]]
     for r in listed:
         now = at_start.get(r.drives)
         rows.append(
             [
-                ("> " if r.drives == shown.choice.drives else "  ") + " ".join(map(str, r.drives)),
+                ("> " if r.drives == drives else "  ") + " ".join(map(str, r.drives)),
                 f"{r.score:.2f}",
                 "" if r.reach is None else f"{r.reach:.0%}",
                 f"{r.leverage:.2f}",
@@ -97,19 +92,15 @@ def _drives(shown: Preview) -> str:
                 _verdict(r, now),
             ]
         )
-    count = shown.mobility
     head = (
-        f"Drive joints: exactly {count} in position mode, the others free. Reach: share of the "
+        f"Drive joints: exactly {shown.mobility} in position mode, the others free. Reach: share of the "
         "poses inside the ranges. Leverage: 0 at a singularity; its median over the region, and at the "
         "start. Passive: the free joint that moves most, by how much more than the drives."
     )
-    drives = shown.choice.drives
     subject = f"{joints_named(drives)} drive{'s' if len(drives) == 1 else ''}".capitalize()
     chosen = f"{subject} ({'; '.join(shown.choice.reasons)})."
     lines = [paragraph(head), aligned(rows), paragraph(chosen)]
-    others = [d for d in shown.choice.sets if d != shown.choice.drives]
-    if others:
-        also = ", ".join(joints_named(d) for d in others)
+    if also := ", ".join(joints_named(d) for d in shown.choice.sets if d != drives):
         lines.append(paragraph(f"A session may change to {also} to reach further poses."))
     return "\n".join(lines)
 
@@ -124,12 +115,11 @@ def _verdict(ranked: RankedDrives, now: RankedDrives | None) -> str:
 
 
 def _poses(shown: Preview) -> str:
-    n = shown.arm.joint_count
-    rows = [["#", "drive", *(f"J{j}" for j in range(1, n + 1)), ""]]
+    rows = [["#", "drive", *(f"J{j}" for j in range(1, shown.arm.joint_count + 1)), ""]]
     for number, pose in enumerate(shown.poses, 1):
-        row = [str(number), " ".join(map(str, pose.drives))]
-        row += [SPAN(angle).shown for angle in pose.q_rad.tolist()]
-        rows.append([*row, "no safe path" if pose.route is None else ""])
+        readings = (SPAN(angle).shown for angle in pose.q_rad.tolist())
+        path = "no safe path" if pose.route is None else ""
+        rows.append([str(number), " ".join(map(str, pose.drives)), *readings, path])
     known = f", beside {shown.captured} captured ones" if shown.captured else ""
     head = (
         f"{len(shown.poses)} poses in visiting order{known}: predicted readings in deg, of which "
@@ -139,16 +129,16 @@ def _poses(shown: Preview) -> str:
 
 
 def _sigmas(shown: Preview) -> str:
-    names_of = shown.plan.information.parameters
     known = {p.name: p for p in shown.parameters}
-    rows = [["parameter", "unit", "sigma", "parameter", "unit", "sigma"]]
     cells = [
         _sigma(known[name], float(sigma))
-        for name, sigma in zip(names_of, shown.plan.predicted_sigma, strict=True)
+        for name, sigma in zip(
+            shown.plan.information.parameters, shown.plan.predicted_sigma, strict=True
+        )
     ]
-    half = (len(cells) + 1) // 2
-    for k in range(half):
-        rows.append([*cells[k], *(cells[half + k] if half + k < len(cells) else [])])
+    half, blank = (len(cells) + 1) // 2, list[str]()
+    pairs = zip_longest(cells[:half], cells[half:], fillvalue=blank)
+    rows = [["parameter", "unit", "sigma"] * 2, *([*left, *right] for left, right in pairs)]
     condition = shown.identifiability.scaled_condition_number
     weakest = ", ".join(shown.identifiability.weakest.parameters[:WEAKEST])
     poses = "captured and planned poses" if shown.captured else "planned poses"
@@ -174,8 +164,10 @@ def advice_text(
     """Return text on ranked hinge placements: difference from the present placement, and predicted sigmas."""
     if not ranked:
         return "No placement near the present one can be used."
-    rows = [["", "tilt", "shift", "uncertainty", "condition", "mobility", "drives", "poses"]]
-    rows.append(["", "deg", "mm", "of present", "scaled", "", "", ""])
+    rows = [
+        ["", "tilt", "shift", "uncertainty", "condition", "mobility", "drives", "poses"],
+        ["", "deg", "mm", "of present", "scaled", "", "", ""],
+    ]
     for number, r in enumerate(ranked, 1):
         rows.append(
             [
@@ -189,13 +181,16 @@ def advice_text(
                 str(r.poses),
             ]
         )
-    blocks = [
-        paragraph("Hinge placements, the best first; the present one is tilt 0, shift 0"),
-        aligned(rows),
-    ]
-    for number, placement in enumerate(ranked, 1):
-        blocks.append(_placement(number, placement, parameters, joints))
-    return "\n".join(blocks)
+    return "\n".join(
+        (
+            paragraph("Hinge placements, the best first; the present one is tilt 0, shift 0"),
+            aligned(rows),
+            *(
+                _placement(k, placement, parameters, joints)
+                for k, placement in enumerate(ranked, 1)
+            ),
+        )
+    )
 
 
 def _placement(
@@ -214,11 +209,7 @@ def _placement(
         f"J{j} {WHOLE_DEGREES(low).shown} to {WHOLE_DEGREES(high).shown}"
         for j, (low, high) in enumerate(placement.reach_rad.tolist(), 1)
     )
-    lines = [
-        f"{number}. {placement.text}",
-        f"placement: {entries}",
-        f"joint ranges reached: {reached}",
-    ]
+    lines = [f"placement: {entries}", f"joint ranges reached: {reached}"]
     for quantity in (ANGLE, LENGTH):
         phrases = [
             f"{name} {Figure(sigma, quantity, places=PLACES).shown}"
@@ -227,14 +218,8 @@ def _placement(
         ]
         lines.append(f"sigmas in {quantity.unit}: {', '.join(phrases)}")
     lines += [f"! {c.text}: {c.remedy}" for c in placement.checks if c.severity is not Severity.OK]
-    head, *others = lines
-    below = (
-        textwrap.fill(
-            text, WIDTH, initial_indent="   ", subsequent_indent="     ", break_long_words=False
-        )
-        for text in others
-    )
-    return "\n".join(("", paragraph(head, indent=3), *below))
+    head = paragraph(f"{number}. {placement.text}", indent=3)
+    return "\n".join(("", head, *(paragraph(f"   {text}", indent=5) for text in lines)))
 
 
 ANGULAR = ("alpha", "theta")
@@ -244,8 +229,7 @@ ANGULAR = ("alpha", "theta")
 def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:
     """Return the JSON object for a plan."""
     choice, identifiability = shown.choice, shown.identifiability
-    known = {p.name: p for p in shown.parameters}
-    names = shown.plan.information.parameters
+    known, names = {p.name: p for p in shown.parameters}, shown.plan.information.parameters
     return {
         "basis": basis,
         "arm": shown.arm.name,

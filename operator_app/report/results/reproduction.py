@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from operator_app.planning.reproduction import (
@@ -10,16 +11,10 @@ from operator_app.planning.reproduction import (
     SIGMA_POS_M,
     Published,
 )
-from operator_app.report.parameter_tables import dh_table
+from operator_app.report.parameter_tables import dh_table, values_of
 from operator_app.report.table import Cell, FactTable, figures, keyed, words
 from operator_app.report.text import paragraph, table_text
-from operator_app.units import (
-    ANGLE,
-    CLOSURE_ANGLE,
-    CLOSURE_LENGTH,
-    Figure,
-    quantity_of,
-)
+from operator_app.units import ANGLE, CLOSURE_ANGLE, CLOSURE_LENGTH, Figure, quantity_of
 
 
 def published_text(reproduction: Published) -> str:
@@ -57,20 +52,12 @@ def _tables(reproduction: Published) -> list[FactTable]:
 def _identified(reproduction: Published) -> FactTable:
     """Return Table 2: the published values, and the values that the paper's estimator finds for the simulated arm."""
     estimate, rows = reproduction.solution.estimate, []
-    for p, value, sd in zip(
-        estimate.parameters, estimate.x.tolist(), estimate.standard_deviation.tolist(), strict=True
-    ):
+    for p, value, sd in values_of(estimate):
         quantity, printed, key = quantity_of(p), reproduction.printed[p.name], ("table_2", p.name)
-        rows.append(
-            (
-                p.name,
-                quantity.unit,
-                Figure(printed, quantity, places=1, key=(*key, "paper")),
-                Figure(value, quantity, places=1, key=(*key, "specimen")),
-                Figure(value - printed, quantity, places=1, signed=True),
-                Figure(sd, quantity, digits=2),
-            )
-        )
+        figure = partial(Figure, quantity=quantity, places=1)
+        both = figure(printed, key=(*key, "paper")), figure(value, key=(*key, "specimen"))
+        difference, sigma = figure(value - printed, signed=True), Figure(sd, quantity, digits=2)
+        rows.append((p.name, quantity.unit, *both, difference, sigma))
     return FactTable(
         ident="table-2",
         title="Table 2: identified",
@@ -85,39 +72,25 @@ def _identified(reproduction: Published) -> FactTable:
 
 
 def _quality(reproduction: Published) -> FactTable:
-    sigmas, identifiability = (
-        reproduction.solution.estimate.sigmas,
-        reproduction.solution.identifiability,
-    )
-    turned = sigmas.orientation_rad
-    rows: list[tuple[Cell, ...]] = [
+    solution = reproduction.solution
+    sigmas, condition = solution.estimate.sigmas, solution.identifiability.scaled_condition_number
+    published = Figure(PUBLISHED_CONDITION)
+    ours = Figure(condition, key=("scaled_condition_number",))
+    rows: list[tuple[Cell, ...]] = [("scaled condition number", "", published, ours, "")]
+    for name, key, quantity, in_paper, both in (
+        ("sigma_pos, eq. 14", "sigma_pos_mm", CLOSURE_LENGTH, SIGMA_POS_M, sigmas.position_m),
         (
-            "scaled condition number",
-            "",
-            Figure(PUBLISHED_CONDITION),
-            Figure(identifiability.scaled_condition_number, key=("scaled_condition_number",)),
-            "",
+            "sigma_ori, eq. 15",
+            "sigma_ori_mrad",
+            CLOSURE_ANGLE,
+            SIGMA_ORI_RAD,
+            sigmas.orientation_rad,
         ),
-        (
-            "sigma_pos, eq. 14",
-            CLOSURE_LENGTH.unit,
-            Figure(SIGMA_POS_M, CLOSURE_LENGTH),
-            Figure(sigmas.position_m.rms, CLOSURE_LENGTH, key=("sigma_pos_mm", "rms")),
-            Figure(
-                sigmas.position_m.as_printed, CLOSURE_LENGTH, key=("sigma_pos_mm", "as_printed")
-            ),
-        ),
-    ]
-    if turned is not None:
-        rows.append(
-            (
-                "sigma_ori, eq. 15",
-                CLOSURE_ANGLE.unit,
-                Figure(SIGMA_ORI_RAD, CLOSURE_ANGLE),
-                Figure(turned.rms, CLOSURE_ANGLE, key=("sigma_ori_mrad", "rms")),
-                Figure(turned.as_printed, CLOSURE_ANGLE, key=("sigma_ori_mrad", "as_printed")),
-            )
-        )
+    ):
+        if both is not None:
+            rms = Figure(both.rms, quantity, key=(key, "rms"))
+            as_printed = Figure(both.as_printed, quantity, key=(key, "as_printed"))
+            rows.append((name, quantity.unit, Figure(in_paper, quantity), rms, as_printed))
     return FactTable(
         ident="quality",
         title="How good the fit is",
@@ -132,10 +105,7 @@ def _shares(reproduction: Published) -> FactTable:
     return FactTable(
         ident="shares",
         title="Share of each source of error (section 4): each alone",
-        columns=(
-            *words("source"),
-            *figures("sigma_pos [mm]", "sigma_ori [mrad]", "condition"),
-        ),
+        columns=(*words("source"), *figures("sigma_pos [mm]", "sigma_ori [mrad]", "condition")),
         rows=tuple(
             (
                 share.source,
@@ -152,21 +122,13 @@ def _remedies(reproduction: Published) -> FactTable:
     return FactTable(
         ident="remedies",
         title="Effect of each planned remedy (section 4): rms error against the truth",
-        columns=(
-            *words("remedy", "section"),
-            *figures("offsets [deg]", "lengths [mm]"),
-        ),
+        columns=(*words("remedy", "section"), *figures("offsets [deg]", "lengths [mm]")),
         rows=tuple(
             (
                 remedy.name,
                 remedy.paragraph,
-                Figure(remedy.offsets_rad, ANGLE, places=2, key=("remedies", k, "offsets_rms_deg")),
-                Figure(
-                    remedy.lengths_m,
-                    CLOSURE_LENGTH,
-                    places=2,
-                    key=("remedies", k, "lengths_rms_mm"),
-                ),
+                Figure(remedy.offsets_rad, ANGLE, 2, key=("remedies", k, "offsets_rms_deg")),
+                Figure(remedy.lengths_m, CLOSURE_LENGTH, 2, key=("remedies", k, "lengths_rms_mm")),
             )
             for k, remedy in enumerate(reproduction.remedies)
         ),

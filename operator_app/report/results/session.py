@@ -144,39 +144,36 @@ def session_table_text(folder: Path, state: SessionState, *, procedure: str, tor
 
     `torn`: text about a part dropped from the end of the journal; empty if there is none.
     """
-    about = FactTable(
-        ident="session",
-        title=f"Session {folder.resolve().name}",
-        columns=words("what", "is"),
-        rows=tuple(_about(folder, state, procedure, torn)),
-    )
-    return "\n\n".join(map(table_text, (about, *([_poses(state)] if state.poses else []))))
+    tables = [_about(folder, state, procedure, torn), *([_poses(state)] if state.poses else [])]
+    return "\n\n".join(map(table_text, tables))
 
 
-def _about(folder: Path, state: SessionState, procedure: str, torn: str) -> list[tuple[Cell, ...]]:
+def _about(folder: Path, state: SessionState, procedure: str, torn: str) -> FactTable:
     position = [j for j, mode in enumerate(state.modes, 1) if mode == "position"]
-    excluded = [p.number for p in state.poses if p.excluded]
-    poses = plural(len(state.used_poses), "pose") + " that count"
-    if excluded:
-        poses += f", {names(excluded)} excluded"
+    driven = f"{joints_named(position)}{others_free(len(position), len(state.modes))}"
+    excluded = names(p.number for p in state.poses if p.excluded)
     rows = [
         ("folder", str(folder)),
         ("procedure", procedure),
         ("begun (UTC)", state.opened_utc[:19].replace("T", " ")),
         ("arm, serial number", state.serial_number or "none connected"),
         ("poses read from", state.imported),
+        ("in position mode", driven if position else ""),
         (
-            "in position mode",
-            f"{joints_named(position)}{others_free(len(position), len(state.modes))}"
-            if position
-            else "",
+            "poses",
+            f"{plural(len(state.used_poses), 'pose')} that count"
+            + (f", {excluded} excluded" if excluded else ""),
         ),
-        ("poses", poses),
         ("solved", _solved(state)),
         ("exported", _exported(state)),
         ("journal's end", torn),
     ]
-    return [row for row in rows if row[1]]
+    return FactTable(
+        ident="session",
+        title=f"Session {folder.resolve().name}",
+        columns=words("what", "is"),
+        rows=tuple(row for row in rows if row[1]),
+    )
 
 
 def _solved(state: SessionState) -> str:
@@ -195,32 +192,31 @@ def _exported(state: SessionState) -> str:
     if not exported:
         # `sarcal export` writes files from any session; its journal records only an upload.
         return "nothing that its journal records"
-    uploaded = exported["uploaded"]
-    where = f", slot {uploaded['slot']} of the controller" if uploaded else ", nothing uploaded"
+    uploaded, where = exported["uploaded"], "nothing uploaded"
     if exported.get("unknown"):
-        where = ", the content of the controller is unknown"
+        where = "the content of the controller is unknown"
+    elif uploaded:
+        where = f"slot {uploaded['slot']} of the controller"
     forced = f"; for a reason: {exported['forced']}" if exported.get("forced") else ""
-    return f"{exported['file']}{where}{forced}"
+    return f"{exported['file']}, {where}{forced}"
 
 
 def _poses(state: SessionState) -> FactTable:
-    shown = state.poses[:MOST_POSES_LISTED]
     several = len({p.placement for p in state.poses}) > 1
     rows: list[tuple[Cell, ...]] = []
-    for pose in shown:
+    for pose in state.poses[:MOST_POSES_LISTED]:
         remark = f"excluded: {pose.excluded}" if pose.excluded else pose.note
-        largest = float(np.max(pose.sd_rad))
         rows.append(
             (
                 str(pose.number),
                 *([str(pose.placement)] if several else []),
                 *(Figure(v, ANGLE, places=2) for v in pose.mean_rad.tolist()),
-                Figure(largest if largest > 0.0 else None, NOISE_ANGLE, places=1),
+                Figure(float(np.max(pose.sd_rad)) or None, NOISE_ANGLE, places=1),
                 remark if len(remark) <= 24 else f"{remark[:23]}…",
             )
         )
-    joints = len(shown[0].mean_rad)
-    left_out = len(state.poses) - len(shown)
+    joints = len(state.poses[0].mean_rad)
+    left_out = len(state.poses) - len(rows)
     return FactTable(
         ident="poses",
         title="Poses: mean readings [deg], largest sd [mdeg]",
@@ -236,14 +232,14 @@ def _poses(state: SessionState) -> FactTable:
     )
 
 
-KEPT_POSE, RESTORED, LOST = "kept", "restored", "lost"
+INTACT = "kept"
 
 
 def fate(line: RepairedLine) -> str:
     """Return what the repair did with a line: ``kept``, ``restored`` or ``lost``."""
     if line.event is None:
-        return LOST
-    return RESTORED if line.words else KEPT_POSE
+        return "lost"
+    return "restored" if line.words else INTACT
 
 
 def repair_json(repair: RepairResult) -> dict[str, Any]:
@@ -267,50 +263,44 @@ def repair_json(repair: RepairResult) -> dict[str, Any]:
 
 def repair_text(repair: RepairResult) -> str:
     """Return the repair as paragraphs."""
-    folder = repair.folder
+    folder, state = repair.folder, repair.state
     if repair.aside is None:
-        torn = " Its last line is incomplete: a resumed session omits it."
+        torn = " Its last line is incomplete: a resumed session omits it." if repair.torn else ""
         return paragraph(
-            f"{folder}: the journal is complete, {len(repair.lines)} lines; nothing was changed."
-            + (torn if repair.torn else "")
+            f"{folder}: the journal is complete, {len(repair.lines)} lines; nothing was changed.{torn}"
         )
-    paragraphs = [
-        paragraph(f"{folder}: repaired. The damaged journal is untouched in {repair.aside}.")
-    ]
+    lines = [paragraph(f"{folder}: repaired. The damaged journal is untouched in {repair.aside}.")]
     for what, of_kind in groupby(repair.lines, key=fate):
-        if what is KEPT_POSE:
-            first, *others = of_kind
-            last = others[-1].number if others else first.number
-            span = f"line {first.number}" if not others else f"lines {first.number} to {last}"
-            paragraphs.append(
-                f"  {span}: kept, verified by {'its' if not others else 'their'} checksum"
-            )
+        if what != INTACT:
+            for line in of_kind:
+                name = "" if line.event is None else f" ({line.event.name.replace('_', ' ')})"
+                text = f"  line {line.number}: {what}{name}: {line.words}"
+                lines.append(paragraph(text, indent=4))
             continue
-        for line in of_kind:
-            name = "" if line.event is None else f" ({line.event.name.replace('_', ' ')})"
-            paragraphs.append(
-                paragraph(f"  line {line.number}: {what}{name}: {line.words}", indent=4)
-            )
+        first, *others = (line.number for line in of_kind)
+        lines.append(
+            f"  lines {first} to {others[-1]}: kept, verified by their checksum"
+            if others
+            else f"  line {first}: kept, verified by its checksum"
+        )
     if repair.torn:
-        paragraphs.append("  the last line is incomplete and was left out")
-    state = repair.state
-    paragraphs.append(f"{len(state.used_poses)} poses count.")
+        lines.append("  the last line is incomplete and was left out")
+    lines.append(f"{len(state.used_poses)} poses count.")
     if repair.lost:
-        paragraphs.append(
+        lines.append(
             paragraph(
                 "Earlier calibrations of this session are no longer used, because a pose or its exclusion may "
                 "be lost: check the poses before you calibrate again."
             )
         )
-    if state.sources:
-        paragraphs.append(f"Go on with: sarcal run --resume {folder}")
-    else:
-        paragraphs.append(
-            paragraph(
-                "Line 1, which opened the session, is lost, so that it cannot be resumed: start a new one."
-            )
+    lines.append(
+        f"Go on with: sarcal run --resume {folder}"
+        if state.sources
+        else paragraph(
+            "Line 1, which opened the session, is lost, so that it cannot be resumed: start a new one."
         )
-    return "\n".join(paragraphs)
+    )
+    return "\n".join(lines)
 
 
 PLACES = 4

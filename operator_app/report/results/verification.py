@@ -11,14 +11,8 @@ from operator_app.calibration.prediction import FIXTURE, shift_in_words
 from operator_app.report.quality_tables import CLOSURE_COLUMNS, closure_row
 from operator_app.report.results.comparison import change_cells, change_data
 from operator_app.report.table import FactTable, figures, keyed, words
-from operator_app.report.text import paragraph, table_lines, table_text
-from operator_app.units import (
-    ANGLE,
-    CHI2,
-    SIGMA_ORI,
-    SIGMA_POS,
-    significant,
-)
+from operator_app.report.text import paragraph, table_lines, table_text, warning
+from operator_app.units import ANGLE, CHI2, SIGMA_ORI, SIGMA_POS, Figure, significant
 from solver.diagnostics.limits import DRIFT_FALSE_ALARM_PROBABILITY
 
 if TYPE_CHECKING:
@@ -61,10 +55,11 @@ def verification_json(verdict: VerificationResult, poses: PoseSet) -> dict[str, 
 def _shift_json(shift: CommonShift) -> dict[str, Any]:
     """Return the common shift as JSON: what shifted (``joint_4``, ``fixture``) and, for a joint, by how much, deg."""
     joint = shift.subject != FIXTURE
+    size, sigma = (Figure(v if joint else None, ANGLE).in_json for v in (shift.size, shift.sigma))
     return {
         "what": f"joint_{shift.subject}" if joint else shift.subject,
-        "size_deg": None if shift.size is None or not joint else shift.size * ANGLE.json_per_si,
-        "sigma_deg": None if shift.sigma is None or not joint else shift.sigma * ANGLE.json_per_si,
+        "size_deg": size,
+        "sigma_deg": sigma,
         "chi2": shift.chi2,
         "threshold": shift.threshold,
         "text": shift_in_words(shift),
@@ -91,9 +86,7 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
             f"DOES NOT HOLD: {verdict.poses} new poses disagree with the calibration of {folder} "
             "by more than its uncertainty allows."
         )
-    notices = []
-    if verdict.shift is not None:
-        notices.append(shift_in_words(verdict.shift))
+    notices = [] if verdict.shift is None else [shift_in_words(verdict.shift)]
     if verdict.odd_poses:
         worst = ", ".join(
             f"{poses.label[k]} (chance {significant(float(tested.pose_probability[k]), 2)})"
@@ -114,7 +107,7 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
             paragraph(
                 f"chi2/dof {per_dof}: 1 or less if errors are as stated; at most one sound set in 200 exceeds {most}."
             ),
-            *(paragraph(f"! {notice}", indent=2) for notice in notices),
+            *map(warning, notices),
         )
     )
 

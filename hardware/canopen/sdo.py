@@ -50,7 +50,7 @@ class _Sender(canopen.Network):
 class _Client(SdoClient):
     """An SDO client whose answers wait in a queue written in C.
 
-    Ctrl-C in a wait can leave the lock of its `queue.Queue` locked; the receiving thread would then stop for ever.
+    Ctrl-C during a wait can leave the lock of a `queue.Queue` locked, which would block the receiving thread.
     """
 
     @property

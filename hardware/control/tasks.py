@@ -1,8 +1,8 @@
 """Steps that the control loop runs for a caller in another thread, and their result.
 
-The loop takes no lock that Ctrl-C in the caller's thread could leave locked: Python's conditions and futures have such
-locks, `queue.SimpleQueue`, written in C, has not. Nor is its thread asked whether it is alive: up to Python 3.12,
-Ctrl-C in `Thread.is_alive` can make it return false from then on.
+The loop takes no lock that Ctrl-C in the caller's thread can leave locked: conditions and futures have such locks,
+`queue.SimpleQueue`, which is written in C, does not. `Thread.is_alive` is not used either: up to Python 3.12, Ctrl-C
+in it can make it return false from then on.
 """
 
 from __future__ import annotations

@@ -81,7 +81,7 @@ def _describe_sdo(data: bytes) -> str:
 
 
 _POLL_S = 0.005
-"""How often a wait looks. It takes no lock, which Ctrl-C could leave locked for the receiving thread."""
+"""Polling period of waits. They take no lock: Ctrl-C could leave it locked, which would block the receiving thread."""
 _TIMEOUT_FACTOR = 5
 """Longest wait in wall-clock time, as a multiple of its time-out, in case no thread receives any more."""
 

@@ -68,6 +68,8 @@ def test_node_fault_changes_frames_of_its_node(arm, kind, joint, tpdos, heartbea
     arm.peer.log.clear()
     for _ in range(11):
         arm.peer.send(0x080)
+    # A turn of the loop receives one frame; without this wait, heartbeats may come before the last SYNC.
+    arm.run_in_loop()
     for _ in range(3):
         arm.clock.time_s += 0.1
         arm.peer.wait_for(lambda number, _: number == 0x710)

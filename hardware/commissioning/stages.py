@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
+from hardware.arm import ArmInterface, DriveState
+
 Ask = Callable[[str], bool]
 """Asks the person beside the arm a question; returns whether the answer is yes."""
 
@@ -29,7 +31,7 @@ class Stage(Enum):
     """Loss of the operator's heartbeat, as when this program is killed."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Clause:
     """Result of the check of one requirement; `passed` is None if the requirement could not be tested."""
 
@@ -68,9 +70,25 @@ BENCH: Final = Bounds(samples=100, still_rad=math.radians(0.1), near_rad=math.ra
 """Limits for an arm without fixture."""
 
 
+def nothing_wrong(name: str, wrong: str, otherwise: str) -> Clause:
+    """Return the result of a check, with the text `wrong` if it failed; it passed if that text is empty."""
+    return Clause(name, not wrong, wrong or otherwise)
+
+
+def position_rad(arm: ArmInterface, joint: int) -> float:
+    """Return the position of a joint, rad."""
+    return arm.snapshot().joints[joint - 1].position_rad
+
+
+def enabled_joints(arm: ArmInterface) -> list[int]:
+    """Return the joints whose drives are enabled."""
+    joints = arm.snapshot().joints
+    return [joint.joint for joint in joints if joint.drive is DriveState.OPERATION_ENABLED]
+
+
 def declined(joint: int | None = None) -> Clause:
     """Return the result of a check that the person beside the arm declined."""
-    return Clause(name="agreed", passed=None, text="not tried: declined", joint=joint)
+    return Clause("agreed", None, "not tried: declined", joint)
 
 
 def deg(angle_rad: float, *, sign: bool = False) -> str:
@@ -78,6 +96,6 @@ def deg(angle_rad: float, *, sign: bool = False) -> str:
     return f"{math.degrees(angle_rad):{'+' if sign else ''}.3f} deg"
 
 
-def joints_words(joints: list[int]) -> str:
-    """Format joint numbers: ``joint 1, 3``."""
-    return f"joint {', '.join(map(str, joints))}"
+def joints_words(joints: list[int], text: str) -> str:
+    """Return a sentence about joints, such as ``joint 1, 3 is enabled``; empty if there are none."""
+    return f"joint {', '.join(map(str, joints))} {text}" if joints else ""

@@ -79,7 +79,6 @@ CONTROL_PERIOD_S: Final = 0.01
 
 # ---- PDOs --------------------------------------------------------------------------------------
 TPDO_EVERY_SYNC: Final = 1
-RPDO_ON_RECEIPT: Final = 254
 EMCY: Final = struct.Struct("<HB5s")
 """Error code, error register 1001h, five bytes of the maker (unused here)."""
 
@@ -275,7 +274,6 @@ class Abort(IntEnum):
     BLOCK_SIZE = 0x05040002
     BLOCK_SEQUENCE = 0x05040003
     BLOCK_CRC = 0x05040004
-    OUT_OF_MEMORY = 0x05040005
     WRITE_ONLY = 0x06010001
     READ_ONLY = 0x06010002
     NO_OBJECT = 0x06020000
@@ -300,12 +298,5 @@ DRIVE_DEVICE_TYPE: Final = 0x00020192
 """CiA 402 (192h), servo drive."""
 DEVICE_TYPE_MASK: Final = 0x00FFFFFF
 """Bits 24 to 31 of 1000h are the maker's."""
-SUPERVISOR_DEVICE_TYPE: Final = 0
-"""No device profile."""
-VENDOR_ID: Final = 0
-"""Not registered with CiA."""
 JOINT_PRODUCT: Final = 0x0001
 SUPERVISOR_PRODUCT: Final = 0x0002
-REVISION: Final = 0x00010000
-JOINT_DEVICE_NAME: Final = "sarcal virtual joint drive"
-SUPERVISOR_DEVICE_NAME: Final = "sarcal virtual supervisor"

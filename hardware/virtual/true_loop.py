@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hardware.virtual.loop_point import BallPoint, ChainPoint, LoopPoint, OpenPoint
+from hardware.virtual.loop_point import BallPoint, ChainPoint, LoopPoint
 from solver.arrays import FloatArray, frozen
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, DhKind, entries, nominal_vector, wrap_angle
@@ -55,9 +55,9 @@ class Truth(ABC):
     def loop(self) -> ArmLoop:
         """Return the closure model without unknowns, in sensor coordinates."""
 
-    @abstractmethod
     def point(self) -> ChainPoint:
-        """Return the evaluator of the closure error at one pose, for the plant's inner loop."""
+        """Return the evaluator of frames and closure error at one pose, for the plant's inner loop."""
+        return ChainPoint(self.table)
 
     def closed_near(self, reading_rad: FloatArray) -> tuple[FloatArray, float]:
         """Find the closed pose nearest to a reading (n,), rad, in sensor coordinates; `ValueError` if there is none.
@@ -140,10 +140,6 @@ class OpenTruth(Truth):
             tip_rotation=self.tip_rotation,
             full_pose=True,
         )
-
-    def point(self) -> OpenPoint:
-        """Return the evaluator of the frames, without closure components."""
-        return OpenPoint(self.table)
 
     def closed_near(self, reading_rad: FloatArray) -> tuple[FloatArray, float]:
         """Return the true joint angles (n,) at a reading (n,), rad, and 0 for the hinge angle; there is no closure."""

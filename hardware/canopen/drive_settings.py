@@ -139,10 +139,13 @@ def _unsupported_modes(
 
 def operator_timeout_s(access: ObjectAccess, node: int) -> float | None:
     """Read the silence of node 127, s, after which a drive stops (1016h); None if the drive does not monitor it."""
-    for entry in _heartbeat_consumers(access, node) or ():
-        if entry >> 16 & 0x7F == objects.OPERATOR_NODE and entry & 0xFFFF:
-            return (entry & 0xFFFF) * 1e-3
-    return None
+    timeouts_ms = map(_operator_timeout_ms, _heartbeat_consumers(access, node) or ())
+    return next((1e-3 * timeout_ms for timeout_ms in timeouts_ms if timeout_ms), None)
+
+
+def _operator_timeout_ms(entry: int) -> int:
+    """Return the time-out in an entry of 1016h, ms; 0 if the entry is not on the operator's heartbeat."""
+    return entry & 0xFFFF if entry >> 16 & 0x7F == objects.OPERATOR_NODE else 0
 
 
 def _heartbeat_consumers(access: ObjectAccess, node: int) -> tuple[int, ...] | None:
@@ -150,10 +153,8 @@ def _heartbeat_consumers(access: ObjectAccess, node: int) -> tuple[int, ...] | N
     count = read_number(access, node, objects.HEARTBEAT_CONSUMER, 0)
     if count is None:
         return None
-    return tuple(
-        read_number(access, node, objects.HEARTBEAT_CONSUMER, sub) or 0
-        for sub in range(1, count + 1)
-    )
+    index, subs = objects.HEARTBEAT_CONSUMER, range(1, count + 1)
+    return tuple(read_number(access, node, index, sub) or 0 for sub in subs)
 
 
 def heartbeat_timeout_s(access: ObjectAccess, profile: BusProfile, min_s: float) -> float:
@@ -197,17 +198,11 @@ def operator_monitoring_differences(
     watched = _heartbeat_consumers(access, node)
     if watched is None:
         return None
-    if any(
-        value >> 16 & 0x7F == objects.OPERATOR_NODE
-        and 0 < value & 0xFFFF <= 1e3 * objects.MAX_OPERATOR_TIMEOUT_S
-        for value in watched
-    ):
+    limit_ms, operator = 1e3 * objects.MAX_OPERATOR_TIMEOUT_S, objects.OPERATOR_NODE
+    if any(0 < timeout_ms <= limit_ms for timeout_ms in map(_operator_timeout_ms, watched)):
         return ()
     entries = ", ".join(f"{value:08X}h" for value in watched) or "no entry"
-    limit_ms = 1e3 * objects.MAX_OPERATOR_TIMEOUT_S
-    expected = (
-        f"a time-out of at most {limit_ms:.0f} ms for the heartbeat of node {objects.OPERATOR_NODE}"
-    )
+    expected = f"a time-out of at most {limit_ms:.0f} ms for the heartbeat of node {operator}"
     place = node, objects.HEARTBEAT_CONSUMER, None
     return (ObjectMismatch(*place, expected, entries, ProfileRemedy.NONE),)
 

@@ -35,10 +35,9 @@ def read_identity(
 
     supervisor = profile.supervisor
     nodes = [(node, f"joint {joint}") for joint, node in enumerate(profile.drives, 1)]
-    if supervisor is not None:
-        nodes.append((supervisor, "supervisor"))
     model, serial_number = description.model, profile.serial_number
     if supervisor is not None:
+        nodes.append((supervisor, "supervisor"))
         model = access.read_text(supervisor, objects.ARM, objects.ARM_MODEL)
         serial_number = access.read_text(supervisor, objects.ARM, objects.ARM_SERIAL)
     return ArmIdentity(
@@ -105,12 +104,10 @@ def scales_of(description: ArmDescription, profile: BusProfile) -> tuple[JointSc
     """Return the scale of every joint's counts: its sensor's, unless the profile states counts per turn."""
     scales = []
     for joint, drive in zip(description.joints, profile.joints, strict=True):
-        per_rad = joint.sensor.counts_per_rad
+        per_rad = drive.direction * joint.sensor.counts_per_rad
         if drive.counts_per_rev is not None:
-            per_rad = drive.counts_per_rev / math.tau
-        scales.append(
-            JointScale(counts_per_rad=drive.direction * per_rad, zero_counts=drive.zero_counts)
-        )
+            per_rad = drive.direction * drive.counts_per_rev / math.tau
+        scales.append(JointScale(counts_per_rad=per_rad, zero_counts=drive.zero_counts))
     return tuple(scales)
 
 
@@ -173,9 +170,8 @@ def _sensor_differences(
         if objects.ENCODER_RESOLUTION not in compared:
             return
         per_rev = sensor.counts_per_rev if drive.counts_per_rev is None else drive.counts_per_rev
-        counts, turns = (
-            access.read_unsigned(node, objects.ENCODER_RESOLUTION, sub) for sub in (1, 2)
-        )
+        resolution = objects.ENCODER_RESOLUTION
+        counts, turns = (access.read_unsigned(node, resolution, sub) for sub in (1, 2))
         if counts != per_rev * turns:
             per_turns = "turn" if turns == 1 else f"{turns} turns"
             yield f"has an encoder of {counts} counts per {per_turns}, expected {per_rev} per turn"

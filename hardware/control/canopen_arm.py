@@ -67,20 +67,15 @@ class CanopenArm(ConnectableArm):
     ) -> None:
         link = self._link
         self._raise_if_stopped(link)
-        tripped = tuple(
-            joint
-            for joint, status in enumerate(link.loop.sample.statuswords, 1)
-            if state_of(status) is DriveState.FAULT
-        )
+        tripped = link.loop.sample.joints_in({DriveState.FAULT})
         self._raise_for_drives(link, tripped, "given a mode")
         if (refused := not_enabled(link.loop.sample)) is not None:
             raise refused
         for _ in range(MODE_ATTEMPTS):
             link.loop.run(motion_steps.change_modes(link.loop, modes), despite=despite)
             link.read_modes()
-            if link.modes == tuple(modes) and not motion_steps.not_following(
-                link.loop.sample, modes
-            ):
+            waits = motion_steps.not_following(link.loop.sample, modes)
+            if link.modes == tuple(modes) and not waits:
                 return
         for joint, (requested, actual) in enumerate(zip(modes, link.modes, strict=True), 1):
             if requested is not actual:
@@ -108,9 +103,7 @@ class CanopenArm(ConnectableArm):
             speed_rad_per_s=speed_rad_per_s,
             in_control=link.in_control,
         )
-        result = link.loop.run(
-            motion_steps.move(link, dict(targets_rad), speed_rad_per_s=speed_rad_per_s, watch=watch)
-        )
+        result = link.loop.run(motion_steps.move(link, dict(targets_rad), speed_rad_per_s, watch))
         if not result.reached:
             link.require_same_maps()
         return result
@@ -120,11 +113,8 @@ class CanopenArm(ConnectableArm):
         if len(spread_rad) != self.joints or window < 1:
             raise ValueError("settling needs one spread per joint and a window of at least 1")
         link = self._link
-        return link.loop.run(
-            motion_steps.settle(
-                link, window=window, spread_rad=spread_rad, timeout_syncs=timeout_syncs
-            )
-        )
+        steps = motion_steps.settle(link, window, spread_rad, timeout_syncs)
+        return link.loop.run(steps)
 
     def capture(self, samples: int) -> Reading:
         """Average `samples` samples, each latched on one SYNC; `MappingChanged` if a drive's PDO map was changed."""

@@ -113,22 +113,15 @@ class Connection:
     @property
     def left_enabled(self) -> bool:
         """Whether this connection took control and a drive's last statusword shows power."""
-        return self.took_control and any(
-            state_of(word) in POWERED_STATES for word in self.loop.view.sample.statuswords
-        )
+        return self.took_control and bool(self.loop.sample.joints_in(POWERED_STATES))
 
     def other_operator(self) -> bool:
         """Whether another operator's heartbeat is on the bus."""
-        return self.loop.nodes.other_operator(
-            self.loop.latency.listened_s, self._timing.heartbeat_timeout_s
-        )
+        return self.loop.nodes.other_operator(self._timing.heartbeat_timeout_s)
 
     def is_lost(self) -> bool:
         """Whether the bus failed or a node has fallen silent."""
-        loop = self.loop
-        return loop.failure is not None or bool(
-            loop.nodes.silent(loop.latency.listened_s, loop.heartbeat_timeout_s)
-        )
+        return self.loop.failure is not None or bool(self.loop.nodes.silent())
 
     def require_same_maps(self) -> None:
         """Raise `MappingChanged` if a drive's TPDOs no longer carry its position (6064h); the joints must be at rest.
@@ -144,10 +137,8 @@ class Connection:
             except errors.MappingMismatch as why:
                 raise errors.MappingChanged(why) from why
         for _ in range(POSITION_RECHECKS):  # noise, or a joint not yet at rest
-            spread = [POSITION_AGREEMENT_RAD] * len(self.scales)
-            self.loop.run(
-                motion_steps.settle(self, window=10, spread_rad=spread, timeout_syncs=100)
-            )
+            spread_rad = [POSITION_AGREEMENT_RAD] * len(self.scales)
+            self.loop.run(motion_steps.settle(self, 10, spread_rad, timeout_syncs=100))
             differs = self._differing_positions()
             if differs is None:
                 return
@@ -155,7 +146,7 @@ class Connection:
 
     def _differing_positions(self) -> errors.MappingMismatch | None:
         """Return the differences between SDO and PDO positions; None if they agree or a node does not answer."""
-        counts = self.loop.view.sample.counts
+        counts = self.loop.sample.counts
         try:
             if self._compares_positions:
                 check_positions(self.access, self.profile, counts, self.scales)
@@ -197,11 +188,8 @@ class Connection:
         if self.is_lost():
             return False
         supervisor = self.profile.supervisor
-        if (
-            not isinstance(error, errors.SdoRefused)
-            or error.code != Abort.LOCAL_CONTROL
-            or not supervisor
-        ):
+        lapsed = isinstance(error, errors.SdoRefused) and error.code == Abort.LOCAL_CONTROL
+        if not lapsed or not supervisor:
             return True
         if not self.in_control or self._late_since_control() is None:
             return False
@@ -230,7 +218,7 @@ class Connection:
 
     def send_quick_stops(self) -> None:
         """Send quick stop to all drives now."""
-        self.stop_line.send(self.loop.commands, self.loop.view.sample.counts)
+        self.stop_line.send(self.loop.commands, self.loop.sample.counts)
 
     def snapshot(self) -> ArmSnapshot:
         """Return the latest state; never blocks."""

@@ -67,7 +67,9 @@ class ControlLoop:
     ) -> None:
         self.latency = LatencyMonitor(clock, stamps, arm_waits=pace is Pace.FAST_FORWARD)
         """Monitor of the host's latency, which the nodes' time-outs exclude."""
-        self.nodes = NodeMonitor(profile, lambda: self.latency.listened_s)
+        self.nodes = NodeMonitor(
+            profile, lambda: self.latency.listened_s, timing.heartbeat_timeout_s
+        )
         self.commands: Setpoints | None = None
         """Commands sent last; None before control was taken."""
         self.latch = latch or StopLatch()
@@ -83,8 +85,6 @@ class ControlLoop:
             wire.send, frames, latch=self.latch, watch=self.watch, quick_stop=quick_stop
         )
         self._timing, self._clock = timing, clock
-        self.heartbeat_timeout_s = timing.heartbeat_timeout_s
-        """Silence after which a node is lost; set before `begin_sync`."""
         self._answer_timeout_s = timing.answer_timeouts_s[pace]
         self._sampler = Sampler(frames, max_misses=timing.misses(pace), now_s=clock())
         self._running = False
@@ -161,8 +161,6 @@ class ControlLoop:
             stop_latched=self.latch.latched,
             lost_joints=self._sampler.lost(),
             duplicate_joints=self._sampler.duplicates(),
-            now_s=self.latency.listened_s,
-            heartbeat_timeout_s=self.heartbeat_timeout_s,
         )
         despite = () if task is None else task.despite
         first = next((alarm for alarm in every if not isinstance(alarm, despite)), None)
@@ -290,16 +288,14 @@ class ControlLoop:
         identifier: int = message.arbitration_id
         if self._sampler.note(identifier, message.data, came_s, late_s):
             return True
-        if objects.node_of(identifier, objects.COB_SDO_FROM_SERVER):
+        asked = objects.node_of(identifier, objects.COB_SDO_TO_SERVER)  # by another program
+        answered = objects.node_of(identifier, objects.COB_SDO_FROM_SERVER)
+        if asked or answered:
             self._on_sdo(identifier, bytes(message.data))
-        else:
-            if objects.node_of(identifier, objects.COB_SDO_TO_SERVER):  # sent by another program
-                self._on_sdo(identifier, bytes(message.data))
+        if not answered:
             if self._watching:
                 self.nodes.note_command(identifier, message.data)
-            self.nodes.note(
-                identifier, message.data, self.latency.listened_s, self.sample.sync_count
-            )
+            self.nodes.note(identifier, message.data, self.sample.sync_count)
         return True
 
     def _beat(self) -> None:

@@ -130,7 +130,6 @@ def change_modes(loop: ControlLoop, modes: Sequence[JointMode]) -> Steps[None]:
 def move(
     link: Connection,
     targets_rad: Mapping[int, float],
-    *,
     speed_rad_per_s: float,
     watch: Watch | None,
 ) -> Steps[MoveResult]:
@@ -237,18 +236,14 @@ def _higher_priority(
     if ending is None or isinstance(alarm, errors.Stopped):
         return alarm
     # The first sign of a trip or a lost node is often that its drive, or a neighbour's, is not enabled.
-    if isinstance(ending, errors.DriveDropout) and isinstance(
-        alarm, errors.DriveFault | errors.BusError
-    ):
+    tripped = isinstance(alarm, errors.DriveFault)
+    if isinstance(ending, errors.DriveDropout) and (tripped or isinstance(alarm, errors.BusError)):
         stopped = ending.state == DriveState.QUICK_STOP_ACTIVE.value
         own = isinstance(alarm, errors.DriveFault) and alarm.joint == ending.joint
         return alarm if stopped or own else ending
     # What another program commanded is the cause of a later trip.
-    if isinstance(alarm, errors.DriveFault) and not isinstance(
-        ending, errors.DriveFault | errors.OtherMaster
-    ):
-        return alarm
-    return ending
+    explained = isinstance(ending, errors.DriveFault | errors.OtherMaster)
+    return alarm if tripped and not explained else ending
 
 
 def not_reached(sample: Sample, target: TargetState) -> tuple[int, ...]:
@@ -265,7 +260,7 @@ SYNCS_PER_SAMPLE, EXTRA_SYNCS = 20, 100
 
 
 def settle(
-    link: Connection, *, window: int, spread_rad: Sequence[float], timeout_syncs: int
+    link: Connection, window: int, spread_rad: Sequence[float], timeout_syncs: int
 ) -> Steps[bool]:
     """Wait until each joint's last `window` complete samples span no more than `spread_rad`; false on time-out."""
     bounds = np.array([s * scale.density for s, scale in zip(spread_rad, link.scales, strict=True)])

@@ -47,11 +47,8 @@ _Object = tuple[int, int]
 
 
 def _powered(values: Mapping[_Object, int]) -> dict[int, DriveState]:
-    states = {
-        node: state_of(word)
-        for (node, index), word in values.items()
-        if index == objects.STATUSWORD
-    }
+    words = {node: word for (node, index), word in values.items() if index == objects.STATUSWORD}
+    states = {node: state_of(word) for node, word in words.items()}
     return {node: state for node, state in states.items() if state in POWERED_STATES}
 
 
@@ -175,17 +172,14 @@ class StartUp:
             if holder in self._loop.nodes.foreign_nodes:
                 raise errors.ControlDenied(holder)
             # A node without an answer keeps its last value.
-            values |= _read_all(
-                access, [*((node, objects.STATUSWORD) for node in enabled), *tokens]
-            )
+            enabled_words = [key for key in statuswords if key[0] in enabled]
+            values |= _read_all(access, [*enabled_words, *tokens])
             enabled, holder = _powered(values), _token_holder(values)
             if not enabled and not holder:
                 return
         obeys = DriveState.OPERATION_ENABLED in enabled.values()
         if not takes_over and (obeys or (enabled and holder)):
-            named = [
-                f"{profile.who(node)} is in state {state.value}" for node, state in enabled.items()
-            ]
+            named = [f"{profile.who(n)} is in state {state.value}" for n, state in enabled.items()]
             raise errors.ArmInUse(named, timeout_s)
 
     def _listen(self, for_s: float) -> None:
@@ -229,7 +223,8 @@ class StartUp:
         """Check the arm except for its PDOs; set heartbeat time-out, following windows and rated torques."""
         access, profile, loop, link = self._access, self._profile, self._loop, self._link
         identifying.check_arm(access, identity, link.on_bus.description, profile)
-        loop.heartbeat_timeout_s = heartbeat_timeout_s(access, profile, loop.heartbeat_timeout_s)
+        timeout_s = heartbeat_timeout_s(access, profile, loop.nodes.heartbeat_timeout_s)
+        loop.nodes.heartbeat_timeout_s = timeout_s
         unwatching = check_operator_monitoring(access, profile)
         loop.watch.set_following_windows(following_windows_counts(access, profile, link.scales))
         link.rated_torques_nm = identifying.read_rated_torques_nm(access, profile)
@@ -275,11 +270,9 @@ class StartUp:
 
     def _read_fault_codes(self, first: Sample) -> None:
         """Record the error code (603Fh) of each drive in fault: its emergency was sent before this program listened."""
-        codes = {
-            node: self._access.read_unsigned(node, objects.ERROR_CODE)
-            for node, status in zip(self._profile.drives, first.statuswords, strict=True)
-            if state_of(status) in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
-        }
+        faulty = first.joints_in({DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE})
+        nodes_in_fault = [self._profile.drives[joint - 1] for joint in faulty]
+        codes = {n: self._access.read_unsigned(n, objects.ERROR_CODE) for n in nodes_in_fault}
         nodes = self._loop.nodes
 
         def note() -> Steps[None]:

@@ -79,8 +79,7 @@ def admit_move(
 
 def not_enabled(sample: Sample) -> CommandRefused | None:
     """Return the error for the first drive that is not in *operation enabled*; None if all are."""
-    for joint, status in enumerate(sample.statuswords, 1):
-        state = state_of(status)
+    for joint, state in enumerate(map(state_of, sample.statuswords), 1):
         if state is not DriveState.OPERATION_ENABLED:
             return CommandRefused(f"joint {joint}: the drive is in state {state.value}")
     return None

@@ -198,8 +198,6 @@ def alarms(
     stop_latched: bool,
     lost_joints: tuple[int, ...] = (),
     duplicate_joints: tuple[int, ...] = (),
-    now_s: float,
-    heartbeat_timeout_s: float,
 ) -> Iterator[errors.HardwareError]:
     """Yield all alarms, highest priority first.
 
@@ -241,7 +239,7 @@ def alarms(
             since_sync=watch.jump.sync_count,
         )
     silent = (
-        ("no heartbeat from node", nodes.silent(now_s, heartbeat_timeout_s)),
+        ("no heartbeat from node", nodes.silent()),
         ("no answer to SYNC from node", tuple(drives[j - 1] for j in lost_joints)),
     )
     if silence := " and ".join(
@@ -250,7 +248,7 @@ def alarms(
         yield errors.BusError(
             f"The arm has gone silent: {silence}. Check power and cable, then reconnect."
         )
-    if nodes.other_operator(now_s, heartbeat_timeout_s):
+    if nodes.other_operator(nodes.heartbeat_timeout_s):
         yield errors.ControlDenied(OPERATOR_NODE)
     for each in watch.dropout.dropouts:  # last: all of the above may be the cause
         yield errors.DriveDropout(each.joint, each.state.value, not_following=each.not_following)

@@ -87,10 +87,17 @@ _TIMEOUT_FACTOR = 5
 
 
 class NodeMonitor:
-    """State of the nodes of `profile`; `clock`, which times waits, returns the time in s without host latency."""
+    """State of the nodes of `profile`; `clock` returns the time in s without host latency."""
 
-    def __init__(self, profile: BusProfile, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        profile: BusProfile,
+        clock: Callable[[], float] = time.monotonic,
+        heartbeat_timeout_s: float = 1.0,
+    ) -> None:
         self._clock = clock
+        self.heartbeat_timeout_s = heartbeat_timeout_s
+        """Silence after which a node is lost; set before SYNC starts."""
         self.profile, self.nodes = profile, profile.nodes
         self._commanded = {
             identifier: frames for frames in frames_of(profile) for identifier in frames.command_ids
@@ -119,11 +126,11 @@ class NodeMonitor:
         if not self.foreign_command and self._is_command(identifier, bytes(data)):
             self.foreign_command = describe_master_frame(self.profile, identifier, bytes(data))
 
-    def note(self, identifier: int, data: bytes | bytearray, now_s: float, sync_count: int) -> None:
+    def note(self, identifier: int, data: bytes | bytearray, sync_count: int) -> None:
         """Take in a heartbeat or an emergency; ignore other frames."""
         if node := node_of(identifier, objects.COB_HEARTBEAT):
             if len(data) == 1:
-                self._heartbeat(node, data[0] & 0x7F, now_s)
+                self._heartbeat(node, data[0] & 0x7F)
         elif node := node_of(identifier, objects.COB_EMCY):
             code = unpack_emergency(data)
             if code is not None:
@@ -154,25 +161,20 @@ class NodeMonitor:
         """Listen for `timeout_s`; return whether another operator's heartbeat was heard."""
         return self._wait_for(lambda: self.other_operator_at_s is not None, timeout_s)
 
-    def silent(self, now_s: float, limit_s: float) -> tuple[int, ...]:
-        """Return the nodes that were heard before, but not within the last `limit_s`."""
-        return tuple(
-            node
-            for node in self.nodes
-            if node in self.heard_at_s and now_s - self.heard_at_s[node] > limit_s
-        )
+    def silent(self) -> tuple[int, ...]:
+        """Return the nodes that were heard before, but not within the last `heartbeat_timeout_s`."""
+        since_s, heard_at_s = self._clock() - self.heartbeat_timeout_s, self.heard_at_s
+        return tuple(n for n in self.nodes if n in heard_at_s and heard_at_s[n] < since_s)
 
     def not_operational(self) -> tuple[int, ...]:
         """Return the nodes whose last heartbeat reports an NMT state other than *operational*."""
-        return tuple(
-            node
-            for node in self.nodes
-            if self.nmt_state.get(node, NmtState.OPERATIONAL) != NmtState.OPERATIONAL
-        )
+        working = NmtState.OPERATIONAL
+        return tuple(n for n in self.nodes if self.nmt_state.get(n, working) != working)
 
-    def other_operator(self, now_s: float, limit_s: float) -> bool:
+    def other_operator(self, limit_s: float) -> bool:
         """Whether another operator's heartbeat was heard within `limit_s`."""
-        return self.other_operator_at_s is not None and now_s - self.other_operator_at_s <= limit_s
+        heard_at_s = self.other_operator_at_s
+        return heard_at_s is not None and self._clock() - heard_at_s <= limit_s
 
     def assume_fault(self, node: int, code: int, sync_count: int) -> None:
         """Add a fault whose emergency was sent before this program listened, unless a fault of the node is known."""
@@ -200,13 +202,13 @@ class NodeMonitor:
             time.sleep(min(left_s, _POLL_S))
         return happened()
 
-    def _heartbeat(self, node: int, state: int, now_s: float) -> None:
+    def _heartbeat(self, node: int, state: int) -> None:
         if node == objects.OPERATOR_NODE:
-            self.other_operator_at_s = now_s
+            self.other_operator_at_s = self._clock()
         elif node not in self.nodes:
             self.foreign_nodes |= {node}
         else:
-            self.heard_at_s[node] = now_s
+            self.heard_at_s[node] = self._clock()
             if state == NmtState.BOOT_UP and self.nmt_state.get(node) != state:
                 self._booted.add(node)
                 if not self._boot_expected:

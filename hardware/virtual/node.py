@@ -16,7 +16,6 @@ import canopen
 from canopen.objectdictionary import ODVariable
 from canopen.sdo.exceptions import SdoAbortedError
 
-from hardware.buses.shared_bus import Frame
 from hardware.canopen import objects
 from hardware.canopen.objects import Abort, EmergencyCode, ErrorBit, NmtCommand, NmtState
 from hardware.eds import node_dictionary, variables
@@ -197,7 +196,7 @@ class ControllerNetwork(canopen.Network):
             return
         if self._cut and can_id & _NODE_BITS in self._cut:
             return
-        message = Frame(
+        message = can.Message(
             arbitration_id=can_id, data=data, is_extended_id=False, is_remote_frame=remote
         )
         wire = self._disturbances.wire_out

@@ -9,27 +9,51 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
+from enum import Enum
 from functools import partial
 from typing import Final
 
 from hardware.arm import ArmIdentity, ArmInterface, JointMode
 from hardware.arm_description import ArmDescription
 from hardware.commissioning import checks, clauses
-from hardware.commissioning.clauses import STILL_ENABLED
-from hardware.commissioning.stages import (
+from hardware.commissioning.clauses import (
     BENCH,
     SCATTER_RAD,
+    STILL_ENABLED,
     Ask,
     Bounds,
-    CheckFinding,
     Clause,
-    Stage,
     declined,
     deg,
     position_rad,
 )
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import HardwareError
+
+
+class Stage(Enum):
+    """Stages of the bench check, in order; each stage requires that all earlier stages have passed."""
+
+    LOOK = "look"
+    """No drive is enabled."""
+    HOLD = "hold"
+    """Drives on, no motion; refusals; STOP."""
+    MOVE = "move"
+    """One joint at a time, there and back: halted, interrupted and stopped on the way."""
+    FREE = "free"
+    """One joint at a time in free mode."""
+    LEAVE = "leave"
+    """The arm is released as at the end of a session, and connected again."""
+    SILENCE = "silence"
+    """Loss of the operator's heartbeat, as when this program is killed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckFinding(Clause):
+    """A clause, with the stage in which it was checked."""
+
+    stage: Stage
+
 
 STOP: Final = "STOP"
 """Name of the clause that must pass before drives are enabled again."""

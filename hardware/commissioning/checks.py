@@ -22,20 +22,18 @@ from hardware.canopen.objects import (
 )
 from hardware.commissioning.clauses import (
     STILL_ENABLED,
-    is_still,
-    resets_unmoved,
-    seconds_to_stop,
-    stays_stopped,
-)
-from hardware.commissioning.stages import (
     Ask,
     Bounds,
     Clause,
     declined,
     deg,
     enabled_joints,
+    is_still,
     joints_words,
     nothing_wrong,
+    resets_unmoved,
+    seconds_to_stop,
+    stays_stopped,
 )
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, ControlDenied, HardwareError, OtherMaster, Stopped

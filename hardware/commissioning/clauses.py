@@ -9,25 +9,18 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
 import numpy as np
 
-from hardware.arm import ArmIdentity, ArmInterface, FloatArray, JointMode
+from hardware.arm import ArmIdentity, ArmInterface, DriveState, FloatArray, JointMode
 from hardware.arm_description import JointDescription
-from hardware.commissioning.stages import (
-    Bounds,
-    Clause,
-    deg,
-    enabled_joints,
-    joints_words,
-    nothing_wrong,
-    position_rad,
-)
 from hardware.errors import CommandRefused, HardwareError, Stopped
 
+Ask = Callable[[str], bool]
+"""Asks the person beside the arm a question; returns whether the answer is yes."""
 STOPS_WITHIN_S: Final = 0.5
 STILL_ENABLED: Final = f"a drive is still enabled {STOPS_WITHIN_S:g} s after STOP"
 FRESH_S: Final = 1.0
@@ -35,6 +28,69 @@ LARGEST_READING_RAD: Final = 4.0 * math.pi
 NO_DOCUMENT: Final = b"no parameter document"
 _WINDOW, _LONG_SYNCS, _SHORT_SYNCS = 5, 500, 20
 _POLL_S: Final = 0.005
+
+
+@dataclass(frozen=True, slots=True)
+class Clause:
+    """Result of the check of one requirement; `passed` is None if the requirement could not be tested."""
+
+    name: str
+    passed: bool | None
+    text: str
+    joint: int | None = None
+
+
+SCATTER_RAD: Final = math.radians(0.5)
+"""Limit of the standard deviation of single samples, mostly RVDT noise."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bounds:
+    """Samples per reading; limits of a joint's change at rest (`still_rad`) and deviation from target (`near_rad`)."""
+
+    samples: int
+    still_rad: float
+    near_rad: float
+
+    @property
+    def single_sample_rad(self) -> float:
+        """Limit of the error of a single sample at rest."""
+        return max(self.still_rad, self.near_rad, SCATTER_RAD)
+
+
+BENCH: Final = Bounds(samples=100, still_rad=math.radians(0.1), near_rad=math.radians(0.5))
+"""Limits for an arm without fixture."""
+
+
+def nothing_wrong(name: str, wrong: str, otherwise: str) -> Clause:
+    """Return the result of a check, with the text `wrong` if it failed; it passed if that text is empty."""
+    return Clause(name, not wrong, wrong or otherwise)
+
+
+def position_rad(arm: ArmInterface, joint: int) -> float:
+    """Return the position of a joint, rad."""
+    return arm.snapshot().joints[joint - 1].position_rad
+
+
+def enabled_joints(arm: ArmInterface) -> list[int]:
+    """Return the joints whose drives are enabled."""
+    joints = arm.snapshot().joints
+    return [joint.joint for joint in joints if joint.drive is DriveState.OPERATION_ENABLED]
+
+
+def declined(joint: int | None = None) -> Clause:
+    """Return the result of a check that the person beside the arm declined."""
+    return Clause("agreed", None, "not tried: declined", joint)
+
+
+def deg(angle_rad: float, *, sign: bool = False) -> str:
+    """Format an angle in degrees."""
+    return f"{math.degrees(angle_rad):{'+' if sign else ''}.3f} deg"
+
+
+def joints_words(joints: list[int], text: str) -> str:
+    """Return a sentence about joints, such as ``joint 1, 3 is enabled``; empty if there are none."""
+    return f"joint {', '.join(map(str, joints))} {text}" if joints else ""
 
 
 def identifies_itself(identity: ArmIdentity, model: str, joints: int) -> Iterator[Clause]:

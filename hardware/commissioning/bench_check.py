@@ -121,15 +121,13 @@ def check(bench: Bench, *, last: Stage) -> Iterator[CheckFinding]:
                     return  # no further motion after a failure with drives on
         except HardwareError as error:
             passed = False
-            yield CheckFinding(stage=stage, name="no error", passed=False, text=str(error))
+            yield CheckFinding("no error", False, str(error), stage=stage)
         if not passed or (stage is Stage.HOLD and STOP not in names):
             return  # drives are not enabled without a tested STOP
         if stage is last:
             break
     for name, reason in NOT_TESTED.items() if last is Stage.SILENCE else ():
-        yield CheckFinding(
-            stage=Stage.SILENCE, name=name, passed=None, text=f"not on a bench: {reason}"
-        )
+        yield CheckFinding(name, None, f"not on a bench: {reason}", stage=Stage.SILENCE)
 
 
 def _look(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
@@ -184,11 +182,9 @@ def _hold(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
     begun = time.monotonic()
     arm.stop()
     seconds = clauses.seconds_to_stop(arm, begun)
-    text = (
-        STILL_ENABLED
-        if seconds is None
-        else f"all drives have stopped after {1e3 * seconds:.0f} ms"
-    )
+    text = STILL_ENABLED
+    if seconds is not None:
+        text = f"all drives have stopped after {1e3 * seconds:.0f} ms"
     yield Clause(STOP, seconds is not None, text)
     yield from clauses.stays_stopped(arm, 1, bench.speed_rad_per_s)
     yield from clauses.resets_unmoved(arm, before, bench.bounds)

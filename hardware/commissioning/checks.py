@@ -191,10 +191,8 @@ def drive_settings(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
     """Check the drives' modes, quick stop option and operator time-out."""
     for drive in facts:
         lacking, option = drive.unsupported_modes, drive.quick_stop_option
-        modes, quick_stop = (
-            "the drive has no 6502h (supported modes)",
-            "the drive has no 605Ah (quick stop option)",
-        )
+        modes = "the drive has no 6502h (supported modes)"
+        quick_stop = "the drive has no 605Ah (quick stop option)"
         holds = None if option is None else option >= HOLDS_AFTER_STOP
         if lacking is not None:
             lacks = f"6502h lacks mode {', '.join(map(str, lacking))}"
@@ -215,12 +213,8 @@ def _guard(drive: DriveFacts) -> Clause:
         return Clause("guard", False, text, drive.joint)
     text = f"1016h: the drive stops {guard:.2f} s after the last heartbeat of this program"
     if guard > MAX_OPERATOR_TIMEOUT_S:
-        return Clause(
-            "guard",
-            False,
-            f"{text}; a run requires at most {MAX_OPERATOR_TIMEOUT_S:g} s",
-            drive.joint,
-        )
+        text += f"; a run requires at most {MAX_OPERATOR_TIMEOUT_S:g} s"
+        return Clause("guard", False, text, drive.joint)
     if guard > ADVISED_OPERATOR_TIMEOUT_S:
         limit = f"advised: at most {ADVISED_OPERATOR_TIMEOUT_S:g} s"
         text += f", and keeps moving until then if this program dies ({limit})"

@@ -243,9 +243,8 @@ def _ask(access: ObjectAccess, profile: BusProfile, node_found: FoundNode) -> No
         for difference in maps.pdo_differences(access, node, profile):
             node_found.problems += (str(difference),)
     else:
-        node_found.problems = (
-            f"node {node}: a drive that is not in the bus profile {profile.name}",
-        )
+        unknown = f"node {node}: a drive that is not in the bus profile {profile.name}"
+        node_found.problems = (unknown,)
     monitoring = operator_monitoring_differences(access, node)
     node_found.problems += tuple(map(str, monitoring or ()))
     if monitoring is None:

@@ -128,9 +128,8 @@ class CanopenArm(ConnectableArm):
     def hold(self) -> None:
         """Put all joints into position mode: free joints at their positions, the others at their last targets."""
         # A sensor fault or another master is no reason not to hold.
-        self._set_modes(
-            [JointMode.POSITION] * self.joints, despite=(errors.SensorFault, errors.OtherMaster)
-        )
+        despite = (errors.SensorFault, errors.OtherMaster)
+        self._set_modes([JointMode.POSITION] * self.joints, despite=despite)
 
     def reset_stop(self) -> None:
         """Clear the STOP latch and the drives' faults; the drives stay disabled until `take_control`.

@@ -302,9 +302,8 @@ class ControlLoop:
         now = self._clock()
         if self._beating and now >= self._next_beat_s:
             self._next_beat_s = now + self._timing.heartbeat_period_s
-            self._wire.send(
-                objects.COB_HEARTBEAT + objects.OPERATOR_NODE, bytes([NmtState.OPERATIONAL])
-            )
+            identifier = objects.COB_HEARTBEAT + objects.OPERATOR_NODE
+            self._wire.send(identifier, bytes([NmtState.OPERATIONAL]))
 
     def _wait_for_tick(self) -> None:
         """Receive frames until the next control period begins; after a late period the schedule restarts from now."""

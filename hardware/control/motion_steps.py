@@ -248,11 +248,8 @@ def _higher_priority(
 
 def not_reached(sample: Sample, target: TargetState) -> tuple[int, ...]:
     """Return the joints whose drives do not fulfil the request `target`."""
-    return tuple(
-        joint
-        for joint, status in enumerate(sample.statuswords, 1)
-        if not reached(state_of(status), target)
-    )
+    states = enumerate(map(state_of, sample.statuswords), 1)
+    return tuple(joint for joint, state in states if not reached(state, target))
 
 
 SYNCS_PER_SAMPLE, EXTRA_SYNCS = 20, 100

@@ -75,9 +75,8 @@ def upload(link: Connection, document: bytes) -> UploadReceipt:
                 reason = refusal(access, supervisor)
                 why = errors.UploadRefused(reason or str(lost))
                 if lost.code == Abort.LOCAL_CONTROL:
-                    why = errors.ControlDenied(
-                        access.read_unsigned(supervisor, objects.TOKEN), reason
-                    )
+                    holder = access.read_unsigned(supervisor, objects.TOKEN)
+                    why = errors.ControlDenied(holder, reason)
             raise why from lost
     raise AssertionError("unreachable: the last attempt returns or raises")
 

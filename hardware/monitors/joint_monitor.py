@@ -54,9 +54,7 @@ class ContinuityMonitor:
         self._recent: deque[tuple[int, ...]] = deque(maxlen=WINDOW_SAMPLES)
         self._last_sync = -1
         self._states: tuple[int, ...] = ()
-        self._outlier_syncs: tuple[deque[int], ...] = tuple(
-            deque(maxlen=2 * QUIET_SYNCS) for _ in self._allowed
-        )
+        self._outlier_syncs = [deque[int](maxlen=2 * QUIET_SYNCS) for _ in self._allowed]
         self._candidate: CountJump | None = None
         self._jerk_syncs_left = 0
 
@@ -72,11 +70,8 @@ class ContinuityMonitor:
     def update(self, sample: Sample) -> CountJump | None:
         """Take in a sample; return a jump once it is confirmed, `QUIET_SYNCS` SYNCs after the jump."""
         recent = self._recent
-        if (
-            not sample.complete
-            or sample.sync_count != self._last_sync + 1
-            or sample.statuswords != self._states
-        ):
+        follows_last = sample.sync_count == self._last_sync + 1
+        if not (sample.complete and follows_last and sample.statuswords == self._states):
             recent.clear()
         self._last_sync, self._states = sample.sync_count, sample.statuswords
         if self._jerk_syncs_left > 0:

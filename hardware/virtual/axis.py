@@ -83,13 +83,12 @@ class AxisSettings:
         self.full_scale_microdeg = 360 * _MILLIONTHS
         self.lowest_counts, self.highest_counts = -math.inf, math.inf
         per_turn = Fraction(scale.to_counts(2.0 * math.pi))
-        if isinstance(joint.sensor, Rvdt):
-            self.sensor_kind, self.converter_bits = SensorKind.RVDT, joint.sensor.bits
-            self.full_scale_microdeg = round(
-                math.degrees(joint.sensor.full_scale_rad) * _MILLIONTHS
-            )
-            self.lowest_counts, self.highest_counts = converter_ends(joint, joint.sensor)
-            codes = 360 * _MILLIONTHS * 2**joint.sensor.bits
+        if isinstance(sensor := joint.sensor, Rvdt):
+            self.sensor_kind, self.converter_bits = SensorKind.RVDT, sensor.bits
+            full_scale_deg = math.degrees(sensor.full_scale_rad)
+            self.full_scale_microdeg = round(full_scale_deg * _MILLIONTHS)
+            self.lowest_counts, self.highest_counts = converter_ends(joint, sensor)
+            codes = 360 * _MILLIONTHS * 2**sensor.bits
             per_turn = Fraction(codes, self.full_scale_microdeg)
         if per_turn.numerator > _LARGEST_U32:
             per_turn = per_turn.limit_denominator(10_000)

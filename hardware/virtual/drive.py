@@ -226,9 +226,8 @@ class Drive:
         }
         if any(persists.get(code, False) for code in self.errors):
             return False
-        had = bool(self.errors)
-        self.errors.clear()
-        if had:
+        cleared, self.errors = self.errors, []
+        if cleared:
             self._on_all_clear()
         return True
 

@@ -53,9 +53,8 @@ class ChainPoint:
         self._links = np.empty((links, 4, 4))
         self._frames = np.empty((links + 1, 4, 4))
         self._frames[0] = np.eye(4)
-        self._products = [
-            (self._frames[j], self._links[j], self._frames[j + 1]) for j in range(links)
-        ]
+        frames = self._frames
+        self._products = list(zip(frames[:-1], self._links, frames[1:], strict=True))
         self.axes_z = self._frames[:, :3, 2]
         self.base_axes = self._frames[1, :3, :3]
         self.origins_m = self._frames[:, :3, 3]

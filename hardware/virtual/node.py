@@ -56,9 +56,8 @@ class VirtualNode(canopen.LocalNode):
         }
         for place in range(objects.ERROR_HISTORY):
             self.answers[objects.ERROR_FIELD, place + 1] = partial(self._history_entry, place)
-        self.writers: dict[int, Callable[[Value], None]] = {
-            objects.ERROR_FIELD: self._clear_history
-        }
+        self.writers: dict[int, Callable[[Value], None]] = {}
+        self.writers[objects.ERROR_FIELD] = self._clear_history
 
     def associate_network(self, network: canopen.Network) -> None:
         """Subscribe to SDO requests only: the controller passes NMT commands to `on_nmt`."""

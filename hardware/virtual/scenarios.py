@@ -123,10 +123,8 @@ class Scenario:
         """Make the plant, at rest at the closed pose nearest to home; `ValueError` if the loop does not close."""
         carried, truth = self.arm(arm), self.true_loop()
         if carried.joint_count != truth.joint_count:
-            raise ValueError(
-                f"scenario {self.name!r} has {truth.joint_count} joints,"
-                f" the arm file {carried.joint_count}"
-            )
+            joints = f"{truth.joint_count} joints, the arm file {carried.joint_count}"
+            raise ValueError(f"scenario {self.name!r} has {joints}")
         sensors = [
             joint_sensor(joint, with_noise=self.noise, curve=curve)
             for joint, curve in zip(carried.joints, self.curves(arm), strict=True)
@@ -173,13 +171,8 @@ def scenario(name: str, seed: int = 0) -> Scenario:
         case "datasheet":
             return replace(paper, linearity_of_full_scale=0.02)
         case "as_reported":
-            return replace(
-                paper,
-                specimen=8,
-                linearity_of_full_scale=0.019,
-                lengths=(0.001, 0.002),
-                loads=COMPLIANT,
-            )
+            curved = replace(paper, specimen=8, linearity_of_full_scale=0.019)
+            return replace(curved, lengths=(0.001, 0.002), loads=COMPLIANT)
         case "wild":
             truth = draw_wild_loop(np.random.default_rng([seed, int(_Stream.WILD)]))
             return replace(paper, truth=truth, linearity_of_full_scale=0.02)

@@ -46,13 +46,8 @@ _EXPEDITED, _SIZED, _LAST, _TOGGLE = 0x02, 0x01, 0x01, 0x10
 
 _BLOCK_SEGMENTS: Final = 127
 """Largest number of segments in a block, and the number that this server uses."""
-_BLOCK_UPLOAD, _BLOCK_DOWNLOAD, _BLOCK_TAKEN, _BLOCK_CRC, _BLOCK_SIZED = (
-    0xC0,
-    0xA0,
-    0xA2,
-    0x04,
-    0x02,
-)
+_BLOCK_UPLOAD, _BLOCK_DOWNLOAD, _BLOCK_TAKEN = 0xC0, 0xA0, 0xA2
+_BLOCK_CRC, _BLOCK_SIZED = 0x04, 0x02
 _LAST_IN_BLOCKS: Final = 0x80
 _BLOCK_END: Final = struct.Struct("<BH5x")
 
@@ -126,7 +121,7 @@ class NodeSdoServer(SdoServer):
             except StopIteration as end:
                 answers, document = end.value
                 if document is not None:
-                    answers = self._written(index, subindex, document, answers)
+                    answers = self._write(index, subindex, document, answers)
             except SdoAbortedError as error:
                 answers = [_FRAME.pack(_ABORTED, index, subindex, error.code)]
             self._send(answers)
@@ -165,12 +160,10 @@ class NodeSdoServer(SdoServer):
             return _upload(request, document), _SEGMENT_HEADS
         return _block_upload(request, document), _BLOCK_UPLOAD_HEADS
 
-    def _written(
-        self, index: int, subindex: int, document: bytes, answers: list[bytes]
-    ) -> list[bytes]:
+    def _write(self, index: int, subindex: int, data: bytes, answers: list[bytes]) -> list[bytes]:
         """Write data received to the node; return the answers, none yet if the node defers them."""
         try:
-            self._owner.set_data(index, subindex, document, check_writable=True)
+            self._owner.set_data(index, subindex, data, check_writable=True)
         except Deferred:
             self._waiting = index, subindex, answers
             return []

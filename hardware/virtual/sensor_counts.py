@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -43,11 +43,8 @@ class LinearityDeviation:
         """Draw a random shape with peak deviation `peak` (fraction of full scale), with weaker high degrees."""
         shape = rng.choice((-1.0, 1.0), 4) * rng.uniform(0.4, 1.0, 4) * (1.0, 1.0, 0.4, 0.2)
         unit = cls(coefficients_rad=shape, half_scale_rad=0.5 * full_scale_rad)
-        largest = unit.peak_rad()
-        return cls(
-            coefficients_rad=shape * (peak * full_scale_rad / largest),
-            half_scale_rad=0.5 * full_scale_rad,
-        )
+        scale = peak * full_scale_rad / unit.peak_rad()
+        return replace(unit, coefficients_rad=shape * scale)
 
     def deviation_rad(self, from_zero_rad: float) -> float:
         """Return reading minus true angle, rad, at an angle from electrical zero (clipped to full scale)."""

@@ -261,8 +261,6 @@ def _pose(truth: Truth, arm: ArmModel, near_rad: FloatArray) -> FloatArray | Non
         pose, _ = truth.closed_near(near_rad)
     except ValueError:
         return None
-    reading = pose - truth.offsets_rad
-    inside = np.all(reading > arm.lower_rad + RANGE_MARGIN_RAD) and np.all(
-        reading < arm.upper_rad - RANGE_MARGIN_RAD
-    )
-    return reading if inside else None
+    reading, margin = pose - truth.offsets_rad, RANGE_MARGIN_RAD
+    inside = (reading > arm.lower_rad + margin) & (reading < arm.upper_rad - margin)
+    return reading if np.all(inside) else None

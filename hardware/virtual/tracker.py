@@ -93,11 +93,9 @@ class _Server(socketserver.ThreadingTCPServer):
         if self._places.acquire(blocking=False):
             super().process_request(request, client_address)
             return
-        full = {
-            "error": f"{CLIENTS} programs are connected, the largest number allowed: end one of them"
-        }
+        full = f"{CLIENTS} programs are connected, the largest number allowed: end one of them"
         with suppress(OSError):
-            request.sendall(json.dumps(full).encode() + b"\n")
+            request.sendall(json.dumps({"error": full}).encode() + b"\n")
         self.shutdown_request(request)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:

@@ -245,15 +245,9 @@ def draw_wild_loop(rng: np.random.Generator) -> LoopTruth:
 
 def can_cover(loop: DhLoop, x: FloatArray, pose: FloatArray, hinge: FloatArray) -> bool:
     """Whether the drives can move straight from `pose` to 16 points on the border of their ranges, in small steps."""
-    edge = np.linspace(0.0, 1.0, 5)[:-1]
-    zeros, ones = np.zeros(4), np.ones(4)
-    square = np.stack(
-        (
-            np.concatenate((edge, ones, 1.0 - edge, zeros)),
-            np.concatenate((zeros, edge, ones, 1.0 - edge)),
-        ),
-        axis=-1,
-    )
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    sides = np.roll(corners, -1, axis=0) - corners
+    square = np.concatenate([corners + 0.25 * step * sides for step in range(4)])
     ends = LOWEST_RAD + square * (HIGHEST_RAD - LOWEST_RAD)
     passive = np.ones(pose.shape)
     passive[WILD_DRIVES] = 0.0

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from hardware.arm_description import JointScale
 from hardware.canopen import objects
 from hardware.canopen.bus_profile import (
-    COMMAND_OBJECTS,
-    FEEDBACK_OBJECTS,
     MAX_HEARTBEAT_MS,
     RPDO,
     TPDO,
@@ -21,7 +18,7 @@ from hardware.canopen.bus_profile import (
     PdoKind,
 )
 from hardware.canopen.maps import IDENTIFIER, NOT_VALID, read_map, read_number, read_records
-from hardware.errors import MappingMismatch, ObjectMismatch, ProfileRemedy, SdoRefused
+from hardware.errors import MappingMismatch, ObjectMismatch, ProfileRemedy
 
 if TYPE_CHECKING:
     from hardware.canopen.sdo import ObjectAccess
@@ -70,25 +67,6 @@ def read_pdos(access: ObjectAccess, node: int) -> tuple[DrivePdo, ...]:
             )
             pdos.append(pdo)
     return tuple(pdos)
-
-
-def read_widths(access: ObjectAccess, node: int) -> dict[int, int]:
-    """Return, by index, the width in bits of each object of a drive that its PDOs must carry."""
-    widths = {}
-    for index in (*COMMAND_OBJECTS, *FEEDBACK_OBJECTS):
-        with suppress(SdoRefused):
-            widths[index] = 8 * len(access.read(node, index))
-    return widths
-
-
-def read_description_objects(access: ObjectAccess, node: int) -> tuple[int, ...]:
-    """Return the `DESCRIPTION_OBJECTS` that a drive has."""
-    indices = []
-    for index in DESCRIPTION_OBJECTS:
-        with suppress(SdoRefused):
-            access.read(node, index, 1)
-            indices.append(index)
-    return tuple(indices)
 
 
 HEARTBEAT_TIMEOUT_PERIODS = 2.5

@@ -15,7 +15,7 @@ from pathlib import Path
 from hardware import errors
 from hardware.arm import ArmIdentity, DriveState
 from hardware.buses.python_can import ArmOnBus
-from hardware.canopen.cia402 import CLOSED_LOOP_STATES, TargetState
+from hardware.canopen.cia402 import CLOSED_LOOP_STATES, POWERED_STATES, TargetState
 from hardware.canopen.cyclic import Sample
 from hardware.control import motion_steps
 from hardware.control.connection import Connection
@@ -170,7 +170,7 @@ class ConnectableArm:
             self._end(link)
 
     def _end(self, link: Connection) -> None:
-        self._takes_over = link.left_enabled
+        self._takes_over = link.took_control and bool(link.loop.sample.joints_in(POWERED_STATES))
         link.close()
         self._recording_failure = link.wire.recording_failure
 

@@ -15,7 +15,7 @@ from hardware.arm_description import EncoderDescription
 from hardware.buses.acceptance_filters import operator_filters, set_hardware_filters
 from hardware.buses.python_can import ArmOnBus, stamping_clock
 from hardware.buses.shared_bus import SharedBus
-from hardware.canopen.cia402 import POWERED_STATES, state_of
+from hardware.canopen.cia402 import state_of
 from hardware.canopen.cyclic import Sample, Setpoints, frames_of
 from hardware.canopen.identifying import scales_of
 from hardware.canopen.maps import POSITION_AGREEMENT_RAD, check_mapping, check_positions
@@ -64,8 +64,11 @@ class Connection:
         if record_to is None:  # a recording needs all frames
             set_hardware_filters(bus, operator_filters(profile))
         self.wire = SharedBus(bus, record_to=record_to, send_timeout_s=timing.tick_s)
+        second: can.BusABC | None = None
         try:
-            self.stop_line = StopLine(self._second_handle(on_bus), self.wire, frames_of(profile))
+            with suppress(errors.BusError):  # of an adapter that can be opened only once
+                second = on_bus.openers.stop(settings)
+            self.stop_line = StopLine(second, self.wire, frames_of(profile))
         except BaseException:
             self.wire.close()
             raise
@@ -90,14 +93,6 @@ class Connection:
             stamps=stamping_clock(settings),
         )
 
-    @staticmethod
-    def _second_handle(on_bus: ArmOnBus) -> can.BusABC | None:
-        """Open the second handle, for STOP; None if it cannot be opened, as with adapters that open only once."""
-        try:
-            return on_bus.openers.stop(on_bus.settings)
-        except errors.BusError:
-            return None
-
     def read_states(self) -> tuple[DriveState, ...]:
         """Read the state of every drive (6041h) by SDO; needs no start-up."""
         self.loop.start()
@@ -109,11 +104,6 @@ class Connection:
         self.loop.close()
         self.stop_line.close()
         self.wire.close()
-
-    @property
-    def left_enabled(self) -> bool:
-        """Whether this connection took control and a drive's last statusword shows power."""
-        return self.took_control and bool(self.loop.sample.joints_in(POWERED_STATES))
 
     def other_operator(self) -> bool:
         """Whether another operator's heartbeat is on the bus."""

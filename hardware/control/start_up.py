@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from math import ceil
 from typing import TYPE_CHECKING, Final
 
@@ -28,7 +27,7 @@ from hardware.canopen.drive_settings import (
     operator_timeout_s,
 )
 from hardware.canopen.maps import check_communication, check_mapping, check_positions
-from hardware.canopen.objects import NmtCommand, NmtState
+from hardware.canopen.objects import NmtCommand
 from hardware.canopen.sdo import ObjectAccess
 from hardware.control import motion_steps
 from hardware.control.tasks import Steps
@@ -112,8 +111,10 @@ class StartUp:
             self._require_unused(takes_over=takes_over)
             self._listen(0.0)  # other programs' commands so far, before they are cleared
         loop.nodes.expect_boot_up()
-        missing = self._send_nmt(NmtCommand.RESET_COMMUNICATION, loop.nodes.wait_for_boot_up)
-        loop.nodes.expect_no_boot_up()
+        missing = self._send_nmt(
+            NmtCommand.RESET_COMMUNICATION, lambda node: node in loop.nodes.booted
+        )
+        loop.nodes.boot_expected = False
         if missing and not profile.configures_pdos:
             # The present nodes may show that the arm is set up differently: report both.
             check_mapping(access, profile, missing)
@@ -127,8 +128,7 @@ class StartUp:
         zeroed = tuple(self._zeroed)
         self._raise_if_cancelled()
         loop.begin_heartbeat()
-        started = partial(loop.nodes.wait_for_state, NmtState.OPERATIONAL)
-        _require(self._send_nmt(NmtCommand.START, started))
+        _require(self._send_nmt(NmtCommand.START, loop.nodes.is_operational))
         if profile.supervisor is not None:
             self._link.token = access.read_unsigned(profile.supervisor, objects.TOKEN)
         loop.begin_sync()
@@ -185,7 +185,7 @@ class StartUp:
     def _listen(self, for_s: float) -> None:
         """Listen for `for_s` s; raise an error on hearing another operator or master."""
         nodes = self._loop.nodes
-        if nodes.wait_for_other_operator(for_s):
+        if nodes.wait_for(lambda: nodes.other_operator_at_s is not None, for_s):
             raise errors.ControlDenied(objects.OPERATOR_NODE)
         self._raise_if_cancelled()
         if nodes.foreign_command:
@@ -241,21 +241,19 @@ class StartUp:
                 "is closed. Connect again first"
             )
 
-    def _send_nmt(
-        self, command: NmtCommand, wait: Callable[[float], tuple[int, ...]]
-    ) -> tuple[int, ...]:
-        """Send an NMT command; return the nodes that `wait` still reports after a second attempt.
+    def _send_nmt(self, command: NmtCommand, complied: Callable[[int], bool]) -> tuple[int, ...]:
+        """Send an NMT command; return the nodes that have not `complied` after a second attempt.
 
         NMT commands are not acknowledged, and a command or a heartbeat may be lost. So the command is sent again to
         nodes that are heard but have not complied.
         """
+        nodes, timeout_s = self._loop.nodes, self._timing.boot_timeout_s
         self._command_nodes(command)
-        missing = wait(self._timing.boot_timeout_s)
+        missing = nodes.wait_for_nodes(complied, timeout_s)
         self._raise_if_cancelled()
-        heard = [node for node in missing if node in self._loop.nodes.heard_at_s]
-        if heard:
+        if heard := [node for node in missing if node in nodes.heard_at_s]:
             self._command_nodes(command, heard)
-            missing = wait(self._timing.boot_timeout_s)
+            missing = nodes.wait_for_nodes(complied, timeout_s)
             self._raise_if_cancelled()
         return missing
 

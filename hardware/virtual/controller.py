@@ -60,6 +60,8 @@ class VirtualController:
         The nodes; threads other than the control loop must hold a node's `lock` to use it.
     sync_count
         SYNCs answered so far.
+    running
+        The control loop hangs while this event is not set.
     tracker
         Tracker of an open arm; the tracker is not on the bus. None with a fixture.
     failure
@@ -95,8 +97,8 @@ class VirtualController:
         self._closing = False
         self._turns = threading.Lock()
         self._in_turn: int | None = None
-        self._running = threading.Event()
-        self._running.set()
+        self.running: threading.Event = threading.Event()
+        self.running.set()
         self._next_beat_s = 0.0
         serial = arm.number % 1_000_000 * 100
         self.drives = tuple(DriveNode(axis, serial_number=serial + axis.joint) for axis in axes)
@@ -137,7 +139,7 @@ class VirtualController:
     def close(self) -> None:
         """End both threads. May be called twice."""
         self._closing = True
-        self._running.set()
+        self.running.set()
         self._work.put(None)
         for thread in (self._loop, self._worker):
             if thread.is_alive() and thread is not threading.current_thread():
@@ -167,21 +169,13 @@ class VirtualController:
                 node.power_up()
                 node.boot()
 
-    def hang(self) -> None:
-        """Suspend the control loop until `resume_loop`."""
-        self._running.clear()
-
-    def resume_loop(self) -> None:
-        """Resume the control loop."""
-        self._running.set()
-
     def attend(self) -> None:
         """Handle all queued frames in the caller's thread; does nothing while the loop hangs or is busy."""
         if not self._turns.acquire(blocking=False):
             return
         try:
             for _ in range(_CATCH_UP_FRAMES):
-                if self._closing or not self._running.is_set():
+                if self._closing or not self.running.is_set():
                     return
                 message = self._bus.recv(0.0)
                 self._turn(message)
@@ -199,11 +193,11 @@ class VirtualController:
                 wait_s = _SHORT_POLL_S if self.disturbances.delays else _POLL_S
                 if self._attended:
                     time.sleep(wait_s)
-                    self._running.wait()
+                    self.running.wait()
                     self.attend()
                 else:
                     message = self._bus.recv(wait_s)
-                    self._running.wait()
+                    self.running.wait()
                     self._turn(message)
         except Exception as error:  # noqa: BLE001 - raised again by whoever runs this controller
             self.failure = error

@@ -179,7 +179,7 @@ FAULT_KINDS: Mapping[str, FaultAction] = {
     "sdo-abort": _add("refused_sdo"),
     "restart-node": _restart_node,
     "restart": lambda arm, _joint: arm.restart(),
-    "hang": lambda arm, _joint: arm.hang(),
+    "hang": lambda arm, _joint: arm.running.clear(),
     "unwatched": _stop_watching,
     "lost-counts-5": partial(lose_counts, counts=-5),
     "lost-counts-500": partial(lose_counts, counts=-500),

@@ -69,13 +69,8 @@ class AxisSettings:
     def __init__(self, number: int, joint: Joint) -> None:
         scale = self.scale = joint_scale(joint)
         self.joint, self.max_torque_nm = number, joint.max_torque_nm
-        self.limits = joint_limits(
-            number,
-            scale,
-            lower_rad=joint.lower_rad,
-            upper_rad=joint.upper_rad,
-            max_speed_rad_per_s=joint.max_speed_rad_per_s,
-        )
+        ends_rad = joint.lower_rad, joint.upper_rad
+        self.limits = joint_limits(number, scale, ends_rad, joint.max_speed_rad_per_s)
         self.following_window_counts = max(1, scale.to_counts(FOLLOWING_WINDOW_RAD))
         self.max_speed_counts_per_s = round(joint.max_speed_rad_per_s * scale.counts_per_rad)
         self.home_offset_limit_counts = round(HOME_OFFSET_LIMIT_RAD * scale.counts_per_rad)

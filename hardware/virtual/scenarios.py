@@ -28,7 +28,6 @@ from hardware.virtual.specimens import (
 from hardware.virtual.tracker import SimulatedTracker
 from hardware.virtual.true_loop import (
     PAPER_HOME_RAD,
-    OpenTruth,
     Truth,
     draw_wild_loop,
     paper_loop,
@@ -37,6 +36,7 @@ from hardware.virtual.true_loop import (
 from solver.arrays import frozen
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt
+from solver.loops.open_arm import MeasuredClosure
 
 ENCODER_COUNTS_PER_REV = 400_000
 """Counts of the encoders of the paper's arm (section 3); scenario `exact` has such encoders on the wrist too."""
@@ -140,18 +140,10 @@ class Scenario:
 
     def tracker(self, plant: Plant, instrument: Measured) -> SimulatedTracker | None:
         """Return the simulated instrument of an open arm, with the noise of `instrument`; None with a fixture."""
-        truth = plant.truth
-        if not isinstance(truth, OpenTruth):
+        if not isinstance(plant.truth.loop, MeasuredClosure):
             return None
-        exactly = 1.0 if self.noise else 0.0
-        return SimulatedTracker(
-            truth,
-            lambda: plant.true_angles_rad[1:],
-            sigma_m=exactly * instrument.sigma_m,
-            sigma_rad=exactly * instrument.sigma_rad,
-            full_pose=instrument.full_pose,
-            rng=self._rng(_Stream.TRACKER),
-        )
+        rng = self._rng(_Stream.TRACKER)
+        return SimulatedTracker(plant, plant.truth.loop, instrument, noise=self.noise, rng=rng)
 
     def _rng(self, stream: _Stream) -> np.random.Generator:
         measures = stream in (_Stream.NOISE, _Stream.TRACKER)

@@ -16,8 +16,8 @@ import numpy as np
 
 from fixtures.measured import Measured
 from hardware.virtual import SCENARIOS
+from hardware.virtual.axis import LinearityDeviation, SensorBank, joint_sensor
 from hardware.virtual.plant import Loads, Plant
-from hardware.virtual.sensor_counts import LinearityDeviation, SensorBank, joint_sensor
 from hardware.virtual.specimens import (
     SpecimenFiles,
     draw_truth,

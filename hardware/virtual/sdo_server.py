@@ -66,10 +66,10 @@ _BLOCK_UPLOAD_HEADS: Final = frozenset(head for head in range(0xA0, 0xC0) if hea
 _BLOCK_DOWNLOAD_HEADS: Final = frozenset(range(0x100)) - {_ABORTED}
 """First bytes of the frames that continue a transfer; others begin a new one."""
 
-Frames = Generator[list[bytes], bytes, tuple[list[bytes], bytes | None]]
-"""A transfer: yields the answers to a frame and receives the client's next one.
+Steps = Generator[list[bytes], bytes, tuple[list[bytes], bytes | None]]
+"""Steps of a transfer: the generator yields the answers to a frame and receives the client's next frame.
 
-Returns the last answers and the data received (None for an upload). Raises `SdoAbortedError`."""
+It returns the last answers and the data received (None for an upload); it may raise `SdoAbortedError`."""
 
 
 class Deferred(Exception):
@@ -80,7 +80,7 @@ class Deferred(Exception):
 class _Transfer:
     index: int
     subindex: int
-    frames: Frames
+    steps: Steps
     heads: frozenset[int]
 
 
@@ -111,12 +111,12 @@ class NodeSdoServer(SdoServer):
             try:
                 if transfer is not None and request[0] in transfer.heads:
                     index, subindex = transfer.index, transfer.subindex
-                    answers = transfer.frames.send(request)
+                    answers = transfer.steps.send(request)
                 elif request[0] >> 5 == _Ask.ABORT:  # has no answer
                     return
                 else:
-                    transfer = _Transfer(index, subindex, *self._begun(request, index, subindex))
-                    answers = next(transfer.frames)
+                    transfer = _Transfer(index, subindex, *self._initiate(request, index, subindex))
+                    answers = next(transfer.steps)
                 self._transfer = transfer
             except StopIteration as end:
                 answers, document = end.value
@@ -141,7 +141,7 @@ class NodeSdoServer(SdoServer):
         """Drop the current transfer."""
         self._transfer = self._waiting = None
 
-    def _begun(self, request: bytes, index: int, subindex: int) -> tuple[Frames, frozenset[int]]:
+    def _initiate(self, request: bytes, index: int, subindex: int) -> tuple[Steps, frozenset[int]]:
         """Return the transfer that a request initiates, and the first bytes of the frames that continue it."""
         ask, step = request[0] >> 5, request[0] & 3
         if ask == _Ask.DOWNLOAD:
@@ -176,7 +176,7 @@ class NodeSdoServer(SdoServer):
             self.network.send_message(self.tx_cobid, frame)
 
 
-def _download(request: bytes) -> Frames:
+def _download(request: bytes) -> Steps:
     """Receive data in the request or in segments."""
     head, index, subindex = _HEAD.unpack_from(request)
     answer = _FRAME.pack(_DOWNLOADED, index, subindex, 0)
@@ -198,7 +198,7 @@ def _download(request: bytes) -> Frames:
     return [answer], bytes(data)
 
 
-def _upload(request: bytes, document: bytes) -> Frames:
+def _upload(request: bytes, document: bytes) -> Steps:
     """Send a document in the answer or in segments."""
     _, index, subindex = _HEAD.unpack_from(request)
     size = len(document)
@@ -216,7 +216,7 @@ def _upload(request: bytes, document: bytes) -> Frames:
     return [answer], None
 
 
-def _block_download(request: bytes) -> Frames:
+def _block_download(request: bytes) -> Steps:
     """Receive data in blocks; segments that were lost are requested again."""
     head, index, subindex = _HEAD.unpack_from(request)
     announced = _announced(request, is_stated=head & _BLOCK_SIZED)
@@ -246,7 +246,7 @@ def _block_download(request: bytes) -> Frames:
     return [bytes([_BLOCK_DOWNLOAD | _BlockStep.END, *bytes(7)])], document
 
 
-def _block_upload(request: bytes, document: bytes) -> Frames:
+def _block_upload(request: bytes, document: bytes) -> Steps:
     """Send a document in blocks of as many segments as the client requests."""
     _, index, subindex = _HEAD.unpack_from(request)
     segments, size, acknowledged = _checked(request[4]), len(document), 0

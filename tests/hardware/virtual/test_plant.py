@@ -5,9 +5,8 @@ from collections.abc import Iterable, Iterator, Mapping
 import numpy as np
 import pytest
 
-from hardware.virtual.axis import JointCommand, PlantReading
+from hardware.virtual.axis import JointCommand, JointSensor, PlantReading, SensorBank
 from hardware.virtual.plant import Loads, Plant
-from hardware.virtual.sensor_counts import JointSensor, SensorBank
 from hardware.virtual.true_loop import PAPER_HOME_RAD, Truth, paper_loop
 from solver.arrays import FloatArray
 from tests.hardware.virtual.conftest import Commands

@@ -214,12 +214,8 @@ class VirtualController:
         self._in_turn = None
 
     def _receive(self, message: can.Message) -> None:
-        """Pass a frame through the faulty wire, if there is one, and handle what comes out."""
-        wire = self.disturbances.wire_in
-        if wire is None:
-            self._take_in(message)
-            return
-        for passed in wire.passed(message):
+        """Pass a frame through the wire to the arm, and handle what comes out."""
+        for passed in self.disturbances.wire_in.passed(message):
             self._take_in(passed)
 
     def _take_in(self, message: can.Message) -> None:
@@ -280,9 +276,8 @@ class VirtualController:
     def _handle_deadlines(self) -> None:
         now = self.now_s()
         self._network.send_overdue()
-        if (wire := self.disturbances.wire_in) is not None:
-            for message in wire.overdue():
-                self._take_in(message)
+        for message in self.disturbances.wire_in.overdue():
+            self._take_in(message)
         off_until_s = self.disturbances.off_until_s
         if off_until_s is not None and now >= off_until_s:
             self.disturbances.off_until_s = None

@@ -198,21 +198,15 @@ class ControllerNetwork(canopen.Network):
         message = can.Message(
             arbitration_id=can_id, data=data, is_extended_id=False, is_remote_frame=remote
         )
-        wire = self._disturbances.wire_out
         with self.send_lock:
-            if wire is None:
-                self._out.send(message)
-                return
-            for passed in wire.passed(message):
+            for passed in self._disturbances.wire_out.passed(message):
                 self._out.send(passed)
 
     def send_overdue(self) -> None:
         """Send delayed frames that are due."""
-        wire = self._disturbances.wire_out
-        if wire is not None:
-            with self.send_lock:
-                for message in wire.overdue():
-                    self._out.send(message)
+        with self.send_lock:
+            for message in self._disturbances.wire_out.overdue():
+                self._out.send(message)
 
     def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
         """Pass a frame to its node, unless an SDO fault stops it."""

@@ -101,15 +101,8 @@ class Bench:
 def check(bench: Bench, *, last: Stage) -> Iterator[CheckFinding]:
     """Check an arm up to and including stage `last`, and yield the findings; the caller must always close the arm."""
     identity: ArmIdentity | None = None
-    stages = {
-        Stage.LOOK: _look,
-        Stage.HOLD: _hold,
-        Stage.MOVE: _move,
-        Stage.FREE: _free,
-        Stage.LEAVE: _leave,
-        Stage.SILENCE: _silence,
-    }
-    for stage, run in stages.items():
+    stages = _look, _hold, _move, _free, _leave, _silence
+    for stage, run in zip(Stage, stages, strict=True):
         passed, names = True, set[str]()
         try:
             identity = identity or bench.arm.connect()

@@ -81,9 +81,7 @@ class ControlLoop:
         self._wire, self._pace = wire, pace
         self._on_sdo, self._allow = on_sdo, allow
         frames = frames_of(profile)
-        self._sender = CommandSender(
-            wire.send, frames, latch=self.latch, watch=self.watch, quick_stop=quick_stop
-        )
+        self._sender = CommandSender(wire.send, frames, self.latch, self.watch, quick_stop)
         self._timing, self._clock = timing, clock
         self._answer_timeout_s = timing.answer_timeouts_s[pace]
         self._sampler = Sampler(frames, max_misses=timing.misses(pace), now_s=clock())

@@ -35,7 +35,6 @@ class CommandSender:
         self,
         send: Callable[[int, bytes], None],
         frames: Sequence[JointFrames],
-        *,
         latch: StopLatch,
         watch: JointMonitor,
         quick_stop: Callable[[], None],

@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
 from math import ceil
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from hardware import errors
 from hardware.arm import ArmIdentity, DriveState
@@ -30,11 +30,9 @@ from hardware.canopen.maps import check_communication, check_mapping, check_posi
 from hardware.canopen.objects import NmtCommand
 from hardware.canopen.sdo import ObjectAccess
 from hardware.control import motion_steps
+from hardware.control.connection import Connection
 from hardware.control.tasks import Steps
 from hardware.timing import Pace
-
-if TYPE_CHECKING:
-    from hardware.control.connection import Connection
 
 MARGIN: Final = 1.5
 """Factor on a stated time-out, for reaction time and late answers."""

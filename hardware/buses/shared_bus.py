@@ -56,28 +56,27 @@ class Recording:
 
     def record(self, message: can.Message) -> None:
         """Record a frame and the frames queued by `note`."""
-        with self._lock:
-            if self._writer is None:
-                return
-            try:
-                self._take_in()
-                self._keep(message)
-                self._write_until(self._newest_s - REORDER_S)
-            except _WRITE_ERRORS as error:
-                self._end_early(error)
+        self.note(message)
+        self._write(to_end=False)
 
     def close(self) -> None:
         """Write the remaining frames and end. May be called twice."""
+        self._write(to_end=True)
+
+    def _write(self, *, to_end: bool) -> None:
         with self._lock:
+            queued = [self._noted.popleft() for _ in range(len(self._noted))]
             if self._writer is None:
                 return
             try:
-                self._take_in()
-                self._write_until(float("inf"))
-                self._writer.stop()
+                for message in queued:
+                    self._keep(message)
+                self._write_until(float("inf") if to_end else self._newest_s - REORDER_S)
+                if to_end:
+                    self._writer.stop()
+                    self._writer = None
             except _WRITE_ERRORS as error:
                 self._end_early(error)
-            self._writer = None
 
     def _end_early(self, error: Exception) -> None:
         self.failure = str(error)
@@ -85,10 +84,6 @@ class Recording:
         writer, self._writer = self._writer, None
         with suppress(*_WRITE_ERRORS):  # reported already
             writer.stop()
-
-    def _take_in(self) -> None:
-        while self._noted:
-            self._keep(self._noted.popleft())
 
     def _keep(self, message: can.Message) -> None:
         if self._numbers_channels:

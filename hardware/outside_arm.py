@@ -135,15 +135,9 @@ class OutsideArm:
     ) -> MoveResult:
         """Move to the targets; if a limit forbids it, raise `CommandRefused` and send nothing to the arm."""
         self._require_no_stop()
-        joints = self._checked_snapshot(self._connected).joints
-        admit_move(
-            self._limits,
-            self._scales,
-            joints,
-            targets_rad,
-            speed_rad_per_s=speed_rad_per_s,
-            in_control=self._in_control,
-        )
+        joints, in_control = self._checked_snapshot(self._connected).joints, self._in_control
+        limits, scales = self._limits, self._scales
+        admit_move(limits, scales, joints, targets_rad, speed_rad_per_s, in_control=in_control)
         own: list[BaseException] = []
 
         def watching(snapshot: ArmSnapshot) -> str | None:

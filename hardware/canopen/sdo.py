@@ -128,12 +128,8 @@ class ObjectAccess:
         if suspects:
             self._pause.wait(_IN_TRANSIT_S)
         self._known_surplus = self._surplus()
-        twice = tuple(
-            node
-            for node in suspects
-            if self._known_surplus[node] - before[node] >= DUPLICATE_FRACTION * UNIQUENESS_REQUESTS
-        )
-        if twice:
+        more, doubled = self._known_surplus - before, DUPLICATE_FRACTION * UNIQUENESS_REQUESTS
+        if twice := tuple(node for node in suspects if more[node] >= doubled):
             raise self.duplicate_error(twice)
 
     def _surplus(self) -> Counter[int]:

@@ -95,22 +95,14 @@ def joints_words(joints: list[int], text: str) -> str:
 
 def identifies_itself(identity: ArmIdentity, model: str, joints: int) -> Iterator[Clause]:
     """Check that the arm reports the arm file's model, a serial number, and its joints in order."""
-    yield Clause(
-        "name",
-        identity.model == model,
-        f"the arm reports the model {identity.model!r}; the arm file describes {model!r}",
-    )
-    yield Clause(
-        "serial",
-        bool(identity.serial_number.strip()),
-        f"the arm's serial number is {identity.serial_number!r}; it must tell the poses of two arms apart",
-    )
+    text = f"the arm reports the model {identity.model!r}; the arm file describes {model!r}"
+    yield Clause("name", identity.model == model, text)
+    serial = identity.serial_number
+    text = f"the arm's serial number is {serial!r}; it must tell the poses of two arms apart"
+    yield Clause("serial", bool(serial.strip()), text)
     roles = [node.role for node in identity.nodes if node.role.startswith("joint")]
-    yield Clause(
-        "joints",
-        roles == [f"joint {j}" for j in range(1, joints + 1)],
-        f"the arm names {', '.join(roles) or 'no joint'}",
-    )
+    text = f"the arm names {', '.join(roles) or 'no joint'}"
+    yield Clause("joints", roles == [f"joint {j}" for j in range(1, joints + 1)], text)
 
 
 def has_valid_snapshot(arm: ArmInterface, joints: int) -> Iterator[Clause]:
@@ -164,12 +156,10 @@ def settles(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
     wide = [bounds.single_sample_rad] * joints
     rests = arm.settle(window=_WINDOW, spread_rad=wide, timeout_syncs=_LONG_SYNCS)
     never = arm.settle(window=_WINDOW, spread_rad=[-1.0] * joints, timeout_syncs=_SHORT_SYNCS)
-    yield Clause(
-        "settles",
-        rests and not never,
-        f"the arm {'rests' if rests else 'does not rest'} within {deg(wide[0])}"
-        + (", and reports settling within a negative spread" if never else ""),
-    )
+    text = f"the arm {'rests' if rests else 'does not rest'} within {deg(wide[0])}"
+    if never:
+        text += ", and reports settling within a negative spread"
+    yield Clause("settles", rests and not never, text)
 
 
 def is_enabled_unmoved(arm: ArmInterface, bounds: Bounds) -> Iterator[Clause]:

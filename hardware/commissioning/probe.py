@@ -208,12 +208,8 @@ def _read_node(
     listen_s: float,
 ) -> FoundNode:
     kind = listener.device_types.get(node, 0)
-    node_found = FoundNode(
-        node=node,
-        device_type=kind,
-        drive=profile.is_drive(kind),
-        heard=listener.heartbeats[node] > 0,
-    )
+    is_drive, heard = profile.is_drive(kind), listener.heartbeats[node] > 0
+    node_found = FoundNode(node=node, device_type=kind, drive=is_drive, heard=heard)
     if answers > 1:
         node_found.unread = f"two devices answer as node {node}: give one of them another number"
     else:

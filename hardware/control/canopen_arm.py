@@ -55,12 +55,9 @@ class CanopenArm(ConnectableArm):
         self._set_modes(modes)
         joint = motion_steps.not_following(self._link.loop.sample, modes)
         if joint is not None:
-            raise errors.ModeNotReached(
-                joint,
-                JointMode.POSITION.value,
-                "it, but not that it follows its target (6041h, bit 12)",
-                not_following=True,
-            )
+            actual = "it, but not that it follows its target (6041h, bit 12)"
+            position = JointMode.POSITION.value
+            raise errors.ModeNotReached(joint, position, actual, not_following=True)
 
     def _set_modes(
         self, modes: Sequence[JointMode], *, despite: tuple[type[errors.HardwareError], ...] = ()
@@ -95,14 +92,9 @@ class CanopenArm(ConnectableArm):
         """
         link = self._link
         self._raise_if_stopped(link)
-        admit_move(
-            link.limits,
-            link.scales,
-            link.snapshot().joints,
-            targets_rad,
-            speed_rad_per_s=speed_rad_per_s,
-            in_control=link.in_control,
-        )
+        joints, in_control = link.snapshot().joints, link.in_control
+        limits, scales = link.limits, link.scales
+        admit_move(limits, scales, joints, targets_rad, speed_rad_per_s, in_control=in_control)
         result = link.loop.run(motion_steps.move(link, dict(targets_rad), speed_rad_per_s, watch))
         if not result.reached:
             link.require_same_maps()

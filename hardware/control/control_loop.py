@@ -254,13 +254,9 @@ class ControlLoop:
                 break
             self._beat()
         self._sampler.close()
-        before = self.watch.dropout.dropouts
-        if self.watch.update(
-            self.sample,
-            self.commands,
-            answered_late=self._sampler.answered_late,
-            stopped=self.latch.latched,
-        ):
+        before, stopped = self.watch.dropout.dropouts, self.latch.latched
+        late = self._sampler.answered_late
+        if self.watch.update(self.sample, self.commands, answered_late=late, stopped=stopped):
             self.latch.press(self.watch.divergence)
             self._sender.stop_all(self.commands)
         elif self.commands is not None and self.watch.dropout.dropouts != before:

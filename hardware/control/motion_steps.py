@@ -143,11 +143,9 @@ def move(
     raise_alarm(loop)
     joints = sorted(targets_rad)
     commands = _last_commands(loop)
-    path = StraightMove(
-        np.array([scales[j - 1].to_rad(commands[j - 1].target_counts) for j in joints]),
-        np.array([targets_rad[j] for j in joints]),
-        speed_rad_per_s=speed_rad_per_s,
-    )
+    start_rad = [scales[j - 1].to_rad(commands[j - 1].target_counts) for j in joints]
+    end_rad = np.array([targets_rad[j] for j in joints])
+    path = StraightMove(np.array(start_rad), end_rad, speed_rad_per_s=speed_rad_per_s)
     reason, first, incomplete = "", sample.sync_count, 0
     ending: Exception | None = None
     faulted = False  # true once a drive tripped or dropped out, whichever error is raised
@@ -187,12 +185,10 @@ def move(
         yield from hold_all(loop)
     if ending is not None:
         raise ending
-    positions = [scale.to_rad(counts) for scale, counts in zip(scales, sample.counts, strict=True)]
+    angles = [scale.to_rad(counts) for scale, counts in zip(scales, sample.counts, strict=True)]
+    syncs = sample.sync_count - first
     return MoveResult(
-        reached=not reason,
-        reason=reason,
-        positions_rad=np.array(positions),
-        syncs=sample.sync_count - first,
+        reached=not reason, reason=reason, positions_rad=np.array(angles), syncs=syncs
     )
 
 

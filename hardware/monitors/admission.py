@@ -61,8 +61,8 @@ def admit_move(
     scales: Sequence[JointScale],
     joints: Sequence[JointState],
     targets_rad: Mapping[int, float],
-    *,
     speed_rad_per_s: float,
+    *,
     in_control: bool,
 ) -> None:
     """Check targets and speed of a whole move: `CommandRefused` if a limit forbids it, `ValueError` for no joint."""

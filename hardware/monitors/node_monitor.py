@@ -210,13 +210,8 @@ class NodeMonitor:
             return
         if any((fault.node, fault.code) == (node, code) for fault in self.faults):
             return  # a repetition
-        fault = Fault(
-            node=node,
-            joint=self.profile.joint_of.get(node),
-            code=code,
-            text=emergency_text(code),
-            sync_count=sync_count,
-        )
+        joint, text = self.profile.joint_of.get(node), emergency_text(code)
+        fault = Fault(node=node, joint=joint, code=code, text=text, sync_count=sync_count)
         self.faults = (*self.faults, fault)
 
     def _is_command(self, identifier: int, data: bytes) -> bool:

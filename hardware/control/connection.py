@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final
 
 import can
 
 from hardware import errors
-from hardware.arm import ArmSnapshot, DriveState, HostLatency, JointMode
+from hardware.arm import ArmSnapshot, DriveState, Fault, HostLatency, JointMode, JointState
 from hardware.arm_description import EncoderDescription
 from hardware.buses.acceptance_filters import operator_filters, set_hardware_filters
 from hardware.buses.python_can import ArmOnBus, stamping_clock
@@ -19,15 +20,22 @@ from hardware.canopen.cia402 import state_of
 from hardware.canopen.cyclic import Sample, Setpoints, frames_of
 from hardware.canopen.identifying import scales_of
 from hardware.canopen.maps import POSITION_AGREEMENT_RAD, check_mapping, check_positions
-from hardware.canopen.objects import MODE_DISPLAY, OPERATOR_NODE, STATUSWORD, TOKEN, Abort
+from hardware.canopen.objects import (
+    CONTROL_PERIOD_S,
+    MODE_DISPLAY,
+    OPERATOR_NODE,
+    STATUSWORD,
+    TOKEN,
+    Abort,
+)
 from hardware.canopen.sdo import ObjectAccess
 from hardware.command_limits import arm_limits
 from hardware.control import motion_steps, uploading
 from hardware.control.control_loop import ControlLoop
-from hardware.control.sampling import build_snapshot
 from hardware.control.stop_line import StopLatch, StopLine
 from hardware.monitors.admission import admit
-from hardware.monitors.joint_monitor import ENCODER_COUNTS, RVDT_COUNTS, JointMonitor
+from hardware.monitors.dropout import Dropout
+from hardware.monitors.joint_monitor import ENCODER_COUNTS, RVDT_COUNTS, JointMonitor, stop_error
 
 POSITION_RECHECKS: Final = 3
 """How many times differing positions by PDO and SDO are compared again if the maps are unchanged."""
@@ -211,8 +219,49 @@ class Connection:
         self.stop_line.send(self.loop.commands, self.loop.sample.counts)
 
     def snapshot(self) -> ArmSnapshot:
-        """Return the latest state; never blocks."""
-        return build_snapshot(self, self._clock)
+        """Return the latest state; never blocks. Speeds are means over `SPEED_SYNCS` control periods."""
+        loop, nodes, view = self.loop, self.loop.nodes, self.loop.view
+        divergence = loop.watch.divergence
+        # Read after the view, so that no answer in it is later than now_s.
+        now_s = self._clock()
+        listened_s = loop.latency.listened_s
+        sample, earlier = view.sample, view.earlier
+        elapsed_s = max(sample.sync_count - earlier.sync_count, 1) * CONTROL_PERIOD_S
+        joints = tuple(
+            JointState(
+                joint=joint + 1,
+                position_counts=counts,
+                position_rad=scale.to_rad(counts),
+                speed_rad_per_s=(counts - earlier.counts[joint]) / scale.counts_per_rad / elapsed_s,
+                torque_nm=sample.torques_per_mille[joint] * 1e-3 * self.rated_torques_nm[joint],
+                drive=state_of(sample.statuswords[joint]),
+                mode=self.modes[joint],
+                age_s=now_s - view.answered_at_s[joint],
+            )
+            for joint, (scale, counts) in enumerate(zip(self.scales, sample.counts, strict=True))
+        )
+        return ArmSnapshot(
+            sync_count=sample.sync_count,
+            joints=joints,
+            late_s=max(0.0, loop.latency.late_s - min(view.late_at_s, default=0.0)),
+            heartbeat_age_s=MappingProxyType(
+                {node: listened_s - heard for node, heard in dict(nodes.heard_at_s).items()}
+            ),
+            token=self.token,
+            faults=nodes.faults or tuple(map(self._fault, loop.watch.dropout.dropouts)),
+            stopped=loop.latch.latched,
+            stopped_for="" if divergence is None else str(stop_error(divergence)),
+            moving=loop.moving,
+            lateness=loop.latency.lateness,
+        )
+
+    def _fault(self, dropout: Dropout) -> Fault:
+        """Return the fault to report for a drive that dropped out and sent no emergency."""
+        joint, text = dropout.joint, f"the drive is in state {dropout.state.value}"
+        if dropout.not_following:
+            text = "the drive does not follow its target"
+        node, at = self.profile.drives[joint - 1], dropout.sync_count
+        return Fault(node=node, joint=joint, code=0, text=text, sync_count=at)
 
     def _allow(self, sample: Sample, before: Setpoints | None, commands: Setpoints) -> None:
         admit(

@@ -17,7 +17,7 @@ from hardware.arm import (
 )
 from hardware.canopen.cia402 import TargetState, state_of
 from hardware.canopen.drive_settings import DriveFacts, read_drive_facts
-from hardware.canopen.objects import ERROR_CODE, OPERATOR_NODE, emergency_text
+from hardware.canopen.objects import DOCUMENT, ERROR_CODE, OPERATOR_NODE, Abort, emergency_text
 from hardware.control import motion_steps, uploading
 from hardware.control.connectable_arm import ConnectableArm
 from hardware.control.connection import Connection
@@ -161,9 +161,16 @@ class CanopenArm(ConnectableArm):
         return uploading.upload(link, document)
 
     def active_parameters(self) -> bytes:
-        """Read the controller's active parameter document; empty if there is none."""
-        link = self._link
-        return uploading.read_document(link.access, link.profile)
+        """Read the controller's active parameter document; empty if there is none, or no supervisor."""
+        supervisor = self._link.profile.supervisor
+        if supervisor is None:
+            return b""
+        try:
+            return self._link.access.read(supervisor, DOCUMENT)
+        except errors.SdoRefused as refused:
+            if refused.code == Abort.NO_DATA:
+                return b""
+            raise
 
     @staticmethod
     def _raise_if_stopped(link: Connection) -> None:

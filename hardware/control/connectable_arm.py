@@ -15,8 +15,9 @@ from pathlib import Path
 from hardware import errors
 from hardware.arm import ArmIdentity, DriveState
 from hardware.buses.python_can import ArmOnBus
-from hardware.canopen.cia402 import CLOSED_LOOP_STATES, POWERED_STATES, TargetState
+from hardware.canopen.cia402 import CLOSED_LOOP_STATES, POWERED_STATES, TargetState, state_of
 from hardware.canopen.cyclic import Sample
+from hardware.canopen.objects import STATUSWORD
 from hardware.control import motion_steps
 from hardware.control.connection import Connection
 from hardware.control.control_loop import ControlLoop
@@ -144,7 +145,9 @@ class ConnectableArm:
             raise ValueError("this arm is connected: its snapshot has the states")
         link = self._unopened(None)
         try:
-            return link.read_states()
+            link.loop.start()
+            words = (link.access.read_unsigned(node, STATUSWORD) for node in link.profile.drives)
+            return tuple(map(state_of, words))
         finally:
             link.close()
 

@@ -11,7 +11,7 @@ from typing import Final
 import can
 
 from hardware import errors
-from hardware.arm import ArmSnapshot, DriveState, Fault, HostLatency, JointMode, JointState
+from hardware.arm import ArmSnapshot, Fault, HostLatency, JointMode, JointState
 from hardware.arm_description import EncoderDescription
 from hardware.buses.acceptance_filters import operator_filters, set_hardware_filters
 from hardware.buses.python_can import ArmOnBus, stamping_clock
@@ -24,7 +24,6 @@ from hardware.canopen.objects import (
     CONTROL_PERIOD_S,
     MODE_DISPLAY,
     OPERATOR_NODE,
-    STATUSWORD,
     TOKEN,
     Abort,
 )
@@ -100,12 +99,6 @@ class Connection:
             clock=clock,
             stamps=stamping_clock(settings),
         )
-
-    def read_states(self) -> tuple[DriveState, ...]:
-        """Read the state of every drive (6041h) by SDO; needs no start-up."""
-        self.loop.start()
-        statuswords = (self.access.read_unsigned(node, STATUSWORD) for node in self.profile.drives)
-        return tuple(map(state_of, statuswords))
 
     def close(self) -> None:
         """Stop sending, and close the recording."""

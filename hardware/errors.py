@@ -36,10 +36,8 @@ class FramesLost(BusError):
 
     def __init__(self, requests: Mapping[int, tuple[int, int]]) -> None:
         self.requests = dict(requests)
-        counted = ", ".join(
-            f"{unanswered} of {sent} to node {node}"
-            for node, (unanswered, sent) in self.requests.items()
-        )
+        counts = [f"{lost} of {sent} to node {node}" for node, (lost, sent) in requests.items()]
+        counted = ", ".join(counts)
         super().__init__(
             f"The bus loses frames or delays them: of the requests {counted} were not answered in time. Check "
             "cables, connectors, terminators, bitrate and any gateway."

@@ -81,10 +81,8 @@ def check_arm(
     joints = zip(description.joints, profile.joints, limits, strict=True)
     for number, (expected, drive, limit) in enumerate(joints, 1):
         try:
-            differences += [
-                f"joint {number} {what}"
-                for what in _joint_differences(access, expected, drive, limit, profile)
-            ]
+            own = list(_joint_differences(access, expected, drive, limit, profile))
+            differences += [f"joint {number} {text}" for text in own]
         except SdoRefused as refusal:
             if refusal.code not in ABSENT:
                 raise

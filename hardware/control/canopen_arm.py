@@ -129,10 +129,8 @@ class CanopenArm(ConnectableArm):
         Raises `Stopped` if STOP was pressed again during the reset, `DriveFault` if a fault cannot be cleared.
         """
         link, press = self._link, self._latch.last_press
-        not_reached = link.loop.run(
-            motion_steps.reset(link.loop, press=press),
-            despite=(errors.Stopped, errors.DriveFault, errors.SensorFault, errors.OtherMaster),
-        )
+        despite = errors.Stopped, errors.DriveFault, errors.SensorFault, errors.OtherMaster
+        not_reached = link.loop.run(motion_steps.reset(link.loop, press=press), despite=despite)
         link.read_modes()
         self._raise_if_stopped(link)
         self._raise_for_drives(link, not_reached, "reset")

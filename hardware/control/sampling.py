@@ -129,10 +129,7 @@ class Sampler:
 
     def open(self) -> None:
         """Begin a sample, just before its SYNC is sent."""
-        self.answered_late = any(
-            received != closed
-            for received, closed in zip(self._received, self._closed, strict=True)
-        )
+        self.answered_late = self._received != self._closed
         # A second answer may come after its sample was closed, or after the next SYNC, and then counts in that sample.
         # So the surplus of answers is accumulated, and reduced by one for each sample with one answer.
         for at, received in enumerate(self._received):

@@ -130,10 +130,8 @@ class StartUp:
         if profile.supervisor is not None:
             self._link.token = access.read_unsigned(profile.supervisor, objects.TOKEN)
         loop.begin_sync()
-        first = loop.run(
-            motion_steps.first_complete_sample(loop),
-            despite=(errors.DriveFault, errors.Stopped, errors.DriveDiverged),
-        )
+        despite = errors.DriveFault, errors.Stopped, errors.DriveDiverged
+        first = loop.run(motion_steps.first_complete_sample(loop), despite=despite)
         check_positions(access, profile, first.counts, self._link.scales)
         self._read_fault_codes(first)
         self._link.read_modes()

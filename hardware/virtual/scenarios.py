@@ -103,20 +103,17 @@ class Scenario:
         """Return the true geometry, including the length errors."""
         if self.lengths is None:
             return self.truth
-        smallest_m, largest_m = self.lengths
-        rng = self._rng(_Stream.LENGTHS)
-        return with_length_errors(self.truth, smallest_m=smallest_m, largest_m=largest_m, rng=rng)
+        return with_length_errors(self.truth, self.lengths, self._rng(_Stream.LENGTHS))
 
     def curves(self, arm: ArmModel) -> tuple[LinearityDeviation | None, ...]:
         """Return each joint's linearity deviation; None for an encoder, or if this scenario has no such deviations."""
-        rng = self._rng(_Stream.CURVES)
+        rng, peak = self._rng(_Stream.CURVES), self.linearity_of_full_scale
+        sensors = [joint.sensor for joint in self.arm(arm).joints]
         return tuple(
-            LinearityDeviation.drawn(
-                rng, full_scale_rad=joint.sensor.full_scale_rad, peak=self.linearity_of_full_scale
-            )
-            if isinstance(joint.sensor, Rvdt) and self.linearity_of_full_scale > 0.0
+            LinearityDeviation.drawn(rng, full_scale_rad=sensor.full_scale_rad, peak=peak)
+            if isinstance(sensor, Rvdt) and peak > 0.0
             else None
-            for joint in self.arm(arm).joints
+            for sensor in sensors
         )
 
     def build(self, arm: ArmModel) -> Plant:

@@ -113,9 +113,9 @@ PAPER_HOME_RAD = frozen(
 
 
 def with_length_errors(
-    truth: Truth, *, smallest_m: float, largest_m: float, rng: np.random.Generator
+    truth: Truth, range_m: tuple[float, float], rng: np.random.Generator
 ) -> Truth:
-    """Add a random error of magnitude `smallest_m` to `largest_m` to every length from the maker's table.
+    """Add a random error, of a magnitude within `range_m`, to every length from the maker's table.
 
     These are s_2..s_n-1 and a_1..a_n-1; the fixture's entries (s_1, s_n, a_n, row 0) are identified.
     """
@@ -124,7 +124,7 @@ def with_length_errors(
     columns = {}
     for name, rows in fixed.items():
         column = np.array(getattr(truth.table, name))
-        size = rng.uniform(smallest_m, largest_m, column[rows].shape)
+        size = rng.uniform(*range_m, column[rows].shape)
         column[rows] += size * rng.choice((-1.0, 1.0), column[rows].shape)
         columns[name] = column
     return truth.with_table(replace(truth.table, **columns))

@@ -239,16 +239,13 @@ def keeps_its_document(arm: ArmInterface) -> Iterator[Clause]:
     upload = partial(arm.upload_parameters, NO_DOCUMENT)
     yield is_refused("document", "an invalid parameter document", upload, kind=HardwareError)
     after = arm.active_parameters()
-    wrong, former = "", f"the document it had ({len(before)} bytes), which was uploaded again"
-    if after != before:
-        wrong = f"the controller stored {len(after)} bytes of the invalid document"
-        wrong += (
-            f" in place of {former}"
-            if before
-            else " and had no document before: export a valid document to it"
-        )
-        if before:
-            arm.upload_parameters(before)
+    wrong, stored = "", f"the controller stored {len(after)} bytes of the invalid document"
+    if after != before and before:
+        arm.upload_parameters(before)
+        former = f"the document it had ({len(before)} bytes), which was uploaded again"
+        wrong = f"{stored} in place of {former}"
+    elif after != before:
+        wrong = f"{stored} and had no document before: export a valid document to it"
     fine = f"the stored document of {len(before)} bytes is unchanged"
     yield nothing_wrong("keeps", wrong, fine)
 

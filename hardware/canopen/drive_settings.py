@@ -93,26 +93,20 @@ class DriveFacts:
 
 def read_drive_facts(access: ObjectAccess, profile: BusProfile) -> tuple[DriveFacts, ...]:
     """Read the settings of all drives."""
-    return tuple(
-        DriveFacts(
+    facts = []
+    # Codes below 0 are the maker's own modes, which have no bit.
+    codes = [code for code in sorted(profile.mode_codes.values()) if code > 0]
+    for joint, node in enumerate(profile.drives, 1):
+        modes = read_number(access, node, objects.SUPPORTED_MODES, 0)
+        lacking = None if modes is None else tuple(c for c in codes if not modes >> (c - 1) & 1)
+        drive = DriveFacts(
             joint=joint,
-            unsupported_modes=_unsupported_modes(access, node, profile),
+            unsupported_modes=lacking,
             quick_stop_option=read_number(access, node, objects.QUICK_STOP_OPTION, 0),
             operator_timeout_s=operator_timeout_s(access, node),
         )
-        for joint, node in enumerate(profile.drives, 1)
-    )
-
-
-def _unsupported_modes(
-    access: ObjectAccess, node: int, profile: BusProfile
-) -> tuple[int, ...] | None:
-    supported = read_number(access, node, objects.SUPPORTED_MODES, 0)
-    if supported is None:
-        return None
-    # Codes below 0 are the maker's own modes, which have no bit.
-    codes = (code for code in sorted(profile.mode_codes.values()) if code > 0)
-    return tuple(code for code in codes if not supported >> (code - 1) & 1)
+        facts.append(drive)
+    return tuple(facts)
 
 
 def operator_timeout_s(access: ObjectAccess, node: int) -> float | None:

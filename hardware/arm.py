@@ -139,9 +139,8 @@ class HostLatency:
     def with_event(self, by_s: float, *, new: bool) -> HostLatency:
         """Return a copy with another latency, `by_s` long, if `new`; else with the last one at least `by_s` long."""
         last_s = by_s if new else max(by_s, self.last_s)
-        return HostLatency(
-            times=self.times + new, last_s=last_s, longest_s=max(last_s, self.longest_s)
-        )
+        longest_s = max(last_s, self.longest_s)
+        return HostLatency(times=self.times + new, last_s=last_s, longest_s=longest_s)
 
 
 NO_LATENCY = HostLatency()

@@ -40,31 +40,20 @@ def arm_limits(
 ) -> tuple[JointLimits, ...]:
     """Return the command limits of every joint, in the counts of its scale."""
     return tuple(
-        joint_limits(
-            number,
-            scale,
-            lower_rad=joint.lower_rad,
-            upper_rad=joint.upper_rad,
-            max_speed_rad_per_s=joint.max_speed_rad_per_s,
-        )
+        joint_limits(number, scale, (joint.lower_rad, joint.upper_rad), joint.max_speed_rad_per_s)
         for number, (joint, scale) in enumerate(zip(joints, scales, strict=True), 1)
     )
 
 
 def joint_limits(
-    joint: int,
-    scale: JointScale,
-    *,
-    lower_rad: float,
-    upper_rad: float,
-    max_speed_rad_per_s: float,
+    joint: int, scale: JointScale, range_rad: tuple[float, float], max_speed_rad_per_s: float
 ) -> JointLimits:
-    """Convert limits of a joint from radians to counts; the range is rounded inwards.
+    """Convert the range (lower, upper) and the speed limit of a joint to counts; the range is rounded inwards.
 
     The largest step includes one count for rounding, so that a move at exactly the largest speed passes.
     """
     step = max_speed_rad_per_s * CONTROL_PERIOD_S * scale.density
-    lower, upper = sorted((scale.counts_of(lower_rad), scale.counts_of(upper_rad)))
+    lower, upper = sorted(map(scale.counts_of, range_rad))
     return JointLimits(
         joint=joint,
         # 1e-6 of a count: tolerance for the rounding error of a bound at a whole count.

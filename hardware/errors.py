@@ -36,10 +36,8 @@ class FramesLost(BusError):
 
     def __init__(self, requests: Mapping[int, tuple[int, int]]) -> None:
         self.requests = dict(requests)
-        counted = ", ".join(
-            f"{unanswered} of {sent} to node {node}"
-            for node, (unanswered, sent) in self.requests.items()
-        )
+        counts = [f"{lost} of {sent} to node {node}" for node, (lost, sent) in requests.items()]
+        counted = ", ".join(counts)
         super().__init__(
             f"The bus loses frames or delays them: of the requests {counted} were not answered in time. Check "
             "cables, connectors, terminators, bitrate and any gateway."
@@ -75,12 +73,14 @@ class WrongArm(HardwareError):
 
 
 class ProfileRemedy(Enum):
-    """How to make a bus profile accept an object that differs."""
+    """How to make a bus profile accept an object that differs: the end of the sentence on how to set the object."""
 
-    DESCRIBE_PDO = "describe it"
-    HEARTBEAT_PERIOD = "heartbeat: slowest_ms"
-    SEND_ZERO = "send 0 in a PDO, or write it"
-    NONE = "this program works with the expected value only"
+    NONE = " (no bus profile can accept another value)"
+    HEARTBEAT_PERIOD = ", or allow that period in a bus profile (heartbeat: slowest_ms)"
+    SEND_ZERO = (
+        ", or have a bus profile send it as 0 with the commands, or write 0 (pdo_maps: configured)"
+    )
+    DESCRIBE_PDO = ", or describe them in a bus profile (`sarcal probe --draft FILE` writes one)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,28 +130,14 @@ class MappingChanged(HardwareError):
 
 def _remedies(differences: Sequence[ObjectMismatch]) -> Iterator[str]:
     """Yield the remedies for these differences, grouped by whether and how a bus profile can accept them."""
-    for kind, otherwise in (
-        (ProfileRemedy.NONE, " (no bus profile can accept another value)"),
-        (
-            ProfileRemedy.HEARTBEAT_PERIOD,
-            ", or allow that period in a bus profile (heartbeat: slowest_ms)",
-        ),
-        (
-            ProfileRemedy.SEND_ZERO,
-            ", or have a bus profile send it as 0 with the commands, or write 0 (pdo_maps: configured)",
-        ),
-    ):
-        objects = sorted({each.object for each in differences if each.remedy is kind})
-        if objects:
-            yield (
-                f"Set {', '.join(objects)} in these drives as expected, with their maker's tool{otherwise}"
-            )
     described = [each for each in differences if each.remedy is ProfileRemedy.DESCRIBE_PDO]
+    for kind in (ProfileRemedy.NONE, ProfileRemedy.HEARTBEAT_PERIOD, ProfileRemedy.SEND_ZERO):
+        if objects := sorted({each.object for each in differences if each.remedy is kind}):
+            expected = "in these drives as expected, with their maker's tool"
+            yield f"Set {', '.join(objects)} {expected}{kind.value}"
     if described:
-        yield (
-            f"{'The rest: commission' if len(described) < len(differences) else 'Commission'} them as expected, or "
-            "describe them in a bus profile (`sarcal probe --draft FILE` writes one)"
-        )
+        commission = "The rest: commission" if len(described) < len(differences) else "Commission"
+        yield f"{commission} them as expected{ProfileRemedy.DESCRIBE_PDO.value}"
 
 
 class PdoSetupFailed(HardwareError):

@@ -107,8 +107,7 @@ class OutsideArm:
 
     def take_control(self) -> None:
         """Enable the drives."""
-        self._require_no_stop()
-        with self._repeated_stop(), self._translated_errors():
+        with self._command():
             self._connected.take_control()
         self._in_control = True
 
@@ -119,7 +118,7 @@ class OutsideArm:
         self._require_no_stop()
         if not self._in_control:
             raise CommandRefused("the drives are not under control: take control first")
-        with self._repeated_stop(), self._translated_errors():
+        with self._command():
             self._connected.set_modes(modes)
         joints = self._checked_snapshot(self._connected).joints
         for joint, requested in zip(joints, modes, strict=True):
@@ -136,15 +135,9 @@ class OutsideArm:
     ) -> MoveResult:
         """Move to the targets; if a limit forbids it, raise `CommandRefused` and send nothing to the arm."""
         self._require_no_stop()
-        joints = self._checked_snapshot(self._connected).joints
-        admit_move(
-            self._limits,
-            self._scales,
-            joints,
-            targets_rad,
-            speed_rad_per_s=speed_rad_per_s,
-            in_control=self._in_control,
-        )
+        joints, in_control = self._checked_snapshot(self._connected).joints, self._in_control
+        limits, scales = self._limits, self._scales
+        admit_move(limits, scales, joints, targets_rad, speed_rad_per_s, in_control=in_control)
         own: list[BaseException] = []
 
         def watching(snapshot: ArmSnapshot) -> str | None:
@@ -157,7 +150,7 @@ class OutsideArm:
                 own.append(error)
                 raise
 
-        with self._repeated_stop(), self._translated_errors(own):
+        with self._command(own):
             return self._connected.move(
                 targets_rad, speed_rad_per_s=speed_rad_per_s, watch=watching
             )
@@ -183,8 +176,7 @@ class OutsideArm:
 
     def hold(self) -> None:
         """Put all joints into position mode (`ArmInterface.hold`); raises `StopLatched` if STOP is latched."""
-        self._require_no_stop()
-        with self._repeated_stop(), self._translated_errors():
+        with self._command():
             self._connected.hold()
 
     def stop(self) -> None:
@@ -247,10 +239,15 @@ class OutsideArm:
                 )
 
     @contextmanager
-    def _repeated_stop(self) -> Iterator[None]:
-        """If STOP is pressed during a command, which may undo it, send STOP once more and raise `StopLatched`."""
+    def _command(self, own: Sequence[BaseException] = ()) -> Iterator[None]:
+        """Refuse a command while STOP is latched, and translate its errors except those in `own`.
+
+        If STOP is pressed during the command, which may undo it, send STOP once more and raise `StopLatched`.
+        """
+        self._require_no_stop()
         try:
-            yield
+            with self._translated_errors(own):
+                yield
         finally:
             if self._latch.latched:
                 with self._translated_errors():

@@ -256,16 +256,14 @@ def _arrival_s(ancillary: list[tuple[int, int, bytes]]) -> float:
 
 def _sending_socket() -> socket.socket:
     """Open a socket to send from; its port tells which bus object sent a frame."""
-    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
+    with contextlib.ExitStack() as closing:
+        made = closing.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         made.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(HOST))
         made.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
         made.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
         made.bind((HOST, 0))
         made.setblocking(False)
-    except OSError:
-        made.close()
-        raise
+        closing.pop_all()  # keep it open
     return made
 
 
@@ -279,24 +277,22 @@ def enlarge_receive_buffer(receiver: socket.socket) -> None:
 
 def _receiving_socket(group: str | None) -> socket.socket:
     """Open a socket that receives `group` on the loopback interface only, or nothing if `group` is None."""
-    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
+    with contextlib.ExitStack() as closing:
+        made = closing.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         made.setblocking(False)
         if group is None:
             made.bind((HOST, 0))
-            return made
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if not _IS_LINUX:
-            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
-        enlarge_receive_buffer(made)
-        if _IS_LINUX:
-            made.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
-            # Otherwise the socket would also receive groups that other programs joined on other interfaces.
-            made.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
-        made.bind((group, MULTICAST_PORT))
-        membership = socket.inet_aton(group) + socket.inet_aton(HOST)
-        made.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
-    except OSError:
-        made.close()
-        raise
+        else:
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            if not _IS_LINUX:
+                made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+            enlarge_receive_buffer(made)
+            if _IS_LINUX:
+                made.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+                # Otherwise the socket would also receive groups that other programs joined on other interfaces.
+                made.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
+            made.bind((group, MULTICAST_PORT))
+            membership = socket.inet_aton(group) + socket.inet_aton(HOST)
+            made.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
+        closing.pop_all()  # keep it open
     return made

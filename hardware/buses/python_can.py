@@ -41,6 +41,7 @@ _HOST_STAMPED = frozenset({"socketcan", "loopback", "udp_multicast", "virtual"})
 _OWN_CHANNEL = frozenset({"virtual", "loopback"})
 _NO_CAN_IN_KERNEL = frozenset({errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT})
 _NOT_ALLOWED = frozenset({errno.EPERM, errno.EACCES})
+_DRIVER_MISSING = (can.CanInterfaceNotImplementedError, NameError, ImportError, AttributeError)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -203,24 +204,15 @@ def _named_in(settings: BusSettings) -> str:
 def describe_failure(settings: BusSettings, error: Exception) -> str:
     """Return cause and remedy of a failure to open the bus, as text."""
     code = getattr(error, "errno", None) or getattr(error, "error_code", None)
-    channel = settings.channel
     if settings.interface == "socketcan":
-        virtual_device = channel.startswith("vcan")
-        up = (
-            f"sudo ip link set {channel} up"
-            if virtual_device
-            else f"sudo ip link set {channel} up type can bitrate {settings.bitrate or 1_000_000}"
-        )
-        if code == errno.ENODEV and virtual_device:
-            return (
-                f"There is no CAN device {channel} on this machine. Make it: "
-                f"sudo ip link add {channel} type vcan && {up}"
-            )
+        channel, is_virtual = settings.channel, settings.channel.startswith("vcan")
+        bitrate = "" if is_virtual else f" type can bitrate {settings.bitrate or 1_000_000}"
+        up = f"sudo ip link set {channel} up{bitrate}"
         if code == errno.ENODEV:
-            return (
-                f"There is no CAN device {channel} on this machine. Plug in the adapter, look for "
-                f"its name with: ip link, and start it: {up}"
-            )
+            remedy = f"Plug in the adapter, look for its name with: ip link, and start it: {up}"
+            if is_virtual:
+                remedy = f"Make it: sudo ip link add {channel} type vcan && {up}"
+            return f"There is no CAN device {channel} on this machine. {remedy}"
         if code == errno.ENETDOWN:
             return f"The CAN device {channel} is down. Start it: {up}"
         if code in _NO_CAN_IN_KERNEL:
@@ -233,9 +225,7 @@ def describe_failure(settings: BusSettings, error: Exception) -> str:
             f"This user may not open {settings}. Ask for access to the device (on many systems: "
             "membership of the group that owns it)."
         )
-    if isinstance(
-        error, can.CanInterfaceNotImplementedError | NameError | ImportError | AttributeError
-    ):
+    if isinstance(error, _DRIVER_MISSING):
         return (
             f"The driver for interface {settings.interface} is not there: {error}. Install it as "
             "its maker and python-can's manual describe."

@@ -12,7 +12,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from copy import copy
 from pathlib import Path
 from typing import Any, Final
 
@@ -57,28 +56,27 @@ class Recording:
 
     def record(self, message: can.Message) -> None:
         """Record a frame and the frames queued by `note`."""
-        with self._lock:
-            if self._writer is None:
-                return
-            try:
-                self._take_in()
-                self._keep(message)
-                self._write_until(self._newest_s - REORDER_S)
-            except _WRITE_ERRORS as error:
-                self._end_early(error)
+        self.note(message)
+        self._write(to_end=False)
 
     def close(self) -> None:
         """Write the remaining frames and end. May be called twice."""
+        self._write(to_end=True)
+
+    def _write(self, *, to_end: bool) -> None:
         with self._lock:
+            queued = [self._noted.popleft() for _ in range(len(self._noted))]
             if self._writer is None:
                 return
             try:
-                self._take_in()
-                self._write_until(float("inf"))
-                self._writer.stop()
+                for message in queued:
+                    self._keep(message)
+                self._write_until(float("inf") if to_end else self._newest_s - REORDER_S)
+                if to_end:
+                    self._writer.stop()
+                    self._writer = None
             except _WRITE_ERRORS as error:
                 self._end_early(error)
-            self._writer = None
 
     def _end_early(self, error: Exception) -> None:
         self.failure = str(error)
@@ -86,10 +84,6 @@ class Recording:
         writer, self._writer = self._writer, None
         with suppress(*_WRITE_ERRORS):  # reported already
             writer.stop()
-
-    def _take_in(self) -> None:
-        while self._noted:
-            self._keep(self._noted.popleft())
 
     def _keep(self, message: can.Message) -> None:
         if self._numbers_channels:
@@ -129,18 +123,6 @@ def queue_is_full(error: BaseException) -> bool:
     return error.__cause__ is not None and queue_is_full(error.__cause__)
 
 
-class Frame(can.Message):
-    """A frame that is not changed after it was sent, so that receivers in this process may share its data.
-
-    python-can's virtual bus copies frames deeply, which took a sixth of a simulated calibration's processor time.
-    """
-
-    __slots__ = ()
-
-    def __deepcopy__(self, memo: dict[int, Any] | None) -> can.Message:
-        return copy(self)
-
-
 class SharedBus:
     """Sends from any thread, receives in one thread, and records every frame if `record_to` is given (`Recording`).
 
@@ -169,7 +151,7 @@ class SharedBus:
 
     def send(self, identifier: int, data: bytes) -> None:
         """Send a data frame with a standard identifier; `BusError` if the bus does not take it."""
-        message = Frame(arbitration_id=identifier, data=data, is_extended_id=False)
+        message = can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
         try:
             with self._send_lock:
                 message.timestamp = time.time()  # before sending: earlier than the answer's stamp
@@ -257,10 +239,9 @@ def record_bus(settings: BusSettings, path: Path) -> Iterator[Callable[[], str |
 
     def listen() -> None:
         try:
-            while (
-                bus.receive(0.0 if over.is_set() else _RECORDER_POLL_S) is not None
-                or not over.is_set()
-            ):
+            while not over.is_set():
+                bus.receive(_RECORDER_POLL_S)
+            while bus.receive(0.0) is not None:
                 pass
         except BusError as error:  # the file keeps what was recorded
             failures.append(str(error))

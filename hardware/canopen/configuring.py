@@ -16,12 +16,7 @@ from typing import Final
 from hardware import errors
 from hardware.canopen import maps
 from hardware.canopen.bus_profile import TPDO, BusProfile, JointProfile, Pdo, PdoKind, format_map
-from hardware.canopen.objects import (
-    POSITION_OFFSET,
-    TARGET_TORQUE,
-    TORQUE_OFFSET,
-    NmtCommand,
-)
+from hardware.canopen.objects import POSITION_OFFSET, TARGET_TORQUE, TORQUE_OFFSET, NmtCommand
 from hardware.canopen.sdo import ObjectAccess
 
 _NO_REMOTE_REQUEST: Final = maps.GENERATES_SYNC
@@ -78,17 +73,12 @@ def zero_residual_torques(access: ObjectAccess, profile: BusProfile) -> Iterator
     Yields one sentence for each object set to 0; `ZeroingFailed` if a drive refuses. If the profile only compares,
     raises `MappingMismatch` that names every object that is not 0.
     """
-    nonzero = [
-        nonzero_object
-        for joint in profile.joints
-        for nonzero_object in _nonzero_objects(access, joint)
-    ]
+    nonzero = [each for joint in profile.joints for each in _nonzero_objects(access, joint)]
     if nonzero and not profile.configures_pdos:
+        remedy = errors.ProfileRemedy.SEND_ZERO
         raise errors.MappingMismatch(
             [
-                errors.ObjectMismatch(
-                    node, index, None, "0", str(value), errors.ProfileRemedy.SEND_ZERO
-                )
+                errors.ObjectMismatch(node, index, None, "0", str(value), remedy)
                 for node, index, value, _ in nonzero
             ]
         )
@@ -173,9 +163,8 @@ def _change(
         f"{transmission}{', inhibited' * inhibited}{', with a SYNC start value' * has_sync_start}"
     )
     valid = (communication, 1, new_id, 4, f"required identifier: {pdo.cob_id:03X}h")
-    return PdoChange(
-        text, node, (() if invalid else (_invalidate(communication, cob_id),), writes, (valid,))
-    )
+    switch_off = () if invalid else (_invalidate(communication, cob_id),)
+    return PdoChange(text, node, (switch_off, writes, (valid,)))
 
 
 def _invalidate(communication: int, cob_id: int) -> ObjectWrite:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Final
 
+from hardware.arm import DriveState
 from hardware.canopen.bus_profile import (
     COMMAND_OBJECTS,
     FEEDBACK_OBJECTS,
@@ -14,6 +15,7 @@ from hardware.canopen.bus_profile import (
     JointProfile,
     Pdo,
 )
+from hardware.canopen.cia402 import state_of
 from hardware.canopen.objects import CONTROLWORD, EMCY, JOINT_MODE, MODE, TARGET_POSITION
 from hardware.errors import HardwareError
 
@@ -54,6 +56,11 @@ class Sample:
     def complete(self) -> bool:
         """Whether every joint answered exactly once, so that all values were latched on the same SYNC."""
         return not self.missing
+
+    def joints_in(self, states: Collection[DriveState]) -> tuple[int, ...]:
+        """Return the joints whose drives are in one of these states."""
+        words = enumerate(self.statuswords, 1)
+        return tuple(joint for joint, word in words if state_of(word) in states)
 
 
 class PdoFields:

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from hardware.arm_description import JointScale
 from hardware.canopen import objects
 from hardware.canopen.bus_profile import (
-    COMMAND_OBJECTS,
-    FEEDBACK_OBJECTS,
     MAX_HEARTBEAT_MS,
     RPDO,
     TPDO,
@@ -21,7 +18,7 @@ from hardware.canopen.bus_profile import (
     PdoKind,
 )
 from hardware.canopen.maps import IDENTIFIER, NOT_VALID, read_map, read_number, read_records
-from hardware.errors import MappingMismatch, ObjectMismatch, ProfileRemedy, SdoRefused
+from hardware.errors import MappingMismatch, ObjectMismatch, ProfileRemedy
 
 if TYPE_CHECKING:
     from hardware.canopen.sdo import ObjectAccess
@@ -72,25 +69,6 @@ def read_pdos(access: ObjectAccess, node: int) -> tuple[DrivePdo, ...]:
     return tuple(pdos)
 
 
-def read_widths(access: ObjectAccess, node: int) -> dict[int, int]:
-    """Return, by index, the width in bits of each object of a drive that its PDOs must carry."""
-    widths = {}
-    for index in (*COMMAND_OBJECTS, *FEEDBACK_OBJECTS):
-        with suppress(SdoRefused):
-            widths[index] = 8 * len(access.read(node, index))
-    return widths
-
-
-def read_description_objects(access: ObjectAccess, node: int) -> tuple[int, ...]:
-    """Return the `DESCRIPTION_OBJECTS` that a drive has."""
-    indices = []
-    for index in DESCRIPTION_OBJECTS:
-        with suppress(SdoRefused):
-            access.read(node, index, 1)
-            indices.append(index)
-    return tuple(indices)
-
-
 HEARTBEAT_TIMEOUT_PERIODS = 2.5
 """Heartbeat periods without a heartbeat after which a node counts as silent."""
 FOLLOWING_FRACTION, FOLLOWING_RAD = 1 / 3, math.radians(1.0)
@@ -115,34 +93,31 @@ class DriveFacts:
 
 def read_drive_facts(access: ObjectAccess, profile: BusProfile) -> tuple[DriveFacts, ...]:
     """Read the settings of all drives."""
-    return tuple(
-        DriveFacts(
+    facts = []
+    # Codes below 0 are the maker's own modes, which have no bit.
+    codes = [code for code in sorted(profile.mode_codes.values()) if code > 0]
+    for joint, node in enumerate(profile.drives, 1):
+        modes = read_number(access, node, objects.SUPPORTED_MODES, 0)
+        lacking = None if modes is None else tuple(c for c in codes if not modes >> (c - 1) & 1)
+        drive = DriveFacts(
             joint=joint,
-            unsupported_modes=_unsupported_modes(access, node, profile),
+            unsupported_modes=lacking,
             quick_stop_option=read_number(access, node, objects.QUICK_STOP_OPTION, 0),
             operator_timeout_s=operator_timeout_s(access, node),
         )
-        for joint, node in enumerate(profile.drives, 1)
-    )
-
-
-def _unsupported_modes(
-    access: ObjectAccess, node: int, profile: BusProfile
-) -> tuple[int, ...] | None:
-    supported = read_number(access, node, objects.SUPPORTED_MODES, 0)
-    if supported is None:
-        return None
-    # Codes below 0 are the maker's own modes, which have no bit.
-    codes = (code for code in sorted(profile.mode_codes.values()) if code > 0)
-    return tuple(code for code in codes if not supported >> (code - 1) & 1)
+        facts.append(drive)
+    return tuple(facts)
 
 
 def operator_timeout_s(access: ObjectAccess, node: int) -> float | None:
     """Read the silence of node 127, s, after which a drive stops (1016h); None if the drive does not monitor it."""
-    for entry in _heartbeat_consumers(access, node) or ():
-        if entry >> 16 & 0x7F == objects.OPERATOR_NODE and entry & 0xFFFF:
-            return (entry & 0xFFFF) * 1e-3
-    return None
+    timeouts_ms = map(_operator_timeout_ms, _heartbeat_consumers(access, node) or ())
+    return next((1e-3 * timeout_ms for timeout_ms in timeouts_ms if timeout_ms), None)
+
+
+def _operator_timeout_ms(entry: int) -> int:
+    """Return the time-out in an entry of 1016h, ms; 0 if the entry is not on the operator's heartbeat."""
+    return entry & 0xFFFF if entry >> 16 & 0x7F == objects.OPERATOR_NODE else 0
 
 
 def _heartbeat_consumers(access: ObjectAccess, node: int) -> tuple[int, ...] | None:
@@ -150,10 +125,8 @@ def _heartbeat_consumers(access: ObjectAccess, node: int) -> tuple[int, ...] | N
     count = read_number(access, node, objects.HEARTBEAT_CONSUMER, 0)
     if count is None:
         return None
-    return tuple(
-        read_number(access, node, objects.HEARTBEAT_CONSUMER, sub) or 0
-        for sub in range(1, count + 1)
-    )
+    index, subs = objects.HEARTBEAT_CONSUMER, range(1, count + 1)
+    return tuple(read_number(access, node, index, sub) or 0 for sub in subs)
 
 
 def heartbeat_timeout_s(access: ObjectAccess, profile: BusProfile, min_s: float) -> float:
@@ -197,17 +170,11 @@ def operator_monitoring_differences(
     watched = _heartbeat_consumers(access, node)
     if watched is None:
         return None
-    if any(
-        value >> 16 & 0x7F == objects.OPERATOR_NODE
-        and 0 < value & 0xFFFF <= 1e3 * objects.MAX_OPERATOR_TIMEOUT_S
-        for value in watched
-    ):
+    limit_ms, operator = 1e3 * objects.MAX_OPERATOR_TIMEOUT_S, objects.OPERATOR_NODE
+    if any(0 < timeout_ms <= limit_ms for timeout_ms in map(_operator_timeout_ms, watched)):
         return ()
     entries = ", ".join(f"{value:08X}h" for value in watched) or "no entry"
-    limit_ms = 1e3 * objects.MAX_OPERATOR_TIMEOUT_S
-    expected = (
-        f"a time-out of at most {limit_ms:.0f} ms for the heartbeat of node {objects.OPERATOR_NODE}"
-    )
+    expected = f"a time-out of at most {limit_ms:.0f} ms for the heartbeat of node {operator}"
     place = node, objects.HEARTBEAT_CONSUMER, None
     return (ObjectMismatch(*place, expected, entries, ProfileRemedy.NONE),)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterator
 
 from hardware.arm import ArmIdentity, NodeIdentity
 from hardware.arm_description import (
@@ -11,9 +11,10 @@ from hardware.arm_description import (
     EncoderDescription,
     JointDescription,
     JointScale,
+    RvdtDescription,
 )
 from hardware.canopen import objects
-from hardware.canopen.bus_profile import BusProfile
+from hardware.canopen.bus_profile import BusProfile, JointProfile
 from hardware.canopen.maps import ABSENT, read_if_present, read_number
 from hardware.canopen.objects import SensorKind
 from hardware.canopen.sdo import ObjectAccess
@@ -34,10 +35,9 @@ def read_identity(
 
     supervisor = profile.supervisor
     nodes = [(node, f"joint {joint}") for joint, node in enumerate(profile.drives, 1)]
-    if supervisor is not None:
-        nodes.append((supervisor, "supervisor"))
     model, serial_number = description.model, profile.serial_number
     if supervisor is not None:
+        nodes.append((supervisor, "supervisor"))
         model = access.read_text(supervisor, objects.ARM, objects.ARM_MODEL)
         serial_number = access.read_text(supervisor, objects.ARM, objects.ARM_SERIAL)
     return ArmIdentity(
@@ -70,25 +70,24 @@ def check_arm(
 
     Raises `WrongArm` with all differences.
     """
-    differences, expected_joints = [], len(description.joints)
+    differences = list[str]()
     if identity.model != description.model:
         differences.append(f"its model is {identity.model!r}, expected {description.model!r}")
     if profile.supervisor is not None:
-        joints = access.read_unsigned(profile.supervisor, objects.ARM, objects.ARM_JOINTS)
-        if joints != expected_joints:
-            differences.append(f"it has {joints} joints, expected {expected_joints}")
+        count = access.read_unsigned(profile.supervisor, objects.ARM, objects.ARM_JOINTS)
+        if count != len(description.joints):
+            differences.append(f"it has {count} joints, expected {len(description.joints)}")
     limits = arm_limits(description.joints, scales_of(description, profile))
-    for joint, expected in enumerate(description.joints, 1):
+    joints = zip(description.joints, profile.joints, limits, strict=True)
+    for number, (expected, drive, limit) in enumerate(joints, 1):
         try:
-            differences += [
-                f"joint {joint} {what}"
-                for what in _joint_differences(access, joint, expected, profile, limits[joint - 1])
-            ]
+            own = list(_joint_differences(access, expected, drive, limit, profile))
+            differences += [f"joint {number} {text}" for text in own]
         except SdoRefused as refusal:
             if refusal.code not in ABSENT:
                 raise
             differences.append(
-                f"joint {joint} has no object {refusal.index:04X}h, which the bus "
+                f"joint {number} has no object {refusal.index:04X}h, which the bus "
                 f"profile {profile.name} compares"
             )
     if differences:
@@ -103,12 +102,10 @@ def scales_of(description: ArmDescription, profile: BusProfile) -> tuple[JointSc
     """Return the scale of every joint's counts: its sensor's, unless the profile states counts per turn."""
     scales = []
     for joint, drive in zip(description.joints, profile.joints, strict=True):
-        per_rad = joint.sensor.counts_per_rad
+        per_rad = drive.direction * joint.sensor.counts_per_rad
         if drive.counts_per_rev is not None:
-            per_rad = drive.counts_per_rev / math.tau
-        scales.append(
-            JointScale(counts_per_rad=drive.direction * per_rad, zero_counts=drive.zero_counts)
-        )
+            per_rad = drive.direction * drive.counts_per_rev / math.tau
+        scales.append(JointScale(counts_per_rad=per_rad, zero_counts=drive.zero_counts))
     return tuple(scales)
 
 
@@ -131,50 +128,48 @@ def read_rated_torques_nm(access: ObjectAccess, profile: BusProfile) -> tuple[fl
 
 def _joint_differences(
     access: ObjectAccess,
-    joint: int,
     expected: JointDescription,
-    profile: BusProfile,
+    drive: JointProfile,
     limits: JointLimits,
-) -> Iterable[str]:
-    node = profile.drives[joint - 1]
+    profile: BusProfile,
+) -> Iterator[str]:
+    node = drive.node
     device = access.read_unsigned(node, objects.DEVICE_TYPE)
     if not profile.is_drive(device):
         yield f"is not a CiA 402 servo drive (1000h = {device:08X}h)"
         return
-    yield from _sensor_differences(access, joint, expected, profile)
+    yield from _sensor_differences(access, expected.sensor, drive, profile.compared)
     if objects.POSITION_LIMITS in profile.compared:
         lower, upper = (access.read_signed(node, objects.POSITION_LIMITS, sub) for sub in (1, 2))
         if (lower, upper) != (limits.lower_counts, limits.upper_counts):
             expected_range = f"{limits.lower_counts} .. {limits.upper_counts}"
             yield f"has the range {lower} .. {upper} counts, expected {expected_range}"
-    if objects.CONTROL_PERIOD not in profile.compared:
-        return
-    digits = access.read_unsigned(node, objects.CONTROL_PERIOD, 1)
-    period_s = digits * 10.0 ** access.read_signed(node, objects.CONTROL_PERIOD, 2)
-    if abs(period_s - objects.CONTROL_PERIOD_S) > 1e-9:
-        yield f"has a control period of {period_s:g} s, expected {objects.CONTROL_PERIOD_S:g} s"
+    if objects.CONTROL_PERIOD in profile.compared:
+        digits = access.read_unsigned(node, objects.CONTROL_PERIOD, 1)
+        period_s = digits * 10.0 ** access.read_signed(node, objects.CONTROL_PERIOD, 2)
+        if abs(period_s - objects.CONTROL_PERIOD_S) > 1e-9:
+            required = f"expected {objects.CONTROL_PERIOD_S:g} s"
+            yield f"has a control period of {period_s:g} s, {required}"
 
 
 def _sensor_differences(
-    access: ObjectAccess, joint: int, expected: JointDescription, profile: BusProfile
-) -> Iterable[str]:
-    drive, sensor = profile.joints[joint - 1], expected.sensor
-    node = drive.node
-    kind = (
-        access.read_unsigned(node, objects.SENSOR, objects.SENSOR_KIND)
-        if objects.SENSOR in profile.compared
-        else None
-    )
+    access: ObjectAccess,
+    sensor: EncoderDescription | RvdtDescription,
+    drive: JointProfile,
+    compared: frozenset[int],
+) -> Iterator[str]:
+    node, kind = drive.node, None
+    if objects.SENSOR in compared:
+        kind = access.read_unsigned(node, objects.SENSOR, objects.SENSOR_KIND)
     if isinstance(sensor, EncoderDescription):
         if kind not in (None, SensorKind.ENCODER):
             yield f"has sensor kind {kind}, expected an encoder ({SensorKind.ENCODER:d})"
             return
-        if objects.ENCODER_RESOLUTION not in profile.compared:
+        if objects.ENCODER_RESOLUTION not in compared:
             return
         per_rev = sensor.counts_per_rev if drive.counts_per_rev is None else drive.counts_per_rev
-        counts, turns = (
-            access.read_unsigned(node, objects.ENCODER_RESOLUTION, sub) for sub in (1, 2)
-        )
+        resolution = objects.ENCODER_RESOLUTION
+        counts, turns = (access.read_unsigned(node, resolution, sub) for sub in (1, 2))
         if counts != per_rev * turns:
             per_turns = "turn" if turns == 1 else f"{turns} turns"
             yield f"has an encoder of {counts} counts per {per_turns}, expected {per_rev} per turn"

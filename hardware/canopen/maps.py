@@ -73,13 +73,10 @@ def check_positions(
     for joint, by_pdo, scale in zip(profile.joints, counts, scales, strict=True):
         by_sdo = access.read_signed(joint.node, objects.POSITION_ACTUAL)
         if abs(by_pdo - by_sdo) > POSITION_AGREEMENT_RAD * scale.density + 1.0:
-            carrier = next(
-                pdo.number for pdo in joint.answers if objects.POSITION_ACTUAL in pdo.carried
-            )
+            index = objects.POSITION_ACTUAL
+            carrier = next(pdo.number for pdo in joint.answers if index in pdo.carried)
             expected, actual = f"the {by_sdo} counts that it holds", f"{by_pdo} in TPDO{carrier}"
-            differences.append(
-                ObjectMismatch(joint.node, objects.POSITION_ACTUAL, None, expected, actual)
-            )
+            differences.append(ObjectMismatch(joint.node, index, None, expected, actual))
     if differences:
         raise MappingMismatch(differences)
 
@@ -91,16 +88,16 @@ def check_communication(access: ObjectAccess, profile: BusProfile) -> None:
 
 
 def _communication(access: ObjectAccess, node: int) -> Iterator[ObjectMismatch]:
-    mismatches = [
-        *_cob_id(access, node, objects.SYNC_COB_ID, 0, objects.COB_SYNC, refused=GENERATES_SYNC),
-        *_cob_id(access, node, objects.EMCY_COB_ID, 0, objects.COB_EMCY + node, refused=NOT_VALID),
-    ]
-    counter = read_number(access, node, _SYNC_COUNTER, 0)
-    if counter:
+    none = ProfileRemedy.NONE
+    for index, cob_id, refused in (
+        (objects.SYNC_COB_ID, objects.COB_SYNC, GENERATES_SYNC),
+        (objects.EMCY_COB_ID, objects.COB_EMCY + node, NOT_VALID),
+    ):
+        for mismatch in _cob_id(access, node, index, 0, cob_id, refused=refused):
+            yield replace(mismatch, remedy=none)
+    if counter := read_number(access, node, _SYNC_COUNTER, 0):
         expected = "0 (a SYNC without counter)"
-        mismatches.append(ObjectMismatch(node, _SYNC_COUNTER, 0, expected, f"{counter}"))
-    for each in mismatches:
-        yield replace(each, remedy=ProfileRemedy.NONE)
+        yield ObjectMismatch(node, _SYNC_COUNTER, 0, expected, f"{counter}", none)
 
 
 def pdo_differences(
@@ -124,8 +121,7 @@ def pdo_differences(
             actual = "no such object" if entries is None else format_map(entries)
             yield ObjectMismatch(node, mapping, None, expected, actual)
     for kind, number, value in conflicting_pdos(access, node, profile, joint):
-        index, _ = kind.records(number)
-        actual = f"{value & IDENTIFIER:03X}h"
+        index, actual = kind.records(number)[0], f"{value & IDENTIFIER:03X}h"
         expected = "an identifier that no other frame of this arm has"
         yield ObjectMismatch(node, index, 1, expected, actual)
 
@@ -150,9 +146,8 @@ def conflicting_pdos(
 
     A drive with such a PDO could obey another drive's commands. Each is yielded as kind, number and COB-ID.
     """
-    in_use = _RESERVED | {
-        pdo.cob_id for each in profile.joints for pdo in (*each.commands, *each.answers)
-    }
+    pdos_of_arm = (pdo for each in profile.joints for pdo in (*each.commands, *each.answers))
+    in_use = _RESERVED | {pdo.cob_id for pdo in pdos_of_arm}
     for kind, pdos in joint.pdos:
         used = {pdo.number for pdo in pdos}
         for number, value in read_records(access, node, kind):
@@ -165,10 +160,8 @@ def _on_every_sync(access: ObjectAccess, node: int, index: int) -> Iterator[Obje
     inhibit = inhibit_s(access, node, index)
     if inhibit >= MAX_INHIBIT_S:
         limit = f"an inhibit time below {1e3 * MAX_INHIBIT_S:g} ms"
-        actual = f"{1e3 * inhibit:g} ms"
-        yield ObjectMismatch(node, index, INHIBIT, limit, actual)
-    start = read_number(access, node, index, SYNC_START)
-    if start:
+        yield ObjectMismatch(node, index, INHIBIT, limit, f"{1e3 * inhibit:g} ms")
+    if start := read_number(access, node, index, SYNC_START):
         expected = "SYNC start value 0 (with the next SYNC)"
         yield ObjectMismatch(node, index, SYNC_START, expected, f"{start}")
 
@@ -192,8 +185,7 @@ def _cob_id(
 ) -> Iterator[ObjectMismatch]:
     """Yield a mismatch if a COB-ID is not the expected one, or if its flag bit `refused` is set."""
     value = read_number(access, node, index, sub)
-    wrong = value is None or value & (IDENTIFIER | EXTENDED | refused) != expected
-    if wrong:
+    if value is None or value & (IDENTIFIER | EXTENDED | refused) != expected:
         yield ObjectMismatch(node, index, sub, f"{expected:03X}h", _number(value, "03X"))
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import struct
 from enum import IntEnum, IntFlag
-from typing import Final
+from typing import Final, Self
 
 from hardware.arm import JointMode
 
@@ -79,7 +79,6 @@ CONTROL_PERIOD_S: Final = 0.01
 
 # ---- PDOs --------------------------------------------------------------------------------------
 TPDO_EVERY_SYNC: Final = 1
-RPDO_ON_RECEIPT: Final = 254
 EMCY: Final = struct.Struct("<HB5s")
 """Error code, error register 1001h, five bytes of the maker (unused here)."""
 
@@ -230,41 +229,34 @@ class ErrorBit(IntFlag):
 
 
 class EmergencyCode(IntEnum):
-    """Error codes in use (CiA 301 and CiA 402)."""
+    """Error codes in use (CiA 301 and CiA 402), with their texts."""
 
-    NONE = 0x0000
-    EXTERNAL_STOP = 0x5441
-    EXTERNAL_STOP_SECOND = 0x5442
-    SENSOR = 0x7305
-    HEARTBEAT_LOST = 0x8130
-    EXCESS_TORQUE = 0x8311
-    OVERSPEED = 0x8400
-    FOLLOWING = 0x8611
-    REFERENCE_LIMIT = 0x8612
+    text: str
+
+    def __new__(cls, code: int, text: str) -> Self:
+        """Return the member of a code."""
+        member = int.__new__(cls, code)
+        member._value_, member.text = code, text
+        return member
+
+    NONE = 0x0000, "no error"
+    EXTERNAL_STOP = 0x5441, "external stop, contact 1"
+    EXTERNAL_STOP_SECOND = 0x5442, "external stop, contact 2"
+    SENSOR = 0x7305, "angle sensor failed"
+    HEARTBEAT_LOST = 0x8130, "operator's heartbeat lost"
+    EXCESS_TORQUE = 0x8311, "excess torque"
+    OVERSPEED = 0x8400, "overspeed"
+    FOLLOWING = 0x8611, "following error"
+    REFERENCE_LIMIT = 0x8612, "target refused: outside the limits"
 
 
 STOP_CONTACTS: Final = (EmergencyCode.EXTERNAL_STOP, EmergencyCode.EXTERNAL_STOP_SECOND)
 """Emergency codes of a pressed external stop."""
 
-EMERGENCY_TEXT: Final = {
-    EmergencyCode.NONE: "no error",
-    EmergencyCode.EXTERNAL_STOP: "external stop, contact 1",
-    EmergencyCode.EXTERNAL_STOP_SECOND: "external stop, contact 2",
-    EmergencyCode.SENSOR: "angle sensor failed",
-    EmergencyCode.HEARTBEAT_LOST: "operator's heartbeat lost",
-    EmergencyCode.EXCESS_TORQUE: "excess torque",
-    EmergencyCode.OVERSPEED: "overspeed",
-    EmergencyCode.FOLLOWING: "following error",
-    EmergencyCode.REFERENCE_LIMIT: "target refused: outside the limits",
-}
-
 
 def emergency_text(code: int) -> str:
     """Return a text for an EMCY error code; for an unknown code, ``error`` and the code."""
-    try:
-        return EMERGENCY_TEXT[EmergencyCode(code)]
-    except ValueError:
-        return f"error {code:04X}h"
+    return next((each.text for each in EmergencyCode if each == code), f"error {code:04X}h")
 
 
 class Abort(IntEnum):
@@ -275,7 +267,6 @@ class Abort(IntEnum):
     BLOCK_SIZE = 0x05040002
     BLOCK_SEQUENCE = 0x05040003
     BLOCK_CRC = 0x05040004
-    OUT_OF_MEMORY = 0x05040005
     WRITE_ONLY = 0x06010001
     READ_ONLY = 0x06010002
     NO_OBJECT = 0x06020000
@@ -300,12 +291,5 @@ DRIVE_DEVICE_TYPE: Final = 0x00020192
 """CiA 402 (192h), servo drive."""
 DEVICE_TYPE_MASK: Final = 0x00FFFFFF
 """Bits 24 to 31 of 1000h are the maker's."""
-SUPERVISOR_DEVICE_TYPE: Final = 0
-"""No device profile."""
-VENDOR_ID: Final = 0
-"""Not registered with CiA."""
 JOINT_PRODUCT: Final = 0x0001
 SUPERVISOR_PRODUCT: Final = 0x0002
-REVISION: Final = 0x00010000
-JOINT_DEVICE_NAME: Final = "sarcal virtual joint drive"
-SUPERVISOR_DEVICE_NAME: Final = "sarcal virtual supervisor"

@@ -128,19 +128,14 @@ class ObjectAccess:
         if suspects:
             self._pause.wait(_IN_TRANSIT_S)
         self._known_surplus = self._surplus()
-        twice = tuple(
-            node
-            for node in suspects
-            if self._known_surplus[node] - before[node] >= DUPLICATE_FRACTION * UNIQUENESS_REQUESTS
-        )
-        if twice:
+        more, doubled = self._known_surplus - before, DUPLICATE_FRACTION * UNIQUENESS_REQUESTS
+        if twice := tuple(node for node in suspects if more[node] >= doubled):
             raise self.duplicate_error(twice)
 
     def _surplus(self) -> Counter[int]:
         """Answers in excess of requests, by node."""
-        return Counter(
-            {node: self._answered[node] - self._network.asked[node] for node in self._clients}
-        )
+        asked = self._network.asked
+        return Counter({node: self._answered[node] - asked[node] for node in self._clients})
 
     def read(self, node: int, index: int, subindex: int = 0) -> bytes:
         """Read an object's bytes, in up to `READ_ATTEMPTS` attempts."""
@@ -158,9 +153,8 @@ class ObjectAccess:
 
     def _require_answers(self) -> None:
         requests = self._network.asked
-        unanswered = {
-            n: (k, requests[n]) for n, k in sorted(self._unanswered.items()) if self._answered[n]
-        }
+        counts = sorted(self._unanswered.items())
+        unanswered = {n: (k, requests[n]) for n, k in counts if self._answered[n]}
         lost = sum(count for count, _ in unanswered.values())
         if lost >= MIN_UNANSWERED and lost > MAX_UNANSWERED_FRACTION * requests.total():
             raise FramesLost(unanswered)

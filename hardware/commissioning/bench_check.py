@@ -9,25 +9,51 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
+from enum import Enum
+from functools import partial
 from typing import Final
 
 from hardware.arm import ArmIdentity, ArmInterface, JointMode
 from hardware.arm_description import ArmDescription
 from hardware.commissioning import checks, clauses
-from hardware.commissioning.clauses import STOPS_WITHIN_S
-from hardware.commissioning.stages import (
+from hardware.commissioning.clauses import (
     BENCH,
     SCATTER_RAD,
+    STILL_ENABLED,
     Ask,
     Bounds,
-    CheckFinding,
     Clause,
-    Stage,
     declined,
     deg,
+    position_rad,
 )
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import HardwareError
+
+
+class Stage(Enum):
+    """Stages of the bench check, in order; each stage requires that all earlier stages have passed."""
+
+    LOOK = "look"
+    """No drive is enabled."""
+    HOLD = "hold"
+    """Drives on, no motion; refusals; STOP."""
+    MOVE = "move"
+    """One joint at a time, there and back: halted, interrupted and stopped on the way."""
+    FREE = "free"
+    """One joint at a time in free mode."""
+    LEAVE = "leave"
+    """The arm is released as at the end of a session, and connected again."""
+    SILENCE = "silence"
+    """Loss of the operator's heartbeat, as when this program is killed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckFinding(Clause):
+    """A clause, with the stage in which it was checked."""
+
+    stage: Stage
+
 
 STOP: Final = "STOP"
 """Name of the clause that must pass before drives are enabled again."""
@@ -67,24 +93,16 @@ class Bench:
 
     def step_target(self, joint: int) -> float:
         """Return a joint's target (rad) one step away, in the direction in which more of its range is left."""
-        position_rad = self.arm.snapshot().joints[joint - 1].position_rad
-        ends = self.description.joints[joint - 1]
-        up = ends.upper_rad - position_rad >= position_rad - ends.lower_rad
-        return position_rad + (self.step_rad if up else -self.step_rad)
+        now, ends = position_rad(self.arm, joint), self.description.joints[joint - 1]
+        up = ends.upper_rad - now >= now - ends.lower_rad
+        return now + (self.step_rad if up else -self.step_rad)
 
 
 def check(bench: Bench, *, last: Stage) -> Iterator[CheckFinding]:
     """Check an arm up to and including stage `last`, and yield the findings; the caller must always close the arm."""
     identity: ArmIdentity | None = None
-    stages = {
-        Stage.LOOK: _look,
-        Stage.HOLD: _hold,
-        Stage.MOVE: _move,
-        Stage.FREE: _free,
-        Stage.LEAVE: _leave,
-        Stage.SILENCE: _silence,
-    }
-    for stage, run in stages.items():
+    stages = _look, _hold, _move, _free, _leave, _silence
+    for stage, run in zip(Stage, stages, strict=True):
         passed, names = True, set[str]()
         try:
             identity = identity or bench.arm.connect()
@@ -96,23 +114,21 @@ def check(bench: Bench, *, last: Stage) -> Iterator[CheckFinding]:
                     return  # no further motion after a failure with drives on
         except HardwareError as error:
             passed = False
-            yield CheckFinding(stage=stage, name="no error", passed=False, text=str(error))
+            yield CheckFinding("no error", False, str(error), stage=stage)
         if not passed or (stage is Stage.HOLD and STOP not in names):
             return  # drives are not enabled without a tested STOP
         if stage is last:
             break
     for name, reason in NOT_TESTED.items() if last is Stage.SILENCE else ():
-        yield CheckFinding(
-            stage=Stage.SILENCE, name=name, passed=None, text=f"not on a bench: {reason}"
-        )
+        yield CheckFinding(name, None, f"not on a bench: {reason}", stage=Stage.SILENCE)
 
 
 def _look(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
     arm, n = bench.arm, bench.joints
     identity_text = f"{identity.model}, serial {identity.serial_number}"
-    yield Clause(name="connect", passed=True, text=identity_text)
+    yield Clause("connect", True, identity_text)
     for text in identity.configured:
-        yield Clause(name="configured", passed=True, text=text)
+        yield Clause("configured", True, text)
     yield from clauses.identifies_itself(identity, bench.description.model, n)
     if isinstance(arm, CanopenArm):
         yield from checks.drive_settings(arm.drive_facts())
@@ -123,23 +139,15 @@ def _look(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
         yield from checks.keeps_time(arm, bench.bounds)
     yield from clauses.reads(arm, n, bench.bounds)
     for joint, sd in enumerate(arm.capture(bench.bounds.samples).sd_rad.tolist(), 1):
-        yield Clause(
-            name="quiet",
-            passed=sd <= SCATTER_RAD,
-            text=f"the reading scatters by {deg(sd)} over {bench.bounds.samples} SYNCs",
-            joint=joint,
-        )
+        text = f"the reading scatters by {deg(sd)} over {bench.bounds.samples} SYNCs"
+        yield Clause("quiet", sd <= SCATTER_RAD, text, joint)
     yield from clauses.settles(arm, n, bench.bounds)
-    position_rad = arm.snapshot().joints[0].position_rad
-    yield clauses.is_refused(
-        "no control",
-        "a move before control is taken",
-        lambda: arm.move({1: position_rad}, speed_rad_per_s=bench.speed_rad_per_s),
-    )
+    go = partial(arm.move, {1: position_rad(arm, 1)}, speed_rad_per_s=bench.speed_rad_per_s)
+    yield clauses.is_refused("no control", "a move before control is taken", go)
     text = "the arm stores no parameters"
     if parameter_bytes := len(arm.active_parameters()):
         text = f"the arm stores a parameter document of {parameter_bytes} bytes"
-    yield Clause(name="parameters", passed=True, text=text)
+    yield Clause("parameters", True, text)
     if isinstance(arm, CanopenArm):
         yield checks.excludes_others(arm)
 
@@ -151,7 +159,7 @@ def _hold(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
         "on the emergency stop. Enable them?"
     ):
         text = "not tried: declined; without a tested STOP no later check is run"
-        yield replace(declined(), text=text)
+        yield Clause("agreed", None, text)
         return
     before = arm.capture(bench.bounds.samples).mean_rad
     yield from clauses.is_enabled_unmoved(arm, bench.bounds)
@@ -167,13 +175,10 @@ def _hold(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
     begun = time.monotonic()
     arm.stop()
     seconds = clauses.seconds_to_stop(arm, begun)
-    yield Clause(
-        name=STOP,
-        passed=seconds is not None,
-        text=f"a drive is still enabled {STOPS_WITHIN_S:g} s after STOP"
-        if seconds is None
-        else f"all drives have stopped after {1e3 * seconds:.0f} ms",
-    )
+    text = STILL_ENABLED
+    if seconds is not None:
+        text = f"all drives have stopped after {1e3 * seconds:.0f} ms"
+    yield Clause(STOP, seconds is not None, text)
     yield from clauses.stays_stopped(arm, 1, bench.speed_rad_per_s)
     yield from clauses.resets_unmoved(arm, before, bench.bounds)
     before = arm.capture(bench.bounds.samples).mean_rad
@@ -183,7 +188,7 @@ def _hold(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
 
 def _move(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
     if identity.by_hand:
-        yield Clause(name="by hand", passed=None, text="not tried: this arm is moved by hand")
+        yield Clause("by hand", None, "not tried: this arm is moved by hand")
         return
     for joint in range(1, bench.joints + 1):
         yield from _turn(bench, joint)
@@ -194,7 +199,7 @@ def _turn(bench: Bench, joint: int) -> Iterator[Clause]:
     arm, speed, bounds = bench.arm, bench.speed_rad_per_s, bench.moving
     start = arm.capture(bench.bounds.samples).mean_rad
     home = float(start[joint - 1])
-    way = bench.step_target(joint) - arm.snapshot().joints[joint - 1].position_rad
+    way = bench.step_target(joint) - position_rad(arm, joint)
     if not bench.ask(
         f"Joint {joint} will turn by {deg(way, sign=True)} and back, twice, at {deg(speed)}/s, and be halted, "
         "interrupted and stopped on the way. Turn it?"
@@ -213,17 +218,11 @@ def _turn(bench: Bench, joint: int) -> Iterator[Clause]:
     yield from checks.goes(outward)
     yield checks.moved_alone(start, arm.capture(bench.bounds.samples).mean_rad, joint, bounds)
     sense = "positive" if way > 0 else "negative"
-    right = bench.ask(
-        f"Did joint {joint}, and no other, turn in the {sense} sense of the arm file?"
-    )
-    yield Clause(
-        name="direction",
-        passed=right,
-        text="the joint turned in the sense of the arm file"
-        if right
-        else "the joint did not: check the direction, and the order of the joints, in the bus profile",
-        joint=joint,
-    )
+    question = f"Did joint {joint}, and no other, turn in the {sense} sense of the arm file?"
+    right, text = bench.ask(question), "the joint turned in the sense of the arm file"
+    if not right:
+        text = "the joint did not: check the direction, and the order of the joints, in the bus profile"
+    yield Clause("direction", right, text, joint)
     yield from checks.halts(back)
     back.go()
     if bench.interrupt is not None:
@@ -246,17 +245,13 @@ def _free(bench: Bench, _: ArmIdentity) -> Iterator[Clause]:
         modes = [JointMode.POSITION] * bench.joints
         modes[joint - 1] = JointMode.FREE
         arm.set_modes(modes)
-        before = arm.snapshot().joints[joint - 1].position_rad
-        yield Clause(name="frees", passed=True, text="the drive reports free mode", joint=joint)
+        before = position_rad(arm, joint)
+        yield Clause("frees", True, "the drive reports free mode", joint)
         yield clauses.refuses_to_move_free(arm, joint, bench.speed_rad_per_s)
         arm.hold()
-        turn_rad = arm.snapshot().joints[joint - 1].position_rad - before
-        yield Clause(
-            name="takes up",
-            passed=True,
-            text=f"the drive reports position mode again; in free mode the joint moved by {deg(turn_rad, sign=True)}",
-            joint=joint,
-        )
+        moved = deg(position_rad(arm, joint) - before, sign=True)
+        text = f"the drive reports position mode again; in free mode the joint moved by {moved}"
+        yield Clause("takes up", True, text, joint)
 
 
 def _leave(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
@@ -275,4 +270,4 @@ def _silence(bench: Bench, _: ArmIdentity) -> Iterator[Clause]:
     if isinstance(bench.arm, CanopenArm):
         yield from checks.stops_alone(bench.arm, bench.ask, bench.bounds)
     else:
-        yield Clause(name="guard", passed=None, text="not tried: only for an arm on a CAN bus")
+        yield Clause("guard", None, "not tried: only for an arm on a CAN bus")

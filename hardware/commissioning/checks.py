@@ -21,13 +21,20 @@ from hardware.canopen.objects import (
     MAX_OPERATOR_TIMEOUT_S,
 )
 from hardware.commissioning.clauses import (
-    STOPS_WITHIN_S,
+    STILL_ENABLED,
+    Ask,
+    Bounds,
+    Clause,
+    declined,
+    deg,
+    enabled_joints,
     is_still,
+    joints_words,
+    nothing_wrong,
     resets_unmoved,
     seconds_to_stop,
     stays_stopped,
 )
-from hardware.commissioning.stages import Ask, Bounds, Clause, declined, deg, joints_words
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, ControlDenied, HardwareError, OtherMaster, Stopped
 from hardware.timing import Pace
@@ -96,14 +103,12 @@ def goes(turn: Turn) -> Iterator[Clause]:
     rests = arm.settle(window=_WINDOW, spread_rad=spread, timeout_syncs=_LONG_SYNCS)
     went = float(arm.capture(bounds.samples).mean_rad[joint - 1] - start[joint - 1])
     passed = outcome.reached and rests and abs(went - way) <= bounds.near_rad
-    reason = "" if outcome.reached else f", and reports {outcome.reason!r}"
-    yield Clause(
-        name="moves",
-        passed=passed,
-        text=f"commanded to turn by {deg(way, sign=True)}, it reads {deg(went, sign=True)}{reason}"
-        + ("" if rests else ", and does not come to rest"),
-        joint=joint,
-    )
+    text = f"commanded to turn by {deg(way, sign=True)}, it reads {deg(went, sign=True)}"
+    if not outcome.reached:
+        text += f", and reports {outcome.reason!r}"
+    if not rests:
+        text += ", and does not come to rest"
+    yield Clause("moves", passed, text, joint)
 
 
 def halts(turn: Turn) -> Iterator[Clause]:
@@ -111,14 +116,10 @@ def halts(turn: Turn) -> Iterator[Clause]:
     watch = turn.midway_watch(lambda: ENOUGH)
     outcome = turn.go(watch)
     halted = not outcome.reached and outcome.reason == ENOUGH
-    yield Clause(
-        name="halts",
-        passed=halted,
-        text=f"a watch ended the move; {turn.overtravel(watch)}"
-        if halted
-        else f"a watch could not end the move, which reports {outcome.reason!r}",
-        joint=turn.joint,
-    )
+    text = f"a watch could not end the move, which reports {outcome.reason!r}"
+    if halted:
+        text = f"a watch ended the move; {turn.overtravel(watch)}"
+    yield Clause("halts", halted, text, turn.joint)
 
 
 def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause]:
@@ -133,12 +134,12 @@ def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause
             raise
         interrupted = True
     snapshot = turn.arm.snapshot()
-    enabled = all(j.drive is DriveState.OPERATION_ENABLED for j in snapshot.joints)
+    enabled = len(enabled_joints(turn.arm)) == len(snapshot.joints)
     text = "the move was not interrupted"
     if interrupted:
         text = f"{turn.overtravel(watch)}; the drives are {'on' if enabled else 'off'}"
     passed = interrupted and enabled and not snapshot.moving
-    yield Clause(name="Ctrl-C", passed=passed, text=text, joint=turn.joint)
+    yield Clause("Ctrl-C", passed, text, turn.joint)
     before = turn.arm.capture(turn.bounds.samples).mean_rad
     yield is_still("held", before, turn.arm, turn.bounds)
 
@@ -162,31 +163,22 @@ def is_stopped(turn: Turn) -> Iterator[Clause]:
     rests = arm.snapshot().positions_rad  # a stopped arm cannot take a reading
     gone = abs(float(rests[joint - 1]) - watch.start_rad)
     at = 0.0 if watch.at_rad is None else abs(watch.at_rad - watch.start_rad)
+    near = gone - at <= max(turn.part_rad, bounds.single_sample_rad)
     text = f"the joint came to rest {deg(abs(gone - at))} after STOP"
-    if seconds is None:
-        text = f"a drive is still enabled {STOPS_WITHIN_S:g} s after STOP"
-    yield Clause(
-        name="STOP on the way",
-        passed=stopped
-        and seconds is not None
-        and gone - at <= max(turn.part_rad, bounds.single_sample_rad),
-        text=text if stopped else "STOP did not end the move",
-        joint=joint,
-    )
+    if not stopped:
+        text = "STOP did not end the move"
+    elif seconds is None:
+        text = STILL_ENABLED
+    yield Clause("STOP on the way", stopped and seconds is not None and near, text, joint)
     yield from stays_stopped(arm, joint, turn.speed_rad_per_s)
     yield from resets_unmoved(arm, rests, bounds)
 
 
 def moved_alone(before: np.ndarray, after: np.ndarray, joint: int, bounds: Bounds) -> Clause:
     """Check that no joint except `joint` moved between two readings (n,), rad."""
-    others = np.delete(np.abs(after - before), joint - 1)
-    most = float(others.max(initial=0.0))
-    return Clause(
-        name="alone",
-        passed=most <= max(bounds.still_rad, bounds.near_rad),
-        text=f"no other joint moved by more than {deg(most)}",
-        joint=joint,
-    )
+    most = float(np.delete(np.abs(after - before), joint - 1).max(initial=0.0))
+    text = f"no other joint moved by more than {deg(most)}"
+    return Clause("alone", most <= max(bounds.still_rad, bounds.near_rad), text, joint)
 
 
 HOLDS_AFTER_STOP: Final = 5
@@ -199,46 +191,35 @@ def drive_settings(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
     """Check the drives' modes, quick stop option and operator time-out."""
     for drive in facts:
         lacking, option = drive.unsupported_modes, drive.quick_stop_option
-        yield Clause(
-            name="modes",
-            passed=None if lacking is None else not lacking,
-            text="the drive has no 6502h (supported modes)"
-            if lacking is None
-            else f"6502h lacks mode {', '.join(map(str, lacking))}"
-            if lacking
-            else "6502h has both modes",
-            joint=drive.joint,
-        )
-        yield Clause(
-            name="quick stop",
-            passed=None if option is None else option >= HOLDS_AFTER_STOP,
-            text="the drive has no 605Ah (quick stop option)"
-            if option is None
-            else f"605Ah = {option}: the drive {'holds' if option >= HOLDS_AFTER_STOP else 'releases the joint'} after "
-            "a quick stop",
-            joint=drive.joint,
-        )
+        modes = "the drive has no 6502h (supported modes)"
+        quick_stop = "the drive has no 605Ah (quick stop option)"
+        holds = None if option is None else option >= HOLDS_AFTER_STOP
+        if lacking is not None:
+            lacks = f"6502h lacks mode {', '.join(map(str, lacking))}"
+            modes = lacks if lacking else "6502h has both modes"
+        if option is not None:
+            reaction = "holds" if holds else "releases the joint"
+            quick_stop = f"605Ah = {option}: the drive {reaction} after a quick stop"
+        yield Clause("modes", None if lacking is None else not lacking, modes, drive.joint)
+        yield Clause("quick stop", holds, quick_stop, drive.joint)
         yield _guard(drive)
 
 
 def _guard(drive: DriveFacts) -> Clause:
     """Check a drive's operator time-out: failed if `sarcal run` would refuse it, undecided above the advised limit."""
     guard = drive.operator_timeout_s
-    passed: bool | None = None
     if guard is None:
-        passed = False
         text = "1016h: the drive does not monitor this program's heartbeat, and keeps moving if this program dies"
-    else:
-        text = f"1016h: the drive stops {guard:.2f} s after the last heartbeat of this program"
-        if guard > MAX_OPERATOR_TIMEOUT_S:
-            passed = False
-            text += f"; a run requires at most {MAX_OPERATOR_TIMEOUT_S:g} s"
-        elif guard > ADVISED_OPERATOR_TIMEOUT_S:
-            limit = f"advised: at most {ADVISED_OPERATOR_TIMEOUT_S:g} s"
-            text += f", and keeps moving until then if this program dies ({limit})"
-        else:
-            passed = True
-    return Clause(name="guard", passed=passed, text=text, joint=drive.joint)
+        return Clause("guard", False, text, drive.joint)
+    text = f"1016h: the drive stops {guard:.2f} s after the last heartbeat of this program"
+    if guard > MAX_OPERATOR_TIMEOUT_S:
+        text += f"; a run requires at most {MAX_OPERATOR_TIMEOUT_S:g} s"
+        return Clause("guard", False, text, drive.joint)
+    if guard > ADVISED_OPERATOR_TIMEOUT_S:
+        limit = f"advised: at most {ADVISED_OPERATOR_TIMEOUT_S:g} s"
+        text += f", and keeps moving until then if this program dies ({limit})"
+        return Clause("guard", None, text, drive.joint)
+    return Clause("guard", True, text, drive.joint)
 
 
 def keeps_time(arm: CanopenArm, bounds: Bounds) -> Iterator[Clause]:
@@ -249,12 +230,9 @@ def keeps_time(arm: CanopenArm, bounds: Bounds) -> Iterator[Clause]:
     arm.capture(bounds.samples)
     mean_s = (time.monotonic() - begun) / max(arm.snapshot().sync_count - before, 1)
     within = abs(mean_s - CONTROL_PERIOD_S) <= PERIOD_TOLERANCE * CONTROL_PERIOD_S
-    late = "" if within else ": this computer is too busy, or its adapter too slow"
-    yield Clause(
-        name="period",
-        passed=True if within else None,
-        text=f"a SYNC every {1e3 * mean_s:.2f} ms, configured {1e3 * CONTROL_PERIOD_S:g} ms{late}",
-    )
+    text = f"a SYNC every {1e3 * mean_s:.2f} ms, configured {1e3 * CONTROL_PERIOD_S:g} ms"
+    late = ": this computer is too busy, or its adapter too slow"
+    yield Clause("period", True, text) if within else Clause("period", None, text + late)
 
 
 def excludes_others(arm: CanopenArm) -> Clause:
@@ -276,7 +254,7 @@ def excludes_others(arm: CanopenArm) -> Clause:
             arm.capture(2)
         except HardwareError as error:
             passed, text = False, f"a second program was let in, then failed: {error}"
-    return Clause(name="one operator", passed=passed, text=text)
+    return Clause("one operator", passed, text)
 
 
 def stops_alone(arm: CanopenArm, ask: Ask, bounds: Bounds) -> Iterator[Clause]:
@@ -284,9 +262,7 @@ def stops_alone(arm: CanopenArm, ask: Ask, bounds: Bounds) -> Iterator[Clause]:
     guards = [drive.operator_timeout_s for drive in arm.drive_facts()]
     longest = max((guard for guard in guards if guard is not None), default=0.0)
     if longest == 0.0 or None in guards:
-        yield Clause(
-            name="guard", passed=None, text="not every drive monitors the operator's heartbeat"
-        )
+        yield Clause("guard", None, "not every drive monitors the operator's heartbeat")
         return
     if not ask(
         f"This program will fall silent for {2 * longest:.1f} s while the drives are enabled, as if it were "
@@ -305,11 +281,9 @@ def stops_alone(arm: CanopenArm, ask: Ask, bounds: Bounds) -> Iterator[Clause]:
     faults = arm.snapshot().faults
     arm.reset_stop()  # the drives have tripped, and a tripped arm cannot take a reading
     reasons = sorted({f"{fault.text} ({fault.code:04X}h)" for fault in faults})
-    yield Clause(
-        name="stops alone",
-        passed=not on,
-        text=f"{joints_words(on)} was still enabled {2 * longest:.1f} s after this program fell silent"
-        if on
-        else f"no drive stayed enabled; faults: {', '.join(reasons) or 'none'}",
+    wrong = joints_words(
+        on, f"was still enabled {2 * longest:.1f} s after this program fell silent"
     )
+    fine = f"no drive stayed enabled; faults: {', '.join(reasons) or 'none'}"
+    yield nothing_wrong("stops alone", wrong, fine)
     yield is_still("held alone", before, arm, bounds)

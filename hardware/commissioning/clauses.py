@@ -9,7 +9,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
@@ -17,10 +17,12 @@ import numpy as np
 
 from hardware.arm import ArmIdentity, ArmInterface, DriveState, FloatArray, JointMode
 from hardware.arm_description import JointDescription
-from hardware.commissioning.stages import Bounds, Clause, deg, joints_words
 from hardware.errors import CommandRefused, HardwareError, Stopped
 
+Ask = Callable[[str], bool]
+"""Asks the person beside the arm a question; returns whether the answer is yes."""
 STOPS_WITHIN_S: Final = 0.5
+STILL_ENABLED: Final = f"a drive is still enabled {STOPS_WITHIN_S:g} s after STOP"
 FRESH_S: Final = 1.0
 LARGEST_READING_RAD: Final = 4.0 * math.pi
 NO_DOCUMENT: Final = b"no parameter document"
@@ -28,24 +30,79 @@ _WINDOW, _LONG_SYNCS, _SHORT_SYNCS = 5, 500, 20
 _POLL_S: Final = 0.005
 
 
+@dataclass(frozen=True, slots=True)
+class Clause:
+    """Result of the check of one requirement; `passed` is None if the requirement could not be tested."""
+
+    name: str
+    passed: bool | None
+    text: str
+    joint: int | None = None
+
+
+SCATTER_RAD: Final = math.radians(0.5)
+"""Limit of the standard deviation of single samples, mostly RVDT noise."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bounds:
+    """Samples per reading; limits of a joint's change at rest (`still_rad`) and deviation from target (`near_rad`)."""
+
+    samples: int
+    still_rad: float
+    near_rad: float
+
+    @property
+    def single_sample_rad(self) -> float:
+        """Limit of the error of a single sample at rest."""
+        return max(self.still_rad, self.near_rad, SCATTER_RAD)
+
+
+BENCH: Final = Bounds(samples=100, still_rad=math.radians(0.1), near_rad=math.radians(0.5))
+"""Limits for an arm without fixture."""
+
+
+def nothing_wrong(name: str, wrong: str, otherwise: str) -> Clause:
+    """Return the result of a check, with the text `wrong` if it failed; it passed if that text is empty."""
+    return Clause(name, not wrong, wrong or otherwise)
+
+
+def position_rad(arm: ArmInterface, joint: int) -> float:
+    """Return the position of a joint, rad."""
+    return arm.snapshot().joints[joint - 1].position_rad
+
+
+def enabled_joints(arm: ArmInterface) -> list[int]:
+    """Return the joints whose drives are enabled."""
+    joints = arm.snapshot().joints
+    return [joint.joint for joint in joints if joint.drive is DriveState.OPERATION_ENABLED]
+
+
+def declined(joint: int | None = None) -> Clause:
+    """Return the result of a check that the person beside the arm declined."""
+    return Clause("agreed", None, "not tried: declined", joint)
+
+
+def deg(angle_rad: float, *, sign: bool = False) -> str:
+    """Format an angle in degrees."""
+    return f"{math.degrees(angle_rad):{'+' if sign else ''}.3f} deg"
+
+
+def joints_words(joints: list[int], text: str) -> str:
+    """Return a sentence about joints, such as ``joint 1, 3 is enabled``; empty if there are none."""
+    return f"joint {', '.join(map(str, joints))} {text}" if joints else ""
+
+
 def identifies_itself(identity: ArmIdentity, model: str, joints: int) -> Iterator[Clause]:
     """Check that the arm reports the arm file's model, a serial number, and its joints in order."""
-    yield Clause(
-        name="name",
-        passed=identity.model == model,
-        text=f"the arm reports the model {identity.model!r}; the arm file describes {model!r}",
-    )
-    yield Clause(
-        name="serial",
-        passed=bool(identity.serial_number.strip()),
-        text=f"the arm's serial number is {identity.serial_number!r}; it must tell the poses of two arms apart",
-    )
+    text = f"the arm reports the model {identity.model!r}; the arm file describes {model!r}"
+    yield Clause("name", identity.model == model, text)
+    serial = identity.serial_number
+    text = f"the arm's serial number is {serial!r}; it must tell the poses of two arms apart"
+    yield Clause("serial", bool(serial.strip()), text)
     roles = [node.role for node in identity.nodes if node.role.startswith("joint")]
-    yield Clause(
-        name="joints",
-        passed=roles == [f"joint {j}" for j in range(1, joints + 1)],
-        text=f"the arm names {', '.join(roles) or 'no joint'}",
-    )
+    text = f"the arm names {', '.join(roles) or 'no joint'}"
+    yield Clause("joints", roles == [f"joint {j}" for j in range(1, joints + 1)], text)
 
 
 def has_valid_snapshot(arm: ArmInterface, joints: int) -> Iterator[Clause]:
@@ -54,9 +111,7 @@ def has_valid_snapshot(arm: ArmInterface, joints: int) -> Iterator[Clause]:
     wrong = []
     if [joint.joint for joint in snapshot.joints] != list(range(1, joints + 1)):
         wrong.append(f"{len(snapshot.joints)} joints instead of {joints}, or not in order")
-    if not (
-        np.all(np.isfinite(snapshot.positions_rad)) and np.all(np.isfinite(snapshot.torques_nm))
-    ):
+    if not np.all(np.isfinite([snapshot.positions_rad, snapshot.torques_nm])):
         wrong.append("a position or a torque is not finite")
     elif np.abs(snapshot.positions_rad).max(initial=0.0) >= LARGEST_READING_RAD:
         wrong.append("a position is beyond two turns: angles must be in radians")
@@ -65,12 +120,8 @@ def has_valid_snapshot(arm: ArmInterface, joints: int) -> Iterator[Clause]:
         wrong.append(f"the data of a joint are {oldest_s:.2f} s old")
     if snapshot.stopped:
         wrong.append("STOP is latched")
-    yield Clause(
-        name="picture",
-        passed=not wrong,
-        text="; ".join(wrong)
-        or f"every joint is present; the oldest data are {1e3 * oldest_s:.0f} ms old",
-    )
+    fine = f"every joint is present; the oldest data are {1e3 * oldest_s:.0f} ms old"
+    yield nothing_wrong("picture", "; ".join(wrong), fine)
 
 
 def goes_on(arm: ArmInterface) -> Iterator[Clause]:
@@ -78,7 +129,7 @@ def goes_on(arm: ArmInterface) -> Iterator[Clause]:
     before = arm.snapshot().sync_count
     arm.capture(2)
     more = arm.snapshot().sync_count - before
-    yield Clause(name="samples", passed=more > 0, text=f"a reading of 2 took {more} samples")
+    yield Clause("samples", more > 0, f"a reading of 2 took {more} samples")
 
 
 def reads(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
@@ -96,12 +147,8 @@ def reads(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
         apart = np.abs(reading.mean_rad - arm.snapshot().positions_rad)
         if apart.max(initial=0.0) > bounds.single_sample_rad:
             wrong.append(f"the reading differs from the snapshot by {deg(float(apart.max()))}")
-    yield Clause(
-        name="reading",
-        passed=not wrong,
-        text="; ".join(wrong)
-        or f"{bounds.samples} samples of {joints} joints, equal to the snapshot",
-    )
+    fine = f"{bounds.samples} samples of {joints} joints, equal to the snapshot"
+    yield nothing_wrong("reading", "; ".join(wrong), fine)
 
 
 def settles(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
@@ -109,48 +156,40 @@ def settles(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
     wide = [bounds.single_sample_rad] * joints
     rests = arm.settle(window=_WINDOW, spread_rad=wide, timeout_syncs=_LONG_SYNCS)
     never = arm.settle(window=_WINDOW, spread_rad=[-1.0] * joints, timeout_syncs=_SHORT_SYNCS)
-    yield Clause(
-        name="settles",
-        passed=rests and not never,
-        text=f"the arm {'rests' if rests else 'does not rest'} within {deg(wide[0])}"
-        + (", and reports settling within a negative spread" if never else ""),
-    )
-
-
-def _of_all_drives(name: str, others: list[int], state: str, must: str) -> Clause:
-    """Return the finding that all drives are in a state, or that those of the joints `others` are not."""
-    text = f"{joints_words(others)} is not {state}{must}" if others else f"all drives are {state}"
-    return Clause(name=name, passed=not others, text=text)
+    text = f"the arm {'rests' if rests else 'does not rest'} within {deg(wide[0])}"
+    if never:
+        text += ", and reports settling within a negative spread"
+    yield Clause("settles", rests and not never, text)
 
 
 def is_enabled_unmoved(arm: ArmInterface, bounds: Bounds) -> Iterator[Clause]:
     """Check that taking control enables every drive in position mode without motion."""
     before = arm.capture(bounds.samples).mean_rad
     arm.take_control()
-    joints = arm.snapshot().joints
-    not_enabled = [j.joint for j in joints if j.drive is not DriveState.OPERATION_ENABLED]
-    yield _of_all_drives("enable", not_enabled, "enabled", "")
+    joints, on = arm.snapshot().joints, enabled_joints(arm)
+    off = [j.joint for j in joints if j.joint not in on]
+    yield nothing_wrong("enable", joints_words(off, "is not enabled"), "all drives are enabled")
     other_mode = [j.joint for j in joints if j.mode is not JointMode.POSITION]
-    must = ", in which an enabled drive must hold its joint"
-    yield _of_all_drives("holding mode", other_mode, "in position mode", must)
+    must = "is not in position mode, in which an enabled drive must hold its joint"
+    fine = "all drives are in position mode"
+    yield nothing_wrong("holding mode", joints_words(other_mode, must), fine)
     yield is_still("holds", before, arm, bounds)
 
 
 def reads_modes_back(arm: ArmInterface, modes: Sequence[JointMode]) -> Iterator[Clause]:
     """Check that every joint reports the requested mode, then position mode after `hold`."""
+
+    def other_than(expected: Sequence[JointMode]) -> list[int]:
+        joints = zip(arm.snapshot().joints, expected, strict=True)
+        return [joint.joint for joint, mode in joints if joint.mode is not mode]
+
     arm.set_modes(modes)
-    other_mode = [
-        j.joint for j, m in zip(arm.snapshot().joints, modes, strict=True) if j.mode is not m
-    ]
+    others = other_than(modes)
     arm.hold()
-    held = [j.joint for j in arm.snapshot().joints if j.mode is not JointMode.POSITION]
-    yield Clause(
-        name="modes read back",
-        passed=not other_mode and not held,
-        text=f"{joints_words(other_mode or held)} reports another mode"
-        if other_mode or held
-        else "every joint reports the requested mode, then position mode",
-    )
+    others = others or other_than([JointMode.POSITION] * len(modes))
+    wrong = joints_words(others, "reports another mode")
+    fine = "every joint reports the requested mode, then position mode"
+    yield nothing_wrong("modes read back", wrong, fine)
 
 
 def is_refused(
@@ -165,8 +204,8 @@ def is_refused(
     try:
         act()
     except kind as error:
-        return Clause(name=name, passed=True, text=f"{what} is refused: {error}", joint=joint)
-    return Clause(name=name, passed=False, text=f"{what} was not refused", joint=joint)
+        return Clause(name, True, f"{what} is refused: {error}", joint)
+    return Clause(name, False, f"{what} was not refused", joint)
 
 
 def keeps_within_limits(
@@ -176,12 +215,11 @@ def keeps_within_limits(
 
     If a command is not refused, the test ends the move at its first sample.
     """
-    position_rad = arm.snapshot().joints[joint - 1].position_rad
     margin, fast = math.radians(2.0), 2.0 * ranged.max_speed_rad_per_s
     beyond = (ranged.lower_rad - margin, ranged.upper_rad + margin)
     for name, what, target, speed in (
         *(("range", f"a target of {deg(end, sign=True)}", end, speed_rad_per_s) for end in beyond),
-        ("speed", f"a move at {deg(fast)}/s", position_rad, fast),
+        ("speed", f"a move at {deg(fast)}/s", position_rad(arm, joint), fast),
     ):
         go = partial(
             arm.move, {joint: target}, speed_rad_per_s=speed, watch=lambda _: "not refused"
@@ -191,120 +229,78 @@ def keeps_within_limits(
 
 def refuses_to_move_free(arm: ArmInterface, joint: int, speed_rad_per_s: float) -> Clause:
     """Check that a move of a joint in free mode to its current position is refused."""
-    position_rad = arm.snapshot().joints[joint - 1].position_rad
-    return is_refused(
-        "free stays free",
-        "a move in free mode",
-        lambda: arm.move({joint: position_rad}, speed_rad_per_s=speed_rad_per_s),
-        joint=joint,
-    )
+    go = partial(arm.move, {joint: position_rad(arm, joint)}, speed_rad_per_s=speed_rad_per_s)
+    return is_refused("free stays free", "a move in free mode", go, joint=joint)
 
 
 def keeps_its_document(arm: ArmInterface) -> Iterator[Clause]:
     """Check that an invalid parameter document is refused and the stored one is unchanged."""
     before = arm.active_parameters()
-    yield is_refused(
-        "document",
-        "an invalid parameter document",
-        lambda: arm.upload_parameters(NO_DOCUMENT),
-        kind=HardwareError,
-    )
+    upload = partial(arm.upload_parameters, NO_DOCUMENT)
+    yield is_refused("document", "an invalid parameter document", upload, kind=HardwareError)
     after = arm.active_parameters()
-    text = f"the stored document of {len(before)} bytes is unchanged"
-    if after != before:
-        text = f"the controller stored {len(after)} bytes of the invalid document"
-        if before:
-            arm.upload_parameters(before)
-            text += (
-                f" in place of the document it had ({len(before)} bytes), which was uploaded again"
-            )
-        else:
-            text += " and had no document before: export a valid document to it"
-    yield Clause(name="keeps", passed=after == before, text=text)
+    wrong, stored = "", f"the controller stored {len(after)} bytes of the invalid document"
+    if after != before and before:
+        arm.upload_parameters(before)
+        former = f"the document it had ({len(before)} bytes), which was uploaded again"
+        wrong = f"{stored} in place of {former}"
+    elif after != before:
+        wrong = f"{stored} and had no document before: export a valid document to it"
+    fine = f"the stored document of {len(before)} bytes is unchanged"
+    yield nothing_wrong("keeps", wrong, fine)
 
 
 def stays_stopped(arm: ArmInterface, joint: int, speed_rad_per_s: float) -> Iterator[Clause]:
     """Check that STOP is latched, and that a move and the enabling of drives are refused."""
-    position_rad = arm.snapshot().joints[joint - 1].position_rad
-    yield Clause(
-        name="STOP latches",
-        passed=arm.snapshot().stopped,
-        text="the arm reports that STOP is latched"
-        if arm.snapshot().stopped
-        else "STOP is not latched",
-    )
-    yield is_refused(
-        "no move stopped",
-        "a move",
-        lambda: arm.move({joint: position_rad}, speed_rad_per_s=speed_rad_per_s),
-        kind=Stopped,
-    )
+    wrong = "" if arm.snapshot().stopped else "STOP is not latched"
+    yield nothing_wrong("STOP latches", wrong, "the arm reports that STOP is latched")
+    go = partial(arm.move, {joint: position_rad(arm, joint)}, speed_rad_per_s=speed_rad_per_s)
+    yield is_refused("no move stopped", "a move", go, kind=Stopped)
     yield is_refused("no drive stopped", "to enable the drives", arm.take_control, kind=Stopped)
 
 
 def resets_unmoved(arm: ArmInterface, before: FloatArray, bounds: Bounds) -> Iterator[Clause]:
     """Check that a reset of STOP leaves the drives off and, except for settling, the joints at `before` (n,), rad."""
     arm.reset_stop()
-    snapshot = arm.snapshot()
-    on = [j.joint for j in snapshot.joints if j.drive is DriveState.OPERATION_ENABLED]
-    wrong = ["STOP is still latched"] * snapshot.stopped + [
-        f"{joints_words(on)} is enabled"
-    ] * bool(on)
-    yield Clause(
-        name="reset",
-        passed=not wrong,
-        text="; ".join(wrong) or "the reset releases STOP and leaves the drives off",
-    )
+    latched = "STOP is still latched" if arm.snapshot().stopped else ""
+    wrong = "; ".join(filter(None, (latched, joints_words(enabled_joints(arm), "is enabled"))))
+    yield nothing_wrong("reset", wrong, "the reset releases STOP and leaves the drives off")
     settled = replace(bounds, still_rad=bounds.single_sample_rad)
     yield is_still("reset holds", before, arm, settled)
 
 
 def leaves_and_returns(arm: ArmInterface, identity: ArmIdentity) -> Iterator[Clause]:
     """Check that an arm can be closed twice, then refuses a snapshot and reconnects as the same arm with drives off."""
-    results = [arm.close(), arm.close()]
-    yield Clause(
-        name="closes",
-        passed=all(results),
-        text="the arm is held and closed, also when it is closed twice"
-        if all(results)
-        else "the arm did not answer when it was closed, or a drive still follows commands",
-    )
+    held = all([arm.close(), arm.close()])
+    wrong = "the arm did not answer when it was closed, or a drive still follows commands"
+    fine = "the arm is held and closed, also when it is closed twice"
+    yield nothing_wrong("closes", "" if held else wrong, fine)
     yield is_refused("closed", "a snapshot of a closed arm", arm.snapshot, kind=HardwareError)
     again = arm.connect()
     same = replace(again, configured=()) == replace(identity, configured=())
-    yield Clause(
-        name="same arm",
-        passed=same,
-        text="the arm connects again as the same arm"
-        if same
-        else f"the arm connects again as {again}; before, it was {identity}",
-    )
+    wrong = f"the arm connects again as {again}; before, it was {identity}"
+    yield nothing_wrong("same arm", "" if same else wrong, "the arm connects again as the same arm")
     yield drives_off(arm)  # a person may have unbolted the tool meanwhile
 
 
 def drives_off(arm: ArmInterface) -> Clause:
     """Check that no drive is enabled."""
-    on = [j.joint for j in arm.snapshot().joints if j.drive is DriveState.OPERATION_ENABLED]
-    text = f"{joints_words(on)} is enabled" if on else "no drive is enabled"
-    return Clause(name="drives off", passed=not on, text=text)
+    on = joints_words(enabled_joints(arm), "is enabled")
+    return nothing_wrong("drives off", on, "no drive is enabled")
 
 
 def is_still(name: str, before: FloatArray, arm: ArmInterface, bounds: Bounds) -> Clause:
     """Check that no joint has moved since the reading `before` (n,), rad."""
     gone = np.abs(arm.capture(bounds.samples).mean_rad - before)
     most = float(gone.max(initial=0.0))
-    return Clause(
-        name=name,
-        passed=most <= bounds.still_rad,
-        text=f"no joint moved by more than {deg(most)} (joint {int(np.argmax(gone)) + 1})",
-    )
+    text = f"no joint moved by more than {deg(most)} (joint {int(np.argmax(gone)) + 1})"
+    return Clause(name, most <= bounds.still_rad, text)
 
 
 def seconds_to_stop(arm: ArmInterface, begun_s: float) -> float | None:
     """Return the time from `begun_s` until no drive is enabled, s; None if longer than `STOPS_WITHIN_S`."""
     while (seconds := time.monotonic() - begun_s) < STOPS_WITHIN_S:
-        joints = arm.snapshot().joints
-        if all(joint.drive is not DriveState.OPERATION_ENABLED for joint in joints):
+        if not enabled_joints(arm):
             return seconds
         threading.Event().wait(_POLL_S)
     return None

@@ -19,13 +19,12 @@ import can
 from hardware.buses.python_can import BusSettings, open_bus
 from hardware.buses.shared_bus import SharedBus
 from hardware.canopen import maps, objects
-from hardware.canopen.bus_profile import BusProfile
+from hardware.canopen.bus_profile import COMMAND_OBJECTS, FEEDBACK_OBJECTS, BusProfile
 from hardware.canopen.drive_settings import (
+    DESCRIPTION_OBJECTS,
     DrivePdo,
     operator_monitoring_differences,
-    read_description_objects,
     read_pdos,
-    read_widths,
 )
 from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import BusError, HardwareError, SdoRefused
@@ -209,12 +208,8 @@ def _read_node(
     listen_s: float,
 ) -> FoundNode:
     kind = listener.device_types.get(node, 0)
-    node_found = FoundNode(
-        node=node,
-        device_type=kind,
-        drive=profile.is_drive(kind),
-        heard=listener.heartbeats[node] > 0,
-    )
+    is_drive, heard = profile.is_drive(kind), listener.heartbeats[node] > 0
+    node_found = FoundNode(node=node, device_type=kind, drive=is_drive, heard=heard)
     if answers > 1:
         node_found.unread = f"two devices answer as node {node}: give one of them another number"
     else:
@@ -234,30 +229,34 @@ def _ask(access: ObjectAccess, profile: BusProfile, node_found: FoundNode) -> No
     node = node_found.node
     with suppress(SdoRefused):
         node_found.device_name = access.read_text(node, objects.DEVICE_NAME)
-    node_found.serial_number = _number(access, node, objects.IDENTITY, objects.IDENTITY_SERIAL)
+    serial = _read(access, node, objects.IDENTITY, objects.IDENTITY_SERIAL)
+    node_found.serial_number = None if serial is None else int.from_bytes(serial, "little")
     if not node_found.drive:
-        node_found.supervises = all(_number(access, node, i, s) is not None for i, s in _SUPERVISES)
+        node_found.supervises = all(_read(access, node, i, s) is not None for i, s in _SUPERVISES)
         return
     if node in profile.drives:
         # Added one by one, to keep those found so far if the node falls silent.
         for difference in maps.pdo_differences(access, node, profile):
             node_found.problems += (str(difference),)
     else:
-        node_found.problems = (
-            f"node {node}: a drive that is not in the bus profile {profile.name}",
-        )
+        unknown = f"node {node}: a drive that is not in the bus profile {profile.name}"
+        node_found.problems = (unknown,)
     monitoring = operator_monitoring_differences(access, node)
     node_found.problems += tuple(map(str, monitoring or ()))
     if monitoring is None:
         node_found.notes = (NO_OPERATOR_MONITORING.format(node),)
     node_found.pdos = read_pdos(access, node)
-    node_found.described = read_description_objects(access, node)
-    node_found.widths = read_widths(access, node)
+    node_found.described = tuple(
+        index for index in DESCRIPTION_OBJECTS if _read(access, node, index, 1) is not None
+    )
+    mapped = {i: _read(access, node, i) for i in (*COMMAND_OBJECTS, *FEEDBACK_OBJECTS)}
+    node_found.widths = {i: 8 * len(data) for i, data in mapped.items() if data is not None}
     node_found.position_counts = access.read_signed(node, objects.POSITION_ACTUAL)
 
 
-def _number(access: ObjectAccess, node: int, index: int, subindex: int) -> int | None:
+def _read(access: ObjectAccess, node: int, index: int, subindex: int = 0) -> bytes | None:
+    """Read an object; None if the node refuses."""
     try:
-        return access.read_unsigned(node, index, subindex)
+        return access.read(node, index, subindex)
     except SdoRefused:
         return None

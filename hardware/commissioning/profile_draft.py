@@ -89,10 +89,8 @@ def _unusable(pdo: DrivePdo) -> str:
     if any(bits % 8 for _, _, bits in pdo.entries):
         return "maps parts of bytes"
     if kind is RPDO:
-        others = [
-            i for i, _, _ in pdo.entries if i not in COMMAND_OBJECTS and i not in ZERO_OBJECTS
-        ]
-        if others:
+        allowed = {*COMMAND_OBJECTS, *ZERO_OBJECTS}
+        if others := [index for index, _, _ in pdo.entries if index not in allowed]:
             return f"carries {others[0]:04X}h, which this program cannot command"
     return ""
 
@@ -151,11 +149,8 @@ def _configuration_obstacles(node: FoundNode) -> Iterator[str]:
     if not node.widths:
         yield _read_problem(node)
         return
-    absent = [
-        index
-        for index in (*COMMAND_OBJECTS, *FEEDBACK_OBJECTS)
-        if node.widths.get(index) not in FIELD_BITS
-    ]
+    needed_objects = (*COMMAND_OBJECTS, *FEEDBACK_OBJECTS)
+    absent = [index for index in needed_objects if node.widths.get(index) not in FIELD_BITS]
     yield from (f"node {node.node}: {index:04X}h cannot be read" for index in absent)
     if absent:  # how many frames are needed is not known
         return

@@ -17,7 +17,7 @@ from hardware.arm import (
 )
 from hardware.canopen.cia402 import TargetState, state_of
 from hardware.canopen.drive_settings import DriveFacts, read_drive_facts
-from hardware.canopen.objects import ERROR_CODE, OPERATOR_NODE, emergency_text
+from hardware.canopen.objects import DOCUMENT, ERROR_CODE, OPERATOR_NODE, Abort, emergency_text
 from hardware.control import motion_steps, uploading
 from hardware.control.connectable_arm import ConnectableArm
 from hardware.control.connection import Connection
@@ -55,32 +55,24 @@ class CanopenArm(ConnectableArm):
         self._set_modes(modes)
         joint = motion_steps.not_following(self._link.loop.sample, modes)
         if joint is not None:
-            raise errors.ModeNotReached(
-                joint,
-                JointMode.POSITION.value,
-                "it, but not that it follows its target (6041h, bit 12)",
-                not_following=True,
-            )
+            actual = "it, but not that it follows its target (6041h, bit 12)"
+            position = JointMode.POSITION.value
+            raise errors.ModeNotReached(joint, position, actual, not_following=True)
 
     def _set_modes(
         self, modes: Sequence[JointMode], *, despite: tuple[type[errors.HardwareError], ...] = ()
     ) -> None:
         link = self._link
         self._raise_if_stopped(link)
-        tripped = tuple(
-            joint
-            for joint, status in enumerate(link.loop.sample.statuswords, 1)
-            if state_of(status) is DriveState.FAULT
-        )
+        tripped = link.loop.sample.joints_in({DriveState.FAULT})
         self._raise_for_drives(link, tripped, "given a mode")
         if (refused := not_enabled(link.loop.sample)) is not None:
             raise refused
         for _ in range(MODE_ATTEMPTS):
             link.loop.run(motion_steps.change_modes(link.loop, modes), despite=despite)
             link.read_modes()
-            if link.modes == tuple(modes) and not motion_steps.not_following(
-                link.loop.sample, modes
-            ):
+            waits = motion_steps.not_following(link.loop.sample, modes)
+            if link.modes == tuple(modes) and not waits:
                 return
         for joint, (requested, actual) in enumerate(zip(modes, link.modes, strict=True), 1):
             if requested is not actual:
@@ -100,17 +92,10 @@ class CanopenArm(ConnectableArm):
         """
         link = self._link
         self._raise_if_stopped(link)
-        admit_move(
-            link.limits,
-            link.scales,
-            link.snapshot().joints,
-            targets_rad,
-            speed_rad_per_s=speed_rad_per_s,
-            in_control=link.in_control,
-        )
-        result = link.loop.run(
-            motion_steps.move(link, dict(targets_rad), speed_rad_per_s=speed_rad_per_s, watch=watch)
-        )
+        joints, in_control = link.snapshot().joints, link.in_control
+        limits, scales = link.limits, link.scales
+        admit_move(limits, scales, joints, targets_rad, speed_rad_per_s, in_control=in_control)
+        result = link.loop.run(motion_steps.move(link, dict(targets_rad), speed_rad_per_s, watch))
         if not result.reached:
             link.require_same_maps()
         return result
@@ -120,11 +105,8 @@ class CanopenArm(ConnectableArm):
         if len(spread_rad) != self.joints or window < 1:
             raise ValueError("settling needs one spread per joint and a window of at least 1")
         link = self._link
-        return link.loop.run(
-            motion_steps.settle(
-                link, window=window, spread_rad=spread_rad, timeout_syncs=timeout_syncs
-            )
-        )
+        steps = motion_steps.settle(link, window, spread_rad, timeout_syncs)
+        return link.loop.run(steps)
 
     def capture(self, samples: int) -> Reading:
         """Average `samples` samples, each latched on one SYNC; `MappingChanged` if a drive's PDO map was changed."""
@@ -138,9 +120,8 @@ class CanopenArm(ConnectableArm):
     def hold(self) -> None:
         """Put all joints into position mode: free joints at their positions, the others at their last targets."""
         # A sensor fault or another master is no reason not to hold.
-        self._set_modes(
-            [JointMode.POSITION] * self.joints, despite=(errors.SensorFault, errors.OtherMaster)
-        )
+        despite = (errors.SensorFault, errors.OtherMaster)
+        self._set_modes([JointMode.POSITION] * self.joints, despite=despite)
 
     def reset_stop(self) -> None:
         """Clear the STOP latch and the drives' faults; the drives stay disabled until `take_control`.
@@ -148,10 +129,8 @@ class CanopenArm(ConnectableArm):
         Raises `Stopped` if STOP was pressed again during the reset, `DriveFault` if a fault cannot be cleared.
         """
         link, press = self._link, self._latch.last_press
-        not_reached = link.loop.run(
-            motion_steps.reset(link.loop, press=press),
-            despite=(errors.Stopped, errors.DriveFault, errors.SensorFault, errors.OtherMaster),
-        )
+        despite = errors.Stopped, errors.DriveFault, errors.SensorFault, errors.OtherMaster
+        not_reached = link.loop.run(motion_steps.reset(link.loop, press=press), despite=despite)
         link.read_modes()
         self._raise_if_stopped(link)
         self._raise_for_drives(link, not_reached, "reset")
@@ -180,9 +159,16 @@ class CanopenArm(ConnectableArm):
         return uploading.upload(link, document)
 
     def active_parameters(self) -> bytes:
-        """Read the controller's active parameter document; empty if there is none."""
-        link = self._link
-        return uploading.read_document(link.access, link.profile)
+        """Read the controller's active parameter document; empty if there is none, or no supervisor."""
+        supervisor = self._link.profile.supervisor
+        if supervisor is None:
+            return b""
+        try:
+            return self._link.access.read(supervisor, DOCUMENT)
+        except errors.SdoRefused as refused:
+            if refused.code == Abort.NO_DATA:
+                return b""
+            raise
 
     @staticmethod
     def _raise_if_stopped(link: Connection) -> None:

@@ -15,8 +15,9 @@ from pathlib import Path
 from hardware import errors
 from hardware.arm import ArmIdentity, DriveState
 from hardware.buses.python_can import ArmOnBus
-from hardware.canopen.cia402 import CLOSED_LOOP_STATES, TargetState, state_of
+from hardware.canopen.cia402 import CLOSED_LOOP_STATES, POWERED_STATES, TargetState, state_of
 from hardware.canopen.cyclic import Sample
+from hardware.canopen.objects import STATUSWORD
 from hardware.control import motion_steps
 from hardware.control.connection import Connection
 from hardware.control.control_loop import ControlLoop
@@ -144,7 +145,9 @@ class ConnectableArm:
             raise ValueError("this arm is connected: its snapshot has the states")
         link = self._unopened(None)
         try:
-            return link.read_states()
+            link.loop.start()
+            words = (link.access.read_unsigned(node, STATUSWORD) for node in link.profile.drives)
+            return tuple(map(state_of, words))
         finally:
             link.close()
 
@@ -158,18 +161,19 @@ class ConnectableArm:
                 # An earlier or another program may have left drives with power.
                 last = link.loop.sample
                 self._left_held = not link.is_lost() and _stopped(last)
-                self.left_powered = _powered(last)
+                self.left_powered = last.joints_in(CLOSED_LOOP_STATES)
                 return
             sample = release_arm(link.loop)
             if sample is not None:
-                self._left_held, self.left_powered = _stopped(sample), _powered(sample)
+                self._left_held = _stopped(sample)
+                self.left_powered = sample.joints_in(CLOSED_LOOP_STATES)
             with contextlib.suppress(errors.HardwareError):  # it lapses with the heartbeat
                 link.release_token()
         finally:
             self._end(link)
 
     def _end(self, link: Connection) -> None:
-        self._takes_over = link.left_enabled
+        self._takes_over = link.took_control and bool(link.loop.sample.joints_in(POWERED_STATES))
         link.close()
         self._recording_failure = link.wire.recording_failure
 
@@ -181,15 +185,11 @@ def release_arm(loop: ControlLoop) -> Sample | None:
     """
     # A latched STOP holds the drives by itself; a stop that the supervisor reports does not. If one node is silent,
     # the other drives are switched off nevertheless.
-    ignored = (
-        *_IGNORED_ALARMS,
-        errors.BusError,
-        *(() if loop.latch.latched else (errors.Stopped,)),
-    )
+    ignored = (*_IGNORED_ALARMS, errors.BusError)
+    if not loop.latch.latched:
+        ignored += (errors.Stopped,)
     try:
-        with contextlib.suppress(
-            errors.Stopped
-        ):  # by the latch: only quick stop is sent from now on
+        with contextlib.suppress(errors.Stopped):  # by the latch: only quick stop is sent then
             if loop.commands is not None:
                 loop.run(motion_steps.hold_all(loop), despite=ignored)
             loop.run(motion_steps.drive_to(loop, TargetState.DISABLED), despite=ignored)
@@ -203,7 +203,7 @@ def _wait_until_off(loop: ControlLoop) -> Steps[Sample]:
     sample = yield None
     for _ in range(motion_steps.TRANSITION_SYNCS):
         motion_steps.raise_alarm(loop)
-        if _stopped(sample) if loop.latch.latched else not _powered(sample):
+        if _stopped(sample) if loop.latch.latched else not sample.joints_in(CLOSED_LOOP_STATES):
             break
         sample = yield None
     return sample
@@ -212,8 +212,3 @@ def _wait_until_off(loop: ControlLoop) -> Steps[Sample]:
 def _stopped(sample: Sample) -> bool:
     """Whether no drive may still follow a command: each is off or stopped."""
     return not motion_steps.not_reached(sample, TargetState.STOPPED)
-
-
-def _powered(sample: Sample) -> tuple[int, ...]:
-    states = enumerate(map(state_of, sample.statuswords), 1)
-    return tuple(joint for joint, state in states if state in CLOSED_LOOP_STATES)

@@ -5,29 +5,36 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final
 
 import can
 
 from hardware import errors
-from hardware.arm import ArmSnapshot, DriveState, HostLatency, JointMode
+from hardware.arm import ArmSnapshot, Fault, HostLatency, JointMode, JointState
 from hardware.arm_description import EncoderDescription
 from hardware.buses.acceptance_filters import operator_filters, set_hardware_filters
 from hardware.buses.python_can import ArmOnBus, stamping_clock
 from hardware.buses.shared_bus import SharedBus
-from hardware.canopen.cia402 import POWERED_STATES, state_of
+from hardware.canopen.cia402 import state_of
 from hardware.canopen.cyclic import Sample, Setpoints, frames_of
 from hardware.canopen.identifying import scales_of
 from hardware.canopen.maps import POSITION_AGREEMENT_RAD, check_mapping, check_positions
-from hardware.canopen.objects import MODE_DISPLAY, OPERATOR_NODE, STATUSWORD, TOKEN, Abort
+from hardware.canopen.objects import (
+    CONTROL_PERIOD_S,
+    MODE_DISPLAY,
+    OPERATOR_NODE,
+    TOKEN,
+    Abort,
+)
 from hardware.canopen.sdo import ObjectAccess
 from hardware.command_limits import arm_limits
 from hardware.control import motion_steps, uploading
 from hardware.control.control_loop import ControlLoop
-from hardware.control.sampling import build_snapshot
 from hardware.control.stop_line import StopLatch, StopLine
 from hardware.monitors.admission import admit
-from hardware.monitors.joint_monitor import ENCODER_COUNTS, RVDT_COUNTS, JointMonitor
+from hardware.monitors.dropout import Dropout
+from hardware.monitors.joint_monitor import ENCODER_COUNTS, RVDT_COUNTS, JointMonitor, stop_error
 
 POSITION_RECHECKS: Final = 3
 """How many times differing positions by PDO and SDO are compared again if the maps are unchanged."""
@@ -64,8 +71,11 @@ class Connection:
         if record_to is None:  # a recording needs all frames
             set_hardware_filters(bus, operator_filters(profile))
         self.wire = SharedBus(bus, record_to=record_to, send_timeout_s=timing.tick_s)
+        second: can.BusABC | None = None
         try:
-            self.stop_line = StopLine(self._second_handle(on_bus), self.wire, frames_of(profile))
+            with suppress(errors.BusError):  # of an adapter that can be opened only once
+                second = on_bus.openers.stop(settings)
+            self.stop_line = StopLine(second, self.wire, frames_of(profile))
         except BaseException:
             self.wire.close()
             raise
@@ -90,45 +100,19 @@ class Connection:
             stamps=stamping_clock(settings),
         )
 
-    @staticmethod
-    def _second_handle(on_bus: ArmOnBus) -> can.BusABC | None:
-        """Open the second handle, for STOP; None if it cannot be opened, as with adapters that open only once."""
-        try:
-            return on_bus.openers.stop(on_bus.settings)
-        except errors.BusError:
-            return None
-
-    def read_states(self) -> tuple[DriveState, ...]:
-        """Read the state of every drive (6041h) by SDO; needs no start-up."""
-        self.loop.start()
-        statuswords = (self.access.read_unsigned(node, STATUSWORD) for node in self.profile.drives)
-        return tuple(map(state_of, statuswords))
-
     def close(self) -> None:
         """Stop sending, and close the recording."""
         self.loop.close()
         self.stop_line.close()
         self.wire.close()
 
-    @property
-    def left_enabled(self) -> bool:
-        """Whether this connection took control and a drive's last statusword shows power."""
-        return self.took_control and any(
-            state_of(word) in POWERED_STATES for word in self.loop.view.sample.statuswords
-        )
-
     def other_operator(self) -> bool:
         """Whether another operator's heartbeat is on the bus."""
-        return self.loop.nodes.other_operator(
-            self.loop.latency.listened_s, self._timing.heartbeat_timeout_s
-        )
+        return self.loop.nodes.other_operator(self._timing.heartbeat_timeout_s)
 
     def is_lost(self) -> bool:
         """Whether the bus failed or a node has fallen silent."""
-        loop = self.loop
-        return loop.failure is not None or bool(
-            loop.nodes.silent(loop.latency.listened_s, loop.heartbeat_timeout_s)
-        )
+        return self.loop.failure is not None or bool(self.loop.nodes.silent())
 
     def require_same_maps(self) -> None:
         """Raise `MappingChanged` if a drive's TPDOs no longer carry its position (6064h); the joints must be at rest.
@@ -144,10 +128,8 @@ class Connection:
             except errors.MappingMismatch as why:
                 raise errors.MappingChanged(why) from why
         for _ in range(POSITION_RECHECKS):  # noise, or a joint not yet at rest
-            spread = [POSITION_AGREEMENT_RAD] * len(self.scales)
-            self.loop.run(
-                motion_steps.settle(self, window=10, spread_rad=spread, timeout_syncs=100)
-            )
+            spread_rad = [POSITION_AGREEMENT_RAD] * len(self.scales)
+            self.loop.run(motion_steps.settle(self, 10, spread_rad, timeout_syncs=100))
             differs = self._differing_positions()
             if differs is None:
                 return
@@ -155,7 +137,7 @@ class Connection:
 
     def _differing_positions(self) -> errors.MappingMismatch | None:
         """Return the differences between SDO and PDO positions; None if they agree or a node does not answer."""
-        counts = self.loop.view.sample.counts
+        counts = self.loop.sample.counts
         try:
             if self._compares_positions:
                 check_positions(self.access, self.profile, counts, self.scales)
@@ -197,11 +179,8 @@ class Connection:
         if self.is_lost():
             return False
         supervisor = self.profile.supervisor
-        if (
-            not isinstance(error, errors.SdoRefused)
-            or error.code != Abort.LOCAL_CONTROL
-            or not supervisor
-        ):
+        lapsed = isinstance(error, errors.SdoRefused) and error.code == Abort.LOCAL_CONTROL
+        if not lapsed or not supervisor:
             return True
         if not self.in_control or self._late_since_control() is None:
             return False
@@ -230,11 +209,52 @@ class Connection:
 
     def send_quick_stops(self) -> None:
         """Send quick stop to all drives now."""
-        self.stop_line.send(self.loop.commands, self.loop.view.sample.counts)
+        self.stop_line.send(self.loop.commands, self.loop.sample.counts)
 
     def snapshot(self) -> ArmSnapshot:
-        """Return the latest state; never blocks."""
-        return build_snapshot(self, self._clock)
+        """Return the latest state; never blocks. Speeds are means over `SPEED_SYNCS` control periods."""
+        loop, nodes, view = self.loop, self.loop.nodes, self.loop.view
+        divergence = loop.watch.divergence
+        # Read after the view, so that no answer in it is later than now_s.
+        now_s = self._clock()
+        listened_s = loop.latency.listened_s
+        sample, earlier = view.sample, view.earlier
+        elapsed_s = max(sample.sync_count - earlier.sync_count, 1) * CONTROL_PERIOD_S
+        joints = tuple(
+            JointState(
+                joint=joint + 1,
+                position_counts=counts,
+                position_rad=scale.to_rad(counts),
+                speed_rad_per_s=(counts - earlier.counts[joint]) / scale.counts_per_rad / elapsed_s,
+                torque_nm=sample.torques_per_mille[joint] * 1e-3 * self.rated_torques_nm[joint],
+                drive=state_of(sample.statuswords[joint]),
+                mode=self.modes[joint],
+                age_s=now_s - view.answered_at_s[joint],
+            )
+            for joint, (scale, counts) in enumerate(zip(self.scales, sample.counts, strict=True))
+        )
+        return ArmSnapshot(
+            sync_count=sample.sync_count,
+            joints=joints,
+            late_s=max(0.0, loop.latency.late_s - min(view.late_at_s, default=0.0)),
+            heartbeat_age_s=MappingProxyType(
+                {node: listened_s - heard for node, heard in dict(nodes.heard_at_s).items()}
+            ),
+            token=self.token,
+            faults=nodes.faults or tuple(map(self._fault, loop.watch.dropout.dropouts)),
+            stopped=loop.latch.latched,
+            stopped_for="" if divergence is None else str(stop_error(divergence)),
+            moving=loop.moving,
+            lateness=loop.latency.lateness,
+        )
+
+    def _fault(self, dropout: Dropout) -> Fault:
+        """Return the fault to report for a drive that dropped out and sent no emergency."""
+        joint, text = dropout.joint, f"the drive is in state {dropout.state.value}"
+        if dropout.not_following:
+            text = "the drive does not follow its target"
+        node, at = self.profile.drives[joint - 1], dropout.sync_count
+        return Fault(node=node, joint=joint, code=0, text=text, sync_count=at)
 
     def _allow(self, sample: Sample, before: Setpoints | None, commands: Setpoints) -> None:
         admit(

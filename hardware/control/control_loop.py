@@ -67,7 +67,9 @@ class ControlLoop:
     ) -> None:
         self.latency = LatencyMonitor(clock, stamps, arm_waits=pace is Pace.FAST_FORWARD)
         """Monitor of the host's latency, which the nodes' time-outs exclude."""
-        self.nodes = NodeMonitor(profile, lambda: self.latency.listened_s)
+        self.nodes = NodeMonitor(
+            profile, lambda: self.latency.listened_s, timing.heartbeat_timeout_s
+        )
         self.commands: Setpoints | None = None
         """Commands sent last; None before control was taken."""
         self.latch = latch or StopLatch()
@@ -79,12 +81,8 @@ class ControlLoop:
         self._wire, self._pace = wire, pace
         self._on_sdo, self._allow = on_sdo, allow
         frames = frames_of(profile)
-        self._sender = CommandSender(
-            wire.send, frames, latch=self.latch, watch=self.watch, quick_stop=quick_stop
-        )
+        self._sender = CommandSender(wire.send, frames, self.latch, self.watch, quick_stop)
         self._timing, self._clock = timing, clock
-        self.heartbeat_timeout_s = timing.heartbeat_timeout_s
-        """Silence after which a node is lost; set before `begin_sync`."""
         self._answer_timeout_s = timing.answer_timeouts_s[pace]
         self._sampler = Sampler(frames, max_misses=timing.misses(pace), now_s=clock())
         self._running = False
@@ -161,8 +159,6 @@ class ControlLoop:
             stop_latched=self.latch.latched,
             lost_joints=self._sampler.lost(),
             duplicate_joints=self._sampler.duplicates(),
-            now_s=self.latency.listened_s,
-            heartbeat_timeout_s=self.heartbeat_timeout_s,
         )
         despite = () if task is None else task.despite
         first = next((alarm for alarm in every if not isinstance(alarm, despite)), None)
@@ -258,13 +254,9 @@ class ControlLoop:
                 break
             self._beat()
         self._sampler.close()
-        before = self.watch.dropout.dropouts
-        if self.watch.update(
-            self.sample,
-            self.commands,
-            answered_late=self._sampler.answered_late,
-            stopped=self.latch.latched,
-        ):
+        before, stopped = self.watch.dropout.dropouts, self.latch.latched
+        late = self._sampler.answered_late
+        if self.watch.update(self.sample, self.commands, answered_late=late, stopped=stopped):
             self.latch.press(self.watch.divergence)
             self._sender.stop_all(self.commands)
         elif self.commands is not None and self.watch.dropout.dropouts != before:
@@ -290,25 +282,22 @@ class ControlLoop:
         identifier: int = message.arbitration_id
         if self._sampler.note(identifier, message.data, came_s, late_s):
             return True
-        if objects.node_of(identifier, objects.COB_SDO_FROM_SERVER):
+        asked = objects.node_of(identifier, objects.COB_SDO_TO_SERVER)  # by another program
+        answered = objects.node_of(identifier, objects.COB_SDO_FROM_SERVER)
+        if asked or answered:
             self._on_sdo(identifier, bytes(message.data))
-        else:
-            if objects.node_of(identifier, objects.COB_SDO_TO_SERVER):  # sent by another program
-                self._on_sdo(identifier, bytes(message.data))
+        if not answered:
             if self._watching:
                 self.nodes.note_command(identifier, message.data)
-            self.nodes.note(
-                identifier, message.data, self.latency.listened_s, self.sample.sync_count
-            )
+            self.nodes.note(identifier, message.data, self.sample.sync_count)
         return True
 
     def _beat(self) -> None:
         now = self._clock()
         if self._beating and now >= self._next_beat_s:
             self._next_beat_s = now + self._timing.heartbeat_period_s
-            self._wire.send(
-                objects.COB_HEARTBEAT + objects.OPERATOR_NODE, bytes([NmtState.OPERATIONAL])
-            )
+            identifier = objects.COB_HEARTBEAT + objects.OPERATOR_NODE
+            self._wire.send(identifier, bytes([NmtState.OPERATIONAL]))
 
     def _wait_for_tick(self) -> None:
         """Receive frames until the next control period begins; after a late period the schedule restarts from now."""

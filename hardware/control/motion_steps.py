@@ -130,7 +130,6 @@ def change_modes(loop: ControlLoop, modes: Sequence[JointMode]) -> Steps[None]:
 def move(
     link: Connection,
     targets_rad: Mapping[int, float],
-    *,
     speed_rad_per_s: float,
     watch: Watch | None,
 ) -> Steps[MoveResult]:
@@ -144,11 +143,9 @@ def move(
     raise_alarm(loop)
     joints = sorted(targets_rad)
     commands = _last_commands(loop)
-    path = StraightMove(
-        np.array([scales[j - 1].to_rad(commands[j - 1].target_counts) for j in joints]),
-        np.array([targets_rad[j] for j in joints]),
-        speed_rad_per_s=speed_rad_per_s,
-    )
+    start_rad = [scales[j - 1].to_rad(commands[j - 1].target_counts) for j in joints]
+    end_rad = np.array([targets_rad[j] for j in joints])
+    path = StraightMove(np.array(start_rad), end_rad, speed_rad_per_s=speed_rad_per_s)
     reason, first, incomplete = "", sample.sync_count, 0
     ending: Exception | None = None
     faulted = False  # true once a drive tripped or dropped out, whichever error is raised
@@ -188,12 +185,10 @@ def move(
         yield from hold_all(loop)
     if ending is not None:
         raise ending
-    positions = [scale.to_rad(counts) for scale, counts in zip(scales, sample.counts, strict=True)]
+    angles = [scale.to_rad(counts) for scale, counts in zip(scales, sample.counts, strict=True)]
+    syncs = sample.sync_count - first
     return MoveResult(
-        reached=not reason,
-        reason=reason,
-        positions_rad=np.array(positions),
-        syncs=sample.sync_count - first,
+        reached=not reason, reason=reason, positions_rad=np.array(angles), syncs=syncs
     )
 
 
@@ -237,27 +232,20 @@ def _higher_priority(
     if ending is None or isinstance(alarm, errors.Stopped):
         return alarm
     # The first sign of a trip or a lost node is often that its drive, or a neighbour's, is not enabled.
-    if isinstance(ending, errors.DriveDropout) and isinstance(
-        alarm, errors.DriveFault | errors.BusError
-    ):
+    tripped = isinstance(alarm, errors.DriveFault)
+    if isinstance(ending, errors.DriveDropout) and (tripped or isinstance(alarm, errors.BusError)):
         stopped = ending.state == DriveState.QUICK_STOP_ACTIVE.value
         own = isinstance(alarm, errors.DriveFault) and alarm.joint == ending.joint
         return alarm if stopped or own else ending
     # What another program commanded is the cause of a later trip.
-    if isinstance(alarm, errors.DriveFault) and not isinstance(
-        ending, errors.DriveFault | errors.OtherMaster
-    ):
-        return alarm
-    return ending
+    explained = isinstance(ending, errors.DriveFault | errors.OtherMaster)
+    return alarm if tripped and not explained else ending
 
 
 def not_reached(sample: Sample, target: TargetState) -> tuple[int, ...]:
     """Return the joints whose drives do not fulfil the request `target`."""
-    return tuple(
-        joint
-        for joint, status in enumerate(sample.statuswords, 1)
-        if not reached(state_of(status), target)
-    )
+    states = enumerate(map(state_of, sample.statuswords), 1)
+    return tuple(joint for joint, state in states if not reached(state, target))
 
 
 SYNCS_PER_SAMPLE, EXTRA_SYNCS = 20, 100
@@ -265,7 +253,7 @@ SYNCS_PER_SAMPLE, EXTRA_SYNCS = 20, 100
 
 
 def settle(
-    link: Connection, *, window: int, spread_rad: Sequence[float], timeout_syncs: int
+    link: Connection, window: int, spread_rad: Sequence[float], timeout_syncs: int
 ) -> Steps[bool]:
     """Wait until each joint's last `window` complete samples span no more than `spread_rad`; false on time-out."""
     bounds = np.array([s * scale.density for s, scale in zip(spread_rad, link.scales, strict=True)])

@@ -1,25 +1,16 @@
-"""Traffic of each SYNC: sends commands or quick stop, collects the answers in a sample, builds the arm's snapshot."""
+"""Traffic of each SYNC: sends commands or quick stop, and collects the answers in a sample."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
-from typing import TYPE_CHECKING
 
-from hardware.arm import ArmSnapshot, Fault, JointState
 from hardware.canopen.bus_profile import FEEDBACK_OBJECTS
-from hardware.canopen.cia402 import CONTROLWORD_DISABLE_VOLTAGE, state_of
+from hardware.canopen.cia402 import CONTROLWORD_DISABLE_VOLTAGE
 from hardware.canopen.cyclic import MAX_LATE_SYNCS, JointFrames, Sample, Setpoint, Setpoints
-from hardware.canopen.objects import CONTROL_PERIOD_S
 from hardware.control.stop_line import StopLatch
-from hardware.monitors.dropout import Dropout
-from hardware.monitors.joint_monitor import JointMonitor, stop_error
-from hardware.monitors.node_monitor import NodeMonitor
-
-if TYPE_CHECKING:
-    from hardware.control.connection import Connection
+from hardware.monitors.joint_monitor import JointMonitor
 
 
 class CommandSender:
@@ -35,7 +26,6 @@ class CommandSender:
         self,
         send: Callable[[int, bytes], None],
         frames: Sequence[JointFrames],
-        *,
         latch: StopLatch,
         watch: JointMonitor,
         quick_stop: Callable[[], None],
@@ -139,10 +129,7 @@ class Sampler:
 
     def open(self) -> None:
         """Begin a sample, just before its SYNC is sent."""
-        self.answered_late = any(
-            received != closed
-            for received, closed in zip(self._received, self._closed, strict=True)
-        )
+        self.answered_late = self._received != self._closed
         # A second answer may come after its sample was closed, or after the next SYNC, and then counts in that sample.
         # So the surplus of answers is accumulated, and reduced by one for each sample with one answer.
         for at, received in enumerate(self._received):
@@ -211,54 +198,3 @@ class Sampler:
     def _columns(self) -> dict[str, tuple[int, ...]]:
         statuswords, counts, torques = zip(*(state.values() for state in self._states), strict=True)
         return {"statuswords": statuswords, "counts": counts, "torques_per_mille": torques}
-
-
-def build_snapshot(link: Connection, clock: Callable[[], float]) -> ArmSnapshot:
-    """Build the snapshot of a connection; speeds are means over `SPEED_SYNCS` control periods."""
-    loop, nodes, view = link.loop, link.loop.nodes, link.loop.view
-    divergence = loop.watch.divergence
-    # Read after the view, so that no answer in it is later than now_s.
-    now_s = clock()
-    listened_s = loop.latency.listened_s
-    sample, earlier = view.sample, view.earlier
-    elapsed_s = max(sample.sync_count - earlier.sync_count, 1) * CONTROL_PERIOD_S
-    joints = tuple(
-        JointState(
-            joint=joint + 1,
-            position_counts=counts,
-            position_rad=scale.to_rad(counts),
-            speed_rad_per_s=(counts - earlier.counts[joint]) / scale.counts_per_rad / elapsed_s,
-            torque_nm=sample.torques_per_mille[joint] * 1e-3 * link.rated_torques_nm[joint],
-            drive=state_of(sample.statuswords[joint]),
-            mode=link.modes[joint],
-            age_s=now_s - view.answered_at_s[joint],
-        )
-        for joint, (scale, counts) in enumerate(zip(link.scales, sample.counts, strict=True))
-    )
-    return ArmSnapshot(
-        sync_count=sample.sync_count,
-        joints=joints,
-        late_s=max(0.0, loop.latency.late_s - min(view.late_at_s, default=0.0)),
-        heartbeat_age_s=MappingProxyType(
-            {node: listened_s - heard for node, heard in dict(nodes.heard_at_s).items()}
-        ),
-        token=link.token,
-        faults=nodes.faults or tuple(_fault(nodes, each) for each in loop.watch.dropout.dropouts),
-        stopped=loop.latch.latched,
-        stopped_for="" if divergence is None else str(stop_error(divergence)),
-        moving=loop.moving,
-        lateness=loop.latency.lateness,
-    )
-
-
-def _fault(nodes: NodeMonitor, dropout: Dropout) -> Fault:
-    """Return the fault to report for a drive that dropped out and sent no emergency."""
-    return Fault(
-        node=nodes.profile.drives[dropout.joint - 1],
-        joint=dropout.joint,
-        code=0,
-        text="the drive does not follow its target"
-        if dropout.not_following
-        else f"the drive is in state {dropout.state.value}",
-        sync_count=dropout.sync_count,
-    )

@@ -11,9 +11,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from math import ceil
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from hardware import errors
 from hardware.arm import ArmIdentity, DriveState
@@ -28,14 +27,12 @@ from hardware.canopen.drive_settings import (
     operator_timeout_s,
 )
 from hardware.canopen.maps import check_communication, check_mapping, check_positions
-from hardware.canopen.objects import NmtCommand, NmtState
+from hardware.canopen.objects import NmtCommand
 from hardware.canopen.sdo import ObjectAccess
 from hardware.control import motion_steps
+from hardware.control.connection import Connection
 from hardware.control.tasks import Steps
 from hardware.timing import Pace
-
-if TYPE_CHECKING:
-    from hardware.control.connection import Connection
 
 MARGIN: Final = 1.5
 """Factor on a stated time-out, for reaction time and late answers."""
@@ -47,11 +44,8 @@ _Object = tuple[int, int]
 
 
 def _powered(values: Mapping[_Object, int]) -> dict[int, DriveState]:
-    states = {
-        node: state_of(word)
-        for (node, index), word in values.items()
-        if index == objects.STATUSWORD
-    }
+    words = {node: word for (node, index), word in values.items() if index == objects.STATUSWORD}
+    states = {node: state_of(word) for node, word in words.items()}
     return {node: state for node, state in states.items() if state in POWERED_STATES}
 
 
@@ -115,8 +109,10 @@ class StartUp:
             self._require_unused(takes_over=takes_over)
             self._listen(0.0)  # other programs' commands so far, before they are cleared
         loop.nodes.expect_boot_up()
-        missing = self._send_nmt(NmtCommand.RESET_COMMUNICATION, loop.nodes.wait_for_boot_up)
-        loop.nodes.expect_no_boot_up()
+        missing = self._send_nmt(
+            NmtCommand.RESET_COMMUNICATION, lambda node: node in loop.nodes.booted
+        )
+        loop.nodes.boot_expected = False
         if missing and not profile.configures_pdos:
             # The present nodes may show that the arm is set up differently: report both.
             check_mapping(access, profile, missing)
@@ -130,15 +126,12 @@ class StartUp:
         zeroed = tuple(self._zeroed)
         self._raise_if_cancelled()
         loop.begin_heartbeat()
-        started = partial(loop.nodes.wait_for_state, NmtState.OPERATIONAL)
-        _require(self._send_nmt(NmtCommand.START, started))
+        _require(self._send_nmt(NmtCommand.START, loop.nodes.is_operational))
         if profile.supervisor is not None:
             self._link.token = access.read_unsigned(profile.supervisor, objects.TOKEN)
         loop.begin_sync()
-        first = loop.run(
-            motion_steps.first_complete_sample(loop),
-            despite=(errors.DriveFault, errors.Stopped, errors.DriveDiverged),
-        )
+        despite = errors.DriveFault, errors.Stopped, errors.DriveDiverged
+        first = loop.run(motion_steps.first_complete_sample(loop), despite=despite)
         check_positions(access, profile, first.counts, self._link.scales)
         self._read_fault_codes(first)
         self._link.read_modes()
@@ -175,23 +168,20 @@ class StartUp:
             if holder in self._loop.nodes.foreign_nodes:
                 raise errors.ControlDenied(holder)
             # A node without an answer keeps its last value.
-            values |= _read_all(
-                access, [*((node, objects.STATUSWORD) for node in enabled), *tokens]
-            )
+            enabled_words = [key for key in statuswords if key[0] in enabled]
+            values |= _read_all(access, [*enabled_words, *tokens])
             enabled, holder = _powered(values), _token_holder(values)
             if not enabled and not holder:
                 return
         obeys = DriveState.OPERATION_ENABLED in enabled.values()
         if not takes_over and (obeys or (enabled and holder)):
-            named = [
-                f"{profile.who(node)} is in state {state.value}" for node, state in enabled.items()
-            ]
+            named = [f"{profile.who(n)} is in state {state.value}" for n, state in enabled.items()]
             raise errors.ArmInUse(named, timeout_s)
 
     def _listen(self, for_s: float) -> None:
         """Listen for `for_s` s; raise an error on hearing another operator or master."""
         nodes = self._loop.nodes
-        if nodes.wait_for_other_operator(for_s):
+        if nodes.wait_for(lambda: nodes.other_operator_at_s is not None, for_s):
             raise errors.ControlDenied(objects.OPERATOR_NODE)
         self._raise_if_cancelled()
         if nodes.foreign_command:
@@ -229,7 +219,8 @@ class StartUp:
         """Check the arm except for its PDOs; set heartbeat time-out, following windows and rated torques."""
         access, profile, loop, link = self._access, self._profile, self._loop, self._link
         identifying.check_arm(access, identity, link.on_bus.description, profile)
-        loop.heartbeat_timeout_s = heartbeat_timeout_s(access, profile, loop.heartbeat_timeout_s)
+        timeout_s = heartbeat_timeout_s(access, profile, loop.nodes.heartbeat_timeout_s)
+        loop.nodes.heartbeat_timeout_s = timeout_s
         unwatching = check_operator_monitoring(access, profile)
         loop.watch.set_following_windows(following_windows_counts(access, profile, link.scales))
         link.rated_torques_nm = identifying.read_rated_torques_nm(access, profile)
@@ -246,21 +237,19 @@ class StartUp:
                 "is closed. Connect again first"
             )
 
-    def _send_nmt(
-        self, command: NmtCommand, wait: Callable[[float], tuple[int, ...]]
-    ) -> tuple[int, ...]:
-        """Send an NMT command; return the nodes that `wait` still reports after a second attempt.
+    def _send_nmt(self, command: NmtCommand, complied: Callable[[int], bool]) -> tuple[int, ...]:
+        """Send an NMT command; return the nodes that have not `complied` after a second attempt.
 
         NMT commands are not acknowledged, and a command or a heartbeat may be lost. So the command is sent again to
         nodes that are heard but have not complied.
         """
+        nodes, timeout_s = self._loop.nodes, self._timing.boot_timeout_s
         self._command_nodes(command)
-        missing = wait(self._timing.boot_timeout_s)
+        missing = nodes.wait_for_nodes(complied, timeout_s)
         self._raise_if_cancelled()
-        heard = [node for node in missing if node in self._loop.nodes.heard_at_s]
-        if heard:
+        if heard := [node for node in missing if node in nodes.heard_at_s]:
             self._command_nodes(command, heard)
-            missing = wait(self._timing.boot_timeout_s)
+            missing = nodes.wait_for_nodes(complied, timeout_s)
             self._raise_if_cancelled()
         return missing
 
@@ -275,11 +264,9 @@ class StartUp:
 
     def _read_fault_codes(self, first: Sample) -> None:
         """Record the error code (603Fh) of each drive in fault: its emergency was sent before this program listened."""
-        codes = {
-            node: self._access.read_unsigned(node, objects.ERROR_CODE)
-            for node, status in zip(self._profile.drives, first.statuswords, strict=True)
-            if state_of(status) in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
-        }
+        faulty = first.joints_in({DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE})
+        nodes_in_fault = [self._profile.drives[joint - 1] for joint in faulty]
+        codes = {n: self._access.read_unsigned(n, objects.ERROR_CODE) for n in nodes_in_fault}
         nodes = self._loop.nodes
 
         def note() -> Steps[None]:

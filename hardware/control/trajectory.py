@@ -81,11 +81,7 @@ class StraightMove:
     """
 
     def __init__(
-        self,
-        start_rad: FloatArray,
-        end_rad: FloatArray,
-        *,
-        speed_rad_per_s: float,
+        self, start_rad: FloatArray, end_rad: FloatArray, *, speed_rad_per_s: float
     ) -> None:
         if speed_rad_per_s <= 0:
             raise ValueError("the speed must be positive")
@@ -98,8 +94,7 @@ class StraightMove:
         self._window = deque([0.0] * SMOOTHING_PERIODS, maxlen=SMOOTHING_PERIODS)
         self._step = 0
         self.braking, self.finished = False, self._length == 0.0
-        """Whether `brake` was called: the move ends before its target."""
-        """Whether the last target returned was the final one."""
+        """Whether `brake` was called, and whether the last target returned was the final one."""
 
     def next(self) -> FloatArray:
         """Return the target of the next control period, shape (n,), rad; after the end, the final target."""

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from hardware import errors
 from hardware.arm import UploadReceipt
 from hardware.canopen import objects
-from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.objects import Abort, ParameterCommand, Slot
 from hardware.canopen.sdo import ObjectAccess
 
@@ -19,18 +18,6 @@ if TYPE_CHECKING:
     from hardware.control.connection import Connection
 
 MAX_UPLOADS = 6
-
-
-def read_document(access: ObjectAccess, profile: BusProfile) -> bytes:
-    """Read the controller's active document; empty if there is none, or no supervisor."""
-    if profile.supervisor is None:
-        return b""
-    try:
-        return access.read(profile.supervisor, objects.DOCUMENT)
-    except errors.SdoRefused as refused:
-        if refused.code == Abort.NO_DATA:
-            return b""
-        raise
 
 
 def upload(link: Connection, document: bytes) -> UploadReceipt:
@@ -75,9 +62,8 @@ def upload(link: Connection, document: bytes) -> UploadReceipt:
                 reason = refusal(access, supervisor)
                 why = errors.UploadRefused(reason or str(lost))
                 if lost.code == Abort.LOCAL_CONTROL:
-                    why = errors.ControlDenied(
-                        access.read_unsigned(supervisor, objects.TOKEN), reason
-                    )
+                    holder = access.read_unsigned(supervisor, objects.TOKEN)
+                    why = errors.ControlDenied(holder, reason)
             raise why from lost
     raise AssertionError("unreachable: the last attempt returns or raises")
 

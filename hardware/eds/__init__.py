@@ -27,9 +27,8 @@ EDS_FILES: Final[Mapping[int, Path]] = {
 
 def node_dictionary(node: int) -> ObjectDictionary:
     """Return the object dictionary of a node of the arm: that of the supervisor or that of a joint's drive."""
-    return product_dictionary(
-        SUPERVISOR_PRODUCT if node == SUPERVISOR_NODE else JOINT_PRODUCT, node
-    )
+    product = SUPERVISOR_PRODUCT if node == SUPERVISOR_NODE else JOINT_PRODUCT
+    return product_dictionary(product, node)
 
 
 def product_dictionary(product: int, node: int) -> ObjectDictionary:

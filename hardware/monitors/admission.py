@@ -61,8 +61,8 @@ def admit_move(
     scales: Sequence[JointScale],
     joints: Sequence[JointState],
     targets_rad: Mapping[int, float],
-    *,
     speed_rad_per_s: float,
+    *,
     in_control: bool,
 ) -> None:
     """Check targets and speed of a whole move: `CommandRefused` if a limit forbids it, `ValueError` for no joint."""
@@ -79,8 +79,7 @@ def admit_move(
 
 def not_enabled(sample: Sample) -> CommandRefused | None:
     """Return the error for the first drive that is not in *operation enabled*; None if all are."""
-    for joint, status in enumerate(sample.statuswords, 1):
-        state = state_of(status)
+    for joint, state in enumerate(map(state_of, sample.statuswords), 1):
         if state is not DriveState.OPERATION_ENABLED:
             return CommandRefused(f"joint {joint}: the drive is in state {state.value}")
     return None

@@ -71,10 +71,8 @@ class _Joint:
         if state is not DriveState.OPERATION_ENABLED:
             self.following_syncs = self.not_following_syncs = 0
             self.disabled_syncs += self.enabled_syncs > 0
-            confirmed = (
-                self.enabled_syncs >= CONFIRMED_SYNCS or self.disabled_syncs >= DROPOUT_SYNCS
-            )
-            return state if confirmed else None
+            was_enabled = self.enabled_syncs >= CONFIRMED_SYNCS
+            return state if was_enabled or self.disabled_syncs >= DROPOUT_SYNCS else None
         self.enabled_syncs, self.disabled_syncs = self.enabled_syncs + 1, 0
         if command.mode != CYCLIC_POSITION:
             self.following_syncs = self.not_following_syncs = 0

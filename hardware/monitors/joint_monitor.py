@@ -54,9 +54,7 @@ class ContinuityMonitor:
         self._recent: deque[tuple[int, ...]] = deque(maxlen=WINDOW_SAMPLES)
         self._last_sync = -1
         self._states: tuple[int, ...] = ()
-        self._outlier_syncs: tuple[deque[int], ...] = tuple(
-            deque(maxlen=2 * QUIET_SYNCS) for _ in self._allowed
-        )
+        self._outlier_syncs = [deque[int](maxlen=2 * QUIET_SYNCS) for _ in self._allowed]
         self._candidate: CountJump | None = None
         self._jerk_syncs_left = 0
 
@@ -72,11 +70,8 @@ class ContinuityMonitor:
     def update(self, sample: Sample) -> CountJump | None:
         """Take in a sample; return a jump once it is confirmed, `QUIET_SYNCS` SYNCs after the jump."""
         recent = self._recent
-        if (
-            not sample.complete
-            or sample.sync_count != self._last_sync + 1
-            or sample.statuswords != self._states
-        ):
+        follows_last = sample.sync_count == self._last_sync + 1
+        if not (sample.complete and follows_last and sample.statuswords == self._states):
             recent.clear()
         self._last_sync, self._states = sample.sync_count, sample.statuswords
         if self._jerk_syncs_left > 0:
@@ -198,8 +193,6 @@ def alarms(
     stop_latched: bool,
     lost_joints: tuple[int, ...] = (),
     duplicate_joints: tuple[int, ...] = (),
-    now_s: float,
-    heartbeat_timeout_s: float,
 ) -> Iterator[errors.HardwareError]:
     """Yield all alarms, highest priority first.
 
@@ -241,7 +234,7 @@ def alarms(
             since_sync=watch.jump.sync_count,
         )
     silent = (
-        ("no heartbeat from node", nodes.silent(now_s, heartbeat_timeout_s)),
+        ("no heartbeat from node", nodes.silent()),
         ("no answer to SYNC from node", tuple(drives[j - 1] for j in lost_joints)),
     )
     if silence := " and ".join(
@@ -250,7 +243,7 @@ def alarms(
         yield errors.BusError(
             f"The arm has gone silent: {silence}. Check power and cable, then reconnect."
         )
-    if nodes.other_operator(now_s, heartbeat_timeout_s):
+    if nodes.other_operator(nodes.heartbeat_timeout_s):
         yield errors.ControlDenied(OPERATOR_NODE)
     for each in watch.dropout.dropouts:  # last: all of the above may be the cause
         yield errors.DriveDropout(each.joint, each.state.value, not_following=each.not_following)

@@ -87,14 +87,19 @@ _TIMEOUT_FACTOR = 5
 
 
 class NodeMonitor:
-    """State of the nodes of `profile`; `clock`, which times waits, returns the time in s without host latency."""
+    """State of the nodes of `profile`; `clock` returns the time in s without host latency."""
 
-    def __init__(self, profile: BusProfile, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        profile: BusProfile,
+        clock: Callable[[], float] = time.monotonic,
+        heartbeat_timeout_s: float = 1.0,
+    ) -> None:
         self._clock = clock
+        self.heartbeat_timeout_s = heartbeat_timeout_s
+        """Silence after which a node is lost; set before SYNC starts."""
         self.profile, self.nodes = profile, profile.nodes
-        self._commanded = {
-            identifier: frames for frames in frames_of(profile) for identifier in frames.command_ids
-        }
+        self._commanded = {i: frames for frames in frames_of(profile) for i in frames.command_ids}
         self.heard_at_s: dict[int, float] = {}
         """Time of each node's last heartbeat or boot-up."""
         self.nmt_state: dict[int, int] = {}
@@ -111,19 +116,21 @@ class NodeMonitor:
         """Description of the first command from another master on this bus; empty if none."""
         self.cancelled: Callable[[], bool] = lambda: False
         """Function that returns whether waits should end: STOP was pressed, or no thread receives any more."""
-        self._boot_expected = False
-        self._booted: set[int] = set()
+        self.boot_expected = False
+        """Whether nodes may boot now; otherwise a node that boots is recorded as restarted."""
+        self.booted: set[int] = set()
+        """Nodes that have booted since `expect_boot_up`."""
 
     def note_command(self, identifier: int, data: bytes | bytearray) -> None:
         """Record the first command received from another program: no other program on this bus should send commands."""
         if not self.foreign_command and self._is_command(identifier, bytes(data)):
             self.foreign_command = describe_master_frame(self.profile, identifier, bytes(data))
 
-    def note(self, identifier: int, data: bytes | bytearray, now_s: float, sync_count: int) -> None:
+    def note(self, identifier: int, data: bytes | bytearray, sync_count: int) -> None:
         """Take in a heartbeat or an emergency; ignore other frames."""
         if node := node_of(identifier, objects.COB_HEARTBEAT):
             if len(data) == 1:
-                self._heartbeat(node, data[0] & 0x7F, now_s)
+                self._heartbeat(node, data[0] & 0x7F)
         elif node := node_of(identifier, objects.COB_EMCY):
             code = unpack_emergency(data)
             if code is not None:
@@ -131,48 +138,46 @@ class NodeMonitor:
 
     def expect_boot_up(self) -> None:
         """Clear everything heard; call before resetting the nodes."""
-        self._boot_expected = True
-        self._booted.clear()
+        self.boot_expected = True
+        self.booted.clear()
         self.restarted, self.foreign_command = frozenset(), ""
         self.heard_at_s.clear()
         self.nmt_state.clear()
         self.faults = ()
 
-    def expect_no_boot_up(self) -> None:
-        """From now on, record every node that boots as restarted."""
-        self._boot_expected = False
+    def wait_for_nodes(self, ready: Callable[[int], bool], timeout_s: float) -> tuple[int, ...]:
+        """Wait until every node is `ready`; return the nodes that are not."""
+        self.wait_for(lambda: all(map(ready, self.nodes)), timeout_s)
+        return tuple(node for node in self.nodes if not ready(node))
 
-    def wait_for_boot_up(self, timeout_s: float) -> tuple[int, ...]:
-        """Wait until every node has booted; return the nodes that have not booted within `timeout_s`."""
-        return self._wait_for_nodes(lambda node: node in self._booted, timeout_s)
+    def wait_for(self, happened: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait until `happened` or `cancelled` returns true; return what `happened` returns."""
+        end_s = self._clock() + timeout_s
+        latest_s = time.monotonic() + _TIMEOUT_FACTOR * timeout_s
+        while not happened() and not self.cancelled():
+            left_s = min(end_s - self._clock(), latest_s - time.monotonic())
+            if left_s <= 0.0:
+                break
+            time.sleep(min(left_s, _POLL_S))
+        return happened()
 
-    def wait_for_state(self, state: NmtState, timeout_s: float) -> tuple[int, ...]:
-        """Wait until every node's heartbeat reports `state`; return the nodes in another state after `timeout_s`."""
-        return self._wait_for_nodes(lambda node: self.nmt_state.get(node) == state, timeout_s)
+    def silent(self) -> tuple[int, ...]:
+        """Return the nodes that were heard before, but not within the last `heartbeat_timeout_s`."""
+        since_s, heard_at_s = self._clock() - self.heartbeat_timeout_s, self.heard_at_s
+        return tuple(n for n in self.nodes if n in heard_at_s and heard_at_s[n] < since_s)
 
-    def wait_for_other_operator(self, timeout_s: float) -> bool:
-        """Listen for `timeout_s`; return whether another operator's heartbeat was heard."""
-        return self._wait_for(lambda: self.other_operator_at_s is not None, timeout_s)
-
-    def silent(self, now_s: float, limit_s: float) -> tuple[int, ...]:
-        """Return the nodes that were heard before, but not within the last `limit_s`."""
-        return tuple(
-            node
-            for node in self.nodes
-            if node in self.heard_at_s and now_s - self.heard_at_s[node] > limit_s
-        )
+    def is_operational(self, node: int) -> bool:
+        """Whether a node's last heartbeat reports *operational*."""
+        return self.nmt_state.get(node) == NmtState.OPERATIONAL
 
     def not_operational(self) -> tuple[int, ...]:
         """Return the nodes whose last heartbeat reports an NMT state other than *operational*."""
-        return tuple(
-            node
-            for node in self.nodes
-            if self.nmt_state.get(node, NmtState.OPERATIONAL) != NmtState.OPERATIONAL
-        )
+        return tuple(n for n in self.nodes if n in self.nmt_state and not self.is_operational(n))
 
-    def other_operator(self, now_s: float, limit_s: float) -> bool:
+    def other_operator(self, limit_s: float) -> bool:
         """Whether another operator's heartbeat was heard within `limit_s`."""
-        return self.other_operator_at_s is not None and now_s - self.other_operator_at_s <= limit_s
+        heard_at_s = self.other_operator_at_s
+        return heard_at_s is not None and self._clock() - heard_at_s <= limit_s
 
     def assume_fault(self, node: int, code: int, sync_count: int) -> None:
         """Add a fault whose emergency was sent before this program listened, unless a fault of the node is known."""
@@ -184,32 +189,16 @@ class NodeMonitor:
         self.faults = ()
         self.foreign_command = ""
 
-    def _wait_for_nodes(self, ready: Callable[[int], bool], timeout_s: float) -> tuple[int, ...]:
-        """Wait until every node is `ready`; return the nodes that are not."""
-        self._wait_for(lambda: all(map(ready, self.nodes)), timeout_s)
-        return tuple(node for node in self.nodes if not ready(node))
-
-    def _wait_for(self, happened: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait until `happened` or `cancelled` is true."""
-        end_s = self._clock() + timeout_s
-        latest_s = time.monotonic() + _TIMEOUT_FACTOR * timeout_s
-        while not happened() and not self.cancelled():
-            left_s = min(end_s - self._clock(), latest_s - time.monotonic())
-            if left_s <= 0.0:
-                break
-            time.sleep(min(left_s, _POLL_S))
-        return happened()
-
-    def _heartbeat(self, node: int, state: int, now_s: float) -> None:
+    def _heartbeat(self, node: int, state: int) -> None:
         if node == objects.OPERATOR_NODE:
-            self.other_operator_at_s = now_s
+            self.other_operator_at_s = self._clock()
         elif node not in self.nodes:
             self.foreign_nodes |= {node}
         else:
-            self.heard_at_s[node] = now_s
+            self.heard_at_s[node] = self._clock()
             if state == NmtState.BOOT_UP and self.nmt_state.get(node) != state:
-                self._booted.add(node)
-                if not self._boot_expected:
+                self.booted.add(node)
+                if not self.boot_expected:
                     self.restarted |= {node}
             self.nmt_state[node] = state
 
@@ -221,13 +210,8 @@ class NodeMonitor:
             return
         if any((fault.node, fault.code) == (node, code) for fault in self.faults):
             return  # a repetition
-        fault = Fault(
-            node=node,
-            joint=self.profile.joint_of.get(node),
-            code=code,
-            text=emergency_text(code),
-            sync_count=sync_count,
-        )
+        joint, text = self.profile.joint_of.get(node), emergency_text(code)
+        fault = Fault(node=node, joint=joint, code=code, text=text, sync_count=sync_count)
         self.faults = (*self.faults, fault)
 
     def _is_command(self, identifier: int, data: bytes) -> bool:

@@ -1,16 +1,24 @@
-"""Commissioning data of a virtual drive, and what it exchanges with the plant: commands in, readings out."""
+"""A joint of the virtual arm: commissioning data of its drive, its sensor, and what drive and plant exchange.
+
+Sensors give counts for a true angle, counted from sensor coordinate zero. An RVDT has its electrical zero at the middle
+of its joint's range; its converter saturates at the ends of full scale.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
+
+import numpy as np
+from numpy.polynomial import legendre
 
 from hardware.arm import JointMode
 from hardware.arm_description import JointScale
 from hardware.canopen.objects import SensorKind
 from hardware.command_limits import joint_limits
-from hardware.virtual.sensor_counts import converter_ends
+from solver.arrays import FloatArray, frozen
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
 
@@ -34,6 +42,131 @@ class PlantReading:
     position_counts: tuple[int, ...]
     torque_nm: tuple[float, ...]
     speed_rad_per_s: tuple[float, ...]
+
+
+LEGENDRE_DEGREES = (2, 3, 4, 5)
+"""Degrees of the Legendre polynomials of a linearity deviation, all orthogonal to straight lines."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinearityDeviation:
+    """Deviation of an RVDT from its best-fit line: ``sum_k c_k P_k(x)``, where x is the angle / half of full scale.
+
+    As P_0 and P_1 are absent, the least-squares line is zero, so that the peak is the linearity that a maker states.
+    `coefficients_rad` (4,) are c_k for `LEGENDRE_DEGREES`.
+    """
+
+    coefficients_rad: FloatArray
+    half_scale_rad: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "coefficients_rad", frozen(self.coefficients_rad))
+        if self.coefficients_rad.shape != (len(LEGENDRE_DEGREES),):
+            raise ValueError(f"a linearity deviation needs {len(LEGENDRE_DEGREES)} coefficients")
+
+    @classmethod
+    def drawn(
+        cls, rng: np.random.Generator, *, full_scale_rad: float, peak: float
+    ) -> LinearityDeviation:
+        """Draw a random shape with peak deviation `peak` (fraction of full scale), with weaker high degrees."""
+        shape = rng.choice((-1.0, 1.0), 4) * rng.uniform(0.4, 1.0, 4) * (1.0, 1.0, 0.4, 0.2)
+        unit = cls(coefficients_rad=shape, half_scale_rad=0.5 * full_scale_rad)
+        scale = peak * full_scale_rad / unit.peak_rad()
+        return replace(unit, coefficients_rad=shape * scale)
+
+    def deviation_rad(self, from_zero_rad: float) -> float:
+        """Return reading minus true angle, rad, at an angle from electrical zero (clipped to full scale)."""
+        x = min(1.0, max(-1.0, from_zero_rad / self.half_scale_rad))
+        square = x * x
+        c2, c3, c4, c5 = self.coefficients_rad.tolist()
+        return float(
+            c2 * (1.5 * square - 0.5)
+            + c3 * x * (2.5 * square - 1.5)
+            + c4 * ((4.375 * square - 3.75) * square + 0.375)
+            + c5 * x * ((7.875 * square - 8.75) * square + 1.875)
+        )
+
+    def peak_rad(self) -> float:
+        """Return the largest absolute deviation over full scale, rad: at an end, or where the slope vanishes."""
+        series = np.zeros(LEGENDRE_DEGREES[-1] + 1)
+        series[list(LEGENDRE_DEGREES)] = self.coefficients_rad
+        roots = legendre.legroots(legendre.legder(series)) if np.any(series) else np.zeros(0)
+        turns = [r.real for r in roots if abs(r.imag) < 1e-9 and abs(r.real) < 1.0]
+        return float(np.abs(legendre.legval(np.array([-1.0, *turns, 1.0]), series)).max())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointSensor:
+    """One joint's sensor with its errors; `noise_counts` is the standard deviation before rounding.
+
+    The sensor saturates at `lowest_counts` and `highest_counts`. `curve` and `zero_rad`: linearity deviation and
+    electrical zero of an RVDT.
+    """
+
+    resolution_rad: float
+    noise_counts: float
+    lowest_counts: float = -math.inf
+    highest_counts: float = math.inf
+    curve: LinearityDeviation | None = None
+    zero_rad: float = 0.0
+
+    def deviation_rad(self, angle_rad: float) -> float:
+        """Return the systematic error of the reading, rad, at a true angle in sensor coordinates."""
+        return 0.0 if self.curve is None else self.curve.deviation_rad(angle_rad - self.zero_rad)
+
+    def counts(self, angle_rad: float, standard_normal: float) -> int:
+        """Return the counts at a true angle in sensor coordinates; `standard_normal` scales the noise."""
+        reading = (angle_rad + self.deviation_rad(angle_rad)) / self.resolution_rad
+        count = round(reading + self.noise_counts * standard_normal)
+        return int(min(max(count, self.lowest_counts), self.highest_counts))
+
+
+def converter_ends(joint: Joint, rvdt: Rvdt) -> tuple[int, int]:
+    """Return lowest and highest count of an RVDT's converter, whose zero is in the middle of the joint's range."""
+    zero, half = round(joint.middle_rad / rvdt.resolution_rad), 2 ** (rvdt.bits - 1)
+    return zero - half, zero + half - 1
+
+
+def joint_sensor(
+    joint: Joint, *, with_noise: bool, curve: LinearityDeviation | None
+) -> JointSensor:
+    """Return the sensor of a joint of an arm file; `ValueError` if the joint has none, or an encoder has a `curve`."""
+    match joint.sensor:
+        case Encoder() as encoder:
+            if curve is not None:
+                raise ValueError(f"joint {joint.name!r} has an encoder, not an RVDT")
+            return JointSensor(
+                resolution_rad=encoder.resolution_rad,
+                noise_counts=encoder.noise_counts if with_noise else 0.0,
+            )
+        case Rvdt() as rvdt:
+            lowest, highest = converter_ends(joint, rvdt)
+            return JointSensor(
+                resolution_rad=rvdt.resolution_rad,
+                noise_counts=rvdt.noise_lsb if with_noise else 0.0,
+                lowest_counts=lowest,
+                highest_counts=highest,
+                curve=curve,
+                zero_rad=(lowest + highest + 1) // 2 * rvdt.resolution_rad,
+            )
+        case NoSensor():
+            raise ValueError(f"joint {joint.name!r} has no sensor for a drive to report")
+
+
+class SensorBank:
+    """All sensors of an arm, read once per control period; reproducible for a seed."""
+
+    def __init__(self, sensors: Sequence[JointSensor], *, rng: np.random.Generator) -> None:
+        self.sensors = tuple(sensors)
+        self._rng = rng
+
+    def read(self, angles_rad: Sequence[float]) -> tuple[int, ...]:
+        """Return the counts for true angles (n,), rad, in sensor coordinates."""
+        noise = self._rng.standard_normal(len(self.sensors)).tolist()
+        return tuple(
+            sensor.counts(angle, draw)
+            for sensor, angle, draw in zip(self.sensors, angles_rad, noise, strict=True)
+        )
 
 
 FOLLOWING_WINDOW_RAD = math.radians(3.0)
@@ -69,13 +202,8 @@ class AxisSettings:
     def __init__(self, number: int, joint: Joint) -> None:
         scale = self.scale = joint_scale(joint)
         self.joint, self.max_torque_nm = number, joint.max_torque_nm
-        self.limits = joint_limits(
-            number,
-            scale,
-            lower_rad=joint.lower_rad,
-            upper_rad=joint.upper_rad,
-            max_speed_rad_per_s=joint.max_speed_rad_per_s,
-        )
+        ends_rad = joint.lower_rad, joint.upper_rad
+        self.limits = joint_limits(number, scale, ends_rad, joint.max_speed_rad_per_s)
         self.following_window_counts = max(1, scale.to_counts(FOLLOWING_WINDOW_RAD))
         self.max_speed_counts_per_s = round(joint.max_speed_rad_per_s * scale.counts_per_rad)
         self.home_offset_limit_counts = round(HOME_OFFSET_LIMIT_RAD * scale.counts_per_rad)
@@ -83,13 +211,12 @@ class AxisSettings:
         self.full_scale_microdeg = 360 * _MILLIONTHS
         self.lowest_counts, self.highest_counts = -math.inf, math.inf
         per_turn = Fraction(scale.to_counts(2.0 * math.pi))
-        if isinstance(joint.sensor, Rvdt):
-            self.sensor_kind, self.converter_bits = SensorKind.RVDT, joint.sensor.bits
-            self.full_scale_microdeg = round(
-                math.degrees(joint.sensor.full_scale_rad) * _MILLIONTHS
-            )
-            self.lowest_counts, self.highest_counts = converter_ends(joint, joint.sensor)
-            codes = 360 * _MILLIONTHS * 2**joint.sensor.bits
+        if isinstance(sensor := joint.sensor, Rvdt):
+            self.sensor_kind, self.converter_bits = SensorKind.RVDT, sensor.bits
+            full_scale_deg = math.degrees(sensor.full_scale_rad)
+            self.full_scale_microdeg = round(full_scale_deg * _MILLIONTHS)
+            self.lowest_counts, self.highest_counts = converter_ends(joint, sensor)
+            codes = 360 * _MILLIONTHS * 2**sensor.bits
             per_turn = Fraction(codes, self.full_scale_microdeg)
         if per_turn.numerator > _LARGEST_U32:
             per_turn = per_turn.limit_denominator(10_000)

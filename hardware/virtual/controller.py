@@ -15,7 +15,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import can
 
@@ -26,14 +26,12 @@ from hardware.timing import LatencyMonitor, raise_loop_priority
 from hardware.virtual.axis import AxisSettings
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive_node import DriveGroup, DriveNode
+from hardware.virtual.faults import ScriptedFault
 from hardware.virtual.node import ControllerNetwork, VirtualNode
 from hardware.virtual.parameter_store import ParameterStore, Validate, refuse_documents
 from hardware.virtual.plant import Plant
 from hardware.virtual.supervisor_node import ArmLabel, SupervisorNode
 from hardware.virtual.tracker import SimulatedTracker
-
-if TYPE_CHECKING:
-    from hardware.virtual.faults import ScriptedFault
 
 _POLL_S = 0.02
 """Longest wait for a frame, after which timed duties and posted actions are handled."""
@@ -60,6 +58,8 @@ class VirtualController:
         The nodes; threads other than the control loop must hold a node's `lock` to use it.
     sync_count
         SYNCs answered so far.
+    running
+        The control loop hangs while this event is not set.
     tracker
         Tracker of an open arm; the tracker is not on the bus. None with a fixture.
     failure
@@ -95,8 +95,8 @@ class VirtualController:
         self._closing = False
         self._turns = threading.Lock()
         self._in_turn: int | None = None
-        self._running = threading.Event()
-        self._running.set()
+        self.running: threading.Event = threading.Event()
+        self.running.set()
         self._next_beat_s = 0.0
         serial = arm.number % 1_000_000 * 100
         self.drives = tuple(DriveNode(axis, serial_number=serial + axis.joint) for axis in axes)
@@ -137,7 +137,7 @@ class VirtualController:
     def close(self) -> None:
         """End both threads. May be called twice."""
         self._closing = True
-        self._running.set()
+        self.running.set()
         self._work.put(None)
         for thread in (self._loop, self._worker):
             if thread.is_alive() and thread is not threading.current_thread():
@@ -167,21 +167,13 @@ class VirtualController:
                 node.power_up()
                 node.boot()
 
-    def hang(self) -> None:
-        """Suspend the control loop until `resume_loop`."""
-        self._running.clear()
-
-    def resume_loop(self) -> None:
-        """Resume the control loop."""
-        self._running.set()
-
     def attend(self) -> None:
         """Handle all queued frames in the caller's thread; does nothing while the loop hangs or is busy."""
         if not self._turns.acquire(blocking=False):
             return
         try:
             for _ in range(_CATCH_UP_FRAMES):
-                if self._closing or not self._running.is_set():
+                if self._closing or not self.running.is_set():
                     return
                 message = self._bus.recv(0.0)
                 self._turn(message)
@@ -199,11 +191,11 @@ class VirtualController:
                 wait_s = _SHORT_POLL_S if self.disturbances.delays else _POLL_S
                 if self._attended:
                     time.sleep(wait_s)
-                    self._running.wait()
+                    self.running.wait()
                     self.attend()
                 else:
                     message = self._bus.recv(wait_s)
-                    self._running.wait()
+                    self.running.wait()
                     self._turn(message)
         except Exception as error:  # noqa: BLE001 - raised again by whoever runs this controller
             self.failure = error
@@ -220,12 +212,8 @@ class VirtualController:
         self._in_turn = None
 
     def _receive(self, message: can.Message) -> None:
-        """Pass a frame through the faulty wire, if there is one, and handle what comes out."""
-        wire = self.disturbances.wire_in
-        if wire is None:
-            self._take_in(message)
-            return
-        for passed in wire.passed(message):
+        """Pass a frame through the wire to the arm, and handle what comes out."""
+        for passed in self.disturbances.wire_in.passed(message):
             self._take_in(passed)
 
     def _take_in(self, message: can.Message) -> None:
@@ -286,9 +274,8 @@ class VirtualController:
     def _handle_deadlines(self) -> None:
         now = self.now_s()
         self._network.send_overdue()
-        if (wire := self.disturbances.wire_in) is not None:
-            for message in wire.overdue():
-                self._take_in(message)
+        for message in self.disturbances.wire_in.overdue():
+            self._take_in(message)
         off_until_s = self.disturbances.off_until_s
         if off_until_s is not None and now >= off_until_s:
             self.disturbances.off_until_s = None

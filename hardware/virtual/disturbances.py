@@ -31,23 +31,33 @@ class FrameFaults:
     babble: float = 0.0
 
 
+NO_FRAME_FAULTS = FrameFaults()
+
+
 class FaultyWire:
-    """One direction of a faulty bus; reproducible for a seed, except for the times at which late frames arrive.
+    """One direction of a bus; reproducible for a seed, except for the times at which late frames arrive.
 
     `delays`: whether frames may be late.
     """
 
     def __init__(
-        self, faults: FrameFaults, seed: int = 0, *, clock: Callable[[], float] = time.monotonic
+        self,
+        faults: FrameFaults = NO_FRAME_FAULTS,
+        seed: int = 0,
+        *,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._faults, self._rng, self._clock = faults, np.random.default_rng(seed), clock
         self._swapped: can.Message | None = None
         self._late: list[tuple[float, int, can.Message]] = []
         self._count = 0
-        self.delays = faults.late > 0.0
+        self.delays, self._is_clean = faults.late > 0.0, faults == NO_FRAME_FAULTS
 
     def passed(self, message: can.Message) -> Iterator[can.Message]:
         """Yield the frames that come out of the wire when `message` is put in."""
+        if self._is_clean:
+            yield message
+            return
         faults = self._faults
         lost, doubled, swapped, flipped, late = self._rng.random(5)
         if lost < faults.lost:
@@ -105,7 +115,7 @@ class Disturbances:
     off_until_s
         Time until which no frame passes (the controller's clock); None if frames pass.
     wire_out, wire_in
-        Faults of frames from and to the arm; None if these frames have no faults.
+        Directions from and to the arm, with their faults.
     """
 
     cut_since_s: dict[int, float] = field(default_factory=dict)
@@ -123,15 +133,15 @@ class Disturbances:
     stalled_sdo: set[int] = field(default_factory=set)
     refused_sdo: set[int] = field(default_factory=set)
     off_until_s: float | None = None
-    wire_out: FaultyWire | None = None
-    wire_in: FaultyWire | None = None
+    wire_out: FaultyWire = field(default_factory=FaultyWire)
+    wire_in: FaultyWire = field(default_factory=FaultyWire)
     _next_beat_s: dict[int, float] = field(default_factory=dict)
     _rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
 
     @property
     def delays(self) -> bool:
         """Whether a wire delays frames."""
-        return any(wire.delays for wire in (self.wire_out, self.wire_in) if wire is not None)
+        return self.wire_out.delays or self.wire_in.delays
 
     def sends_heartbeat(self, node: int, now_s: float) -> bool:
         """Whether a node sends a heartbeat now."""

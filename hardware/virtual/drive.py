@@ -94,11 +94,7 @@ class Drive:
 
     def obey_target(self, target_counts: int) -> None:
         """Act on 607Ah if enabled, in position mode and under control."""
-        if self.ignores_targets or not (
-            self.state is DriveState.OPERATION_ENABLED
-            and self.mode is JointMode.POSITION
-            and self.in_control
-        ):
+        if self.ignores_targets or not (self._is_servo_on and self.in_control):
             return
         if target_counts == self.target_counts:
             self._end(EmergencyCode.REFERENCE_LIMIT)
@@ -159,6 +155,10 @@ class Drive:
         self._supervise()
 
     @property
+    def _is_servo_on(self) -> bool:
+        return self.state is DriveState.OPERATION_ENABLED and self.mode is JointMode.POSITION
+
+    @property
     def flags(self) -> int:
         """Bits of 6041h other than the bits that code the state."""
         flags = int(StatusBit.VOLTAGE_ENABLED)
@@ -166,8 +166,7 @@ class Drive:
             flags |= StatusBit.REMOTE
         if EmergencyCode.REFERENCE_LIMIT in self.errors:
             flags |= StatusBit.INTERNAL_LIMIT
-        servo_on = self.state is DriveState.OPERATION_ENABLED and self.mode is JointMode.POSITION
-        if servo_on and not self.ignores_targets:
+        if self._is_servo_on and not self.ignores_targets:
             flags |= StatusBit.FOLLOWS_COMMAND
         if EmergencyCode.FOLLOWING in self.errors:
             flags |= StatusBit.FOLLOWING_ERROR
@@ -226,9 +225,8 @@ class Drive:
         }
         if any(persists.get(code, False) for code in self.errors):
             return False
-        had = bool(self.errors)
-        self.errors.clear()
-        if had:
+        cleared, self.errors = self.errors, []
+        if cleared:
             self._on_all_clear()
         return True
 

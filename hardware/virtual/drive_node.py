@@ -60,15 +60,10 @@ class DriveNode(VirtualNode):
         """Return the data of TPDO1; None outside *operational*."""
         if self.state is not NmtState.OPERATIONAL:
             return None
-        drive = self.drive
-        return TPDO1.pack(
-            cia402.statusword(drive.state, drive.flags),
-            max(
-                -_HIGHEST_I32 - 1,
-                min(_HIGHEST_I32, self._speed() if self.reports_speed else drive.counts),
-            ),
-            self._torque_per_mille(),
-        )
+        word = cia402.statusword(self.drive.state, self.drive.flags)
+        position = self._speed() if self.reports_speed else self.drive.counts
+        position = max(-_HIGHEST_I32 - 1, min(_HIGHEST_I32, position))
+        return TPDO1.pack(word, position, self._torque_per_mille())
 
     def power_up(self) -> None:
         """Power up; the supervisor sets the home offset again."""
@@ -155,13 +150,8 @@ class DriveGroup:
     def step(self) -> None:
         """Advance one control period: step the plant, pass the readings to the drives, stop all if one has tripped."""
         reading = self._plant.step([self._command_of(node) for node in self.drives])
-        for node, counts, torque, speed in zip(
-            self.drives,
-            reading.position_counts,
-            reading.torque_nm,
-            reading.speed_rad_per_s,
-            strict=True,
-        ):
+        values = reading.position_counts, reading.torque_nm, reading.speed_rad_per_s
+        for node, counts, torque, speed in zip(self.drives, *values, strict=True):
             with node.lock:
                 node.drive.read(self._disturbances.read(node.number, counts), torque, speed)
         if any(node.drive.state in _FAULTED for node in self.drives):

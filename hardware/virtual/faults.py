@@ -43,9 +43,8 @@ def inject(arm: VirtualController, kind: str, joint: int) -> None:
 
 def disturb_frames(arm: VirtualController, faults: FrameFaults) -> None:
     """Lose, double, delay or damage frames of all nodes, in both directions; `FrameFaults()` stops all that."""
-    clean = faults == FrameFaults()
-    arm.disturbances.wire_out = None if clean else FaultyWire(faults, 0, clock=arm.now_s)
-    arm.disturbances.wire_in = None if clean else FaultyWire(faults, 1, clock=arm.now_s)
+    arm.disturbances.wire_out = FaultyWire(faults, 0, clock=arm.now_s)
+    arm.disturbances.wire_in = FaultyWire(faults, 1, clock=arm.now_s)
 
 
 def lose_counts(arm: VirtualController, joint: int, counts: int) -> None:
@@ -179,7 +178,7 @@ FAULT_KINDS: Mapping[str, FaultAction] = {
     "sdo-abort": _add("refused_sdo"),
     "restart-node": _restart_node,
     "restart": lambda arm, _joint: arm.restart(),
-    "hang": lambda arm, _joint: arm.hang(),
+    "hang": lambda arm, _joint: arm.running.clear(),
     "unwatched": _stop_watching,
     "lost-counts-5": partial(lose_counts, counts=-5),
     "lost-counts-500": partial(lose_counts, counts=-500),

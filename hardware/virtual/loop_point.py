@@ -7,7 +7,6 @@ compares both to 1e-12.
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 
 import numpy as np
 
@@ -17,13 +16,15 @@ from solver.chain.kinematics import DhTable
 _CYCLIC = np.array([0, 1, 2, 0, 1])
 
 
-class ChainPoint(ABC):
+class ChainPoint:
     """Evaluates ``A_0(theta_0) A_1 ... A_n`` at one pose; every call of `at` overwrites the previous result.
+
+    This class has no closure error, as for an open arm; subclasses add it.
 
     Attributes
     ----------
     error
-        (k,) closure error, whose components each subclass states.
+        (k,) closure error, whose components the class states.
     jacobian
         (k, n + 1) derivative of `error` with respect to theta_0, theta'_1 .. theta'_n; column 0 is zero without a
         hinge.
@@ -31,7 +32,7 @@ class ChainPoint(ABC):
         (n + 2, 3) z axis and origin of frames -1 .. n, in frame -1.
     """
 
-    def __init__(self, table: DhTable, components: int) -> None:
+    def __init__(self, table: DhTable, components: int = 0) -> None:
         links = table.links
         c, s = np.cos(table.alpha_rad), np.sin(table.alpha_rad)
         # Rows of A_j are linear in cos theta and sin theta: A = cos * even + sin * odd + constant.
@@ -52,9 +53,8 @@ class ChainPoint(ABC):
         self._links = np.empty((links, 4, 4))
         self._frames = np.empty((links + 1, 4, 4))
         self._frames[0] = np.eye(4)
-        self._products = [
-            (self._frames[j], self._links[j], self._frames[j + 1]) for j in range(links)
-        ]
+        frames = self._frames
+        self._products = list(zip(frames[:-1], self._links, frames[1:], strict=True))
         self.axes_z = self._frames[:, :3, 2]
         self.base_axes = self._frames[1, :3, :3]
         self.origins_m = self._frames[:, :3, 3]
@@ -65,12 +65,8 @@ class ChainPoint(ABC):
         self._axes_and_origins = self._frames[:-1, :3, 2:].transpose(2, 1, 0)
         self._lever = np.empty((5, links))
 
-    @abstractmethod
-    def at(self, theta_rad: FloatArray) -> None:
-        """Evaluate error and Jacobian at true angles theta_0, theta'_1 .. theta'_n, shape (n + 1,), rad."""
-
-    def _place(self, theta_rad: FloatArray) -> FloatArray:
-        """Compute all frames at these angles (n + 1,), rad; return the last frame (4, 4)."""
+    def at(self, theta_rad: FloatArray) -> FloatArray:
+        """Evaluate at true angles theta_0, theta'_1 .. theta'_n, shape (n + 1,), rad; return the last frame (4, 4)."""
         cosine, sine = np.cos(theta_rad), np.sin(theta_rad)
         np.multiply(self._even, cosine[:, None, None], out=self._links)
         self._links += self._odd * sine[:, None, None]
@@ -102,9 +98,9 @@ class LoopPoint(ChainPoint):
         super().__init__(table, 6)
         self._hinge = hinge
 
-    def at(self, theta_rad: FloatArray) -> None:
-        """Evaluate error and Jacobian at true angles theta_0, theta'_1 .. theta'_n, shape (n + 1,), rad."""
-        end = self._place(theta_rad)
+    def at(self, theta_rad: FloatArray) -> FloatArray:
+        """Evaluate frames, error and Jacobian as `ChainPoint.at` does."""
+        end = super().at(theta_rad)
         r0, r1, r2 = _rotation_vector(end[:3, :3].tolist())
         p = end[:3, 3]
         self.error[:] = (r0, r1, r2, *p.tolist())
@@ -124,6 +120,7 @@ class LoopPoint(ChainPoint):
         J[:3] = E @ self.axes_z[:-1].T
         if not self._hinge:
             J[:, 0] = 0.0
+        return end
 
 
 class BallPoint(ChainPoint):
@@ -136,24 +133,14 @@ class BallPoint(ChainPoint):
         super().__init__(table, 3)
         self._tip, self._ground = tip_m, ground_m
 
-    def at(self, theta_rad: FloatArray) -> None:
-        """Evaluate error and Jacobian at the angles (n + 1,), rad: theta_0 (which must be 0), theta'_1 .. theta'_n."""
-        end = self._place(theta_rad)
+    def at(self, theta_rad: FloatArray) -> FloatArray:
+        """Evaluate frames, error and Jacobian as `ChainPoint.at` does."""
+        end = super().at(theta_rad)
         ball = end[:3, :3] @ self._tip + end[:3, 3]
         self.error[:] = ball - self._ground
         self._point_jacobian(ball, self.jacobian)
         self.jacobian[:, 0] = 0.0
-
-
-class OpenPoint(ChainPoint):
-    """An open chain: no error components; theta_0 stays zero."""
-
-    def __init__(self, table: DhTable) -> None:
-        super().__init__(table, 0)
-
-    def at(self, theta_rad: FloatArray) -> None:
-        """Compute all frames at the angles (n + 1,), rad: theta_0 (which must be 0), theta'_1 .. theta'_n."""
-        self._place(theta_rad)
+        return end
 
 
 def _rotation_vector(R: list[list[float]]) -> tuple[float, float, float]:

@@ -16,7 +16,6 @@ import canopen
 from canopen.objectdictionary import ODVariable
 from canopen.sdo.exceptions import SdoAbortedError
 
-from hardware.buses.shared_bus import Frame
 from hardware.canopen import objects
 from hardware.canopen.objects import Abort, EmergencyCode, ErrorBit, NmtCommand, NmtState
 from hardware.eds import node_dictionary, variables
@@ -57,9 +56,8 @@ class VirtualNode(canopen.LocalNode):
         }
         for place in range(objects.ERROR_HISTORY):
             self.answers[objects.ERROR_FIELD, place + 1] = partial(self._history_entry, place)
-        self.writers: dict[int, Callable[[Value], None]] = {
-            objects.ERROR_FIELD: self._clear_history
-        }
+        self.writers: dict[int, Callable[[Value], None]] = {}
+        self.writers[objects.ERROR_FIELD] = self._clear_history
 
     def associate_network(self, network: canopen.Network) -> None:
         """Subscribe to SDO requests only: the controller passes NMT commands to `on_nmt`."""
@@ -197,24 +195,18 @@ class ControllerNetwork(canopen.Network):
             return
         if self._cut and can_id & _NODE_BITS in self._cut:
             return
-        message = Frame(
+        message = can.Message(
             arbitration_id=can_id, data=data, is_extended_id=False, is_remote_frame=remote
         )
-        wire = self._disturbances.wire_out
         with self.send_lock:
-            if wire is None:
-                self._out.send(message)
-                return
-            for passed in wire.passed(message):
+            for passed in self._disturbances.wire_out.passed(message):
                 self._out.send(passed)
 
     def send_overdue(self) -> None:
         """Send delayed frames that are due."""
-        wire = self._disturbances.wire_out
-        if wire is not None:
-            with self.send_lock:
-                for message in wire.overdue():
-                    self._out.send(message)
+        with self.send_lock:
+            for message in self._disturbances.wire_out.overdue():
+                self._out.send(message)
 
     def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
         """Pass a frame to its node, unless an SDO fault stops it."""

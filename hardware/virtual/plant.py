@@ -20,8 +20,7 @@ from scipy.linalg.lapack import dposv
 
 from hardware.arm import JointMode
 from hardware.canopen.objects import CONTROL_PERIOD_S
-from hardware.virtual.axis import JointCommand, PlantReading
-from hardware.virtual.sensor_counts import SensorBank
+from hardware.virtual.axis import JointCommand, PlantReading, SensorBank
 from hardware.virtual.true_loop import Truth
 from solver.arrays import FloatArray, frozen
 from solver.chain.arm_model import ArmModel

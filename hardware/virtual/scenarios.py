@@ -16,8 +16,8 @@ import numpy as np
 
 from fixtures.measured import Measured
 from hardware.virtual import SCENARIOS
+from hardware.virtual.axis import LinearityDeviation, SensorBank, joint_sensor
 from hardware.virtual.plant import Loads, Plant
-from hardware.virtual.sensor_counts import LinearityDeviation, SensorBank, joint_sensor
 from hardware.virtual.specimens import (
     SpecimenFiles,
     draw_truth,
@@ -28,7 +28,6 @@ from hardware.virtual.specimens import (
 from hardware.virtual.tracker import SimulatedTracker
 from hardware.virtual.true_loop import (
     PAPER_HOME_RAD,
-    OpenTruth,
     Truth,
     draw_wild_loop,
     paper_loop,
@@ -37,6 +36,7 @@ from hardware.virtual.true_loop import (
 from solver.arrays import frozen
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt
+from solver.loops.open_arm import MeasuredClosure
 
 ENCODER_COUNTS_PER_REV = 400_000
 """Counts of the encoders of the paper's arm (section 3); scenario `exact` has such encoders on the wrist too."""
@@ -103,30 +103,25 @@ class Scenario:
         """Return the true geometry, including the length errors."""
         if self.lengths is None:
             return self.truth
-        smallest_m, largest_m = self.lengths
-        rng = self._rng(_Stream.LENGTHS)
-        return with_length_errors(self.truth, smallest_m=smallest_m, largest_m=largest_m, rng=rng)
+        return with_length_errors(self.truth, self.lengths, self._rng(_Stream.LENGTHS))
 
     def curves(self, arm: ArmModel) -> tuple[LinearityDeviation | None, ...]:
         """Return each joint's linearity deviation; None for an encoder, or if this scenario has no such deviations."""
-        rng = self._rng(_Stream.CURVES)
+        rng, peak = self._rng(_Stream.CURVES), self.linearity_of_full_scale
+        sensors = [joint.sensor for joint in self.arm(arm).joints]
         return tuple(
-            LinearityDeviation.drawn(
-                rng, full_scale_rad=joint.sensor.full_scale_rad, peak=self.linearity_of_full_scale
-            )
-            if isinstance(joint.sensor, Rvdt) and self.linearity_of_full_scale > 0.0
+            LinearityDeviation.drawn(rng, full_scale_rad=sensor.full_scale_rad, peak=peak)
+            if isinstance(sensor, Rvdt) and peak > 0.0
             else None
-            for joint in self.arm(arm).joints
+            for sensor in sensors
         )
 
     def build(self, arm: ArmModel) -> Plant:
         """Make the plant, at rest at the closed pose nearest to home; `ValueError` if the loop does not close."""
         carried, truth = self.arm(arm), self.true_loop()
         if carried.joint_count != truth.joint_count:
-            raise ValueError(
-                f"scenario {self.name!r} has {truth.joint_count} joints,"
-                f" the arm file {carried.joint_count}"
-            )
+            joints = f"{truth.joint_count} joints, the arm file {carried.joint_count}"
+            raise ValueError(f"scenario {self.name!r} has {joints}")
         sensors = [
             joint_sensor(joint, with_noise=self.noise, curve=curve)
             for joint, curve in zip(carried.joints, self.curves(arm), strict=True)
@@ -142,18 +137,10 @@ class Scenario:
 
     def tracker(self, plant: Plant, instrument: Measured) -> SimulatedTracker | None:
         """Return the simulated instrument of an open arm, with the noise of `instrument`; None with a fixture."""
-        truth = plant.truth
-        if not isinstance(truth, OpenTruth):
+        if not isinstance(plant.truth.loop, MeasuredClosure):
             return None
-        exactly = 1.0 if self.noise else 0.0
-        return SimulatedTracker(
-            truth,
-            lambda: plant.true_angles_rad[1:],
-            sigma_m=exactly * instrument.sigma_m,
-            sigma_rad=exactly * instrument.sigma_rad,
-            full_pose=instrument.full_pose,
-            rng=self._rng(_Stream.TRACKER),
-        )
+        rng = self._rng(_Stream.TRACKER)
+        return SimulatedTracker(plant, plant.truth.loop, instrument, noise=self.noise, rng=rng)
 
     def _rng(self, stream: _Stream) -> np.random.Generator:
         measures = stream in (_Stream.NOISE, _Stream.TRACKER)
@@ -173,13 +160,8 @@ def scenario(name: str, seed: int = 0) -> Scenario:
         case "datasheet":
             return replace(paper, linearity_of_full_scale=0.02)
         case "as_reported":
-            return replace(
-                paper,
-                specimen=8,
-                linearity_of_full_scale=0.019,
-                lengths=(0.001, 0.002),
-                loads=COMPLIANT,
-            )
+            curved = replace(paper, specimen=8, linearity_of_full_scale=0.019)
+            return replace(curved, lengths=(0.001, 0.002), loads=COMPLIANT)
         case "wild":
             truth = draw_wild_loop(np.random.default_rng([seed, int(_Stream.WILD)]))
             return replace(paper, truth=truth, linearity_of_full_scale=0.02)

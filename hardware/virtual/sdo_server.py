@@ -1,4 +1,4 @@
-"""A node's SDO server: expedited, segmented and block transfers, one at a time.
+"""A node's SDO server: expedited, segmented and block transfers (CiA 301, 7.2.4.3), one at a time.
 
 It replaces the server of the `canopen` package, which answers in every NMT state, accepts any amount of data, fails
 on an unexpected frame and only logs errors.
@@ -6,8 +6,9 @@ on an unexpected frame and only logs errors.
 
 from __future__ import annotations
 
+import binascii
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, Final
@@ -16,11 +17,10 @@ from canopen.sdo.exceptions import SdoAbortedError
 from canopen.sdo.server import SdoServer
 
 from hardware.canopen.objects import Abort
-from hardware.virtual.sdo_block import BlockDownload, BlockUpload
 
 _HEAD: Final = struct.Struct("<BHB")
-_ABORT: Final = struct.Struct("<BHBI")
-_SIZE: Final = struct.Struct("<I")
+_FRAME: Final = struct.Struct("<BHBI")
+"""First byte, index, sub-index, and a size or an abort code."""
 LONGEST_DOCUMENT: Final = 256 * 1024
 """Largest number of bytes that a client may send in one transfer."""
 
@@ -37,15 +37,39 @@ class _Ask(IntEnum):
     BLOCK_DOWNLOAD = 6
 
 
-_SEGMENTS: Final = (_Ask.DOWNLOAD_SEGMENT, _Ask.UPLOAD_SEGMENT)
 _DOWNLOADED: Final = 0x60
 _SEGMENT_TAKEN: Final = 0x20
 _UPLOADING: Final = 0x41
 _UPLOADED: Final = 0x43
 _ABORTED: Final = 0x80
 _EXPEDITED, _SIZED, _LAST, _TOGGLE = 0x02, 0x01, 0x01, 0x10
-_GOES_ON: Final = 0x03
-"""Subcommand bits of a block upload; 0 in the request that initiates it."""
+
+_BLOCK_SEGMENTS: Final = 127
+"""Largest number of segments in a block, and the number that this server uses."""
+_BLOCK_UPLOAD, _BLOCK_DOWNLOAD, _BLOCK_TAKEN = 0xC0, 0xA0, 0xA2
+_BLOCK_CRC, _BLOCK_SIZED = 0x04, 0x02
+_LAST_IN_BLOCKS: Final = 0x80
+_BLOCK_END: Final = struct.Struct("<BH5x")
+
+
+class _BlockStep(IntEnum):
+    """Client subcommands of a block transfer: the lower two bits of a frame's first byte."""
+
+    INITIATE = 0
+    END = 1
+    ACKNOWLEDGE = 2
+    START = 3
+
+
+_SEGMENT_HEADS: Final = frozenset({*range(0x20), *range(0x60, 0x80)})
+_BLOCK_UPLOAD_HEADS: Final = frozenset(head for head in range(0xA0, 0xC0) if head & 3)
+_BLOCK_DOWNLOAD_HEADS: Final = frozenset(range(0x100)) - {_ABORTED}
+"""First bytes of the frames that continue a transfer; others begin a new one."""
+
+Steps = Generator[list[bytes], bytes, tuple[list[bytes], bytes | None]]
+"""Steps of a transfer: the generator yields the answers to a frame and receives the client's next frame.
+
+It returns the last answers and the data received (None for an upload); it may raise `SdoAbortedError`."""
 
 
 class Deferred(Exception):
@@ -56,18 +80,8 @@ class Deferred(Exception):
 class _Transfer:
     index: int
     subindex: int
-    data: bytearray
-    downloading: bool
-    announced: int | None = None
-    toggle: int = 0
-    sent: int = 0
-
-
-@dataclass(slots=True)
-class _Blocks:
-    index: int
-    subindex: int
-    by: BlockDownload | BlockUpload
+    steps: Steps
+    heads: frozenset[int]
 
 
 class NodeSdoServer(SdoServer):
@@ -83,187 +97,208 @@ class NodeSdoServer(SdoServer):
         super().__init__(rx_cobid, tx_cobid, node)  # type: ignore[no-untyped-call]
         self._owner = node
         self._may_answer = may_answer
-        self._transfer: _Transfer | _Blocks | None = None
-        self._waiting: tuple[int, int, bytes] | None = None
+        self._transfer: _Transfer | None = None
+        self._waiting: tuple[int, int, list[bytes]] | None = None
 
     def on_request(self, can_id: int, data: bytes | bytearray, timestamp: float) -> None:
         """Answer a request frame."""
         if len(data) != 8 or not self._may_answer():
             return
         with self._owner.lock:
-            head, index, subindex = _HEAD.unpack_from(data)
-            done = _HEAD.pack(_DOWNLOADED, index, subindex) + bytes(4)
-            transfer = self._transfer
-            if isinstance(transfer, _Transfer) and head >> 5 in _SEGMENTS:
-                index, subindex = transfer.index, transfer.subindex
-                done = bytes([_SEGMENT_TAKEN | transfer.toggle, *bytes(7)])
-            blocks = self._blocks_of(head)
-            if blocks is not None:
-                index, subindex, done = blocks.index, blocks.subindex, BlockDownload.ENDED
+            request, transfer = bytes(data), self._transfer
+            self.reset()
+            _, index, subindex = _HEAD.unpack_from(request)
             try:
-                if blocks is None:
-                    self._answer(bytes(data), head, index, subindex)
+                if transfer is not None and request[0] in transfer.heads:
+                    index, subindex = transfer.index, transfer.subindex
+                    answers = transfer.steps.send(request)
+                elif request[0] >> 5 == _Ask.ABORT:  # has no answer
+                    return
                 else:
-                    self._go_on(blocks, bytes(data))
-            except Deferred:
-                self._transfer, self._waiting = None, (index, subindex, done)
+                    transfer = _Transfer(index, subindex, *self._initiate(request, index, subindex))
+                    answers = next(transfer.steps)
+                self._transfer = transfer
+            except StopIteration as end:
+                answers, document = end.value
+                if document is not None:
+                    answers = self._write(index, subindex, document, answers)
             except SdoAbortedError as error:
-                self._transfer = None
-                self._abort(index, subindex, error.code)
+                answers = [_FRAME.pack(_ABORTED, index, subindex, error.code)]
+            self._send(answers)
 
     def answer_later(self, abort: Abort | None) -> None:
         """Answer the deferred request (with `abort` if given), unless the client has abandoned the request."""
         with self._owner.lock:
             if self._waiting is None:
                 return
-            (index, subindex, done), self._waiting = self._waiting, None
-            if not self._may_answer():
-                return
-            if abort is None:
-                self.network.send_message(self.tx_cobid, done)
-            else:
-                self._abort(index, subindex, abort)
+            (index, subindex, answers), self._waiting = self._waiting, None
+            if abort is not None:
+                answers = [_FRAME.pack(_ABORTED, index, subindex, abort)]
+            if self._may_answer():
+                self._send(answers)
 
     def reset(self) -> None:
         """Drop the current transfer."""
         self._transfer = self._waiting = None
 
-    def _answer(self, data: bytes, head: int, index: int, subindex: int) -> None:
-        self._waiting = None
-        match head >> 5:
-            case _Ask.DOWNLOAD:
-                self._begin_download(data, head, index, subindex)
-            case _Ask.DOWNLOAD_SEGMENT:
-                self._take_segment(data, head)
-            case _Ask.UPLOAD:
-                self._begin_upload(index, subindex, self._to_upload(index, subindex))
-            case _Ask.BLOCK_UPLOAD if not head & _GOES_ON:
-                self._begin_block_upload(data, index, subindex)
-            case _Ask.BLOCK_DOWNLOAD if not head & _LAST:
-                self._begin_block_download(data, head, index, subindex)
-            case _Ask.UPLOAD_SEGMENT:
-                self._give_segment(head)
-            case _Ask.ABORT:  # has no answer
-                self._transfer = None
-            case _:
-                raise SdoAbortedError(Abort.UNKNOWN_COMMAND)
-
-    def _begin_download(self, data: bytes, head: int, index: int, subindex: int) -> None:
-        self._transfer = None
-        if head & _EXPEDITED:
-            size = 4 - (head >> 2 & 3) if head & _SIZED else 4
-            self._owner.set_data(index, subindex, data[4 : 4 + size], check_writable=True)
-        else:
-            announced = _SIZE.unpack_from(data, 4)[0] if head & _SIZED else None
+    def _initiate(self, request: bytes, index: int, subindex: int) -> tuple[Steps, frozenset[int]]:
+        """Return the transfer that a request initiates, and the first bytes of the frames that continue it."""
+        ask, step = request[0] >> 5, request[0] & 3
+        if ask == _Ask.DOWNLOAD:
             self._owner.check_writable(index, subindex)
-            _require_length(announced or 0)
-            self._transfer = _Transfer(index, subindex, bytearray(), True, announced)
-        self._send(_DOWNLOADED, index, subindex)
-
-    def _take_segment(self, data: bytes, head: int) -> None:
-        transfer = self._expect(head, downloading=True)
-        transfer.data += data[1 : 8 - (head >> 1 & 7)]
-        _require_length(len(transfer.data))
-        if head & _LAST:
-            self._transfer = None
-            if transfer.announced not in (None, len(transfer.data)):
-                raise SdoAbortedError(Abort.LENGTH)
-            self._owner.set_data(
-                transfer.index, transfer.subindex, bytes(transfer.data), check_writable=True
-            )
-        self.network.send_message(
-            self.tx_cobid, bytes([_SEGMENT_TAKEN | transfer.toggle, *bytes(7)])
-        )
-        transfer.toggle ^= _TOGGLE
-
-    def _begin_upload(self, index: int, subindex: int, data: bytes) -> None:
-        size = len(data)
-        if size <= 4:
-            self._send(_UPLOADED | (4 - size) << 2, index, subindex, data)
-        else:
-            self._transfer = _Transfer(index, subindex, bytearray(data), False)
-            self._send(_UPLOADING, index, subindex, _SIZE.pack(size))
-
-    def _give_segment(self, head: int) -> None:
-        transfer = self._expect(head, downloading=False)
-        part = bytes(transfer.data[transfer.sent : transfer.sent + 7])
-        transfer.sent += len(part)
-        last = transfer.sent >= len(transfer.data)
-        first = transfer.toggle | (7 - len(part)) << 1 | (_LAST if last else 0)
-        self.network.send_message(self.tx_cobid, bytes([first]) + part.ljust(7, b"\0"))
-        transfer.toggle ^= _TOGGLE
-        if last:
-            self._transfer = None
-
-    def _to_upload(self, index: int, subindex: int) -> bytes:
-        self._transfer = None
-        data: bytes = self._owner.get_data(index, subindex, check_readable=True)
-        if not data:
+            return _download(request), _SEGMENT_HEADS
+        if ask == _Ask.BLOCK_DOWNLOAD and not step & _LAST:
+            self._owner.check_writable(index, subindex)
+            return _block_download(request), _BLOCK_DOWNLOAD_HEADS
+        if ask != _Ask.UPLOAD and not (ask == _Ask.BLOCK_UPLOAD and step == _BlockStep.INITIATE):
+            raise SdoAbortedError(Abort.UNKNOWN_COMMAND)
+        document: bytes = self._owner.get_data(index, subindex, check_readable=True)
+        if not document:
             raise SdoAbortedError(Abort.NO_DATA)
-        return data
+        # Up to the protocol switch threshold, a block upload is answered as a normal upload.
+        if ask == _Ask.UPLOAD or len(document) <= request[5]:
+            return _upload(request, document), _SEGMENT_HEADS
+        return _block_upload(request, document), _BLOCK_UPLOAD_HEADS
 
-    def _begin_block_upload(self, data: bytes, index: int, subindex: int) -> None:
-        document = self._to_upload(index, subindex)
-        if len(document) <= data[5]:  # protocol switch threshold: normal upload
-            self._begin_upload(index, subindex, document)
-            return
-        by = BlockUpload(document, data[4])
-        self._transfer = _Blocks(index, subindex, by)
-        self.network.send_message(self.tx_cobid, by.begin(index, subindex))
+    def _write(self, index: int, subindex: int, data: bytes, answers: list[bytes]) -> list[bytes]:
+        """Write data received to the node; return the answers, none yet if the node defers them."""
+        try:
+            self._owner.set_data(index, subindex, data, check_writable=True)
+        except Deferred:
+            self._waiting = index, subindex, answers
+            return []
+        except SdoAbortedError as error:
+            return [_FRAME.pack(_ABORTED, index, subindex, error.code)]
+        return answers
 
-    def _begin_block_download(self, data: bytes, head: int, index: int, subindex: int) -> None:
-        self._transfer = None
-        announced = _SIZE.unpack_from(data, 4)[0]
-        self._owner.check_writable(index, subindex)
-        by = BlockDownload(head, announced)
-        _require_length(by.announced or 0)
-        self._transfer = _Blocks(index, subindex, by)
-        self.network.send_message(self.tx_cobid, by.begin(index, subindex))
-
-    def _blocks_of(self, head: int) -> _Blocks | None:
-        """Return the current block transfer if the frame continues it, otherwise None."""
-        match self._transfer:
-            case _Blocks(by=BlockDownload()) if head != _ABORTED:
-                return self._transfer
-            case _Blocks(by=BlockUpload()) if head >> 5 == _Ask.BLOCK_UPLOAD:
-                return self._transfer if head & _GOES_ON else None
-        return None
-
-    def _go_on(self, blocks: _Blocks, data: bytes) -> None:
-        by, answers = blocks.by, list[bytes]()
-        if isinstance(by, BlockUpload):
-            answers = by.answer(data)
-            if not answers:
-                self._transfer = None
-        elif by.done:
-            self._transfer = None
-            document = by.end(data)
-            self._owner.set_data(blocks.index, blocks.subindex, document, check_writable=True)
-            answers = [by.ENDED]
-        else:
-            answer = by.take(data)
-            _require_length(len(by.data))
-            answers = [] if answer is None else [answer]
-        for frame in answers:
+    def _send(self, frames: list[bytes]) -> None:
+        for frame in frames:
             self.network.send_message(self.tx_cobid, frame)
 
-    def _expect(self, head: int, *, downloading: bool) -> _Transfer:
-        """Return the transfer that a segment belongs to; raises `SdoAbortedError` if there is none."""
-        transfer = self._transfer
-        if not isinstance(transfer, _Transfer) or transfer.downloading is not downloading:
-            raise SdoAbortedError(Abort.UNKNOWN_COMMAND)
-        if head & _TOGGLE != transfer.toggle:
-            raise SdoAbortedError(Abort.TOGGLE)
-        return transfer
 
-    def _send(self, head: int, index: int, subindex: int, data: bytes = b"") -> None:
-        frame = _HEAD.pack(head, index, subindex) + data.ljust(4, b"\0")
-        self.network.send_message(self.tx_cobid, frame)
+def _download(request: bytes) -> Steps:
+    """Receive data in the request or in segments."""
+    head, index, subindex = _HEAD.unpack_from(request)
+    answer = _FRAME.pack(_DOWNLOADED, index, subindex, 0)
+    if head & _EXPEDITED:
+        size = 4 - (head >> 2 & 3) if head & _SIZED else 4
+        return [answer], request[4 : 4 + size]
+    announced = _announced(request, is_stated=head & _SIZED)
+    data, toggle, last = bytearray(), 0, 0
+    while not last:
+        segment = yield [answer]
+        _require_segment(segment, _Ask.DOWNLOAD_SEGMENT, toggle)
+        data += segment[1 : 8 - (segment[0] >> 1 & 7)]
+        _require_length(len(data))
+        last = segment[0] & _LAST
+        answer = bytes([_SEGMENT_TAKEN | toggle, *bytes(7)])
+        toggle ^= _TOGGLE
+    if announced not in (None, len(data)):
+        raise SdoAbortedError(Abort.LENGTH)
+    return [answer], bytes(data)
 
-    def _abort(self, index: int, subindex: int, code: int) -> None:
-        self.network.send_message(self.tx_cobid, _ABORT.pack(_ABORTED, index, subindex, code))
+
+def _upload(request: bytes, document: bytes) -> Steps:
+    """Send a document in the answer or in segments."""
+    _, index, subindex = _HEAD.unpack_from(request)
+    size = len(document)
+    if size <= 4:
+        head = _HEAD.pack(_UPLOADED | (4 - size) << 2, index, subindex)
+        return [head + document.ljust(4, b"\0")], None
+    answer, toggle = _FRAME.pack(_UPLOADING, index, subindex, size), 0
+    for start in range(0, size, 7):
+        segment = yield [answer]
+        _require_segment(segment, _Ask.UPLOAD_SEGMENT, toggle)
+        part = document[start : start + 7]
+        last = _LAST if start + 7 >= size else 0
+        answer = bytes([toggle | (7 - len(part)) << 1 | last]) + part.ljust(7, b"\0")
+        toggle ^= _TOGGLE
+    return [answer], None
+
+
+def _block_download(request: bytes) -> Steps:
+    """Receive data in blocks; segments that were lost are requested again."""
+    head, index, subindex = _HEAD.unpack_from(request)
+    announced = _announced(request, is_stated=head & _BLOCK_SIZED)
+    answers = [_FRAME.pack(_BLOCK_DOWNLOAD | _BLOCK_CRC, index, subindex, _BLOCK_SEGMENTS)]
+    data, taken, complete = bytearray(), 0, False
+    while not complete:
+        segment = yield answers
+        answers = []
+        number, last = segment[0] & ~_LAST_IN_BLOCKS, segment[0] & _LAST_IN_BLOCKS
+        in_sequence = number == taken + 1
+        if in_sequence:
+            data += segment[1:]
+            taken = number
+            _require_length(len(data))
+        if last or number == _BLOCK_SEGMENTS:
+            complete = bool(last) and in_sequence
+            answers = [bytes([_BLOCK_TAKEN, taken, _BLOCK_SEGMENTS, *bytes(5)])]
+            taken = 0
+    end, crc = _BLOCK_END.unpack((yield answers))
+    if end & 0xE3 != _BLOCK_UPLOAD | _BlockStep.END:
+        raise SdoAbortedError(Abort.UNKNOWN_COMMAND)
+    document = bytes(data[: len(data) - (end >> 2 & 7)])
+    if announced not in (None, len(document)):
+        raise SdoAbortedError(Abort.LENGTH)
+    if head & _BLOCK_CRC and crc != binascii.crc_hqx(document, 0):
+        raise SdoAbortedError(Abort.BLOCK_CRC)
+    return [bytes([_BLOCK_DOWNLOAD | _BlockStep.END, *bytes(7)])], document
+
+
+def _block_upload(request: bytes, document: bytes) -> Steps:
+    """Send a document in blocks of as many segments as the client requests."""
+    _, index, subindex = _HEAD.unpack_from(request)
+    segments, size, acknowledged = _checked(request[4]), len(document), 0
+    head = _BLOCK_UPLOAD | _BLOCK_CRC | _BLOCK_SIZED
+    frame = yield [_FRAME.pack(head, index, subindex, size)]
+    _require_step(frame, _BlockStep.START)
+    while acknowledged < size:
+        starts = range(acknowledged, min(acknowledged + 7 * segments, size), 7)
+        frame = yield [
+            bytes([number | (_LAST_IN_BLOCKS if start + 7 >= size else 0)])
+            + document[start : start + 7].ljust(7, b"\0")
+            for number, start in enumerate(starts, 1)
+        ]
+        _require_step(frame, _BlockStep.ACKNOWLEDGE)
+        if frame[1] > len(starts):
+            raise SdoAbortedError(Abort.BLOCK_SEQUENCE)
+        acknowledged += 7 * frame[1]
+        if acknowledged < size:
+            segments = _checked(frame[2])
+    head = _BLOCK_UPLOAD | _BlockStep.END | -size % 7 << 2
+    frame = yield [_BLOCK_END.pack(head, binascii.crc_hqx(document, 0))]
+    _require_step(frame, _BlockStep.END)
+    return [], None
+
+
+def _announced(request: bytes, *, is_stated: int) -> int | None:
+    """Return the announced length of a download; None if it is not stated."""
+    if not is_stated:
+        return None
+    size = int.from_bytes(request[4:], "little")
+    _require_length(size)
+    return size
+
+
+def _require_segment(segment: bytes, ask: _Ask, toggle: int) -> None:
+    if segment[0] >> 5 != ask:
+        raise SdoAbortedError(Abort.UNKNOWN_COMMAND)
+    if segment[0] & _TOGGLE != toggle:
+        raise SdoAbortedError(Abort.TOGGLE)
+
+
+def _require_step(frame: bytes, step: _BlockStep) -> None:
+    if frame[0] & 3 != step:
+        raise SdoAbortedError(Abort.UNKNOWN_COMMAND)
 
 
 def _require_length(size: int) -> None:
     if size > LONGEST_DOCUMENT:
         raise SdoAbortedError(Abort.TOO_LONG)
+
+
+def _checked(segments: int) -> int:
+    if not 1 <= segments <= _BLOCK_SEGMENTS:
+        raise SdoAbortedError(Abort.BLOCK_SIZE)
+    return segments

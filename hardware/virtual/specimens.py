@@ -14,7 +14,7 @@ import numpy as np
 
 from fixtures.base import EndpointConstraint
 from fixtures.setup_checks import mobility, mounted_entries
-from hardware.virtual.true_loop import BallTruth, LoopTruth, OpenTruth, Truth
+from hardware.virtual.true_loop import Truth
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable
@@ -121,7 +121,7 @@ def _observable(stated: SpecimenFiles, model: ArmLoop, x: FloatArray, q: FloatAr
     return np.array([0.0 if p.name in still | hidden else 1.0 for p in model.parameters])
 
 
-def files_allow(stated: SpecimenFiles, truth: LoopTruth, home_rad: FloatArray) -> bool:
+def files_allow(stated: SpecimenFiles, truth: Truth, home_rad: FloatArray) -> bool:
     """Whether the files can describe the arm and hinge of `truth`, whose loop closes at `home_rad` (n,).
 
     Free entries may differ by their tolerance (offsets by `OFFSET_TOLERANCE_RAD`), other entries by five stated
@@ -142,7 +142,7 @@ def files_allow(stated: SpecimenFiles, truth: LoopTruth, home_rad: FloatArray) -
         for name in mounted_entries(arm.joint_count):
             entry = DhEntry.parse(name)
             allowed[entry.kind, entry.row] = np.inf
-    elif isinstance(model, DhLoop) and model.hinge == truth.hinge:
+    elif isinstance(model, DhLoop) and model.hinge:
         if np.abs(arm.home_rad - home_rad).max() >= 2.0 * NEAR_HOME_RAD:
             return False
         difference = model.table.stacked() - truth.table.stacked()
@@ -157,7 +157,7 @@ def files_allow(stated: SpecimenFiles, truth: LoopTruth, home_rad: FloatArray) -
     return bool(np.all(np.abs(difference) <= allowed + 1e-9))
 
 
-def open_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) -> OpenTruth:
+def open_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) -> Truth:
     """Return the arm of `truth` without its fixture, with a target; the instrument's placement is drawn at random.
 
     Entries that cannot be separated from base and target placements are nominal.
@@ -170,14 +170,8 @@ def open_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) ->
         entry = DhEntry.parse(name)
         rows[entry.kind, entry.row - 1] = nominal[entry.kind, entry.row - 1]
     target_model = model.without([entry.name for entry in model.entries])
-    opened = _truth(
-        target_model,
-        nominal_vector(target_model.parameters) + _placement_errors(target_model, stated, rng),
-        rows,
-    )
-    if not isinstance(opened, OpenTruth):
-        raise TypeError("the truth of an open arm must be open")
-    return opened
+    placed = nominal_vector(target_model.parameters)
+    return _truth(target_model, placed + _placement_errors(target_model, stated, rng), rows)
 
 
 def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) -> Truth:
@@ -239,19 +233,22 @@ def _truth(
     stacked = model.table.stacked()
     stacked[:, -rows.shape[1] :] = rows
     with_rows = model.with_table(DhTable.from_stacked(stacked))
-    tables = with_rows.tables(x)
+    table = DhTable.from_stacked(with_rows.tables(x))
     if isinstance(model, DhLoop):
-        return LoopTruth(table=DhTable.from_stacked(tables), hinge=model.hinge)
-    table = DhTable.from_stacked(np.column_stack((np.zeros(len(tables)), tables)))
+        return Truth(DhLoop(table=table, entries=(), hinge=model.hinge))
     own = model.own_values(x)[0]
     if isinstance(model, PointClosure):
-        return BallTruth(table=table, tip_m=own[:3], ground_m=own[3:])
-    return OpenTruth(
-        table=table,
-        base_m=own[:3],
-        base_rotation=rotation_matrix(own[3:6]) @ model.base_rotation,
-        tip_m=own[6:9],
-        tip_rotation=rotation_matrix(own[9:]) @ model.tip_rotation,
+        return Truth(PointClosure(table=table, entries=(), own=(), tip_m=own[:3], ground_m=own[3:]))
+    return Truth(
+        MeasuredClosure(
+            table=table,
+            entries=(),
+            base_m=own[:3],
+            base_rotation=rotation_matrix(own[3:6]) @ model.base_rotation,
+            tip_m=own[6:9],
+            tip_rotation=rotation_matrix(own[9:]) @ model.tip_rotation,
+            full_pose=True,
+        )
     )
 
 
@@ -261,8 +258,6 @@ def _pose(truth: Truth, arm: ArmModel, near_rad: FloatArray) -> FloatArray | Non
         pose, _ = truth.closed_near(near_rad)
     except ValueError:
         return None
-    reading = pose - truth.offsets_rad
-    inside = np.all(reading > arm.lower_rad + RANGE_MARGIN_RAD) and np.all(
-        reading < arm.upper_rad - RANGE_MARGIN_RAD
-    )
-    return reading if inside else None
+    reading, margin = pose - truth.offsets_rad, RANGE_MARGIN_RAD
+    inside = (reading > arm.lower_rad + margin) & (reading < arm.upper_rad - margin)
+    return reading if np.all(inside) else None

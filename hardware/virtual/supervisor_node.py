@@ -138,9 +138,13 @@ class SupervisorNode(VirtualNode):
 
     def _order(self, value: Value) -> None:
         self._require_control()
-        command = ParameterCommand(int(value))
+        work = {
+            ParameterCommand.STAGE: self._stage,
+            ParameterCommand.COMMIT: self._commit,
+            ParameterCommand.ROLL_BACK: self._roll_back,
+        }[ParameterCommand(int(value))]
         self._busy = True
-        self._later(lambda: self._carry_out(command))
+        self._later(lambda: self._carry_out(work))
         raise Deferred
 
     def _require_control(self) -> None:
@@ -151,17 +155,11 @@ class SupervisorNode(VirtualNode):
             self._refusal = "the previous command is still being carried out"
             raise SdoAbortedError(Abort.DEVICE_STATE)
 
-    def _carry_out(self, command: ParameterCommand) -> None:
+    def _carry_out(self, work: Callable[[], None]) -> None:
         """Carry out a command outside the control loop, then answer."""
         abort: Abort | None = Abort.GENERAL
         try:
-            match command:
-                case ParameterCommand.STAGE:
-                    self._stage()
-                case ParameterCommand.COMMIT:
-                    self._commit()
-                case ParameterCommand.ROLL_BACK:
-                    self._roll_back()
+            work()
             abort = None
         except _Refused as refused:
             self._refusal, abort = refused.text, refused.code
@@ -193,11 +191,7 @@ class SupervisorNode(VirtualNode):
         if self._staged is None:
             raise _Refused("nothing is staged to commit", Abort.DEVICE_STATE)
         document, parameters = self._staged
-        slot = self._store.commit(document)
-        with self.lock:
-            self._active, self.active_document = slot, document
-            self._received = self._staged = None
-        self._group.set_home_offsets(parameters.home_offset_counts)
+        self._activate(self._store.commit(document), document, parameters)
 
     def _roll_back(self) -> None:
         if self._received is not None:
@@ -207,9 +201,12 @@ class SupervisorNode(VirtualNode):
         if document is None:
             raise _Refused("there is no other document to roll back to", Abort.DEVICE_STATE)
         parameters = self._check(document)
-        slot = self._store.roll_back()
+        self._activate(self._store.roll_back(), document, parameters)
+
+    def _activate(self, slot: Slot, document: bytes, parameters: ValidatedParameters) -> None:
         with self.lock:
             self._active, self.active_document = slot, document
+            self._received = self._staged = None
         self._group.set_home_offsets(parameters.home_offset_counts)
 
     def _check(self, document: bytes) -> ValidatedParameters:

@@ -16,45 +16,45 @@ from typing import Any
 
 import numpy as np
 
+from fixtures.measured import Measured
 from hardware.errors import InstrumentError
-from hardware.virtual.true_loop import OpenTruth
+from hardware.virtual.plant import Plant
 from solver.arrays import FloatArray
 from solver.chain.rotations import rotation_matrix, rotation_vector
+from solver.loops.open_arm import MeasuredClosure
 
 ENDPOINT_FIELDS = ("x_m", "y_m", "z_m", "rx_deg", "ry_deg", "rz_deg")
 
 
 class SimulatedTracker:
-    """Measures the target on the tool of a virtual open arm.
+    """Measures the target on the tool of the open arm of `plant`, whose closure model is `loop`.
 
-    `angles_rad` returns the current true joint angles theta' (n,). `sigma_m` and `sigma_rad` are standard deviations of
-    the noise of each component. `full_pose`: whether the tracker measures orientation too.
+    The noise has the standard deviations of `instrument`, or is 0 without `noise`.
     """
 
     def __init__(
         self,
-        truth: OpenTruth,
-        angles_rad: Callable[[], FloatArray],
+        plant: Plant,
+        loop: MeasuredClosure,
+        instrument: Measured,
         *,
-        sigma_m: float,
-        sigma_rad: float,
-        full_pose: bool,
+        noise: bool,
         rng: np.random.Generator,
     ) -> None:
-        self._truth, self._angles = truth, angles_rad
-        self._sigma_m, self._sigma_rad = sigma_m, sigma_rad
-        self._full, self._rng = full_pose, rng
+        self._plant, self._loop, self._instrument = plant, loop, instrument
+        self._noise, self._rng = float(noise), rng
         self._one_at_a_time = threading.Lock()
 
     def measured(self) -> FloatArray:
         """Return the measured position (3,), m; for a full pose (6,), with the rotation vector, rad."""
         with self._one_at_a_time:
-            draw = self._rng.standard_normal(6)
-        position, rotation = self._truth.target(self._angles())
-        position = position + self._sigma_m * draw[3:]
-        if not self._full:
-            return position
-        rotation_seen = rotation_matrix(self._sigma_rad * draw[:3]) @ rotation
+            draw = self._noise * self._rng.standard_normal(6)
+        q_rad = self._plant.true_angles_rad[1:] - self._plant.truth.offsets_rad
+        (position,), (rotation,) = self._loop.predicted(np.zeros(0), q_rad[None])
+        position = position + self._instrument.sigma_m * draw[3:]
+        if not self._instrument.full_pose:
+            return np.asarray(position)
+        rotation_seen = rotation_matrix(self._instrument.sigma_rad * draw[:3]) @ rotation
         return np.concatenate((position, rotation_vector(rotation_seen)))
 
     def answer(self, question: str) -> str:
@@ -93,11 +93,9 @@ class _Server(socketserver.ThreadingTCPServer):
         if self._places.acquire(blocking=False):
             super().process_request(request, client_address)
             return
-        full = {
-            "error": f"{CLIENTS} programs are connected, the largest number allowed: end one of them"
-        }
+        full = f"{CLIENTS} programs are connected, the largest number allowed: end one of them"
         with suppress(OSError):
-            request.sendall(json.dumps(full).encode() + b"\n")
+            request.sendall(json.dumps({"error": full}).encode() + b"\n")
         self.shutdown_request(request)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:

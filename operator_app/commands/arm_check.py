@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from hardware.arm import PowerReporting
-from hardware.commissioning.bench_check import Bench, check
-from hardware.commissioning.stages import CheckFinding, Stage
+from hardware.commissioning.bench_check import Bench, CheckFinding, Stage, check
 from operator_app.commands.choices import opening_from
 from operator_app.composition import describe, open_arm
 from operator_app.errors import DrivesNotOffError

@@ -20,7 +20,7 @@ from operator_app.commands.options import (
 )
 
 STAGES = ("look", "hold", "move", "free", "leave", "silence")
-"""Names of `hardware.commissioning.stages.Stage`; copied, so that --help does not load the bus."""
+"""Names of `hardware.commissioning.bench_check.Stage`; copied, so that --help does not load the bus."""
 FORMATS = ("yaml", "json", "csv", "urdf", "mat")
 NEW_POSES = 12
 """Number of new poses to capture unless ``--poses`` states it."""

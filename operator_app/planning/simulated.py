@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hardware.virtual.sensor_counts import JointSensor, LinearityDeviation, joint_sensor
+from hardware.virtual.axis import JointSensor, LinearityDeviation, joint_sensor
 from operator_app.calibration.error_model import free_within_tolerance
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.errors import SessionError

@@ -9,8 +9,8 @@ from sarcal import arm_contract
 from sarcal.arm_contract import *  # noqa: F403 - the tests
 from sarcal.arm_contract import fulfils
 
-from hardware.commissioning.bench_check import Bench, check
-from hardware.commissioning.stages import Clause, Stage
+from hardware.commissioning.bench_check import Bench, Stage, check
+from hardware.commissioning.clauses import Clause
 from hardware.control.canopen_arm import CanopenArm
 from operator_app.composition import describe
 from tests.oracles.toy_arm import package, toy

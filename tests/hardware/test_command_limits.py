@@ -108,7 +108,7 @@ def test_accepted_target_is_in_range_near_and_finite(target, previous):
 
 def test_limits_from_radians_are_rounded_inwards():
     scale = JointScale(counts_per_rad=100.0)
-    limits = joint_limits(1, scale, lower_rad=-1.009, upper_rad=2.001, max_speed_rad_per_s=3.0)
+    limits = joint_limits(1, scale, (-1.009, 2.001), 3.0)
     assert (limits.lower_counts, limits.upper_counts) == (-100, 200)
     assert limits.max_step_counts == 4  # 3 counts a period, and one for rounding
 
@@ -117,14 +117,14 @@ def test_range_on_whole_counts_is_kept():
     scale = JointScale(counts_per_rad=4000 / (2 * math.pi))
     for counts in range(-4000, 4000, 37):
         lower, upper = (n * (2 * math.pi / 4000) for n in (counts, counts + 10))
-        limits = joint_limits(1, scale, lower_rad=lower, upper_rad=upper, max_speed_rad_per_s=1.0)
+        limits = joint_limits(1, scale, (lower, upper), 1.0)
         assert (limits.lower_counts, limits.upper_counts) == (counts, counts + 10)
 
 
 @given(st.floats(0.001, 3.0), st.floats(-2.0, 2.0), st.floats(600.0, 70000.0))
 def test_steps_at_maximum_speed_are_accepted(speed, start, counts_per_rad):
     scale = JointScale(counts_per_rad=counts_per_rad)
-    limits = joint_limits(1, scale, lower_rad=-5, upper_rad=5, max_speed_rad_per_s=speed)
+    limits = joint_limits(1, scale, (-5, 5), speed)
     targets = [scale.to_counts(start + k * speed * 0.01) for k in range(50)]
     for previous, target in itertools.pairwise(targets):
         assert not refuse_target(limits, target, previous)

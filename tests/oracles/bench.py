@@ -14,7 +14,6 @@ from fixtures.measured import Measured
 from hardware.buses.python_can import BusSettings
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import attended_openers
-from hardware.virtual.true_loop import OpenTruth
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import VerificationResult
 from operator_app.effective_procedure import effective_procedure
@@ -87,12 +86,12 @@ class Bench:
         procedure = begin(str(self._chosen["procedure"]), choices, root=self.root).procedure
         truth = virtual_arm(procedure.arm, procedure.fixture, choices).true_loop()
         values = planted_values(truth, si=True)
-        if isinstance(truth, OpenTruth):
-            values |= _places(truth, solution.model)
+        if isinstance(truth.loop, MeasuredClosure):
+            values |= _places(truth.loop, solution.model)
         return np.array([values[parameter.name] for parameter in solution.estimate.parameters])
 
 
-def _places(truth: OpenTruth, model: ClosureModel) -> dict[str, float]:
+def _places(truth: MeasuredClosure, model: ClosureModel) -> dict[str, float]:
     """True positions of base and target, and their rotations from the solution's nominal ones."""
     assert isinstance(model, MeasuredClosure)
     values: dict[str, float] = {}

@@ -89,7 +89,7 @@ def loop_error(q_rad: np.ndarray) -> float:
 def call_in_loop(controller: VirtualController, reader: Callable[[], T]) -> T:
     """Return the result of a function that runs in the controller's thread."""
     results: queue.SimpleQueue[T] = queue.SimpleQueue()
-    controller.resume_loop()
+    controller.running.set()
     controller.post(lambda: results.put(reader()))
     return results.get(timeout=10.0)
 
@@ -180,7 +180,7 @@ def run_session_with_fault(
                 wait_for_drives(controller, stopped, patience_s=PATIENCE_S)
             states, moved_deg = observe_drives(controller)
         finally:
-            controller.resume_loop()
+            controller.running.set()
             session.close("done")
         # At the latest after the timeout of the operator's heartbeat.
         ended = wait_for_drives(controller, holding, patience_s=3 * PATIENCE_S)

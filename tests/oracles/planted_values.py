@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from hardware.virtual.true_loop import BallTruth, Truth
+from hardware.virtual.true_loop import Truth
 from solver.chain.parameters import DhEntry
+from solver.loops.point import PointClosure
 
 
 def planted_values(truth: Truth, *, si: bool = False) -> dict[str, float]:
@@ -15,7 +16,7 @@ def planted_values(truth: Truth, *, si: bool = False) -> dict[str, float]:
             value = float(stacked[entry.kind, entry.row])
             degrees = entry.kind.is_angle and not si
             values[entry.name] = float(np.rad2deg(value)) if degrees else value
-    if isinstance(truth, BallTruth):
-        for side, point in (("tip", truth.tip_m), ("ground", truth.ground_m)):
+    if isinstance(truth.loop, PointClosure):
+        for side, point in (("tip", truth.loop.tip_m), ("ground", truth.loop.ground_m)):
             values |= {f"{side}_{axis}": float(v) for axis, v in zip("xyz", point, strict=True)}
     return values

@@ -237,6 +237,6 @@ def test_upload_during_a_fault_is_complete_or_has_no_effect(kind):
         inject(controller, kind, 4)
         with suppress(HardwareError):  # any other error fails the test
             assert arm.upload_parameters(new).length == len(new)
-        controller.resume_loop()
+        controller.running.set()
         arm.close()
         assert controller.supervisor.active_document in (old, new)

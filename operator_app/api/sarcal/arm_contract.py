@@ -22,7 +22,7 @@ import pytest
 
 from hardware.arm import ArmIdentity, ArmInterface, ArmSnapshot, JointMode
 from hardware.commissioning import checks, clauses
-from hardware.commissioning.stages import Bounds, Clause
+from hardware.commissioning.clauses import Bounds, Clause
 from operator_app.composition import describe, open_arm
 from operator_app.session.workflow.opening import Choices, begin
 from solver.chain.parameters import nominal_vector

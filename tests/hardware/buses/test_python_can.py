@@ -5,7 +5,6 @@ import pytest
 
 from hardware.buses import python_can
 from hardware.buses.python_can import BusSettings, bus_settings, open_bus, open_sender
-from hardware.buses.shared_bus import Frame
 from hardware.errors import BusError
 
 
@@ -74,24 +73,6 @@ def test_kernel_error_message_names_remedy(code, channel, approve):
 def test_missing_device_or_kernel_support_is_a_bus_error():
     with pytest.raises(BusError, match=r"no CAN device vcan97|has no CAN sockets"):
         open_bus(BusSettings(interface="socketcan", channel="vcan97"))
-
-
-def test_receivers_in_one_process_share_only_the_data_of_a_frame():
-    sender, *receivers = (open_bus(BusSettings(channel="shared")) for _ in range(3))
-    frame = Frame(arbitration_id=0x181, data=b"12345678", is_extended_id=False)
-    sender.send(frame)
-    messages = [bus.recv(0.0) for bus in receivers]
-    for message in messages:
-        assert message is not None
-        assert message.equals(
-            frame, timestamp_delta=None, check_channel=False, check_direction=False
-        )
-        assert message.data is frame.data
-        message.timestamp = message.arbitration_id = 0
-    assert (frame.arbitration_id, frame.is_rx) == (0x181, True)
-    assert len({id(message) for message in (frame, *messages)}) == 3
-    for bus in (sender, *receivers):
-        bus.shutdown()
 
 
 def test_closed_virtual_sender_leaves_the_channel_open():

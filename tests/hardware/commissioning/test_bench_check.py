@@ -17,9 +17,9 @@ from hardware.arm import ArmSnapshot, DriveState, MoveResult
 from hardware.arm_description import EncoderDescription, RvdtDescription
 from hardware.buses.python_can import ArmOnBus, BusOpeners, BusSettings, open_bus
 from hardware.canopen.objects import COB_HEARTBEAT, HEARTBEAT_CONSUMER, OPERATOR_NODE
-from hardware.commissioning.bench_check import NOT_TESTED, Bench, check
+from hardware.commissioning.bench_check import NOT_TESTED, Bench, CheckFinding, Stage, check
 from hardware.commissioning.checks import Turn, is_interrupted
-from hardware.commissioning.stages import BENCH, CheckFinding, Stage
+from hardware.commissioning.clauses import BENCH
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController

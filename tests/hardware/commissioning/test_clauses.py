@@ -8,8 +8,7 @@ import pytest
 from hardware.arm import DriveState, JointMode
 from hardware.canopen.drive_settings import DriveFacts
 from hardware.commissioning.checks import drive_settings
-from hardware.commissioning.clauses import is_enabled_unmoved, keeps_its_document
-from hardware.commissioning.stages import BENCH
+from hardware.commissioning.clauses import BENCH, is_enabled_unmoved, keeps_its_document
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from hardware.virtual.drive_node import RPDO1, TPDO1
 from tests.oracles.profiles import sarcos
 
 NODE = 3
+NOT_REGISTERED, REVISION = 0, 0x00010000
 PROFILE = sarcos().joints[NODE - 1]
 BY_FILE = pytest.mark.parametrize(
     ("product", "file"), EDS_FILES.items(), ids=[path.name for path in EDS_FILES.values()]
@@ -25,9 +26,9 @@ BY_FILE = pytest.mark.parametrize(
 DEFAULTS = {
     objects.JOINT_PRODUCT: {
         (objects.DEVICE_TYPE, 0): objects.DRIVE_DEVICE_TYPE,
-        (objects.DEVICE_NAME, 0): objects.JOINT_DEVICE_NAME,
+        (objects.DEVICE_NAME, 0): "sarcal virtual joint drive",
         (objects.RPDO1_COMMUNICATION, 1): objects.COB_RPDO1 + NODE,
-        (objects.RPDO1_COMMUNICATION, 2): objects.RPDO_ON_RECEIPT,
+        (objects.RPDO1_COMMUNICATION, 2): 254,
         (objects.TPDO1_COMMUNICATION, 1): objects.COB_TPDO1 + NODE,
         (objects.TPDO1_COMMUNICATION, 2): objects.TPDO_EVERY_SYNC,
         (objects.QUICK_STOP_OPTION, 0): 6,
@@ -36,8 +37,8 @@ DEFAULTS = {
         (objects.SENSOR, objects.SENSOR_KIND): objects.SensorKind.NONE,
     },
     objects.SUPERVISOR_PRODUCT: {
-        (objects.DEVICE_TYPE, 0): objects.SUPERVISOR_DEVICE_TYPE,
-        (objects.DEVICE_NAME, 0): objects.SUPERVISOR_DEVICE_NAME,
+        (objects.DEVICE_TYPE, 0): 0,
+        (objects.DEVICE_NAME, 0): "sarcal virtual supervisor",
         (objects.SLOTS, objects.SLOTS_ACTIVE): objects.Slot.NONE,
         (objects.SLOTS, objects.SLOTS_A): objects.SlotState.EMPTY,
         (objects.SLOTS, objects.SLOTS_B): objects.SlotState.EMPTY,
@@ -82,7 +83,6 @@ def test_index_constants_are_the_indices_of_the_files():
         for name, value in vars(objects).items()
         if name.isupper() and isinstance(value, int) and 0x1000 <= value < 0x10000
     }
-    indices -= {objects.REVISION}  # no index
     indices -= {objects.POSITION_OFFSET, objects.TORQUE_OFFSET}  # of other makers' drives
     assert indices == {
         index for product in EDS_FILES for index in product_dictionary(product, NODE).indices
@@ -93,9 +93,9 @@ def test_index_constants_are_the_indices_of_the_files():
 def test_default_values_are_those_of_the_constants(product, file):
     entries = variables(product_dictionary(product, NODE))
     identity = {
-        objects.IDENTITY_VENDOR: objects.VENDOR_ID,
+        objects.IDENTITY_VENDOR: NOT_REGISTERED,
         objects.IDENTITY_PRODUCT: product,
-        objects.IDENTITY_REVISION: objects.REVISION,
+        objects.IDENTITY_REVISION: REVISION,
     }
     expected = DEFAULTS[product] | {(objects.IDENTITY, sub): v for sub, v in identity.items()}
     expected |= {
@@ -111,9 +111,9 @@ def test_default_values_are_those_of_the_constants(product, file):
     history = [sub for index, sub in entries if index == objects.ERROR_FIELD and sub > 0]
     assert history == list(range(1, objects.ERROR_HISTORY + 1))
     info = read_eds(file)["DeviceInfo"]
-    assert int(info["VendorNumber"], 0) == objects.VENDOR_ID
+    assert int(info["VendorNumber"], 0) == NOT_REGISTERED
     assert int(info["ProductNumber"], 0) == product
-    assert int(info["RevisionNumber"], 0) == objects.REVISION
+    assert int(info["RevisionNumber"], 0) == REVISION
     assert info["ProductName"] == entries[objects.DEVICE_NAME, 0].default
 
 

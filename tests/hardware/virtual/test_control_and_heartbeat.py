@@ -128,13 +128,13 @@ def test_after_lost_heartbeat_joints_move_only_once_reset_and_enabled(arm):
 def test_controller_latency_is_excluded_from_the_heartbeat_timeout(arm, queued):
     """With an empty queue, the sender may have been delayed by the same processor: one timeout is added."""
     arm.operational()
-    arm.controller.hang()
+    arm.controller.running.clear()
     for _ in range(queued):
         arm.peer.send(0x080)
     if queued:
         arm.peer.beat()
     arm.clock.time_s += 3.0
-    arm.controller.resume_loop()
+    arm.controller.running.set()
     assert arm.peer.unsigned(16, 0x2010) == 127
     arm.advance_time(0.3)
     assert [word & STATE for word in statuswords(arm)] == [0x27] * 7

@@ -116,7 +116,7 @@ def disturb(arm: Rig, *, intact: str, **fractions: float) -> None:
 
     def act() -> None:
         disturb_frames(arm.controller, FrameFaults(**fractions))
-        setattr(arm.controller.disturbances, intact, None)
+        setattr(arm.controller.disturbances, intact, FaultyWire())
 
     arm.controller.post(act)
     wait_for_loop(arm)

@@ -115,10 +115,10 @@ def test_frame_is_answered_while_no_thread_waits(bus, controller):
 
 
 def test_hanging_arm_does_not_block_its_operator(bus, controller):
-    controller.hang()
+    controller.running.clear()
     send_sync(bus)
     assert count_answers(bus, 0.05) == 0
-    controller.resume_loop()
+    controller.running.set()
     deadline = time.monotonic() + 30.0
     while not (count := count_answers(bus, 0.05)) and time.monotonic() < deadline:
         pass

@@ -157,11 +157,11 @@ def test_restart_clears_token_power_and_nmt_state(arm):
 def test_hanging_loop_sends_nothing_until_it_resumes(arm):
     arm.peer.start()
     arm.run_in_loop()
-    arm.controller.hang()
+    arm.controller.running.clear()
     arm.peer.send(0x080)  # read by the loop, which then hangs
     arm.clock.time_s += 1.0
     assert arm.peer.receive(0.1) is None
-    arm.controller.resume_loop()
+    arm.controller.running.set()
     arm.peer.wait_for(lambda number, _: number == 0x710)
 
 

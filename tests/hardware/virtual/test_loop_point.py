@@ -4,17 +4,19 @@ import numpy as np
 import pytest
 
 from hardware.virtual.loop_point import LoopPoint
-from hardware.virtual.true_loop import PAPER_HOME_RAD, BallTruth, LoopTruth, paper_loop
+from hardware.virtual.true_loop import PAPER_HOME_RAD, Truth, hinge_truth, paper_loop
 from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
+from solver.loops.dh import DhLoop
+from solver.loops.point import PointClosure
 
 
-def general_loop() -> LoopTruth:
+def general_loop() -> Truth:
     """A loop with no entry at zero, so that every term has an effect."""
     paper = paper_loop().table
     rng = np.random.default_rng(3)
-    return LoopTruth(
-        table=DhTable(
+    return hinge_truth(
+        DhTable(
             theta_off_rad=paper.theta_off_rad,
             s_m=paper.s_m + 0.01 * rng.standard_normal(8),
             a_m=paper.a_m + 0.01 * rng.standard_normal(8),
@@ -24,7 +26,7 @@ def general_loop() -> LoopTruth:
     )
 
 
-def closed_angles(truth: LoopTruth) -> FloatArray:
+def closed_angles(truth: Truth) -> FloatArray:
     joints, hinge = truth.closed_near(PAPER_HOME_RAD)
     return np.concatenate(([hinge], joints))
 
@@ -34,7 +36,7 @@ def closed_angles(truth: LoopTruth) -> FloatArray:
 @pytest.mark.parametrize("spread_rad", [0.0, 1e-12, 1e-8, 2e-5, 1e-4, 1e-2, 0.3])
 def test_error_and_jacobian_agree_with_the_solver(truth, spread_rad):
     rng = np.random.default_rng(1)
-    point, loop, offsets = LoopPoint(truth.table), truth.loop(), truth.offsets_rad
+    point, loop, offsets = LoopPoint(truth.table), truth.loop, truth.offsets_rad
     for _ in range(20):
         angles = closed_angles(truth) + spread_rad * rng.standard_normal(8)
         point.at(angles)
@@ -61,18 +63,16 @@ def test_loop_without_hinge_agrees_with_the_solver(kind):
     rng = np.random.default_rng(5)
     table = general_loop().table
     tip, ground = rng.normal(size=3), rng.normal(size=3)
-    truth = LoopTruth(table=table, hinge=False)
+    truth = Truth(DhLoop(table=table, entries=(), hinge=False))
     if kind == "ball":
-        columns = {name: np.array(getattr(table, name)) for name in DhTable.__dataclass_fields__}
-        for column in columns.values():
-            column[0] = 0.0
-        truth = BallTruth(table=DhTable(**columns), tip_m=tip, ground_m=ground)
+        arm = DhTable.from_stacked(table.stacked()[:, 1:])
+        truth = Truth(PointClosure(table=arm, entries=(), own=(), tip_m=tip, ground_m=ground))
     theta = rng.normal(size=table.links)
     theta[0] = 0.0
     point = truth.point()
     point.at(theta)
     q = (theta - table.theta_off_rad)[None, 1:]
-    expected = truth.loop().loop(np.zeros(0), q, np.zeros((1, 0)))
+    expected = truth.loop.loop(np.zeros(0), q, np.zeros((1, 0)))
     assert np.abs(point.error - expected.residual[0]).max() < 1e-12
     assert np.abs(point.jacobian[:, 1:] - expected.jac_q[0]).max() < 1e-12
     assert not point.jacobian[:, 0].any()

@@ -5,10 +5,9 @@ from collections.abc import Iterable, Iterator, Mapping
 import numpy as np
 import pytest
 
-from hardware.virtual.axis import JointCommand, PlantReading
+from hardware.virtual.axis import JointCommand, JointSensor, PlantReading, SensorBank
 from hardware.virtual.plant import Loads, Plant
-from hardware.virtual.sensor_counts import JointSensor, SensorBank
-from hardware.virtual.true_loop import PAPER_HOME_RAD, LoopTruth, paper_loop
+from hardware.virtual.true_loop import PAPER_HOME_RAD, Truth, paper_loop
 from solver.arrays import FloatArray
 from tests.hardware.virtual.conftest import Commands
 from tests.oracles.loop_oracle import product
@@ -149,7 +148,7 @@ def test_gravity_torque_is_the_gradient_of_the_potential():
     assert np.abs(gradient).max() > 1.0
 
 
-def potential(truth: LoopTruth, joints: FloatArray, payload_kg: FloatArray) -> float:
+def potential(truth: Truth, joints: FloatArray, payload_kg: FloatArray) -> float:
     """Potential energy of the payload by plain homogeneous matrices in frame 0, J."""
     constants = truth.table.stacked()[1:, 1:]
     return sum(

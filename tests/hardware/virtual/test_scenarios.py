@@ -10,7 +10,7 @@ from hardware.arm import JointMode
 from hardware.virtual import SCENARIOS
 from hardware.virtual.axis import JointCommand
 from hardware.virtual.scenarios import STIFF, Scenario, scenario
-from hardware.virtual.true_loop import PAPER_HOME_RAD, LoopTruth, paper_loop
+from hardware.virtual.true_loop import PAPER_HOME_RAD, hinge_truth, paper_loop
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import wrap_angle
@@ -27,7 +27,7 @@ def test_paper_loop_closes_at_the_published_home():
 
 def test_loop_that_cannot_close_is_refused():
     table = paper_loop().table
-    far = LoopTruth(table=replace(table, a_m=table.a_m + 2.0 * (np.arange(8) == 0)))
+    far = hinge_truth(replace(table, a_m=table.a_m + 2.0 * (np.arange(8) == 0)))
     with pytest.raises(ValueError, match="does not close"):
         far.closed_near(PAPER_HOME_RAD)
 

@@ -184,10 +184,10 @@ def test_new_request_or_abort_ends_the_previous_transfer(arm, aborts):
 
 def test_abandoned_command_is_not_answered_later(arm):
     arm.peer.write(16, 0x2000, 0, b"SDA-0007 1 2 3 4 5 6 7")
-    arm.controller.hang()  # both frames are received before the command is done
+    arm.controller.running.clear()  # both frames are received before the command is done
     arm.peer.send(0x610, b"\x2f\x02\x20\x00\x01\x00\x00\x00")
     arm.peer.send(0x610, struct.pack("<BHB4x", 0x40, 0x1000, 0))
-    arm.controller.resume_loop()
+    arm.controller.running.set()
     answer = arm.peer.wait_for(lambda n, data: n == 0x590 and data[1:3] == b"\x00\x10")[1]
     assert answer[0] == 0x43
     assert arm.peer.unsigned(16, 0x1018, 4) == 7

@@ -10,10 +10,12 @@ from hardware.arm import JointMode
 from hardware.virtual.axis import JointCommand
 from hardware.virtual.scenarios import scenario_of
 from hardware.virtual.specimens import SpecimenFiles, draw_truth, files_allow
-from hardware.virtual.true_loop import PAPER_HOME_RAD, BallTruth, LoopTruth, Truth, paper_loop
+from hardware.virtual.true_loop import PAPER_HOME_RAD, Truth, paper_loop
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from solver.chain.parameters import DhEntry, DhKind
+from solver.loops.dh import DhLoop
+from solver.loops.point import PointClosure
 from tests.hardware.virtual.conftest import specimen_files
 
 SARCOS = load_arm("sarcos_dextrous")
@@ -57,9 +59,10 @@ def test_remounting_changes_the_fixture_and_not_the_arm(fixture):
             limit = 2.0 * (files.tolerance_rad if kind.is_angle else files.tolerance_m)
             size = abs(float(change[kind, row]))
             assert size <= limit if name in mounted else size == 0.0, name
-    if isinstance(one, BallTruth) and isinstance(two, BallTruth):
-        assert np.array_equal(one.tip_m, two.tip_m)
-        assert 1e-4 < np.abs(one.ground_m - two.ground_m).max() < 2.0 * files.tolerance_m
+    if isinstance(one.loop, PointClosure) and isinstance(two.loop, PointClosure):
+        assert np.array_equal(one.loop.tip_m, two.loop.tip_m)
+        moved_m = np.abs(one.loop.ground_m - two.loop.ground_m).max()
+        assert 1e-4 < moved_m < 2.0 * files.tolerance_m
     else:
         assert np.abs(change[DhKind.S]).max() > 1e-4
 
@@ -106,7 +109,7 @@ def test_paper_arm_is_used_only_for_files_that_allow_it():
     ):
         assert not files_allow(other, paper_loop(), PAPER_HOME_RAD)
     truth = scenario_of("exact", 0, specimen_files("hinge", LONGER)).truth
-    assert isinstance(truth, LoopTruth)
+    assert isinstance(truth.loop, DhLoop)
     assert truth.table.s_m[3] == pytest.approx(0.375)
     table = scenario_of("exact", 0, specimen_files("hinge")).truth.table.stacked()
     assert np.array_equal(table, paper_loop().table.stacked())

@@ -12,10 +12,11 @@ from fixtures.setup_checks import mounted_entries
 from hardware.arm import JointMode
 from hardware.virtual.axis import JointCommand
 from hardware.virtual.scenarios import scenario, scenario_of
-from hardware.virtual.true_loop import OpenTruth, paper_loop
+from hardware.virtual.true_loop import paper_loop
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from solver.chain.parameters import DhEntry
+from solver.loops.open_arm import MeasuredClosure
 from tests.hardware.virtual.conftest import specimen_files
 from tests.oracles.loop_oracle import product
 
@@ -27,7 +28,7 @@ assert isinstance(INSTRUMENT, Measured)
 def test_open_arm_has_the_table_of_the_arm_at_the_hinge():
     chosen = scenario_of("datasheet", 3, specimen_files("tracker"))
     truth, hinged = chosen.true_loop(), scenario("datasheet", 3).true_loop()
-    assert isinstance(truth, OpenTruth)
+    assert isinstance(truth.loop, MeasuredClosure)
     difference = truth.table.stacked()[:, 1:] - hinged.table.stacked()[:, 1:]
     for name in mounted_entries(7):
         entry = DhEntry.parse(name)
@@ -44,17 +45,18 @@ def test_tracker_measures_the_pose_of_the_matrices():
     plant, truth = chosen.build(ARM), chosen.true_loop()
     tracker = chosen.tracker(plant, INSTRUMENT)
     assert tracker is not None
-    assert isinstance(truth, OpenTruth)
+    loop = truth.loop
+    assert isinstance(loop, MeasuredClosure)
     constants = truth.table.stacked()[1:, 1:]
     tool = product(plant.true_angles_rad[None, 1:], *constants)[0]
     answer = json.loads(tracker.answer('{"measure": "4"}'))
-    point = truth.base_rotation @ (tool @ np.append(truth.tip_m, 1.0))[:3] + truth.base_m
+    point = loop.base_rotation @ (tool @ np.append(loop.tip_m, 1.0))[:3] + loop.base_m
     assert answer["pose"] == "4"
     assert [answer[k] for k in ("x_m", "y_m", "z_m")] == pytest.approx(point, abs=1e-12)
     measured = Rotation.from_rotvec(
         [answer[k] for k in ("rx_deg", "ry_deg", "rz_deg")], degrees=True
     )
-    expected = Rotation.from_matrix(truth.base_rotation @ tool[:3, :3] @ truth.tip_rotation)
+    expected = Rotation.from_matrix(loop.base_rotation @ tool[:3, :3] @ loop.tip_rotation)
     assert (measured * expected.inv()).magnitude() < 1e-9
     for request in ("what?", "[" * 4000):
         assert "measure" in json.loads(tracker.answer(request))["error"]

@@ -79,7 +79,7 @@ def test_every_fault_kind_can_be_requested_and_runs(kind):
         while controller.sync_count == 0 and time.monotonic() < until_s:
             peer.send(0x080)
             peer.receive(0.02)
-            controller.resume_loop()
+            controller.running.set()
         assert controller.sync_count > 0
         assert len(applied) == len(script) > 0
     assert controller.failure is None

@@ -232,11 +232,9 @@ def test_disabled_arm_is_read_once_before_reset(arm, bus):
 
 def test_other_master_alarm_precedes_stopped_node_alarm():
     nodes = NodeMonitor(sarcos())
-    nodes.note(0x703, b"\x05", 0.0, 0)
+    nodes.note(0x703, b"\x05", 0)
     nodes.note_command(0x000, b"\x80\x00")
-    nodes.note(0x703, b"\x7f", 0.1, 1)
-    (first, *_) = alarms(
-        nodes, JointMonitor(), stop_latched=False, now_s=0.1, heartbeat_timeout_s=1.0
-    )
+    nodes.note(0x703, b"\x7f", 1)
+    (first, *_) = alarms(nodes, JointMonitor(), stop_latched=False)
     assert isinstance(first, OtherMaster)
     assert "the NMT command 'enter pre-operational' to all nodes (COB-ID 000h)" in str(first)

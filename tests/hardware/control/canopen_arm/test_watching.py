@@ -246,10 +246,10 @@ def test_repeated_emergency_is_one_fault():
     nodes = NodeMonitor(sarcos(7))
     for sync in range(5000):
         for code in (0x8311, 0x7305):
-            nodes.note(0x84, struct.pack("<HB5x", code, 0x21), 0.0, sync)
+            nodes.note(0x84, struct.pack("<HB5x", code, 0x21), sync)
     assert [(fault.node, fault.code, fault.sync_count) for fault in nodes.faults] == [
         (4, 0x8311, 0),
         (4, 0x7305, 0),
     ]
-    nodes.note(0x84, bytes(8), 0.0, 5001)
+    nodes.note(0x84, bytes(8), 5001)
     assert nodes.faults == ()

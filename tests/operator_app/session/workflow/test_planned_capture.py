@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hardware.virtual.scenarios import scenario
-from hardware.virtual.true_loop import LoopTruth, paper_loop
+from hardware.virtual.true_loop import Truth, paper_loop
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.result import Solution
 from operator_app.config.procedure import Procedure
@@ -72,7 +72,7 @@ def complete_run(tmp_path_factory):
     return SimpleNamespace(session=session, run=run, end=end, events=journal_events(session))
 
 
-def true_parameters(solution: Solution, truth: LoopTruth) -> np.ndarray:
+def true_parameters(solution: Solution, truth: Truth) -> np.ndarray:
     table = truth.table.stacked()
     return np.array([table[e.kind, e.row] for e in solution.model.entries])
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import legendre
 
-from hardware.virtual.sensor_counts import LinearityDeviation, SensorBank, joint_sensor
+from hardware.virtual.axis import LinearityDeviation, SensorBank, joint_sensor
 from solver.chain.sensors import NoSensor
 
 FULL_SCALE_RAD = math.radians(120.0)

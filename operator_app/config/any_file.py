@@ -19,8 +19,7 @@ from operator_app.config.arm_file import ArmFile, parse_arm
 from operator_app.config.atomic import write_atomically
 from operator_app.config.errors import ConfigError, Problem, only
 from operator_app.config.fixture_file import MODELS, FixtureSpec, parse_fixture
-from operator_app.config.parameters import ParametersDocument
-from operator_app.config.parameters_file import parse_parameters
+from operator_app.config.parameters_file import ParametersDocument, parse_parameters
 from operator_app.config.poses_file import LIMIT_BYTES, LoadedPoses, parse_poses
 from operator_app.config.procedure import Procedure, ProcedureFile
 from operator_app.config.procedure_file import parse_procedure

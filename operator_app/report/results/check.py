@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from fixtures.base import CheckKind, Severity
 from operator_app.config.fixture_file import FixtureSpec
-from operator_app.config.parameters import ParametersDocument
+from operator_app.config.parameters_file import ParametersDocument
 from operator_app.config.poses_file import LoadedPoses
 from operator_app.config.procedure import Procedure
 from operator_app.config.quantities import short_degrees

@@ -14,7 +14,7 @@ from operator_app.report.text import paragraph, table_lines, warnings_text
 from operator_app.units import Figure, in_json, quantity_of
 
 if TYPE_CHECKING:
-    from operator_app.config.parameters import ParametersDocument
+    from operator_app.config.parameters_file import ParametersDocument
 
 DRIFTED = "drifted"
 NO_DRIFT = "no significant drift"

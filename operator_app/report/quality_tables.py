@@ -19,6 +19,7 @@ from operator_app.units import (
     SIGMA_POS,
     Figure,
     Key,
+    Kind,
     names,
     plural,
     significant,
@@ -136,12 +137,11 @@ def accuracy_table(solution: Solution) -> FactTable | None:
     titles = ("before", "after, one sigma", "if as stated")[: len(spreads)]
 
     def row(title: str, key: str, value_of: Callable[[Spread], float]) -> tuple[Cell, ...]:
-        values = {when: value_of(spread) for when, spread in spreads.items()}
-        cells = (
-            Figure(value, CLOSURE_LENGTH, key=("hand_accuracy_mm", when, key))
-            for when, value in values.items()
+        place = "hand_accuracy_mm"
+        return title, *(
+            Figure(value_of(spread), CLOSURE_LENGTH, key=(place, when, key))
+            for when, spread in spreads.items()
         )
-        return (title, *cells)
 
     return FactTable(
         ident="accuracy",
@@ -156,15 +156,14 @@ def accuracy_table(solution: Solution) -> FactTable | None:
     )
 
 
+TRUE_ERROR = Kind(CLOSURE_LENGTH, digits=2)
+
+
 def truth_table(solution: Solution) -> FactTable | None:
     """Return the table of a simulated arm's true calibration errors; None for a real arm."""
     truth = solution.truth
     if truth is None:
         return None
-
-    def length(value: float, key: str) -> Figure:
-        return Figure(value, CLOSURE_LENGTH, digits=2, key=("truth", key))
-
     return FactTable(
         ident="truth",
         title="The truth, which only the simulator knows",
@@ -177,8 +176,8 @@ def truth_table(solution: Solution) -> FactTable | None:
             ),
             (
                 "tool off by, rms [mm]",
-                length(truth.tool_rms_m, "tool_mm_rms"),
-                length(truth.predicted_rms_m, "predicted_mm_rms"),
+                TRUE_ERROR(truth.tool_rms_m, key=("truth", "tool_mm_rms")),
+                TRUE_ERROR(truth.predicted_rms_m, key=("truth", "predicted_mm_rms")),
             ),
         ),
         note="Over the ranges of all joints.",
@@ -190,8 +189,7 @@ def truth_in_words(solution: Solution) -> str:
     truth = solution.truth
     if truth is None:
         return ""
-    tool = Figure(truth.tool_rms_m, CLOSURE_LENGTH, digits=2)
-    predicted = Figure(truth.predicted_rms_m, CLOSURE_LENGTH, digits=2)
+    tool, predicted = TRUE_ERROR(truth.tool_rms_m), TRUE_ERROR(truth.predicted_rms_m)
     return (
         f"{truth.inside_95} of {truth.of} entries within their 95 % intervals; tool off by {tool.with_unit} rms "
         f"(predicted {predicted.shown}), over the ranges of all joints."

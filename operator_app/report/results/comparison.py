@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from operator_app.calibration.comparison import CalibrationComparison, ParameterChange, Side
 from operator_app.report.json_schema import notices_data
-from operator_app.report.parameter_tables import precision_of
+from operator_app.report.parameter_tables import formats_of
 from operator_app.report.table import Cell, FactTable, figures, shown, words
 from operator_app.report.text import paragraph, table_lines, warnings_text
 from operator_app.units import Figure, in_json, quantity_of
@@ -120,14 +120,11 @@ def change_cells(
     changes: Sequence[ParameterChange],
 ) -> Iterator[tuple[ParameterChange, tuple[Cell, ...]]]:
     """Yield each change with its cells: name, unit, both values, their difference and the difference's sigma."""
-    places = precision_of((d, d.sigma) for d in changes)
+    format_of = formats_of((d, d.sigma) for d in changes)
     for d in changes:
-        quantity = quantity_of(d)
-        values = (
-            Figure(value, quantity, places=places(quantity), signed=value is d.change)
-            for value in (d.before, d.after, d.change, d.sigma)
-        )
-        yield d, (d.name, quantity.unit, *values)
+        figure = format_of(d)
+        values = figure(d.before), figure(d.after), figure(d.change, signed=True), figure(d.sigma)
+        yield d, (d.name, quantity_of(d).unit, *values)
 
 
 def _table(comparison: CalibrationComparison) -> FactTable:

@@ -155,10 +155,8 @@ def prose(text: str) -> Html:
 def table_html(table: FactTable) -> Html:
     """Return an HTML table whose first column contains the row headers."""
     table = table.whole
-    starts = [
-        bool(c.group) and c.group != before.group
-        for before, c in zip((table.columns[0], *table.columns), table.columns, strict=False)
-    ]
+    groups = [column.group for column in table.columns]
+    starts = [bool(g) and g != before for before, g in zip(["", *groups], groups, strict=False)]
     body = []
     for k, row in enumerate(table.rows):
         cells = [element("th", _words(row[0]), scope="row")]
@@ -171,7 +169,7 @@ def table_html(table: FactTable) -> Html:
     made = element(
         "table",
         element("caption", element("span", caption)),
-        element("thead", *_header(table.columns)),
+        element("thead", *_header(table.columns, starts)),
         element("tbody", *body),
         class_=table.ident,
     )
@@ -186,16 +184,14 @@ def _words(cell: Cell) -> Html:
     return element("span", spoken(cell), class_="remark") if len(cell) > 40 else text(cell)
 
 
-def _header(columns: tuple[Column, ...]) -> list[Html]:
+def _header(columns: tuple[Column, ...], first_of_group: list[bool]) -> list[Html]:
     grouped = any(column.group for column in columns)
     upper: list[Html] = []
     lower: list[Html] = []
-    before = ""
-    for column in columns:
+    for column, starts in zip(columns, first_of_group, strict=True):
         unit = element("span", f"[{column.unit}]", class_="unit") if column.unit else ""
         title = join((column.title, " ", unit)) if column.unit else text(column.title)
         alone = grouped and not column.group
-        starts = bool(column.group) and column.group != before
         cell = element(
             "th",
             title,
@@ -209,7 +205,6 @@ def _header(columns: tuple[Column, ...]) -> list[Html]:
             upper.append(
                 element("th", column.group, scope="colgroup", colspan=width, class_="group start")
             )
-        before = column.group
     return [element("tr", *row) for row in (upper, lower) if row]
 
 

@@ -174,11 +174,14 @@ def _rvdt(subject: Subject) -> Section | None:
         shown = (calibration_plots.rvdt_deviations(subject, joint, f) for joint, f in measured)
         content += [table_html(table), plots(map(drawn, shown))]
     used = [j for j in joints if j not in subject.unsensed_joints]
+    corrections = None if estimate is None else estimate.corrections
     if unused := [j for j in joints if j in subject.unsensed_joints]:
         content.append(remark(f"The readings of {joints_named(unused)} were not used."))
-    if used and estimate is not None and estimate.corrections is not None:
+    if used and corrections is not None:
         content.append(remark(CURVE_WORDS.format(joints=joints_named(used))))
-        shown = (calibration_plots.rvdt_corrections(subject, estimate, j) for j in used)
+        shown = (
+            calibration_plots.rvdt_corrections(subject, j, corrections[:, j - 1]) for j in used
+        )
         content.append(plots(map(drawn, shown)))
     return Section(ident="rvdt", title="RVDT joints", content=tuple(content))
 

@@ -78,8 +78,14 @@ def condition_trend(trend: Sequence[tuple[int, float]], limit: float) -> Picture
 
 
 def residuals(subject: Subject, estimate: Estimate) -> tuple[Picture, ...]:
-    """Return all plots of residuals by pose."""
-    return (*closure_by_pose(subject, estimate), misses(subject, estimate))
+    """Return plots of the closure error of every pose at the measured joints: position, orientation, distance."""
+    split, after = estimate.rotation_rows, estimate.sigmas
+    position = after.position_m.rms, estimate.residual[:, split:]
+    drawn = [_closure(subject, "position", CLOSURE_LENGTH, *position)]
+    if split and after.orientation_rad is not None:
+        turned = after.orientation_rad.rms, estimate.residual[:, :split]
+        drawn.append(_closure(subject, "orientation", CLOSURE_ANGLE, *turned))
+    return (*drawn, misses(subject, estimate))
 
 
 def misses(subject: Subject, estimate: Estimate) -> Picture:
@@ -106,18 +112,6 @@ def misses(subject: Subject, estimate: Estimate) -> Picture:
             marks(~highlighted, "dot", "a", "pose"),
             marks(highlighted, "square", "c"),
         ],
-    )
-
-
-def closure_by_pose(subject: Subject, estimate: Estimate) -> tuple[Picture, ...]:
-    """Return plots of the closure error of every pose at the measured joint angles: position, then orientation."""
-    split, after = estimate.rotation_rows, estimate.sigmas
-    drawn = [("position", CLOSURE_LENGTH, after.position_m, estimate.residual[:, split:])]
-    if split and after.orientation_rad is not None:
-        turned = CLOSURE_ANGLE, after.orientation_rad, estimate.residual[:, :split]
-        drawn.append(("orientation", *turned))
-    return tuple(
-        _closure(subject, kind, quantity, sigma.rms, rows) for kind, quantity, sigma, rows in drawn
     )
 
 
@@ -172,14 +166,8 @@ def rvdt_deviations(subject: Subject, joint: int, figures: RvdtFigures) -> Pictu
     )
 
 
-def rvdt_corrections(subject: Subject, estimate: Estimate, joint: int) -> Picture:
-    """Return the plot of one RVDT joint's corrections over its reading, with the stated noise.
-
-    Raises ValueError if the estimate has no corrections.
-    """
-    if estimate.corrections is None:
-        raise ValueError("this estimator finds no corrections")
-    values = estimate.corrections[:, joint - 1]
+def rvdt_corrections(subject: Subject, joint: int, values: FloatArray) -> Picture:
+    """Return the plot of one RVDT joint's corrections (m,), rad, over its reading, with the stated noise."""
     noise = _rvdt(subject, joint).sigma_rad
     low, high = (Figure(float(v), CLOSURE_ANGLE) for v in (values.min(), values.max()))
     return _of_rvdt(
@@ -219,9 +207,9 @@ def _of_rvdt(
 
     `known_rad` (k, 3): readings, the corrections at these readings, and the standard deviations of the corrections.
     """
-    x_label, y_label = labels
+    (x_label, y_label), (allowed, name) = labels, allowed_rad
     x, y = _scaled(at_rad, units.ANGLE), _scaled(values_rad, CLOSURE_ANGLE)
-    allowed, name = CLOSURE_ANGLE.per_si * allowed_rad[0], allowed_rad[1]
+    allowed *= CLOSURE_ANGLE.per_si
     tips = [
         f"pose {p.number}: {y_label} {Figure(v, CLOSURE_ANGLE, places=2).with_unit} at "
         f"{Figure(a, units.ANGLE, places=2).with_unit}"

@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib.util import find_spec
 from itertools import chain, pairwise
 from os import PathLike
 from pathlib import Path
@@ -91,11 +92,7 @@ def save_figures(subject: Subject, folder: Path) -> tuple[Path, ...]:
 
 def pdf_is_possible() -> bool:
     """Whether the extra ``[plots]`` is installed."""
-    try:
-        import svglib  # noqa: F401
-    except ImportError:
-        return False
-    return True
+    return find_spec("svglib") is not None
 
 
 def _document(of: Panels) -> str:

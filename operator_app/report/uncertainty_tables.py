@@ -15,7 +15,7 @@ from operator_app.units import (
     CLOSURE_ANGLE,
     CLOSURE_LENGTH,
     LENGTH,
-    SHARE,
+    PERCENT,
     Figure,
     Key,
     Kind,
@@ -29,7 +29,6 @@ from solver.estimators.variance_components import VarianceComponents
 from solver.posterior.corrections import ReadingCorrection
 
 SMALLEST_P = 1e-12
-PERCENT = Kind(SHARE, places=0)
 LARGEST = 3
 """Number of sources of error that are named if there is no room for all."""
 

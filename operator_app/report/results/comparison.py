@@ -40,12 +40,9 @@ def comparison_text(comparison: CalibrationComparison) -> str:
 
 def comparison_json(comparison: CalibrationComparison) -> dict[str, Any]:
     """Return the object of `sarcal compare --json`; angles in deg, lengths in m."""
+    drift = DRIFTED if comparison.drifted else NO_DRIFT
     return {
-        "verdict": NOTHING_FOLLOWS
-        if comparison.same_poses
-        else DRIFTED
-        if comparison.drifted
-        else NO_DRIFT,
+        "verdict": NOTHING_FOLLOWS if comparison.same_poses else drift,
         "drifted": [d.name for d in comparison.drifted],
         "level": comparison.level,
         "threshold_sigmas": comparison.threshold_sigmas,
@@ -133,12 +130,8 @@ def _table(comparison: CalibrationComparison) -> FactTable:
     for d, cells in change_cells(comparison.drifts):
         sigmas = Figure(d.sigmas, places=1) if math.isfinite(d.sigmas) else "no sigma"
         rows.append((*cells, sigmas, "DRIFT" if d.significant else ""))
-    return FactTable(
-        ident="drift",
-        title="",
-        columns=(*words("parameter", "unit"), *figures(*titles), *words("")),
-        rows=tuple(rows),
-    )
+    columns = (*words("parameter", "unit"), *figures(*titles), *words(""))
+    return FactTable(ident="drift", title="", columns=columns, rows=tuple(rows))
 
 
 def change_data(change: ParameterChange, before: str, after: str) -> dict[str, Any]:
@@ -156,10 +149,8 @@ def _left_out(comparison: CalibrationComparison) -> str:
     by_reason: dict[str, list[str]] = {}
     for name, reason in comparison.left_out:
         by_reason.setdefault(reason, []).append(name)
-    return "\n".join(
-        paragraph(f"Not compared ({reason}): {', '.join(names)}", indent=2)
-        for reason, names in by_reason.items()
-    )
+    texts = (f"Not compared ({why}): {', '.join(names)}" for why, names in by_reason.items())
+    return "\n".join(paragraph(text, indent=2) for text in texts)
 
 
 def _document_json(document: ParametersDocument, scale: float) -> dict[str, Any]:

@@ -15,6 +15,11 @@ from solver.chain.parameters import DhEntry
 from solver.diagnostics.control_chart import BASELINE, RECENT, ChartSignal
 from solver.diagnostics.limits import CONTROL_CHART_FALSE_ALARM_PROBABILITY
 
+TITLES = {
+    Side.ARM: "Offsets of the arm",
+    Side.GROUND: "Fixture on the table",
+    Side.HAND: "Fixture on the tool",
+}
 HOW = (
     f"Mean is that of the baseline. A session leaves mean +- limit (Shewhart), or the mean of the last {RECENT} "
     f"its own limit (EWMA), by chance in {100.0 * CONTROL_CHART_FALSE_ALARM_PROBABILITY:g} % of sessions, all "
@@ -36,16 +41,10 @@ def quantity(name: str) -> Quantity:
 def title_of(part: EntryHistory) -> str:
     """Return the title of a part of the history."""
     first, last = part.calibrations[0].document, part.calibrations[-1].document
-    what = {
-        Side.ARM: "Offsets of the arm",
-        Side.GROUND: "Fixture on the table",
-        Side.HAND: "Fixture on the tool",
-    }[part.side]
     since = "" if part.side is Side.ARM else f", mounted {first.utc:%Y-%m-%d}"
-    return (
-        f"{what}: fixture {last.fixture.name}, {last.estimator}{since}, "
-        f"{plural(len(part.calibrations), 'session')}"
-    )
+    count = plural(len(part.calibrations), "session")
+    what = TITLES[part.side]
+    return f"{what}: fixture {last.fixture.name}, {last.estimator}{since}, {count}"
 
 
 def entries_table(part: EntryHistory) -> FactTable:

@@ -33,10 +33,8 @@ def parse_profile(data: bytes, file: str, *, joints: int | None) -> BusProfile:
     """
     document = load_strict(data, file)
     file_model = check_model(ProfileFile, document, kind="profile")
-    if problems := [
-        document.problem(*complaint) for complaint in check_profile(file_model, joints)
-    ]:
-        raise ConfigError(problems)
+    if complaints := list(check_profile(file_model, joints)):
+        raise ConfigError(document.problem(*complaint) for complaint in complaints)
     return file_model.for_joints(joints)
 
 
@@ -48,9 +46,8 @@ def load_profile(reference: str | Path, *, joints: int | None = None) -> BusProf
 
 def format_profile(profile: BusProfile, *, comment: str) -> bytes:
     """Format a profile so that reading it gives the same profile; settings common to all joints are written once."""
-    joints: list[dict[str, Any]] = [
-        {"joint": number, "node": joint.node} for number, joint in enumerate(profile.joints, 1)
-    ]
+    numbered = enumerate(profile.joints, 1)
+    joints: list[dict[str, Any]] = [{"joint": k, "node": joint.node} for k, joint in numbered]
     shared: dict[str, Any] = {}
     for key in ("commands", "answers"):
         relative = [_written(getattr(j, key), j.node) for j in profile.joints]
@@ -59,16 +56,15 @@ def format_profile(profile: BusProfile, *, comment: str) -> bytes:
             continue
         for own, joint in zip(joints, profile.joints, strict=True):
             own[key] = _written(getattr(joint, key), None)
-    arm = (
-        {"supervisor": "none", "serial_number": profile.serial_number}
-        if profile.supervisor is None
-        else {"supervisor": profile.supervisor}
-    )
+    arm: dict[str, Any] = {"supervisor": profile.supervisor}
+    if profile.supervisor is None:
+        arm = {"supervisor": "none", "serial_number": profile.serial_number}
+    if profile.configures_pdos:
+        arm["pdo_maps"] = "configured"
     data: dict[str, Any] = {
         "schema": "sarcal/profile/1",
         "name": profile.name,
         **arm,
-        **({"pdo_maps": "configured"} if profile.configures_pdos else {}),
         **shared,
         "joints": joints,
         "compared": [f"{index:04X}h" for index in sorted(profile.compared)],

@@ -139,6 +139,8 @@ def subject_of_session(
 
     `calibration` is None if the poses do not determine every parameter; `unidentifiable` is then the error.
     """
+    connected = (event for event in events if event.name == "connected")
+    nodes = [node for event in connected for node in event.data.get("nodes", ())]
     return Subject(
         name=name,
         procedure=procedure,
@@ -150,12 +152,7 @@ def subject_of_session(
         last_utc=events[-1].utc,
         events=len(events),
         torn=torn,
-        simulated=any(
-            "virtual" in str(node.get("device_name", ""))
-            for event in events
-            if event.name == "connected"
-            for node in event.data.get("nodes", ())
-        ),
+        simulated=any("virtual" in str(node.get("device_name", "")) for node in nodes),
     )
 
 

@@ -52,8 +52,7 @@ def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
     largest = max(accuracy.before.worst, accuracy.after.worst)
 
     def shown(when: str, what: str, errors_m: FloatArray, spread: Spread) -> Picture:
-        rms = Figure(spread.rms, CLOSURE_LENGTH).with_unit
-        worst = Figure(spread.worst, CLOSURE_LENGTH).with_unit
+        rms, worst = (Figure(v, CLOSURE_LENGTH).with_unit for v in (spread.rms, spread.worst))
         marks = Marks(
             x=out,
             y=along,
@@ -129,9 +128,8 @@ def arm_pair(subject: Subject) -> Pair | None:
     labels = there, f"{kind}, tool"
     drawn = [_layers(s, view, times, labels) for s in (before, after)]
     points = [np.array([layer.x, layer.y]) for layers in drawn for layer in layers]
-    x, y = map_axes(
-        ("across", "up"), *np.concatenate(points, axis=1), unit=LENGTH.unit, aspect=ASPECT
-    )
+    places = np.concatenate(points, axis=1)
+    x, y = map_axes(("across", "up"), *places, unit=LENGTH.unit, aspect=ASPECT)
 
     def picture(when: str, gap: float, layers: list[Layer]) -> Picture:
         size = Figure(gap, CLOSURE_LENGTH).with_unit

@@ -61,7 +61,10 @@ def condition_trend(trend: Sequence[tuple[int, float]], limit: float) -> Picture
     x = axis("poses", numbers, whole=True)
     shown = [units.CONDITION(value).shown for value in values]
     tips = [f"{n} poses: {text}" for (n, _), text in zip(trend, shown, strict=True)]
-    dashed = f"limit {limit:g}"
+    dashed = Polyline(
+        x=(x.low, x.high), y=(limit, limit), class_="dashed", label=f"limit {limit:g}"
+    )
+    marks = Marks(x=numbers, y=values, tips=tips, label="first poses")
     return Picture(
         ident="condition-trend",
         title="Condition number by number of poses",
@@ -69,11 +72,7 @@ def condition_trend(trend: Sequence[tuple[int, float]], limit: float) -> Picture
         f"from {shown[0]} to {shown[-1]}; lower is better.",
         x=x,
         y=log_axis("scaled condition number", [*values, limit]),
-        layers=[
-            Polyline(x=(x.low, x.high), y=(limit, limit), class_="dashed", label=dashed),
-            Polyline(x=numbers, y=values),
-            Marks(x=numbers, y=values, tips=tips, label="first poses"),
-        ],
+        layers=[dashed, Polyline(x=numbers, y=values), marks],
     )
 
 
@@ -95,6 +94,7 @@ def misses(subject: Subject, estimate: Estimate) -> Picture:
     highlighted, values = miss > FAR_OFF * rms, CLOSURE_LENGTH.per_si * miss
     numbers = np.array([p.number for p in subject.used])
     limit = CLOSURE_LENGTH.per_si * FAR_OFF * rms
+    band = Band(low=0.0, high=limit, label=f"{FAR_OFF:g} rms")
 
     def marks(of: BoolArray, shape: Shape, class_: str, label: str = "") -> Marks:
         x, y = numbers[of].tolist(), values[of].tolist()
@@ -107,27 +107,20 @@ def misses(subject: Subject, estimate: Estimate) -> Picture:
         f"{plural(int(highlighted.sum()), 'pose')} beyond {FAR_OFF:g} times that.",
         x=pose_axis(subject),
         y=axis("distance", [0.0, limit, *values.tolist()], unit=CLOSURE_LENGTH.unit),
-        layers=[
-            Band(low=0.0, high=limit, label=f"{FAR_OFF:g} rms"),
-            marks(~highlighted, "dot", "a", "pose"),
-            marks(highlighted, "square", "c"),
-        ],
+        layers=[band, marks(~highlighted, "dot", "a", "pose"), marks(highlighted, "square", "c")],
     )
 
 
-def _closure(
-    subject: Subject, kind: str, quantity: Quantity, rms: float, rows: FloatArray
-) -> Picture:
+def _closure(subject: Subject, kind: str, unit: Quantity, rms: float, rows: FloatArray) -> Picture:
     numbers = [p.number for p in subject.used]
     norms = np.linalg.norm(rows, axis=1)
     worst = int(np.argmax(norms))
     components = ("x", "y", "z") if kind == "position" else ROTATIONS[rows.shape[1]]
-    spread = quantity.per_si * rms
-    values = quantity.per_si * rows
+    spread, values = unit.per_si * rms, unit.per_si * rows
     layers: list[Layer] = [Band(low=-spread, high=spread, label="rms")]
     for k, (name, (shape, colour)) in enumerate(zip(components, SHAPES, strict=False)):
         tips = [
-            f"pose {n}: {name} {Figure(v, quantity).with_unit}"
+            f"pose {n}: {name} {Figure(v, unit).with_unit}"
             for n, v in zip(numbers, rows[:, k].tolist(), strict=True)
         ]
         y = values[:, k].tolist()
@@ -135,11 +128,11 @@ def _closure(
     return Picture(
         ident=f"closure-{kind}",
         title=f"Closure error by pose, {kind}",
-        description=f"{plural(len(rows), 'pose')}; rms {Figure(rms, quantity).with_unit} per "
-        f"component (shaded); the largest is {Figure(float(norms[worst]), quantity).with_unit} "
+        description=f"{plural(len(rows), 'pose')}; rms {Figure(rms, unit).with_unit} per "
+        f"component (shaded); the largest is {Figure(float(norms[worst]), unit).with_unit} "
         f"at pose {numbers[worst]}.",
         x=pose_axis(subject),
-        y=axis(f"{kind} error", [*values.flat, spread], unit=quantity.unit, symmetric=True),
+        y=axis(f"{kind} error", [*values.flat, spread], unit=unit.unit, symmetric=True),
         layers=layers,
     )
 
@@ -221,10 +214,8 @@ def _of_rvdt(
     ]
     if known_rad is not None:
         reading, add, sigma = known_rad.T
-        low, high = (
-            _scaled(-add + sign * KNOWN_SIGMAS * sigma, CLOSURE_ANGLE) for sign in (-1.0, 1.0)
-        )
-        label = f"±{KNOWN_SIGMAS:g} sigma"
+        half, label = KNOWN_SIGMAS * sigma, f"±{KNOWN_SIGMAS:g} sigma"
+        low, high = (_scaled(-add + sign * half, CLOSURE_ANGLE) for sign in (-1.0, 1.0))
         ribbon = Ribbon(x=_scaled(reading + add, units.ANGLE), low=low, high=high, label=label)
         layers.insert(1, ribbon)
         y = [*y, *low, *high]

@@ -158,12 +158,12 @@ def subject_of_session(
 
 def facts_on(s: SessionSnapshot) -> Facts | None:
     """Return the facts of a snapshot's calibration; None if the present poses have no calibration."""
-    return None if no_facts(s) else _facts(_Same(s))
+    return _of_snapshot(_Same(s))[0]
 
 
 def subject_on(s: SessionSnapshot) -> Subject | None:
     """Return the report subject of a snapshot; None if the present poses have no calibration."""
-    return None if no_facts(s) else _subject(_Same(s))
+    return _of_snapshot(_Same(s))[1]
 
 
 def no_facts(s: SessionSnapshot) -> str:
@@ -191,22 +191,18 @@ class _Same:
 
 
 @lru_cache(maxsize=2)
-def _facts(of: _Same) -> Facts | None:
+def _of_snapshot(of: _Same) -> tuple[Facts | None, Subject | None]:
     s = of.s
-    if s.solution is None:
-        return None
-    limits, captured = s.procedure.acceptance, len(s.state.poses)
-    return facts_of(s.solution, checks=s.cross_checks, limits=limits, captured=captured)
-
-
-@lru_cache(maxsize=2)
-def _subject(of: _Same) -> Subject:
-    s = of.s
-    return Subject(
+    if s.solution is None or no_facts(s):
+        return None, None
+    solution, checks, limits = s.solution, s.cross_checks, s.procedure.acceptance
+    facts = facts_of(solution, checks=checks, limits=limits, captured=len(s.state.poses))
+    subject = Subject(
         name=s.folder.name,
         procedure=s.procedure,
         state=s.state,
-        solution=s.solution,
-        checks=s.cross_checks,
+        solution=solution,
+        checks=checks,
         simulated=s.simulated,
     )
+    return facts, subject

@@ -20,7 +20,6 @@ from operator_app.units import (
     NOISE_ANGLE,
     Figure,
     Kind,
-    in_json,
     joints_named,
     names,
     others_free,
@@ -303,20 +302,16 @@ def capture_json(
     """Return the JSON object of a planned capture; None if `end` is None."""
     if end is None:
         return None
-    known = {p.name: p for p in parameters}
+    kinds, weak = {p.name: Kind(quantity_of(p)) for p in parameters}, []
+    for w in end.weak:
+        sigma, requested = (kinds[w.name](v).in_json for v in (w.sigma, w.requested))
+        weak.append({"name": w.name, "sigma": sigma, "requested": requested})
     return {
         "complete": end.complete,
         "text": end.text,
         "explored": sum(not p.planned for p in poses),
         "planned": sum(p.planned for p in poses),
-        "weak": [
-            {
-                "name": w.name,
-                "sigma": None if w.sigma is None else in_json(known[w.name], w.sigma),
-                "requested": in_json(known[w.name], w.requested),
-            }
-            for w in end.weak
-        ],
+        "weak": weak,
         "advice": advice or None,
     }
 

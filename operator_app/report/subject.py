@@ -158,12 +158,12 @@ def subject_of_session(
 
 def facts_on(s: SessionSnapshot) -> Facts | None:
     """Return the facts of a snapshot's calibration; None if the present poses have no calibration."""
-    return _of_snapshot(_Same(s))[0]
+    return _of_snapshot(_SnapshotKey(s))[0]
 
 
 def subject_on(s: SessionSnapshot) -> Subject | None:
     """Return the report subject of a snapshot; None if the present poses have no calibration."""
-    return _of_snapshot(_Same(s))[1]
+    return _of_snapshot(_SnapshotKey(s))[1]
 
 
 def no_facts(s: SessionSnapshot) -> str:
@@ -176,7 +176,7 @@ def no_facts(s: SessionSnapshot) -> str:
     return ""
 
 
-class _Same:
+class _SnapshotKey:
     """Cache key of a snapshot (there are 20 per second): the parts that the facts depend on."""
 
     def __init__(self, s: SessionSnapshot) -> None:
@@ -184,14 +184,14 @@ class _Same:
         self._parts = [*map(id, (s.solution, s.cross_checks, s.state.poses, s.state.modes))]
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and self._parts == other._parts
+        return isinstance(other, _SnapshotKey) and self._parts == other._parts
 
     def __hash__(self) -> int:
         return id(self.s.solution)
 
 
 @lru_cache(maxsize=2)
-def _of_snapshot(of: _Same) -> tuple[Facts | None, Subject | None]:
+def _of_snapshot(of: _SnapshotKey) -> tuple[Facts | None, Subject | None]:
     s = of.s
     if s.solution is None or no_facts(s):
         return None, None

@@ -62,8 +62,8 @@ def problems_text(problems: Sequence[Problem]) -> str:
 def check_text(files: FilesRead, chains: Sequence[Chain]) -> str:
     """Return text on each file and each arm, and predicted results of calibrating each arm in its fixture."""
     arms = {chain.arm.name: chain.arm for chain in chains}
-    arms |= {f.holds.name: f.holds for f in files.of("arm") if isinstance(f.holds, ArmModel)}
-    listed = aligned([[looked.source.file, in_words(looked)] for looked in files.files], left=True)
+    arms |= {f.content.name: f.content for f in files.of("arm") if isinstance(f.content, ArmModel)}
+    listed = aligned([[read.source.file, file_text(read)] for read in files.files], left=True)
     blocks = [
         f"No problems were found in the files.\n{listed}",
         *map(_arm, arms.values()),
@@ -74,9 +74,9 @@ def check_text(files: FilesRead, chains: Sequence[Chain]) -> str:
     return "\n\n".join(blocks)
 
 
-def in_words(looked: FileRead) -> str:
+def file_text(read: FileRead) -> str:
     """Return a short description of one file."""
-    match looked.holds:
+    match read.content:
         case ArmModel() as arm:
             return f"arm {arm.name}: {plural(arm.joint_count, 'joint')}"
         case FixtureSpec() as spec:
@@ -230,11 +230,11 @@ def _identifiability_text(what: str, identifiability: Identifiability) -> str:
     )
 
 
-def found_json(files: FilesRead, chains: Sequence[Chain]) -> dict[str, Any]:
+def check_json(files: FilesRead, chains: Sequence[Chain]) -> dict[str, Any]:
     """Return the JSON object: files, problems, and the calibration forecast of each arm in its fixture."""
     return {
         "files": [
-            {"file": f.source.file, "kind": f.kind, "text": in_words(f)} for f in files.files
+            {"file": f.source.file, "kind": f.kind, "text": file_text(f)} for f in files.files
         ],
         "problems": [asdict(problem) for problem in files.problems],
         "chains": [_chain_data(chain) for chain in chains],

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 DRIFTED = "drifted"
 NO_DRIFT = "no significant drift"
-MADE_OTHERWISE = {"ESTIMATOR", "ENTRIES", "TABLE"}
+CALCULATION_CODES = {"ESTIMATOR", "ENTRIES", "TABLE"}
 """Codes of notices about differences in the calculation, which change parameters even if the arm has not changed."""
 
 NOTHING_FOLLOWS = "same poses: nothing follows for the arm"
@@ -29,7 +29,7 @@ def comparison_text(comparison: CalibrationComparison) -> str:
     table = _table(comparison)
     blocks = [
         _verdict(comparison, table),
-        f"{_whose('A', comparison.before)}\n{_whose('B', comparison.after)}",
+        f"{_document_text('A', comparison.before)}\n{_document_text('B', comparison.after)}",
         "\n".join(table_lines(table)),
         paragraph(_reading(comparison)),
         _left_out(comparison),
@@ -92,7 +92,7 @@ def _verdict(comparison: CalibrationComparison, table: FactTable) -> str:
             "Only parameters of the fixture's mounting changed, none of the arm itself. If the fixture "
             "was taken off in between, compare with --remounted; if not, check whether it has moved."
         )
-    elif MADE_OTHERWISE & {n.code for n in comparison.notices}:
+    elif CALCULATION_CODES & {n.code for n in comparison.notices}:
         advice = (
             "A and B were made in different ways (see below), which by itself changes parameters. Calibrate both in "
             "the same way and compare again before suspecting the arm."
@@ -105,7 +105,7 @@ def _verdict(comparison: CalibrationComparison, table: FactTable) -> str:
     return "\n".join(["DRIFTED:", *lines, paragraph(advice)])
 
 
-def _whose(name: str, document: ParametersDocument) -> str:
+def _document_text(name: str, document: ParametersDocument) -> str:
     return (
         f"{name}  {document.arm.model} {document.arm.serial}, fixture {document.fixture.name}, "
         f"{document.utc:%Y-%m-%d %H:%M} UTC\n   {document.estimator}, "

@@ -110,15 +110,13 @@ def check_profile(file_model: ProfileFile, joints: int | None) -> Iterator[Compl
         if owner.answers:
             yield from _check_pdos((*place, "answers"), owner.answers, sent=True)
     profile = file_model.for_joints(joints)
-    count = len(profile.joints)
-    for number in range(1, count + 1):
-        own = file_model.own(number)
+    for number, settings in enumerate(profile.joints, 1):
         for key in ("commands", "answers"):
-            if not getattr(own, key) and not getattr(file_model, key):
+            if not getattr(settings, key):
                 remedy = f"give {key} for all joints, or its own"
                 yield (key,), f"joint {number} has none", remedy
                 return  # the other joints have the same problem
-    yield from _check_unique(file_model, count)
+    yield from _check_unique(file_model, profile)
 
 
 def _check_supervisor(file_model: ProfileFile) -> Iterator[Complaint]:
@@ -183,9 +181,8 @@ def _check_pdos(place: KeyPath, pdos: Sequence[PdoSpec], *, sent: bool) -> Itera
         yield place, text, "map at least 32 bits"
 
 
-def _check_unique(file_model: ProfileFile, count: int) -> Iterator[Complaint]:
+def _check_unique(file_model: ProfileFile, profile: BusProfile) -> Iterator[Complaint]:
     """Check that no node and no identifier is used twice."""
-    profile = file_model.for_joints(count)
     places = {joint.joint: ("joints", k) for k, joint in enumerate(file_model.joints)}
     nodes = {} if profile.supervisor is None else {profile.supervisor: "the supervisor"}
     identifiers, reported = dict[int, str](), set[KeyPath]()

@@ -130,8 +130,9 @@ def procedure_file(
         "acceptance": {"scaled_condition_number": 100},
         "export": {"upload": False},
     }
-    names = {"arm": arm.name, "fixture": fixture_reference}
-    return dump_strict(data, comment=PROCEDURE.format(line=schema_line("procedure"), **names))
+    line = schema_line("procedure")
+    comment = PROCEDURE.format(line=line, arm=arm.name, fixture=fixture_reference)
+    return dump_strict(data, comment=comment)
 
 
 def _boxes(arm: ArmModel) -> Sequence[Mapping[str, Any]]:

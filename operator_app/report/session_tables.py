@@ -126,7 +126,8 @@ def rvdt_table(subject: Subject) -> FactTable | None:
                 f"joint {verdict.joint}",
                 PERCENT(result.covered),
                 Figure(result.gain, places=4),
-                *(*linearity, LINEARITY(sensor.linearity)),
+                *linearity,
+                LINEARITY(sensor.linearity),
                 *(Figure(value, LSB, digits=2) for value in noise),
                 PERCENT(verdict.share),
             )

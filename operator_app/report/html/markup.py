@@ -190,9 +190,9 @@ def _header(columns: tuple[Column, ...], first_of_group: list[bool]) -> list[Htm
         cell = element("th", title, scope="col", class_=class_, rowspan=rows)
         (upper if alone or not grouped else lower).append(cell)
         if starts:
-            span = {"colspan": sum(other.group == column.group for other in columns)}
-            group = element("th", column.group, scope="colgroup", **span, class_="group start")
-            upper.append(group)
+            name, width = column.group, sum(other.group == column.group for other in columns)
+            class_ = "group start"
+            upper.append(element("th", name, scope="colgroup", colspan=width, class_=class_))
     return [element("tr", *row) for row in (upper, lower) if row]
 
 

@@ -158,8 +158,8 @@ def coverage(subject: Subject) -> Html:
         values = readings[:, k].tolist()
         least, most = min(values), max(values)
         covered.append((most - least) / (upper - lower))
-        ends = {"low": min(lower, least), "high": max(upper, most)}
-        scale = Axis(label="", unit=ANGLE.unit, **ends, ticks=())
+        low, high = min(lower, least), max(upper, most)
+        scale = Axis(label="", unit=ANGLE.unit, low=low, high=high, ticks=())
         low, high, start, end, *marks = (
             scale.place(v, NAME_WIDTH, right) for v in (lower, upper, least, most, *values)
         )
